@@ -1,0 +1,76 @@
+"""Everything that can go wrong, as one family.
+
+LdtError (exit code 1: the work itself failed)
+└── BadInput (exit code 2: what the user gave cannot be used)
+    ├── MachineFileError
+    ├── RecordingError
+    ├── ExperimentError
+    ├── ModelError
+    └── OptionError
+
+Each error is built from facts (where, what was expected, what came), so that every message
+names the file, topic or parameter. One place, `ldt_core.cli.main`, turns it into one sentence
+on standard error and the exit code.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class LdtError(Exception):
+    """The work itself failed, with a sentence for the user."""
+
+    exit_code = 1
+
+
+class BadInput(LdtError):
+    """What the user gave cannot be used.
+
+    Args:
+        where: the file, topic or parameter at fault.
+        expected: what would have been right.
+        got: what came instead.
+    """
+
+    exit_code = 2
+
+    def __init__(self, where: object, expected: str, got: object) -> None:
+        self.where, self.expected, self.got = str(where), expected, str(got)
+        super().__init__(f"{self.where}: expected {self.expected}, got {self.got}")
+
+    def __reduce__(self):  # errors cross process boundaries in parallel studies
+        return type(self), (self.where, self.expected, self.got)
+
+
+class MachineFileError(BadInput):
+    """A machine file has an unknown or missing key, a wrong type, or an impossible value."""
+
+
+class RecordingError(BadInput):
+    """A recording is missing, empty, foreign, truncated, or lacks a topic."""
+
+
+class ExperimentError(BadInput):
+    """Samples that are no experiment: wrong shape, not finite, outside the machine's limits."""
+
+
+class ModelError(BadInput):
+    """A model record that cannot become a model."""
+
+
+class OptionError(BadInput):
+    """An option or parameter outside its declared type or range."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """One clause that lists what exists and the nearest name, for `expected`.
+
+    >>> did_you_mean("lineer", ["linear", "hybrid"])
+    "one of 'hybrid', 'linear' (did you mean 'linear'?)"
+    """
+    names = sorted(known)
+    listed = ", ".join(repr(n) for n in names)
+    close = difflib.get_close_matches(name, names, n=1)
+    return f"one of {listed}" + (f" (did you mean {close[0]!r}?)" if close else "")

@@ -1,0 +1,113 @@
+"""What every model of the twin is: immutable, versioned, and plain JSON on the wire."""
+
+from __future__ import annotations
+
+import abc
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Self
+
+from ldt_core.errors import ModelError
+from ldt_core.experiment import Experiment, ModelRecord, Prediction
+from ldt_core.machine import Machine
+
+
+class Model(abc.ABC):
+    """A digital model that predicts the speed of an experiment in free run.
+
+    A model never changes. `fit` returns a new one with the next version, so that a comparison, a
+    refusal and a way back cost nothing. All that makes a model is in `parameters`, in JSON types;
+    a model built from the record of another predicts bit-equally, which is what lets the twin node
+    and the offline loop give the same numbers.
+
+    Args:
+        machine: the machine as it is known beforehand.
+        parameters: all that makes the model, in JSON types; None for the untrained model.
+        version: 0 when untrained.
+        trained_on: numbers of the experiments it learned from.
+
+    Raises:
+        ModelError: parameters that cannot be this model's.
+    """
+
+    kind: ClassVar[str]
+    #: Whether `fit` can be called; a model that never learns is the baseline "original".
+    adaptive: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        machine: Machine,
+        parameters: Mapping[str, Any] | None = None,
+        version: int = 0,
+        trained_on: Sequence[int] = (),
+        **options: Any,
+    ) -> None:
+        self.machine = machine
+        self.version = version
+        self.trained_on = tuple(trained_on)
+        self.options = dict(options)
+        self.parameters = dict(parameters) if parameters is not None else self.untrained()
+        self.build()
+
+    @abc.abstractmethod
+    def untrained(self) -> dict[str, Any]:
+        """Parameters of the model that has learned nothing: the machine file's physics."""
+
+    @abc.abstractmethod
+    def build(self) -> None:
+        """Turn `parameters` into whatever makes `predict` fast; check them on the way."""
+
+    @abc.abstractmethod
+    def predict(self, experiment: Experiment) -> Prediction:
+        """Free run over the experiment's voltage from its first measured sample.
+
+        Reads the voltage, the first speed and the first current, and no other measurement.
+        """
+
+    @abc.abstractmethod
+    def fit(self, experiments: Sequence[Experiment]) -> Self:
+        """A new model, version + 1, learned from these experiments alone.
+
+        Raises:
+            LdtError: the experiments do not determine a model; the sentence says why.
+        """
+
+    def successor(self, parameters: Mapping[str, Any], experiments: Sequence[Experiment]) -> Self:
+        """The next version with these parameters; JSON round trip included, see the class."""
+        plain = json.loads(json.dumps(parameters, allow_nan=False))
+        numbers = tuple(e.number for e in experiments)
+        return type(self)(self.machine, plain, self.version + 1, numbers, **self.options)
+
+    def record(self) -> ModelRecord:
+        """The model as it is sent and stored."""
+        return ModelRecord(self.version, self.kind, self.trained_on, self.parameters)
+
+    @classmethod
+    def from_record(cls, record: ModelRecord, machine: Machine, **options: Any) -> Self:
+        """The model that a record describes.
+
+        Raises:
+            ModelError: a record of another kind, or parameters that cannot be this model's.
+        """
+        if record.kind != cls.kind:
+            raise ModelError(f"model version {record.version}", f"kind {cls.kind!r}", repr(record.kind))
+        try:
+            _refuse_non_finite(record.parameters)
+            return cls(machine, record.parameters, record.version, record.trained_on, **options)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            got = f"{type(error).__name__}: {error}"
+            raise ModelError(
+                f"model version {record.version}", f"parameters of a {cls.kind} model", got
+            ) from error
+
+
+def _refuse_non_finite(value: Any) -> None:
+    if isinstance(value, Mapping):
+        for item in value.values():
+            _refuse_non_finite(item)
+    elif isinstance(value, list | tuple):
+        for item in value:
+            _refuse_non_finite(item)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{value} among the parameters")

@@ -1,0 +1,12 @@
+"""The machines' equations of motion and the simulated plant."""
+
+from ldt_core.registry import Registry
+
+PHYSICS = Registry(
+    "physics",
+    {
+        "dc_motor_rotor": "ldt_core.physics.rotor:ROTOR",
+        "dc_motor": "ldt_core.physics.motor:MOTOR",
+    },
+    "ldt.physics",
+)

@@ -1,0 +1,48 @@
+"""A physical parameter: value, unit and bounds in one object."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A scalar of a machine or an effect.
+
+    Args:
+        name: as in the machine file.
+        unit: SI unit, for people.
+        low: smallest value that physics allows.
+        high: largest value that physics allows.
+        default: value when the user gives none; None when one must be given.
+        description: one line for people.
+        open_low: the bound itself is not allowed (a mass of 0).
+        scale: typical size, for scaling a fit and for a first guess away from 0.
+    """
+
+    name: str
+    unit: str
+    low: float = -math.inf
+    high: float = math.inf
+    default: float | None = None
+    description: str = ""
+    open_low: bool = False
+    scale: float | None = None
+
+    def accepts(self, value: float) -> bool:
+        """Whether value is finite and within the bounds."""
+        above = value > self.low if self.open_low else value >= self.low
+        return math.isfinite(value) and above and value <= self.high
+
+    @property
+    def range(self) -> str:
+        """The bounds in words, for messages."""
+        left = "above" if self.open_low else "at least"
+        parts = []
+        if math.isfinite(self.low):
+            parts.append(f"{left} {self.low:g}")
+        if math.isfinite(self.high):
+            parts.append(f"at most {self.high:g}")
+        limits = " and ".join(parts) or "a finite number"
+        return f"{limits} {self.unit}".rstrip()

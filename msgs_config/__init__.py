@@ -1,0 +1,46 @@
+"""Declarations: topics, QoS profiles, parameters, and the machine files that ship with LDT.
+
+No logic and no ROS here: nodes, commands and the core read the same tables.
+"""
+
+from __future__ import annotations
+
+import functools
+from importlib import resources
+from typing import Any
+
+import yaml
+
+_HERE = resources.files(__name__)
+
+
+@functools.cache
+def _table(name: str) -> dict[str, dict[str, Any]]:
+    return yaml.safe_load((_HERE / f"{name}.yaml").read_text(encoding="utf-8"))
+
+
+def topics() -> dict[str, dict[str, Any]]:
+    """Topic → {type, qos, recorded, publisher}."""
+    return _table("topics")
+
+
+def qos_profiles() -> dict[str, dict[str, Any]]:
+    """QoS profile → {reliability, durability, history, depth}."""
+    return _table("qos")
+
+
+def parameters(*groups: str) -> dict[str, dict[str, Any]]:
+    """Parameter → its declaration; those of the named groups, or all."""
+    table = _table("parameters")
+    return {n: d for n, d in table.items() if not groups or d["group"] in groups}
+
+
+def machine_names() -> list[str]:
+    """Machine files that ship with LDT, by bare name."""
+    files = (_HERE / "machines").iterdir()
+    return sorted(f.name.removesuffix(".yaml") for f in files if f.name.endswith(".yaml"))
+
+
+def machine_text(name: str) -> str:
+    """Text of a machine file that ships with LDT."""
+    return (_HERE / "machines" / f"{name}.yaml").read_text(encoding="utf-8")
