@@ -1,1 +1,88 @@
+"""The command line: discovers commands by entry point and maps errors to exit codes.
 
+A command file holds the arguments, their checks, and the call of the core; nothing runs at import.
+"""
+
+from __future__ import annotations
+
+import difflib
+import sys
+from importlib.metadata import entry_points
+
+import click
+
+from ldt_core.errors import LdtError
+
+GROUP = "ldt.command"
+
+
+class Commands(click.Group):
+    """Commands by entry point, imported when they are called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of all commands."""
+        return sorted({e.name for e in entry_points(group=GROUP)})
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of that name."""
+        for entry in entry_points(group=GROUP):
+            if entry.name == cmd_name:
+                return entry.load()
+        return None
+
+    def resolve_command(self, ctx, args):
+        """As click's, with the nearest command named when there is none."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError:
+            names = self.list_commands(ctx)
+            close = difflib.get_close_matches(args[0], names, n=1)
+            hint = f"did you mean {close[0]!r}? " if close else ""
+            raise click.UsageError(
+                f"there is no command {args[0]!r}; {hint}commands are {', '.join(names)}"
+            ) from None
+
+
+@click.command(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="ldt")
+def ldt() -> None:
+    """LDT, the learning digital twin.
+
+    Runs a digital twin beside a machine, notices when the machine has changed, and learns again.
+
+    Example: ldt up --experiments 40 --seed 3
+    """
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run a command; exit 0 when done, 2 on bad input, 1 when the work itself failed."""
+    sys.exit(run(ldt, arguments))
+
+
+def run(command: click.Command, arguments: list[str] | None = None) -> int:
+    """Run one command and return its exit code; a failure becomes one sentence on stderr."""
+    try:
+        result = command.main(arguments, prog_name=_name(command), standalone_mode=False)
+        return result if isinstance(result, int) else 0
+    except click.exceptions.Exit as stop:
+        return stop.exit_code
+    except click.Abort:
+        return _say("interrupted", 130)
+    except click.ClickException as error:
+        return _say(error.format_message(), 2)
+    except LdtError as error:
+        return _say(str(error), error.exit_code)
+    except BrokenPipeError:  # the reader of our output, head for one, has left
+        sys.stderr.close()
+        return 1
+    except OSError as error:
+        return _say(f"{error.filename or 'input or output'}: {error.strerror or error}", 1)
+
+
+def _name(command: click.Command) -> str:
+    return "ldt" if command is ldt else f"ldt {command.name}"
+
+
+def _say(sentence: str, code: int) -> int:
+    click.echo(f"ldt: {' '.join(sentence.split())}", err=True)
+    return code

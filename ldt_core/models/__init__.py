@@ -1,6 +1,17 @@
 """Models that predict an experiment in free run."""
 
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
 from ldt_core.registry import Registry
+
+if TYPE_CHECKING:
+    from ldt_core.experiment import ModelRecord
+    from ldt_core.machine import Machine
+    from ldt_core.models.base import Model
 
 MODELS = Registry(
     "model",
@@ -11,3 +22,28 @@ MODELS = Registry(
     },
     "ldt.model",
 )
+
+
+def build_model(name: str, machine: Machine, settings: Mapping[str, Any]) -> Model:
+    """The untrained model of that name, with the settings that its constructor names.
+
+    Raises:
+        OptionError: an unknown model.
+    """
+    kind = MODELS.get(name)
+    return kind(machine, **_own(kind, settings))
+
+
+def restore_model(record: ModelRecord, machine: Machine, settings: Mapping[str, Any]) -> Model:
+    """The model that a record describes, of the kind that the settings name.
+
+    Raises:
+        ModelError: a record of another kind, or parameters that cannot be this model's.
+    """
+    kind = MODELS.get(settings["model"])
+    return kind.from_record(record, machine, **_own(kind, settings))
+
+
+def _own(kind: type[Model], settings: Mapping[str, Any]) -> dict[str, Any]:
+    named = inspect.signature(kind).parameters
+    return {name: settings[name] for name in named if name in settings and name != "machine"}

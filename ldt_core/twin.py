@@ -1,0 +1,129 @@
+"""The loop: predict, detect, adapt, in this order, once per experiment.
+
+The three stages are what the twin, detector and adaptor nodes call, one each; `Twin.step` calls all
+three. Nothing else iterates over experiments and adapts, so that `ldt run`, `ldt replay`, a study
+and the node graph give the same numbers on the same experiments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from ldt_core.adaptor import Adaptor
+from ldt_core.detectors import build_detector
+from ldt_core.detectors.base import Detector
+from ldt_core.experiment import Experiment, Prediction, Signal, Step
+from ldt_core.machine import Machine
+from ldt_core.memory import Memory
+from ldt_core.models import build_model
+from ldt_core.models.base import Model
+from ldt_core.models.physics import PhysicsModel
+
+
+class Predictor:
+    """Stage 1: the present model and the original one predict.
+
+    Args:
+        machine: the machine as it is known beforehand.
+        model: the model to begin with.
+    """
+
+    def __init__(self, machine: Machine, model: Model) -> None:
+        self.machine = machine
+        self.model = model
+        self.original = PhysicsModel(machine)
+
+    def predict(self, experiment: Experiment) -> tuple[Prediction, Prediction]:
+        """(prediction of the present model, prediction of the original one).
+
+        Raises:
+            ExperimentError: the machine cannot have made this experiment.
+        """
+        self.machine.check(experiment)
+        return self.model.predict(experiment), self.original.predict(experiment)
+
+
+class Judge:
+    """Stage 2: the detector compares prediction and measurement.
+
+    Args:
+        name: the detector's name in the signal.
+        detector: fresh or restored.
+    """
+
+    def __init__(self, name: str, detector: Detector) -> None:
+        self.name = name
+        self.detector = detector
+
+    def judge(self, experiment: Experiment, prediction: Prediction) -> Signal:
+        """The signal for one experiment.
+
+        Raises:
+            ExperimentError: experiment and prediction do not belong together.
+        """
+        residual = prediction.residual(experiment)
+        self.detector.update(residual, prediction.speed_std)
+        return Signal(
+            experiment.number,
+            self.detector.signal,
+            self.name,
+            prediction.model_version,
+            prediction.max_error(experiment),
+            self.detector.statistics,
+        )
+
+
+class Twin:
+    """A learning twin: model, detector, adaptor and memory.
+
+    Args:
+        machine: the machine as it is known beforehand.
+        settings: parameters of the groups model, detector and adaptor (`parameters.yaml`).
+
+    Raises:
+        OptionError: an unknown model or detector, or arguments that they refuse.
+    """
+
+    def __init__(self, machine: Machine, settings: Mapping[str, Any]) -> None:
+        model = build_model(settings["model"], machine, settings)
+        self.predictor = Predictor(machine, model)
+        self.judge = build_judge(settings)
+        self.adaptor = build_adaptor(model, settings)
+
+    @property
+    def model(self) -> Model:
+        """The present model."""
+        return self.predictor.model
+
+    def step(self, experiment: Experiment) -> Step:
+        """One turn of the loop.
+
+        Raises:
+            ExperimentError: the machine cannot have made this experiment.
+        """
+        prediction, original = self.predictor.predict(experiment)
+        signal = self.judge.judge(experiment, prediction)
+        adaptation, model = self.adaptor.step(experiment, signal)
+        changed = model.version != self.model.version
+        self.predictor.model = model
+        record = model.record() if changed else None
+        return Step(experiment, prediction, original, signal, adaptation, record)
+
+    def steps(self, experiments: Iterable[Experiment]) -> Iterator[Step]:
+        """The loop over a stream of experiments."""
+        for experiment in experiments:
+            yield self.step(experiment)
+
+
+def build_judge(settings: Mapping[str, Any]) -> Judge:
+    """Stage 2 from the parameters of the group detector."""
+    return Judge(settings["detector"], build_detector(settings["detector"], settings))
+
+
+def build_adaptor(model: Model, settings: Mapping[str, Any]) -> Adaptor:
+    """Stage 3 from the parameters of the group adaptor."""
+    memory = Memory(settings["memory_limit"])
+    return Adaptor(model, memory, gate=settings["gate"], holdout=settings["holdout"])
+
+

@@ -1,0 +1,155 @@
+"""Build description of LDT, and its first-time set-up.
+
+`python3 setup.py up [OPTIONS]` makes a virtual environment in `.venv`, installs LDT and ROS 2 into it,
+and runs `ldt up`. `python3 setup.py test [PYTEST OPTIONS]` does the same for the tests. Everything
+else is setuptools, as pip and colcon call it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ENVIRONMENT = HERE / ".venv"
+
+# Unpinned ros-* names give another ROS distribution, so both are pinned.
+ROS = ["ros-jazzy-rclpy[fastrtps]==7.1.6", "ros-jazzy-common-interfaces==5.3.6"]
+TEST = [
+    "colcon-common-extensions",
+    "hypothesis>=6.100",
+    "import-linter>=2.0",
+    "mcap-ros2-support>=0.5.5",
+    "mypy>=1.15",
+    "pytest>=8",
+    "pytest-timeout>=2.3",
+    "pytest-xdist>=3.6",
+    "ruff>=0.14",
+]
+# A sourced ROS installation, or another environment of these wheels, would leak into ours.
+FOREIGN = ("PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
+
+
+def clean_environment() -> dict[str, str]:
+    """This process's environment without what other Python or ROS set-ups left in it."""
+    return {k: v for k, v in os.environ.items() if k not in FOREIGN}
+
+
+def quiet(*command: str) -> bool:
+    """Run a command whose failure has a fallback."""
+    done = subprocess.run(command, env=clean_environment(), capture_output=True, check=False)
+    return done.returncode == 0
+
+
+def make_environment() -> list[str]:
+    """Create the virtual environment; return the pip command that installs into it."""
+    python = str(ENVIRONMENT / "bin" / "python")
+    if not quiet(python, "-m", "pip", "--version"):
+        if quiet(sys.executable, "-m", "venv", "--clear", str(ENVIRONMENT)):
+            pass
+        elif not quiet(sys.executable, "-m", "virtualenv", "--clear", str(ENVIRONMENT)):
+            # Debian's Python has no ensurepip, but its pip can install into another environment.
+            made = quiet(sys.executable, "-m", "venv", "--clear", "--without-pip", str(ENVIRONMENT))
+            host = [sys.executable, "-m", "pip", "--python", python]
+            if not (made and quiet(*host, "install", "pip")):
+                sys.exit(
+                    f"setup.py: {sys.executable} can make no virtual environment: install its venv "
+                    "module (Debian and Ubuntu: apt install python3-venv) and try again"
+                )
+    return [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+
+
+def bootstrap(extras: str) -> None:
+    """Install this checkout with the extras into `.venv`, once for each state of this file."""
+    if sys.version_info < (3, 11):
+        sys.exit(f"setup.py: expected Python 3.11 or newer, got {sys.version.split()[0]}")
+    stamp = ENVIRONMENT / f"ldt-{extras.replace(',', '-')}"
+    state = hashlib.sha256(Path(__file__).read_bytes() + sys.version.encode()).hexdigest()
+    if stamp.exists() and stamp.read_text() == state:
+        return
+    print(f"setup.py: installing LDT and ROS 2 into {ENVIRONMENT} (once, a minute or two)", flush=True)
+    pip = make_environment()
+    done = subprocess.run([*pip, "-e", f"{HERE}[{extras}]"], env=clean_environment(), check=False)
+    if done.returncode:
+        sys.exit(
+            "setup.py: pip could not install LDT, see above (the ROS 2 wheels exist for x86-64 Linux "
+            "and CPython 3.11 to 3.13)"
+        )
+    stamp.write_text(state)
+
+
+def run(*command: str) -> None:
+    """Become a command of the virtual environment."""
+    program = ENVIRONMENT / "bin" / command[0]
+    os.execve(program, [str(program), *command[1:]], clean_environment())
+
+
+def build() -> None:
+    """What pip and colcon ask for."""
+    from setuptools import find_packages, setup
+
+    setup(
+        name="ldt",
+        version="0.1.0",
+        description="A digital twin that learns beside a machine and says why reality left the model",
+        long_description=(HERE / "README.md").read_text(encoding="utf-8"),
+        long_description_content_type="text/markdown",
+        license="Apache-2.0",
+        maintainer="LDT developers",
+        maintainer_email="ldt@example.org",
+        python_requires=">=3.11",
+        packages=find_packages(include=["ldt_core*", "ldt_ros*", "msgs_config*"]),
+        package_data={"msgs_config": ["*.yaml", "*.xml", "machines/*.yaml"]},
+        data_files=[
+            ("share/ament_index/resource_index/packages", ["resource/ldt"]),
+            ("share/ldt", ["package.xml"]),
+            ("share/ldt/launch", ["ldt_ros/launch/ldt.launch.py"]),
+        ],
+        zip_safe=False,
+        install_requires=[
+            "click>=8.2",
+            "joblib>=1.4",
+            "mcap>=1.2",
+            "numba>=0.61",
+            "numpy>=1.26",
+            "PyYAML>=6",
+            "rich>=13.9",
+            "rosbags>=0.10.10",
+            "scikit-learn>=1.5",
+            "scipy>=1.14",
+            "threadpoolctl>=3.5",
+            "zstandard>=0.22",
+        ],
+        extras_require={"ros": ROS, "test": TEST, "river": ["river>=0.21"]},
+        entry_points={
+            "console_scripts": [
+                "ldt = ldt_core.cli:main",
+                *(
+                    f"ldt_{role} = ldt_ros.process:{role}"
+                    for role in ("plant", "player", "twin", "detector", "adaptor", "recorder")
+                ),
+            ],
+            "ldt.command": [
+                "calibrate = ldt_core.cli.calibrate:command",
+                "import = ldt_core.cli.import_file:command",
+                "predict = ldt_core.cli.predict:command",
+                "replay = ldt_core.cli.replay:command",
+                "run = ldt_core.cli.run:command",
+                "simulate = ldt_core.cli.simulate:command",
+                "up = ldt_ros.up:command",
+            ],
+        },
+    )
+
+
+if __name__ == "__main__" and sys.argv[1:2] == ["up"]:
+    bootstrap("ros")
+    run("ldt", "up", *sys.argv[2:])
+elif __name__ == "__main__" and sys.argv[1:2] == ["test"]:
+    bootstrap("ros,test,river")
+    run("python", "-m", "pytest", *sys.argv[2:])
+else:
+    build()
