@@ -7,12 +7,13 @@ and the node graph give the same numbers on the same experiments.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from ldt_core.adaptor import Adaptor
 from ldt_core.detectors import build_detector
 from ldt_core.detectors.base import Detector
+from ldt_core.errors import ExperimentError
 from ldt_core.experiment import Experiment, Prediction, Signal, Step
 from ldt_core.machine import Machine
 from ldt_core.memory import Memory
@@ -33,14 +34,22 @@ class Predictor:
         self.machine = machine
         self.model = model
         self.original = PhysicsModel(machine)
+        #: Number of the experiment predicted last; None before the first.
+        self.last: int | None = None
 
     def predict(self, experiment: Experiment) -> tuple[Prediction, Prediction]:
         """(prediction of the present model, prediction of the original one).
 
         Raises:
-            ExperimentError: the machine cannot have made this experiment.
+            ExperimentError: the machine cannot have made this experiment, or its number is not
+                above the last one's (a duplicate would be learned from twice).
         """
         self.machine.check(experiment)
+        if self.last is not None and experiment.number <= self.last:
+            raise ExperimentError(
+                f"experiment {experiment.number}", f"a number above {self.last}", experiment.number
+            )
+        self.last = experiment.number
         return self.model.predict(experiment), self.original.predict(experiment)
 
 
@@ -100,7 +109,7 @@ class Twin:
         """One turn of the loop.
 
         Raises:
-            ExperimentError: the machine cannot have made this experiment.
+            ExperimentError: as `Predictor.predict`; the twin is as before then.
         """
         prediction, original = self.predictor.predict(experiment)
         signal = self.judge.judge(experiment, prediction)
@@ -110,10 +119,24 @@ class Twin:
         record = model.record() if changed else None
         return Step(experiment, prediction, original, signal, adaptation, record)
 
-    def steps(self, experiments: Iterable[Experiment]) -> Iterator[Step]:
-        """The loop over a stream of experiments."""
+    def steps(
+        self,
+        experiments: Iterable[Experiment],
+        rejected: Callable[[ExperimentError], None] = lambda error: None,
+    ) -> Iterator[Step]:
+        """The loop over a stream of experiments.
+
+        Args:
+            experiments: in the order of their numbers.
+            rejected: told of each experiment that cannot be used; the loop goes on with the next.
+        """
         for experiment in experiments:
-            yield self.step(experiment)
+            try:
+                step = self.step(experiment)
+            except ExperimentError as error:
+                rejected(error)
+            else:
+                yield step
 
 
 def build_judge(settings: Mapping[str, Any]) -> Judge:

@@ -1,0 +1,102 @@
+"""What a run shows: a progress bar while it goes, a table when it has ended."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Self, TypeVar
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import track as _track
+from rich.table import Table
+
+from ldt_core.experiment import Level, Step
+from ldt_core.metrics import Summary
+
+Item = TypeVar("Item")
+
+COLOURS = {Level.NEGATIVE: "green", Level.WARNING: "yellow", Level.POSITIVE: "red"}
+
+
+class RunProgress:
+    """One progress bar a machine, on a terminal's standard error; nothing on a pipe.
+
+    Args:
+        totals: machine → number of experiments, None when it is not known.
+    """
+
+    def __init__(self, totals: Mapping[str, int | None]) -> None:
+        console = Console(stderr=True)
+        self._progress = Progress(
+            TextColumn("{task.fields[machine]}"),
+            BarColumn(bar_width=24),
+            MofNCompleteColumn(),
+            TextColumn("{task.description}"),
+            TimeRemainingColumn(compact=True),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        self._tasks = {
+            machine: self._progress.add_task("starting", total=total, machine=machine)
+            for machine, total in totals.items()
+        }
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def say(self, machine: str, words: str) -> None:
+        """What is happening, when it is no step."""
+        self._progress.update(self._tasks[machine], description=words)
+
+    def show(self, machine: str, step: Step) -> None:
+        """The step that is done."""
+        signal = step.signal
+        words = (
+            f"max error {signal.max_error:7.3f} rad/s  "
+            f"[{COLOURS[signal.level]}]{signal.level.word:8}[/]  "
+            f"model {step.adaptation.model_version}"
+        )
+        self._progress.update(self._tasks[machine], advance=1, description=words)
+
+
+def print_summaries(
+    runs: Sequence[tuple[str, Summary, str]], settings: Mapping[str, Any], as_json: bool
+) -> None:
+    """The table that a run ends with, on standard output.
+
+    Args:
+        runs: (machine, what happened, where the recording is), one a machine.
+        settings: of the run.
+        as_json: one JSON object instead of the table.
+    """
+    if as_json:
+        listed = [{"machine": m, **s.as_dict(), "recording": bag or None} for m, s, bag in runs]
+        print(json.dumps({"settings": dict(settings), "runs": listed}, allow_nan=False))
+        return
+    table = Table(title=f"{settings['model']} model, {settings['detector']} detector")
+    table.add_column("")
+    for machine, _, _ in runs:
+        table.add_column(machine, justify="right")
+    labels = [label for label, _ in runs[0][1].rows()]
+    for index, label in enumerate(labels):
+        table.add_row(label, *(summary.rows()[index][1] for _, summary, _ in runs))
+    console = Console(soft_wrap=True)
+    console.print(table)
+    for machine, summary, bag in runs:
+        for note in summary.notes:
+            console.print(f"{machine}: {note}", markup=False, highlight=False)
+        if bag:
+            console.print(f"recording: {bag}", markup=False, highlight=False)
+
+
+def track(items: Iterable[Item], what: str) -> Iterator[Item]:
+    """The items, with a progress bar on a terminal's standard error and nothing on a pipe."""
+    console = Console(stderr=True)
+    yield from _track(
+        items, what, console=console, disable=not console.is_terminal, transient=True
+    )

@@ -1,0 +1,58 @@
+"""`ldt import`: a CSV file or a foreign bag becomes a recording."""
+
+from __future__ import annotations
+
+import click
+
+UNIT_HELP = "with a unit if it is not SI, for example"
+
+
+@click.command("import")
+@click.argument("file")
+@click.option("--out", required=True, help="Folder of the recording, which must not exist.")
+@click.option("--voltage", required=True, metavar="FIELD[:UNIT]",
+              help=f"Column or /topic.field[index] of the voltage, {UNIT_HELP} u:mV.")
+@click.option("--speed", required=True, metavar="FIELD[:UNIT]",
+              help=f"Column or /topic.field[index] of the speed, {UNIT_HELP} n:rpm.")
+@click.option("--current", metavar="FIELD[:UNIT]", help="The same for the current, if measured.")
+@click.option("--time", metavar="FIELD[:UNIT]", help=f"Column of the time, {UNIT_HELP} t:ms.")
+@click.option("--sample-period", type=float, metavar="S",
+              help="Sample period in seconds: of the rows when there is no time, else to resample to.")
+@click.option("--length", type=float, metavar="SECONDS",
+              help="Cut into experiments of this length; a remainder is dropped.")
+def command(
+    file: str,
+    out: str,
+    voltage: str,
+    speed: str,
+    current: str | None,
+    time: str | None,
+    sample_period: float | None,
+    length: float | None,
+) -> None:
+    """Turn FILE, a CSV (.gz too) or a foreign bag, into a recording of experiments.
+
+    Example: ldt import motor.csv --voltage u --speed n:rpm --time t --length 2 --out motor
+    """
+    from ldt_core.recording.bag import BagWriter
+    from ldt_core.recording.importers import import_file
+
+    imported = import_file(
+        file,
+        voltage=voltage,
+        speed=speed,
+        current=current,
+        time=time,
+        sample_period=sample_period,
+        length=length,
+    )
+    with BagWriter(out) as writer:
+        for experiment in imported.experiments:
+            writer.write("experiment", experiment, experiment.end)
+    first = imported.experiments[0]
+    for note in imported.notes:
+        click.echo(note)
+    click.echo(
+        f"{len(imported.experiments)} experiments of {len(first)} samples at "
+        f"{1 / first.period:.6g} Hz: {out}"
+    )

@@ -1,0 +1,54 @@
+"""`ldt predict`: free-run prediction of every experiment of a recording."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from ldt_core.cli.options import parameters
+
+
+@click.command("predict")
+@click.argument("recording")
+@parameters("machine")
+@click.option("--out", required=True, help="Folder of the new recording, which must not exist.")
+@click.option("--namespace", default="", help="Machine whose topics are meant, if there are several.")
+@click.option("--json", "as_json", is_flag=True, help="Print the errors as JSON.")
+def command(
+    settings: dict[str, Any],
+    given: set[str],
+    recording: str,
+    out: str,
+    namespace: str,
+    as_json: bool,
+) -> None:
+    """Predict RECORDING by the physics of the machine file alone, and write the predictions.
+
+    Example: ldt predict bag --machine rotor --out predicted
+    """
+    import json
+
+    from ldt_core.cli.display import track
+    from ldt_core.machine import load_machine
+    from ldt_core.metrics import FreeRunError
+    from ldt_core.models.physics import PhysicsModel
+    from ldt_core.recording.bag import BagWriter, read_experiments
+
+    machine = load_machine(settings["machine"])
+    model = PhysicsModel(machine)
+    error = FreeRunError()
+    experiments = read_experiments(recording, namespace)
+    with BagWriter(out, namespace=namespace, machine=machine.name) as writer:
+        for experiment in track(experiments, "predicting"):
+            machine.check(experiment)
+            prediction = model.predict(experiment)
+            writer.write("prediction", prediction, experiment.end)
+            error.add(prediction.residual(experiment))
+    if as_json:
+        click.echo(json.dumps({**error.as_dict(), "recording": out}))
+    else:
+        click.echo(
+            f"{error.experiments} experiments, root mean square error {error.rmse:.4g} rad/s, "
+            f"mean maximum error {error.mean_max_error:.4g} rad/s: {out}"
+        )

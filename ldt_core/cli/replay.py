@@ -1,0 +1,43 @@
+"""`ldt replay`: a recording through twin, detector and adaptor again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from ldt_core.cli.display import RunProgress, print_summaries
+from ldt_core.cli.options import parameters
+
+
+@click.command("replay")
+@click.argument("recording")
+@click.option("--out", required=True, help="Folder of the new recording, which must not exist.")
+@click.option("--namespace", default="", help="Machine whose topics are meant, if there are several.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@parameters("machine", "model", "detector", "adaptor", "pace")
+def command(
+    settings: dict[str, Any],
+    given: set[str],
+    recording: str,
+    out: str,
+    namespace: str,
+    as_json: bool,
+) -> None:
+    """Play RECORDING through twin, detector and adaptor, with the same settings or others.
+
+    Example: ldt replay my_run --detector lddm --error-threshold 0.5 --out my_run_lddm
+    """
+    from ldt_core import session
+    from ldt_core.machine import load_machine
+    from ldt_core.pace import paced, parse_rate
+    from ldt_core.recording.bag import read_experiments
+
+    machine = load_machine(settings["machine"])
+    rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
+    experiments = paced(read_experiments(recording, namespace), rate)
+    with RunProgress({machine.name: None}) as progress:
+        summary = session.run(
+            machine, settings, experiments, out, lambda step: progress.show(machine.name, step)
+        )
+    print_summaries([(machine.name, summary, out)], settings, as_json)

@@ -1,0 +1,45 @@
+"""`ldt run`: the loop without ROS."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from ldt_core.cli.display import RunProgress, print_summaries
+from ldt_core.cli.options import parameters
+
+
+@click.command("run")
+@parameters("machine", "plant", "run", "model", "detector", "adaptor", "player", "pace", "recorder")
+@click.option("--no-bag", is_flag=True, help="Record nothing.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def command(settings: dict[str, Any], given: set[str], no_bag: bool, as_json: bool) -> None:
+    """Run the same loop as `ldt up` without ROS: same options, same numbers.
+
+    Example: ldt run --experiments 40 --seed 3 --model linear
+    """
+    from ldt_core import session
+    from ldt_core.machine import load_machine
+    from ldt_core.pace import paced, parse_rate
+    from ldt_core.physics.plant import Plant
+    from ldt_core.recording.bag import read_experiments
+
+    machine = load_machine(settings["machine"])
+    rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
+    if settings["play"]:
+        experiments, total = read_experiments(settings["play"], settings["play_namespace"]), None
+    else:
+        plant = Plant.from_settings(machine, settings)
+        total = settings["experiments"]
+        experiments = (plant.experiment(number) for number in range(1, total + 1))
+    bag = None if no_bag else settings["bag"] or session.new_recording(machine.name)
+    with RunProgress({machine.name: total}) as progress:
+        summary = session.run(
+            machine,
+            settings,
+            paced(experiments, rate),
+            bag,
+            lambda step: progress.show(machine.name, step),
+        )
+    print_summaries([(machine.name, summary, str(bag or ""))], settings, as_json)

@@ -1,0 +1,38 @@
+"""`ldt simulate`: a recording of the simulated machine."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from ldt_core.cli.options import parameters
+
+
+@click.command("simulate")
+@parameters("machine", "run", "plant")
+@click.option("--out", required=True, help="Folder of the recording, which must not exist.")
+@click.option("--namespace", default="", help="Namespace of the machine's topics.")
+def command(settings: dict[str, Any], given: set[str], out: str, namespace: str) -> None:
+    """Write the experiments of a simulated machine, with effects that its file does not know.
+
+    Nothing wears unless --degradation says so.
+
+    Example: ldt simulate --machine rotor --experiments 20 --effect unbalance:e=0.005 --out bag
+    """
+    from ldt_core.cli.display import track
+    from ldt_core.machine import load_machine
+    from ldt_core.physics.plant import Plant
+    from ldt_core.recording.bag import BagWriter
+
+    machine = load_machine(settings["machine"])
+    settings = {**settings, "degradation": settings["degradation"] or "none"}
+    plant = Plant.from_settings(machine, settings)
+    with BagWriter(out, namespace=namespace, machine=machine.name) as writer:
+        for number in track(range(1, settings["experiments"] + 1), "simulating"):
+            experiment = plant.experiment(number)
+            writer.write("experiment", experiment, experiment.end)
+    click.echo(
+        f"{settings['experiments']} experiments of {machine.samples} samples "
+        f"({', '.join(plant.describe())}): {out}"
+    )

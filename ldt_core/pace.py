@@ -1,0 +1,40 @@
+"""How fast a recording is played."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Iterator
+
+from ldt_core.errors import OptionError
+from ldt_core.experiment import Experiment
+
+
+def parse_rate(text: str) -> float | None:
+    """Speed relative to real time; None for as fast as it goes ("max").
+
+    Raises:
+        OptionError: neither "max" nor a number above 0.
+    """
+    if text == "max":
+        return None
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = math.nan
+    if not (math.isfinite(rate) and rate > 0):
+        raise OptionError("rate", "max or a number above 0", repr(text))
+    return rate
+
+
+def paced(experiments: Iterable[Experiment], rate: float | None) -> Iterator[Experiment]:
+    """The experiments, each handed on when a machine would have finished it."""
+    if rate is None:
+        yield from experiments
+        return
+    wall = first = None
+    for experiment in experiments:
+        if wall is None or first is None:
+            wall, first = time.monotonic(), experiment.start
+        time.sleep(max(0.0, wall + (experiment.end - first) / rate - time.monotonic()))
+        yield experiment

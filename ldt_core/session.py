@@ -1,0 +1,83 @@
+"""A run of the loop without ROS: experiments in, steps recorded and summed up."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ldt_core.errors import ExperimentError
+from ldt_core.experiment import Experiment, Step
+from ldt_core.machine import Machine
+from ldt_core.metrics import Summary
+from ldt_core.recording.bag import BagWriter
+from ldt_core.twin import Twin
+
+RECORDINGS = Path("ldt_recordings")
+
+
+def new_recording(machine: str) -> Path:
+    """A folder name that does not exist yet: machine and time under `ldt_recordings`."""
+    stem = f"{Path(machine).stem}-{time.strftime('%Y%m%d-%H%M%S')}"
+    path = RECORDINGS / stem
+    count = 1
+    while path.exists():
+        count += 1
+        path = RECORDINGS / f"{stem}-{count}"
+    return path
+
+
+def run(
+    machine: Machine,
+    settings: Mapping[str, Any],
+    experiments: Iterable[Experiment],
+    bag: Path | str | None,
+    on_step: Callable[[Step], None] = lambda step: None,
+    namespace: str = "",
+) -> Summary:
+    """Take experiments through the twin, and record every message that the graph would send.
+
+    Args:
+        machine: as the twin knows it.
+        settings: parameters of the groups model, detector and adaptor.
+        experiments: in the order of their numbers.
+        bag: folder of the recording, which must not exist; None records nothing.
+        on_step: told of each step.
+        namespace: of the machine's topics in the recording.
+
+    Raises:
+        BadInput: settings, machine or bag that cannot be used.
+    """
+    twin = Twin(machine, settings)
+    summary = Summary()
+
+    def rejected(error: ExperimentError) -> None:
+        summary.reject(str(error))
+
+    if bag is None:
+        for step in twin.steps(experiments, rejected):
+            summary.add(step)
+            on_step(step)
+        return summary
+    with BagWriter(bag, namespace=namespace, machine=machine.name) as writer:
+        for index, step in enumerate(twin.steps(experiments, rejected)):
+            if index == 0:
+                first = twin.adaptor.initial.record()
+                writer.write("model", first, step.experiment.end)
+            write_step(writer, step)
+            summary.add(step)
+            on_step(step)
+    return summary
+
+
+def write_step(writer: BagWriter, step: Step) -> None:
+    """Record a step in the order in which the graph sends its messages."""
+    end = step.experiment.end
+    writer.write("experiment", step.experiment, end)
+    writer.write("original_prediction", step.original, end)
+    writer.write("prediction", step.prediction, end)
+    writer.write("signal", step.signal, end)
+    if step.model is not None:
+        writer.write("model", step.model, end)
+    writer.write("adaptation", step.adaptation, end)

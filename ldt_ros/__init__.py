@@ -1,0 +1,1 @@
+"""The node graph: thin rclpy nodes that convert, call the core, and publish."""

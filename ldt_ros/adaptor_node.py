@@ -1,0 +1,80 @@
+"""Stage 3: `experiment` and `signal` in, `model` and `adaptation` out."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from ldt_core.experiment import Experiment, Level, Signal
+from ldt_core.machine import load_machine
+from ldt_core.models import build_model
+from ldt_core.twin import build_adaptor
+from ldt_ros.convert import from_message, to_message
+from ldt_ros.node import TwinNode
+from ldt_ros.pairing import Pairing
+
+
+class AdaptorNode(TwinNode):
+    """Keeps, stores, or learns from each experiment as its signal says.
+
+    Training runs on a thread of its own, so that health is told meanwhile; experiments that come
+    then wait for it in order.
+
+    | received | what happens |
+    |---|---|
+    | `experiment`, `signal` | the two of one number go through the adaptor; one without the other is dropped when 100 newer ones have come, and counted |
+    | anything malformed | counted, logged once per kind |
+    """
+
+    def __init__(self, **node_arguments: Any) -> None:
+        super().__init__("adaptor", "machine", "model", "adaptor", **node_arguments)
+        machine = load_machine(self.settings["machine"])
+        model = build_model(self.settings["model"], machine, self.settings)
+        self.adaptor = build_adaptor(model, self.settings)
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="adaptor")
+        self._pending = 0
+        self._pairs: Pairing[Experiment, Signal] = Pairing(self._on_pair)
+        self._model = self.publishes("model")
+        self._adaptation = self.publishes("adaptation")
+        self._model.publish(to_message(model.record()))
+        self.listens(
+            "experiment", lambda m: self._pairs.left((e := from_message("experiment", m)).number, e)
+        )
+        self.listens(
+            "signal", lambda m: self._pairs.right((s := from_message("signal", m)).experiment, s)
+        )
+
+    def health(self) -> dict[str, Any]:
+        """Model in force, size of S_w, whether it is training."""
+        return {
+            "model_version": self.adaptor.model.version,
+            "warning_set": len(self.adaptor.memory),
+            "training": self._pending > 0,
+            "unpaired": self._pairs.dropped,
+        }
+
+    def close(self) -> None:
+        """Let a training finish: its result belongs into the recording."""
+        self._worker.shutdown(wait=True)
+
+    def _on_pair(self, experiment: Experiment, signal: Signal) -> None:
+        if signal.level is Level.POSITIVE or self._pending:
+            self._pending += 1
+            self._worker.submit(self._step_on_thread, experiment, signal)
+        else:
+            self._step(experiment, signal)
+
+    def _step_on_thread(self, experiment: Experiment, signal: Signal) -> None:
+        try:
+            self._step(experiment, signal)
+        except Exception as error:  # a thread's exception would be lost in its future
+            self.reject("signal", error)
+        finally:
+            self._pending -= 1
+
+    def _step(self, experiment: Experiment, signal: Signal) -> None:
+        before = self.adaptor.model.version
+        adaptation, model = self.adaptor.step(experiment, signal)
+        if model.version != before:
+            self._model.publish(to_message(model.record()))
+        self._adaptation.publish(to_message(adaptation, experiment.end, self.settings["machine"]))

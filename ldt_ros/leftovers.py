@@ -1,0 +1,36 @@
+"""Shared-memory files: none may be left that was not there before."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+from typing import Self
+
+SHARED = Path("/dev/shm")
+# The tracing library that rclpy is linked with makes its files whether or not anything is traced;
+# Fast DDS makes its own where a profile allows shared memory, and leaves them when it is killed.
+OURS = ("lttng-ust-wait-", "fastrtps_", "fastdds_", "sem.fastrtps_", "sem.fastdds_")
+
+
+class SharedMemory:
+    """Context that removes the middleware's shared-memory files made within it by this user."""
+
+    def __enter__(self) -> Self:
+        self._before = self._files()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for name in self._files() - self._before:
+            with contextlib.suppress(OSError):
+                (SHARED / name).unlink()
+
+    def _files(self) -> set[str]:
+        if not SHARED.is_dir():
+            return set()
+        own = set()
+        for path in SHARED.iterdir():
+            with contextlib.suppress(OSError):
+                if path.name.startswith(OURS) and path.stat().st_uid == os.getuid():
+                    own.add(path.name)
+        return own

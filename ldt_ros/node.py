@@ -1,0 +1,148 @@
+"""What all nodes of the graph share: parameters, topics, health, and rejection of bad messages."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
+
+import msgs_config
+from ldt_core.errors import LdtError
+from ldt_ros.interfaces import declare, message_type, qos
+
+HEALTH_PERIOD = 1.0  # s, as the stock diagnostic aggregator expects
+CHECK_PERIOD = 0.05  # s; how soon a change of readiness is told, which the start of a run waits for
+
+
+class TwinNode(Node):
+    """A node of the twin.
+
+    A message that cannot be used is counted and logged once per kind, and the node goes on. Health
+    goes to `/diagnostics`: once a second, and at once when readiness changes or a listener joins.
+
+    Args:
+        role: name of the node (`plant`, `twin`, …).
+        groups: parameter groups that it declares.
+    """
+
+    def __init__(self, role: str, *groups: str, **node_arguments: Any) -> None:
+        super().__init__(role, **node_arguments)
+        self.role = role
+        self.settings = declare(self, *groups, "node")
+        self.full_name = f"{self.get_namespace().strip('/')}/{role}".lstrip("/")
+        #: Set when the node has no more work, for nodes that end by themselves.
+        self.finished = False
+        self.counts: Counter[str] = Counter()
+        self.rejected: Counter[str] = Counter()
+        self._last_rejection = ""
+        self._outputs: dict[str, Publisher] = {}
+        self._inputs: dict[str, Subscription] = {}
+        self._health = self.create_publisher(DiagnosticArray, "/diagnostics", qos("/diagnostics"))
+        self._told: tuple = ()
+        self._told_at = 0.0
+        self.create_timer(CHECK_PERIOD, self._tell)
+
+    def publishes(self, topic: str) -> Publisher:
+        """A publisher of a declared topic."""
+        self._outputs[topic] = self.create_publisher(message_type(topic), topic, qos(topic))
+        return self._outputs[topic]
+
+    def listens(self, topic: str, callback: Callable[[Any], None], *, raw: bool = False) -> None:
+        """Subscribe to a declared topic; what the callback refuses is counted, not raised."""
+
+        def guarded(message: Any) -> None:
+            try:
+                self.counts[topic] += 1
+                callback(message)
+            except LdtError as error:
+                self.reject(topic, error)
+
+        self._inputs[topic] = self.create_subscription(
+            message_type(topic), topic, guarded, qos(topic), raw=raw
+        )
+
+    def reject(self, topic: str, error: Exception) -> None:
+        """Count a message that cannot be used; log the first of its kind."""
+        kind = f"{topic}: {type(error).__name__}"
+        self.rejected[kind] += 1
+        self._last_rejection = f"{topic}: {error}"
+        if self.rejected[kind] == 1:
+            self.get_logger().error(f"rejected a message on {self._last_rejection}")
+
+    def health(self) -> dict[str, Any]:
+        """Further values for `/diagnostics`, by name."""
+        return {}
+
+    def halt(self) -> None:
+        """Begin no new work: the process has been told to stop."""
+
+    def close(self) -> None:
+        """Finish work before the node is destroyed."""
+
+    @property
+    def ready(self) -> bool:
+        """Whether every topic has met the peers that the graph has for it."""
+        peers = set(self.settings["graph"])
+        table = msgs_config.topics()
+        for topic, publisher in self._outputs.items():
+            found = [i.node_name for i in self.get_subscriptions_info_by_topic(topic)]
+            # Being seen in the graph comes before being matched; only the latter gets messages.
+            matched = publisher.get_subscription_count() >= len(found)
+            if not (matched and peers & set(table[topic]["subscriber"]) <= set(found)):
+                return False
+        for topic, subscription in self._inputs.items():
+            found = [i.node_name for i in self.get_publishers_info_by_topic(topic)]
+            matched = subscription.get_publisher_count() >= len(found)
+            if not (matched and peers & set(table[topic]["publisher"]) <= set(found)):
+                return False
+        return True
+
+    def _rivals(self) -> list[str]:
+        table = msgs_config.topics()
+        shared = [t for t in (*self._outputs, *self._inputs) if not t.startswith("/")]
+        return [t for t in shared if self.count_publishers(t) > 1 and table[t]["publisher"]]
+
+    def _tell(self) -> None:
+        now = time.monotonic()
+        news = (self.finished, self._health.get_subscription_count())
+        settled = bool(self._told) and self._told[0] and self._told[2:] == news
+        if settled and now - self._told_at < HEALTH_PERIOD:
+            return  # the graph is asked as rarely as health is told once all have met
+        rivals = self._rivals()
+        situation = (self.ready, tuple(rivals), *news)
+        if situation == self._told and now - self._told_at < HEALTH_PERIOD:
+            return
+        if rivals and (not self._told or self._told[1] != situation[1]):
+            self.get_logger().warning(f"more than one publisher of {', '.join(rivals)}")
+        self._told, self._told_at = situation, now
+        status = DiagnosticStatus(
+            name=self.full_name, hardware_id=self.settings.get("machine", "")
+        )
+        status.level, status.message = self._verdict(rivals)
+        values = {"ready": _word(situation[0]), "finished": _word(self.finished)}
+        values |= self.health()
+        values |= {f"received {t}": n for t, n in self.counts.items()}
+        values |= {f"rejected {kind}": n for kind, n in self.rejected.items()}
+        if self._last_rejection:
+            values["last rejection"] = self._last_rejection
+        status.values = [KeyValue(key=k, value=str(v)) for k, v in values.items()]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._health.publish(message)
+
+    def _verdict(self, rivals: list[str]) -> tuple[bytes, str]:
+        if rivals:
+            return DiagnosticStatus.WARN, f"more than one publisher of {', '.join(rivals)}"
+        if self.rejected:
+            return DiagnosticStatus.WARN, f"{sum(self.rejected.values())} messages rejected"
+        return DiagnosticStatus.OK, "running" if self._told[0] else "waiting for its peers"
+
+
+def _word(value: bool) -> str:
+    return str(value).lower()

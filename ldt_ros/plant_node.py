@@ -1,0 +1,27 @@
+"""The simulated machine publishes `experiment`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ldt_core.experiment import Experiment
+from ldt_core.machine import load_machine
+from ldt_core.physics.plant import Plant
+from ldt_ros.source import SourceNode
+
+
+class PlantNode(SourceNode):
+    """Simulates one experiment after the other (see `SourceNode` for pacing)."""
+
+    def __init__(self, **node_arguments: Any) -> None:
+        super().__init__("plant", "machine", "plant", "run", **node_arguments)
+        machine = load_machine(self.settings["machine"])
+        self.plant = Plant.from_settings(machine, self.settings)
+        self._number = 0
+
+    def fetch(self) -> Experiment | None:
+        """The next experiment of the run."""
+        if self._number >= self.settings["experiments"]:
+            return None
+        self._number += 1
+        return self.plant.experiment(self._number)

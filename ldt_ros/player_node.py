@@ -1,0 +1,24 @@
+"""A recording's experiments are published again as `experiment`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from ldt_core.experiment import Experiment
+from ldt_core.recording.bag import read_experiments
+from ldt_ros.source import SourceNode
+
+
+class PlayerNode(SourceNode):
+    """Plays a recording (see `SourceNode` for pacing)."""
+
+    def __init__(self, **node_arguments: Any) -> None:
+        super().__init__("player", "machine", "player", **node_arguments)
+        self._experiments: Iterator[Experiment] = iter(
+            read_experiments(self.settings["play"], self.settings["play_namespace"])
+        )
+
+    def fetch(self) -> Experiment | None:
+        """The next experiment of the recording."""
+        return next(self._experiments, None)

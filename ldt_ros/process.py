@@ -1,0 +1,112 @@
+"""A process that hosts one or several nodes of the graph.
+
+`python -m ldt_ros.process --node twin --node detector --ros-args --params-file FILE -r __ns:=/press`,
+or one of the executables `ldt_plant`, `ldt_player`, `ldt_twin`, `ldt_detector`, `ldt_adaptor`,
+`ldt_recorder` for a single node.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import importlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from types import FrameType
+
+from ldt_core.errors import LdtError
+from ldt_ros.environment import prepare
+
+ROLES = {
+    "plant": "ldt_ros.plant_node:PlantNode",
+    "player": "ldt_ros.player_node:PlayerNode",
+    "twin": "ldt_ros.twin_node:PredictorNode",
+    "detector": "ldt_ros.detector_node:DetectorNode",
+    "adaptor": "ldt_ros.adaptor_node:AdaptorNode",
+    "recorder": "ldt_ros.recorder_node:RecorderNode",
+}
+SPIN = 0.1  # s, how late a stop signal may be noticed when nothing arrives
+_PR_SET_PDEATHSIG = 1
+
+
+class Stop:
+    """Turns SIGINT and SIGTERM into a flag.
+
+    rclpy's own handlers shut the context down before the last message is out, so they are not used.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._ask)
+
+    def _ask(self, _number: int, _frame: FrameType | None) -> None:
+        self.asked = True
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Host the nodes until a stop signal, or until one that ends by itself has finished."""
+    parser = argparse.ArgumentParser(prog="ldt_ros.process", description=__doc__)
+    parser.add_argument("--node", action="append", choices=ROLES, required=True)
+    parser.add_argument("--orphan-exit", action="store_true", help="end when the parent ends")
+    own, ros = parser.parse_known_args(arguments)
+    if own.orphan_exit:
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+        if os.getppid() == 1:
+            return 1
+    prepare()
+    stop = Stop()
+    try:
+        return host(own.node, ros, lambda: stop.asked)
+    except LdtError as error:
+        print(f"ldt {' '.join(own.node)}: {error}", file=sys.stderr)
+        return error.exit_code
+
+
+def host(roles: list[str], ros_arguments: list[str], stopped: Callable[[], bool]) -> int:
+    """Create the nodes, spin them, and close them in order."""
+    import rclpy
+    from rclpy.experimental import EventsExecutor
+    from rclpy.signals import SignalHandlerOptions
+
+    rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
+    nodes = []
+    try:
+        executor = EventsExecutor()
+        for role in roles:
+            module, _, name = ROLES[role].partition(":")
+            node = getattr(importlib.import_module(module), name)()
+            nodes.append(node)
+            executor.add_node(node)
+        # EventsExecutor.spin() does not return on these wheels; spin_once does.
+        while not stopped():
+            executor.spin_once(timeout_sec=SPIN)
+        for node in nodes:
+            node.halt()
+        deadline = time.monotonic() + max(getattr(n, "patience", 0.0) for n in nodes)
+        while time.monotonic() < deadline and not all(getattr(n, "quiet", True) for n in nodes):
+            executor.spin_once(timeout_sec=SPIN)
+        return 0
+    finally:
+        for node in nodes:
+            node.close()
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _single(role: str) -> Callable[[], None]:
+    def start() -> None:
+        sys.exit(main(["--node", role, *sys.argv[1:]]))
+
+    start.__doc__ = f"Host the {role} node alone."
+    return start
+
+
+plant, player, twin = _single("plant"), _single("player"), _single("twin")
+detector, adaptor, recorder = _single("detector"), _single("adaptor"), _single("recorder")
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,96 @@
+"""Child processes: started in groups of their own, watched, and ended for certain."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from ldt_ros.environment import WHEEL_MARK
+
+POLL = 0.02  # s
+GRACE = 5.0  # s between INT, TERM and KILL
+TAIL = 2000  # bytes of a dead child's output that are worth showing
+
+
+@dataclass
+class Child:
+    """A process of the graph.
+
+    Args:
+        name: for messages ("twin", "machine_2").
+        process: running or ended.
+        log: file with its output.
+    """
+
+    name: str
+    process: subprocess.Popen[bytes]
+    log: Path
+
+    @property
+    def running(self) -> bool:
+        """Whether the process has not ended yet."""
+        return self.process.poll() is None
+
+    def last_words(self) -> str:
+        """The last line of its output that says something."""
+        with self.log.open("rb") as file:
+            file.seek(max(0, self.log.stat().st_size - TAIL))
+            lines = file.read().decode(errors="replace").split("\n")
+        return next((line.strip() for line in reversed(lines) if line.strip()), "no output")
+
+
+class Supervisor:
+    """Starts, watches and ends the processes of a graph.
+
+    Args:
+        folder: where their output goes.
+        environment: of every child.
+    """
+
+    def __init__(self, folder: Path, environment: dict[str, str]) -> None:
+        self.folder = folder
+        # The wheels prepare each interpreter anew when the mark is absent.
+        self.environment = {k: v for k, v in environment.items() if k != WHEEL_MARK}
+        self.children: list[Child] = []
+
+    def start(self, name: str, *arguments: str) -> Child:
+        """Start `python -m ldt_ros.process` with the arguments."""
+        log = self.folder / f"{name}.log"
+        with log.open("wb") as output:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "ldt_ros.process", "--orphan-exit", *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=self.environment,
+                # A group of its own: Ctrl-C reaches the parent alone, which ends things in order.
+                start_new_session=True,
+            )
+        child = Child(name, process, log)
+        self.children.append(child)
+        return child
+
+    def dead(self) -> list[Child]:
+        """Children that have ended."""
+        return [c for c in self.children if not c.running]
+
+    def stop(self, *children: Child, grace: float = GRACE) -> None:
+        """End children, all at once: INT, then TERM, then KILL, each with its grace."""
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+            for child in children:
+                if child.running:
+                    with contextlib.suppress(ProcessLookupError):
+                        os.killpg(child.process.pid, number)
+            deadline = time.monotonic() + grace
+            while any(c.running for c in children) and time.monotonic() < deadline:
+                time.sleep(POLL)
+
+    def stop_all(self) -> None:
+        """End whatever still runs."""
+        self.stop(*(c for c in self.children if c.running))

@@ -1,0 +1,117 @@
+"""Stage 1: `experiment` and `model` in, `prediction` and `original_prediction` out."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from typing import Any
+
+from ldt_core.errors import ExperimentError, LdtError
+from ldt_core.experiment import Adaptation, Experiment
+from ldt_core.machine import load_machine
+from ldt_core.models import build_model, restore_model
+from ldt_core.models.base import Model
+from ldt_core.twin import Predictor
+from ldt_ros.convert import from_message, to_message
+from ldt_ros.node import TwinNode
+
+TICK = 0.05  # s, how often a time-out is looked for
+KEPT_MODELS = 3  # a model may arrive before the adaptation that names it; older ones are not needed
+QUEUE = 100  # experiments that may wait for an adaptation; beyond, the oldest are dropped
+
+
+class PredictorNode(TwinNode):
+    """Predicts each experiment after the adaptation of the one before.
+
+    | received | what happens |
+    |---|---|
+    | `experiment` | predicted, once the adaptation of the experiment predicted last is there, and the model it names; after `adaptation_timeout` with the model at hand, which is logged and counted |
+    | `experiment` with a number not above the last, or impossible for the machine | rejected |
+    | more than 100 experiments waiting | the oldest is dropped and counted |
+    | `model` | kept until an adaptation names its version; a malformed one is rejected |
+    | anything malformed | counted, logged once per kind |
+    """
+
+    def __init__(self, **node_arguments: Any) -> None:
+        super().__init__("twin", "machine", "model", "twin", **node_arguments)
+        self.machine = load_machine(self.settings["machine"])
+        model = build_model(self.settings["model"], self.machine, self.settings)
+        self.predictor = Predictor(self.machine, model)
+        self._models: dict[int, Model] = {model.version: model}
+        self._waiting: deque[tuple[Experiment, float]] = deque()
+        self._adapted: Adaptation | None = None
+        self._timeouts = 0
+        self._dropped = 0
+        self._prediction = self.publishes("prediction")
+        self._original = self.publishes("original_prediction")
+        self.listens("model", self._on_model)
+        self.listens("adaptation", self._on_adaptation)
+        self.listens("experiment", self._on_experiment)
+        self.create_timer(TICK, self._go_on)
+
+    def health(self) -> dict[str, Any]:
+        """Model in force, queue, time-outs."""
+        return {
+            "model_version": self.predictor.model.version,
+            "experiment": self.predictor.last,
+            "waiting": len(self._waiting),
+            "dropped": self._dropped,
+            "adaptation time-outs": self._timeouts,
+        }
+
+    def _on_model(self, message: Any) -> None:
+        record = from_message("model", message)
+        if record.version not in self._models:
+            self._models[record.version] = restore_model(record, self.machine, self.settings)
+            for old in sorted(self._models)[:-KEPT_MODELS]:
+                del self._models[old]
+        self._go_on()
+
+    def _on_adaptation(self, message: Any) -> None:
+        self._adapted = from_message("adaptation", message)
+        self._go_on()
+
+    def _on_experiment(self, message: Any) -> None:
+        experiment = from_message("experiment", message)
+        if self._waiting and experiment.number <= self._waiting[-1][0].number:
+            raise ExperimentError(
+                f"experiment {experiment.number}",
+                f"a number above {self._waiting[-1][0].number}",
+                experiment.number,
+            )
+        self._waiting.append((experiment, time.monotonic()))
+        if len(self._waiting) > QUEUE:
+            self._waiting.popleft()
+            self._dropped += 1
+        self._go_on()
+
+    def _go_on(self) -> None:
+        while self._waiting and self._may_predict(*self._waiting[0]):
+            experiment, _ = self._waiting.popleft()
+            try:
+                prediction, original = self.predictor.predict(experiment)
+            except LdtError as error:
+                self.reject("experiment", error)
+                continue
+            self._original.publish(to_message(original))
+            self._prediction.publish(to_message(prediction))
+
+    def _may_predict(self, experiment: Experiment, since: float) -> bool:
+        last, adapted = self.predictor.last, self._adapted
+        if last is None:
+            # The first that this node sees: nothing can have been learned from it before.
+            self.predictor.model = self._models[max(self._models)]
+            return True
+        if adapted is not None and adapted.experiment >= last:
+            model = self._models.get(adapted.model_version)
+            if model is not None:
+                self.predictor.model = model
+                return True
+        if time.monotonic() - since < self.settings["adaptation_timeout"]:
+            return False
+        self._timeouts += 1
+        self.get_logger().warning(
+            f"no adaptation of experiment {last} within {self.settings['adaptation_timeout']:g} s: "
+            f"experiment {experiment.number} is predicted by model {self.predictor.model.version}"
+        )
+        return True

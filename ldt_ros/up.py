@@ -1,0 +1,290 @@
+"""`ldt up`: the whole node graph, headless; also a plain Python script and a function.
+
+    python -m ldt_ros.up --experiments 40 --seed 3
+"""
+
+from __future__ import annotations
+
+import signal
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import yaml
+
+import msgs_config
+from ldt_core.cli import run as run_command
+from ldt_core.cli.display import RunProgress, print_summaries
+from ldt_core.cli.options import parameters
+from ldt_core.errors import BadInput, LdtError
+from ldt_core.experiment import Step
+from ldt_core.machine import load_machine
+from ldt_core.metrics import Summary
+from ldt_core.session import new_recording
+from ldt_core.settings import resolve
+from ldt_ros.environment import prepare, require_ros
+from ldt_ros.leftovers import SharedMemory
+from ldt_ros.supervisor import Child, Supervisor
+
+LISTEN = 0.3  # s for rivals in this domain to show themselves; discovery takes at most 0.25 s
+SETTLE = 3.0  # s that an interrupted run waits for the experiment under way
+SPIN = 0.05  # s
+STARTUP = 60.0  # s until all nodes must have found each other
+"""Groups of parameters that `ldt up` offers and hands on to the nodes."""
+GROUPS = ("machine", "plant", "run", "model", "detector", "adaptor", "player", "pace", "twin")
+
+
+@dataclass
+class Run:
+    """One machine of the graph, and what happened with it.
+
+    Args:
+        name: of the machine, for people.
+        namespace: of its topics.
+        settings: of its nodes.
+        summary: of its steps.
+        bag: folder of its recording.
+    """
+
+    name: str
+    namespace: str
+    settings: dict[str, Any]
+    summary: Summary
+    bag: Path
+
+    @property
+    def source(self) -> str:
+        """The role that sends the experiments."""
+        return "player" if self.settings["play"] else "plant"
+
+    @property
+    def roles(self) -> list[str]:
+        """All nodes of this machine, the recorder first: it misses nothing then."""
+        return ["recorder", "adaptor", "detector", "twin", self.source]
+
+
+def launch(
+    settings: Mapping[str, Any] | None = None,
+    on_step: Callable[[str, Step], None] = lambda machine, step: None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> list[Run]:
+    """Run the node graph to its end.
+
+    Args:
+        settings: any of the declared parameters; the rest have their defaults.
+        on_step: told of each machine's steps.
+        stopped: asked often; the graph ends in order once it says True.
+
+    Returns:
+        One run a machine.
+
+    Raises:
+        BadInput: settings that cannot be used, no ROS 2, or a domain that is taken.
+        LdtError: a node died.
+    """
+    given = resolve(settings or {})
+    require_ros()
+    runs = _plan(given)
+    folder = Path(tempfile.mkdtemp(prefix="ldt-"))
+    environment = prepare(folder)
+    with SharedMemory():
+        graph = Graph(runs, Supervisor(folder, environment), on_step)
+        try:
+            graph.run(stopped)
+        finally:
+            graph.close()
+    shutil.rmtree(folder, ignore_errors=True)
+    return runs
+
+
+def _plan(settings: dict[str, Any]) -> list[Run]:
+    machine = load_machine(settings["machine"])
+    count = settings["machines"]
+    if count > 1 and settings["play"]:
+        raise BadInput("machines", "1 together with play", count)
+    base = Path(settings["bag"]) if settings["bag"] else new_recording(machine.name)
+    if base.exists():
+        raise BadInput(base, "a folder that does not exist yet, for the recording", "one that does")
+    runs = []
+    for index in range(count):
+        name = f"machine_{index + 1}" if count > 1 else machine.name
+        parts = [settings["namespace"].strip("/"), name if count > 1 else ""]
+        own = {**settings, "seed": settings["seed"] + index}
+        bag = base / name if count > 1 else base
+        own["bag"] = str(bag)
+        runs.append(Run(name, "/".join(p for p in parts if p), own, Summary(), bag))
+        own["graph"] = runs[-1].roles
+    return runs
+
+
+class Graph:
+    """The processes and monitors of all runs.
+
+    Args:
+        runs: one a machine.
+        supervisor: of the processes.
+        on_step: told of each machine's steps.
+    """
+
+    def __init__(
+        self, runs: list[Run], supervisor: Supervisor, on_step: Callable[[str, Step], None]
+    ) -> None:
+        import rclpy
+        from rclpy.experimental import EventsExecutor
+        from rclpy.signals import SignalHandlerOptions
+
+        from ldt_ros.monitor import Monitor
+
+        self.runs = runs
+        self.supervisor = supervisor
+        self.on_step = on_step
+        try:
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            self.monitors = [Monitor(r.namespace, self._recipient(r)) for r in runs]
+        except Exception as error:
+            rclpy.try_shutdown()
+            raise BadInput(
+                "ROS 2", "a domain and namespace that a node can be created in", _one_line(error)
+            ) from error
+        self.executor = EventsExecutor()
+        for monitor in self.monitors:
+            self.executor.add_node(monitor)
+        self._recorders: list[Child] = []
+
+    def run(self, stopped: Callable[[], bool]) -> None:
+        """Start everything, wait for the end, and end in order."""
+        self._refuse_rivals()
+        for run in self.runs:
+            self._start(run)
+        began = time.monotonic()
+        while not stopped() and not all(m.source_finished for m in self.monitors):
+            self.executor.spin_once(timeout_sec=SPIN)
+            self._notice_deaths()
+            if time.monotonic() - began > STARTUP and not all(m.health for m in self.monitors):
+                raise LdtError(f"the nodes did not start within {STARTUP:g} s")
+        if stopped():
+            sources = [c for c in self.supervisor.children if c.name.endswith(("plant", "player"))]
+            self.supervisor.stop(*sources)
+            for run in self.runs:
+                run.summary.note("interrupted")
+        deadline = time.monotonic() + SETTLE
+        while not all(m.idle for m in self.monitors) and time.monotonic() < deadline:
+            self.executor.spin_once(timeout_sec=SPIN)
+        # The recorder drains while those who could send a lost packet again are still there.
+        self.supervisor.stop(*self._recorders)
+        self._collect_rejections()
+
+    def close(self) -> None:
+        """End every process and the monitors."""
+        import rclpy
+
+        self.supervisor.stop_all()
+        for monitor in self.monitors:
+            monitor.destroy_node()
+        rclpy.try_shutdown()
+
+    def _recipient(self, run: Run) -> Callable[[Step], None]:
+        def receive(step: Step) -> None:
+            run.summary.add(step)
+            self.on_step(run.name, step)
+
+        return receive
+
+    def _refuse_rivals(self) -> None:
+        end = time.monotonic() + LISTEN
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=SPIN)
+        for run, monitor in zip(self.runs, self.monitors, strict=True):
+            for topic in msgs_config.topics():
+                if not topic.startswith("/") and monitor.count_publishers(topic):
+                    where = monitor.resolve_topic_name(topic)
+                    raise BadInput(
+                        where,
+                        "no publisher before the graph starts (use another ROS_DOMAIN_ID or "
+                        "--namespace)",
+                        f"{monitor.count_publishers(topic)} publisher(s) in this domain",
+                    )
+
+    def _start(self, run: Run) -> None:
+        """A process a node; for a fleet a process a machine, which costs a fifth of the memory."""
+        defaults = {n: d["default"] for n, d in msgs_config.parameters().items()}
+        values = {n: v for n, v in run.settings.items() if v != defaults[n]}
+        file = self.supervisor.folder / f"{run.name}.yaml"
+        file.write_text(yaml.safe_dump({"/**": {"ros__parameters": values}}))
+        ros = ["--ros-args", "--params-file", str(file), "-r", f"__ns:=/{run.namespace}"]
+        groups = [run.roles] if len(self.runs) > 1 else [[role] for role in run.roles]
+        for group in groups:
+            nodes = [part for role in group for part in ("--node", role)]
+            name = group[0] if len(group) == 1 else run.name
+            child = self.supervisor.start(name, *nodes, *ros)
+            if "recorder" in group:
+                self._recorders.append(child)
+
+    def _notice_deaths(self) -> None:
+        for child in self.supervisor.dead():
+            code = child.process.returncode
+            words = child.last_words()
+            if code == BadInput.exit_code:
+                _, _, sentence = words.partition(": ")
+                raise _Refused(sentence or words)
+            raise LdtError(f"{child.name} ended with code {code}: {words}")
+
+    def _collect_rejections(self) -> None:
+        for run, monitor in zip(self.runs, self.monitors, strict=True):
+            for role, values in monitor.health.items():
+                for key, count in values.items():
+                    if key.startswith("rejected "):
+                        run.summary.note(f"{role} {key}: {count} ({values.get('last rejection')})")
+
+
+class _Refused(LdtError):
+    """A node refused its input; the sentence is the node's own."""
+
+    exit_code = BadInput.exit_code
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]
+
+
+@click.command("up")
+@parameters(*GROUPS, "recorder", "graph")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def command(settings: dict[str, Any], given: set[str], as_json: bool) -> None:
+    """Run the whole node graph: machine, twin, detector, adaptor, recorder.
+
+    It simulates the machine as it degrades (or plays a recording), learns, records, ends by itself
+    after the last experiment or on Ctrl-C, and prints what happened.
+
+    Example: ldt up --experiments 40 --seed 3 --bag my_run
+    """
+    stop = {"asked": False}
+
+    def ask(_number: int, _frame: Any) -> None:
+        stop["asked"] = True
+
+    previous = {n: signal.signal(n, ask) for n in (signal.SIGINT, signal.SIGTERM)}
+    machine = load_machine(settings["machine"]).name
+    count = settings["machines"]
+    names = [f"machine_{i + 1}" for i in range(count)] if count > 1 else [machine]
+    total = None if settings["play"] else settings["experiments"]
+    try:
+        with ExitStack() as stack:
+            progress = stack.enter_context(RunProgress(dict.fromkeys(names, total)))
+            runs = launch(settings, progress.show, lambda: stop["asked"])
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+    print_summaries([(r.name, r.summary, str(r.bag)) for r in runs], settings, as_json)
+
+
+if __name__ == "__main__":
+    import sys
+
+    sys.exit(run_command(command))
