@@ -1,0 +1,57 @@
+"""The physics alone, never adapted: the baseline "original" of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Self
+
+from ldt_core.errors import LdtError, did_you_mean
+from ldt_core.experiment import Experiment, Prediction
+from ldt_core.models.base import Model
+
+
+class PhysicsModel(Model):
+    """Free run of the machine file's equations.
+
+    `parameters` is `{"machine": {name: value}}`, the physics parameters in SI units.
+    """
+
+    kind = "physics"
+    adaptive = False
+
+    def untrained(self) -> dict[str, Any]:
+        """The machine file's parameters."""
+        return {"machine": dict(self.machine.parameters)}
+
+    def build(self) -> None:
+        """Check the parameters against the physics."""
+        self.physics = self.machine.model
+        self.values = {n: float(v) for n, v in self.parameters["machine"].items()}
+        known = {p.name: p for p in self.physics.parameters}
+        for name in self.values:
+            if name not in known:
+                raise ValueError(f"parameter {name!r} is not {did_you_mean(name, known)}")
+        for name, parameter in known.items():
+            if not parameter.accepts(self.values[name]):
+                raise ValueError(f"{name} = {self.values[name]:g} is not {parameter.range}")
+
+    def predict(self, experiment: Experiment) -> Prediction:
+        """Free run from the first measured speed (and current, where there is one).
+
+        Raises:
+            LdtError: the simulated state grows without bound.
+        """
+        current = None if experiment.current is None else float(experiment.current[0])
+        initial = self.physics.initial_state(self.values, float(experiment.speed[0]), current)
+        states = self.physics.simulate(self.values, experiment.voltage, experiment.period, initial)
+        return Prediction(
+            experiment.number, experiment.start, experiment.period, self.version, states[:, 1]
+        )
+
+    def fit(self, experiments: Sequence[Experiment]) -> Self:
+        """Refused: this model stays what the machine file says.
+
+        Raises:
+            LdtError: always.
+        """
+        raise LdtError("the model 'physics' does not learn: it is the machine file's equations")

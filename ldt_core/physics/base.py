@@ -1,0 +1,150 @@
+"""What every physics is: named parameters and states, equations of motion, and a free run."""
+
+from __future__ import annotations
+
+import abc
+import functools
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ldt_core.physics.integrate import Constants, integrate, propagate
+from ldt_core.physics.parameter import Parameter
+
+if TYPE_CHECKING:
+    from ldt_core.effects.base import Effect
+
+Values = Mapping[str, float]
+Array = NDArray[np.float64]
+#: Effects that act, each with all its parameters' values, in the order in which they act.
+Effects = Sequence[tuple["Effect", Values]]
+
+
+class Physics(abc.ABC):
+    """The equations of a kind of machine, without any machine's numbers.
+
+    The first three states are always angle [rad], speed [rad/s] and current [A], since every
+    machine here turns and is driven by a DC motor.
+    """
+
+    #: In the registry and in machine files.
+    name: str
+    #: What a machine file must or may give (those with a default).
+    parameters: tuple[Parameter, ...]
+    #: State names; units in the module's docstring.
+    states: tuple[str, ...]
+
+    @abc.abstractmethod
+    def is_linear(self, values: Values) -> bool:
+        """Whether the equations are linear for these parameters, and thus solved exactly."""
+
+    @abc.abstractmethod
+    def constants(self, values: Values) -> Constants:
+        """The numbers that the compiled equations of `integrate.py` take."""
+
+    @abc.abstractmethod
+    def rate(self, values: Values, voltage: float) -> float:
+        """Fastest rate of change at up to this voltage [1/s]; it bounds the integration step."""
+
+    @abc.abstractmethod
+    def system(self, values: Values) -> tuple[Array, Array]:
+        """The whole linear system: A (n, n) and B (n,) of d(state)/dt = A state + B voltage."""
+
+    def state_space(self, values: Values) -> tuple[Array, Array, Array, Array]:
+        """The motor as a continuous-time linear system.
+
+        Returns:
+            A (2, 2), B (2, 1), C (1, 2), D (1, 1); states current [A] and speed [rad/s], input
+            voltage [V], output speed [rad/s]. Exact whenever `is_linear`.
+        """
+        k, r, inductance, j, b = (values[n] for n in ("K_t", "R", "L", "J", "b"))
+        a = np.array([[-r / inductance, -k / inductance], [k / j, -b / j]])
+        return a, np.array([[1 / inductance], [0.0]]), np.array([[0.0, 1.0]]), np.zeros((1, 1))
+
+    def initial_state(self, values: Values, speed: float, current: float | None = None) -> Array:
+        """(n,) state at the first sample of an experiment, from what was measured there.
+
+        Args:
+            values: the machine's parameters.
+            speed: first measured speed [rad/s].
+            current: first measured current [A]; None takes the one that would hold that speed,
+                b omega / K_t, which is exact at rest and in steady running. The angle is 0 and the
+                foundation at rest.
+        """
+        state = np.zeros(len(self.states))
+        state[1] = speed
+        state[2] = values["b"] * speed / values["K_t"] if current is None else current
+        return state
+
+    def simulate(
+        self,
+        values: Values,
+        voltage: ArrayLike,
+        period: float,
+        initial: ArrayLike,
+        effects: Effects = (),
+    ) -> Array:
+        """Free run: the states at the samples.
+
+        Exact (matrix exponential) where everything is linear, else by Runge-Kutta steps.
+
+        Args:
+            values: the machine's parameters.
+            voltage: (L,) [V], each held from its sample to the next.
+            period: sample period [s].
+            initial: (n,) state at the first sample, effects' own states behind it if they are known
+                (else they are 0).
+            effects: acting effects; those on the measurement are ignored here, see `measure`.
+
+        Returns:
+            (L, n) states; states of effects that have any follow in further columns.
+
+        Raises:
+            BadInput: an effect that this machine cannot have, or a machine too stiff to simulate.
+            LdtError: the simulated state grows without bound.
+        """
+        volts = np.ascontiguousarray(voltage, dtype=np.float64)
+        state = np.ascontiguousarray(initial, dtype=np.float64)
+        for effect, given in effects:
+            values = effect.change_parameters(self, values, given)
+        times = np.arange(volts.size) * period
+        switches: tuple[Array, Array] | None = None
+        for effect, given in effects:
+            if effect.on_voltage is not None:
+                at, levels = switches or (times, volts)
+                switches = effect.on_voltage(at, levels, **given)
+        terms = [(e, p) for e, p in effects if e.torque is not None or e.terminal is not None]
+        if switches is not None and np.array_equal(switches[0], times):
+            volts, switches = np.ascontiguousarray(switches[1]), None
+        if not terms and switches is None and self.is_linear(values):
+            n = len(self.states)
+            ad, bd = _discretise(self, tuple(values[p.name] for p in self.parameters), period)
+            return propagate(ad, bd, volts, state[:n])
+        return integrate(self, values, times, switches or (times, volts), state, terms)
+
+    def measure(self, states: Array, period: float, effects: Effects = ()) -> Array:
+        """(L,) measured speed without noise [rad/s]: seen through the effects on the sensor."""
+        speed = states[:, 1].copy()
+        for effect, given in effects:
+            if effect.on_measurement is not None:
+                speed = effect.on_measurement(speed, period, **given)
+        return speed
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}()"
+
+
+@functools.lru_cache(maxsize=256)
+def _discretise(physics: Physics, numbers: tuple[float, ...], period: float) -> tuple[Any, Any]:
+    """Exact zero-order-hold discretisation: Ad (n, n), Bd (n,)."""
+    from scipy.linalg import expm  # 0.1 s to import, and only the linear machines need it
+
+    names = (p.name for p in physics.parameters)
+    a, b = physics.system(dict(zip(names, numbers, strict=True)))
+    n = len(b)
+    augmented = np.zeros((n + 1, n + 1))
+    augmented[:n, :n], augmented[:n, n] = a, b
+    discrete = expm(augmented * period)
+    return np.ascontiguousarray(discrete[:n, :n]), np.ascontiguousarray(discrete[:n, n])

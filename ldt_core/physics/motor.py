@@ -1,0 +1,77 @@
+"""A DC motor with a rigid load: `dc_motor`.
+
+    J omega' = K_t i - b omega
+    L i'     = V - R i - K_t omega
+
+States: theta [rad], omega [rad/s], current [A].
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ldt_core.physics.base import Array, Physics, Values
+from ldt_core.physics.integrate import Constants
+from ldt_core.physics.parameter import Parameter
+
+MOTOR_PARAMETERS = (
+    Parameter("J", "kg m^2", 0.0, open_low=True, description="moment of inertia about the shaft"),
+    Parameter(
+        "K_t", "N m/A", 0.0, open_low=True, description="torque constant = back-EMF constant"
+    ),
+    Parameter("R", "Ohm", 0.0, open_low=True, description="armature resistance"),
+    Parameter("L", "H", 0.0, open_low=True, description="armature inductance"),
+    Parameter("b", "N m s", 0.0, description="viscous friction of the shaft"),
+)
+
+
+class Motor(Physics):
+    """The motor alone; always linear."""
+
+    name = "dc_motor"
+    parameters = MOTOR_PARAMETERS
+    states = ("theta", "omega", "current")
+
+    def is_linear(self, values: Values) -> bool:
+        """Always."""
+        return True
+
+    def constants(self, values: Values) -> Constants:
+        """The rotor's equations without an eccentric mass; the foundation's numbers are unused."""
+        motor = (values["K_t"], values["b"], values["R"], values["L"], values["J"])
+        return Constants(*motor, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def rate(self, values: Values, voltage: float) -> float:
+        """The faster of the motor's two modes [1/s]."""
+        return motor_rate(values)
+
+    def system(self, values: Values) -> tuple[Array, Array]:
+        """A (3, 3), B (3,)."""
+        return motor_system(values, 3)
+
+
+def motor_rate(values: Values) -> float:
+    """Largest magnitude of the roots of the motor's characteristic polynomial [1/s]."""
+    k, r, inductance, j, b = (values[n] for n in ("K_t", "R", "L", "J", "b"))
+    return fastest_root(r / inductance + b / j, (r * b + k * k) / (inductance * j))
+
+
+def fastest_root(damping: float, stiffness: float) -> float:
+    """Largest |s| with s^2 + damping s + stiffness = 0, for damping, stiffness >= 0 [1/s]."""
+    under = damping * damping - 4 * stiffness
+    return math.sqrt(stiffness) if under < 0 else (damping + math.sqrt(under)) / 2
+
+
+def motor_system(values: Values, n: int) -> tuple[Array, Array]:
+    """The motor in the first three of n states: A (n, n), B (n,)."""
+    k, r, inductance, j, b = (values[name] for name in ("K_t", "R", "L", "J", "b"))
+    a = np.zeros((n, n))
+    a[:3, :3] = [[0, 1, 0], [0, -b / j, k / j], [0, -k / inductance, -r / inductance]]
+    drive = np.zeros(n)
+    drive[2] = 1 / inductance
+    return a, drive
+
+
+MOTOR = Motor()
