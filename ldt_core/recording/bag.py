@@ -1,0 +1,190 @@
+"""Reading a recording: its machine, its records, what is wrong with it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgs_config
+from ldt_core.errors import RecordingError
+from ldt_core.experiment import Experiment
+from ldt_core.recording.codec import DECODERS, Record, decode
+from ldt_core.recording.messages import deserialize
+from ldt_core.recording.storage import Raw, Storage
+
+LISTED = 5  # gaps or repetitions that a note names one by one
+
+
+class Recorded(NamedTuple):
+    """Experiments of a recording, and a sentence for each thing that is odd about it."""
+
+    experiments: list[Experiment]
+    notes: list[str]
+
+
+class Bag:
+    """One machine's topics in a recording; `read_bag` makes it.
+
+    Args:
+        storage: the files.
+        namespace: of the machine ("/machine_1"), "" for the root.
+    """
+
+    def __init__(self, storage: Storage, namespace: str) -> None:
+        self.storage, self.namespace = storage, namespace
+        self.path = storage.path
+        #: Absolute topic → message type, of this machine and of no machine (`/diagnostics`).
+        self.topics = {
+            topic: kind
+            for topic, kind in storage.topics.items()
+            if topic.rpartition("/")[0] == namespace or topic in msgs_config.topics()
+        }
+
+    @property
+    def notes(self) -> list[str]:
+        """What is odd about the recording, a sentence each; complete when all has been read."""
+        return self.storage.notes
+
+    @property
+    def damage(self) -> str | None:
+        """The notes as one text, None when there are none."""
+        return "; ".join(self.notes) or None
+
+    def topic(self, name: str) -> str | None:
+        """The absolute name of a topic by its last part, None when the recording lacks it."""
+        absolute = f"{self.namespace}/{name}"
+        return absolute if absolute in self.topics else None
+
+    def messages(self, *names: str) -> Iterator[Raw]:
+        """Stored messages (CDR bytes) in recorded order, of the named topics or of all of them.
+
+        Raises:
+            RecordingError: a topic that the recording lacks.
+        """
+        topics = [self._required(n) for n in names] if names else list(self.topics)
+        return self.storage.messages(topics)
+
+    def records(self, name: str) -> Iterator[Record | Any]:
+        """Records of a topic in recorded order, one at a time; messages where none is declared.
+
+        Args:
+            name: last part of the topic ("experiment").
+
+        Raises:
+            RecordingError: the recording lacks the topic, or holds something else under its name.
+            ExperimentError, ModelError: a message that is no such record; says which one.
+        """
+        topic = self._required(name)
+        if name in DECODERS and self.topics[topic] != DECODERS[name][0]:
+            raise RecordingError(f"{self.path}, {topic}", DECODERS[name][0], self.topics[topic])
+        return self._decoded(name, topic)
+
+    def _decoded(self, name: str, topic: str) -> Iterator[Record | Any]:
+        kind = self.topics[topic]
+        for index, raw in enumerate(self.storage.messages([topic]), start=1):
+            where = f"{self.path}, {topic}, message {index}"
+            message = deserialize(raw.data, kind, where)
+            yield decode(name, message, where) if name in DECODERS else message
+
+    def experiments(self) -> Iterator[Experiment]:
+        """Experiments in recorded order; notes repeated and missing numbers.
+
+        Raises:
+            RecordingError: the recording has no experiments.
+            ExperimentError: a message that is no experiment.
+        """
+        seen: set[int] = set()
+        repeated: list[int] = []
+        for experiment in self.records("experiment"):
+            if experiment.number in seen:
+                repeated.append(experiment.number)
+            seen.add(experiment.number)
+            yield experiment
+        if not seen:
+            got = f"none ({self.damage})" if self.damage else "none"
+            raise RecordingError(f"{self.path}, {self.topic('experiment')}", "experiments", got)
+        if repeated:
+            self.storage.note(f"{self.path}: recorded more than once: {_listed(repeated)}")
+        numbers = sorted(seen)
+        gaps = [(a + 1, b - 1) for a, b in itertools.pairwise(numbers) if b > a + 1]
+        if gaps:
+            self.storage.note(f"{self.path}: missing: {_listed(gaps)}")
+
+    def _required(self, name: str) -> str:
+        topic = self.topic(name)
+        if topic is None and name in self.topics:
+            topic = name
+        if topic is None:
+            there = ", ".join(sorted(self.topics)) or "no topics"
+            wanted = f"the topic {self.namespace}/{name}"
+            raise RecordingError(self.path, wanted, f"only {there}")
+        return topic
+
+
+def read_bag(path: str | Path, namespace: str | None = None) -> Bag:
+    """Open a recording.
+
+    Args:
+        path: rosbag2 folder or a bare file of one (`.mcap`, `.mcap.zstd`, `.db3`).
+        namespace: which machine, with or without its leading slash; "/" is the root; None or ""
+            when there is only one.
+
+    Raises:
+        RecordingError: nothing there, empty, foreign, several machines, or no such one.
+    """
+    storage = Storage(path)
+    machines = _machines(storage.topics)
+    if not machines:
+        there = ", ".join(f"{t} ({k})" for t, k in sorted(storage.topics.items())) or "no messages"
+        got = f"only {there}" if storage.topics else f"{there}{_because(storage)}"
+        raise RecordingError(path, f"a topic named {' or '.join(DECODERS)}", got)
+    if not namespace:
+        if len(machines) > 1:
+            shown = ", ".join(m or "/" for m in machines)
+            raise RecordingError(
+                path, "one machine, or a namespace to choose one (--namespace)", f"{shown}"
+            )
+        return Bag(storage, machines[0])
+    wanted = "/" + namespace.strip("/") if namespace.strip("/") else ""
+    if wanted not in machines:
+        shown = ", ".join(m or "/" for m in machines)
+        raise RecordingError(path, f"a machine under {wanted or '/'}", f"only {shown}")
+    return Bag(storage, wanted)
+
+
+def experiments(path: str | Path, namespace: str | None = None) -> Recorded:
+    """All experiments of one machine in a recording, in memory.
+
+    Raises:
+        RecordingError: as `read_bag`, or without experiments.
+        ExperimentError: a message that is no experiment.
+    """
+    bag = read_bag(path, namespace)
+    found = list(bag.experiments())
+    return Recorded(found, bag.notes)
+
+
+def _machines(topics: dict[str, str]) -> list[str]:
+    """Namespaces that hold experiments; without any, those that hold another of our topics."""
+    ours = [
+        t for t, kind in topics.items() if DECODERS.get(t.rpartition("/")[2], "")[:1] == (kind,)
+    ]
+    measured = [t for t in ours if t.endswith("/experiment")]
+    return sorted({t.rpartition("/")[0] for t in measured or ours})
+
+
+def _because(storage: Storage) -> str:
+    return f" ({'; '.join(storage.notes)})" if storage.notes else ""
+
+
+def _listed(items: list) -> str:
+    words = [
+        f"experiment {i}"
+        if isinstance(i, int)
+        else (f"experiment {i[0]}" if i[0] == i[1] else f"experiments {i[0]} to {i[1]}")
+        for i in items[:LISTED]
+    ]
+    more = len(items) - LISTED
+    return ", ".join(words) + (f" and {more} more" if more > 0 else "")

@@ -1,0 +1,161 @@
+"""The three message types of the contract, without ROS: classes, CDR bytes, schema texts, hashes.
+
+All of it comes from the `rosbags` library. The codec builds messages through a `Messages` table of
+constructors, so that the same code makes these here and real ROS messages in `ldt_ros`.
+"""
+
+from __future__ import annotations
+
+import functools
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+import msgs_config
+from ldt_core.errors import RecordingError
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+STRING = "std_msgs/msg/String"
+
+# What ROS 2 writes into a recording where a QoS profile states no time.
+UNLIMITED = {"sec": 9223372036, "nsec": 854775807}
+# Deepest problem types that a decoder meets in damaged bytes.
+_UNDECODABLE = (
+    struct.error,
+    ValueError,
+    IndexError,
+    KeyError,
+    TypeError,
+    AssertionError,
+    MemoryError,
+)
+
+
+@dataclass(frozen=True)
+class Messages:
+    """Constructors, by keyword, of the messages that the codec builds.
+
+    Args:
+        level: what `DiagnosticStatus.level` takes for a number (ROS wants one byte).
+        doubles: what `Float64MultiArray.data` takes for a float64 array.
+    """
+
+    Float64MultiArray: Callable[..., Any]
+    MultiArrayLayout: Callable[..., Any]
+    MultiArrayDimension: Callable[..., Any]
+    String: Callable[..., Any]
+    Header: Callable[..., Any]
+    Time: Callable[..., Any]
+    DiagnosticArray: Callable[..., Any]
+    DiagnosticStatus: Callable[..., Any]
+    KeyValue: Callable[..., Any]
+    level: Callable[[int], Any] = int
+    doubles: Callable[[Any], Any] = lambda array: array
+
+
+@functools.cache
+def typestore() -> Typestore:
+    """The standard messages of ROS 2 Jazzy; built once, since it takes 0.2 s."""
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+@functools.cache
+def standard() -> Messages:
+    """The messages that a recording is written from when there is no ROS."""
+    types = typestore().types
+    return Messages(
+        Float64MultiArray=types[MULTI_ARRAY],
+        MultiArrayLayout=types["std_msgs/msg/MultiArrayLayout"],
+        MultiArrayDimension=types["std_msgs/msg/MultiArrayDimension"],
+        String=types[STRING],
+        Header=types["std_msgs/msg/Header"],
+        Time=types["builtin_interfaces/msg/Time"],
+        DiagnosticArray=types[DIAGNOSTICS],
+        DiagnosticStatus=types["diagnostic_msgs/msg/DiagnosticStatus"],
+        KeyValue=types["diagnostic_msgs/msg/KeyValue"],
+    )
+
+
+def serialize(message: Any) -> bytes | memoryview:
+    """CDR bytes of one of the `standard` messages."""
+    return typestore().serialize_cdr(message, message.__msgtype__)
+
+
+def deserialize(data: bytes | memoryview, kind: str, where: str) -> Any:
+    """The message in CDR bytes.
+
+    Args:
+        data: CDR with its encapsulation header.
+        kind: message type, `package/msg/Name`.
+        where: what to call it in messages for people.
+
+    Raises:
+        RecordingError: an unknown type, or bytes that are no such message.
+    """
+    from rosbags.serde import SerdeError
+
+    if kind not in typestore().fielddefs:
+        raise RecordingError(where, "a standard ROS message type", kind)
+    try:
+        return typestore().deserialize_cdr(data, kind)
+    except (SerdeError, *_UNDECODABLE) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise RecordingError(where, f"a {kind} message", f"{len(data)} bytes: {reason}") from None
+
+
+@functools.cache
+def schema(kind: str, where: str = "message type") -> tuple[str, str]:
+    """(full ros2msg text, RIHS01 hash) of a standard message type.
+
+    Raises:
+        RecordingError: the type is not a standard one.
+    """
+    if kind not in typestore().fielddefs:
+        raise RecordingError(where, "a standard ROS message type", kind)
+    return typestore().generate_msgdef(kind, ros_version=2)[0], typestore().hash_rihs01(kind)
+
+
+def declaration(topic: str) -> dict[str, Any] | None:
+    """The entry of `topics.yaml` for an absolute or relative topic name, or None."""
+    topics = msgs_config.topics()
+    return topics.get(topic) or topics.get(topic.rpartition("/")[2])
+
+
+def offered_qos(topic: str) -> list[dict[str, Any]]:
+    """The QoS profile of a topic as rosbag2 stores it (metadata version 9)."""
+    declared = declaration(topic) or {"qos": "data"}
+    profile = msgs_config.qos_profiles()[declared["qos"]]
+    return [
+        {
+            "history": profile["history"],
+            "depth": profile["depth"],
+            "reliability": profile["reliability"],
+            "durability": profile["durability"],
+            "deadline": dict(UNLIMITED),
+            "lifespan": dict(UNLIMITED),
+            "liveliness": "automatic",
+            "liveliness_lease_duration": dict(UNLIMITED),
+            "avoid_ros_namespace_conventions": False,
+        }
+    ]
+
+
+class _Plain(yaml.SafeDumper):
+    """YAML without anchors, which few readers of bag metadata expect."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def dump(data: Any) -> str:
+    """YAML as rosbag2 writes it: block style, keys in their order."""
+    return yaml.dump(data, Dumper=_Plain, sort_keys=False, allow_unicode=True)
