@@ -1,6 +1,20 @@
 """Detectors of drift between prediction and measurement, one algorithm a file."""
 
+from __future__ import annotations
+
+import contextlib
+import inspect
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+import msgs_config
+from ldt_core.errors import OptionError, did_you_mean
 from ldt_core.registry import Registry
+
+if TYPE_CHECKING:
+    from ldt_core.detectors.base import Detector
 
 DETECTORS = Registry(
     "detector",
@@ -9,6 +23,59 @@ DETECTORS = Registry(
         "lddm": "ldt_core.detectors.lddm:LDDM",
         "window": "ldt_core.detectors.window:Window",
         "never": "ldt_core.detectors.never:Never",
+        "river": "ldt_core.detectors.river_adapter:River",
     },
     "ldt.detector",
 )
+
+
+def build_detector(name: str, settings: Mapping[str, Any]) -> Detector:
+    """The detector of that name, fresh, with the settings that its constructor names.
+
+    Args:
+        name: of `DETECTORS`, or `path/to/file.py:Name`.
+        settings: parameters of the group detector (`parameters.yaml`); the rest is not looked at.
+            `detector_argument` holds entries "NAME=VALUE" for arguments without a parameter.
+
+    Raises:
+        OptionError: an unknown detector or argument, or a value that the constructor refuses.
+    """
+    from ldt_core.detectors.base import Detector
+
+    kind = DETECTORS.get(name)
+    if not (isinstance(kind, type) and issubclass(kind, Detector)):
+        raise OptionError(f"detector {name}", "a subclass of Detector", repr(kind))
+    signature = inspect.signature(kind).parameters.values()
+    named = [p.name for p in signature if p.kind is not p.VAR_KEYWORD]
+    open_ended = len(named) < len(signature)
+    declared = msgs_config.parameters("detector")
+    arguments = {n: settings[n] for n in named if n in declared and n in settings}
+    for entry in settings.get("detector_argument", ()):
+        argument, value = _parse(entry)
+        if argument not in named and not open_ended:
+            known = did_you_mean(argument, named) if named else "none at all"
+            raise OptionError(f"argument of detector {name}", known, repr(argument))
+        arguments[argument] = value
+    try:
+        return kind(**arguments)
+    except (TypeError, ValueError) as error:
+        got = f"{arguments} ({error})"
+        raise OptionError(f"detector {name}", "arguments that it takes", got) from error
+
+
+def _parse(entry: str) -> tuple[str, Any]:
+    """("NAME", value) of one entry "NAME=VALUE"; the value is a YAML scalar."""
+    name, equals, text = entry.partition("=")
+    if not (equals and name.strip().isidentifier()):
+        raise OptionError("detector_argument", "NAME=VALUE", repr(entry))
+    try:
+        value = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError):
+        value = [text]  # refused below
+    if isinstance(value, str):
+        with contextlib.suppress(ValueError):
+            value = float(value)  # YAML 1.1 reads 1e-3 as text, which people write all the same
+    if not isinstance(value, str | int | float | bool | None):
+        expected = "a number, a word, true, false or null after ="
+        raise OptionError("detector_argument", expected, repr(entry))
+    return name.strip(), value

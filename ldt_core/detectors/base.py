@@ -3,31 +3,45 @@
 from __future__ import annotations
 
 import abc
+import copy
 import inspect
+import json
 from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+import msgs_config
 from ldt_core.errors import OptionError
 from ldt_core.experiment import Level, Samples
+from ldt_core.settings import check
 
 
 class Detector(abc.ABC):
     """A drift detector that is updated once per experiment (paper, eq. 4).
 
-    The constructor stores its arguments under their own names, checks them, and calls `reset`;
-    all that changes afterwards is in `state()`, plain JSON. As in river, `update` returns nothing,
-    `drift_detected` and `warning_detected` hold for the last update, and a detector that detected a
-    drift starts anew by itself at the next update.
+    To write one: the constructor stores its arguments under their own names, checks them, and calls
+    `reset`; `reset` calls the base's and sets all that changes, in JSON types (what is derived from
+    it goes under a leading underscore); `judge` answers to one experiment. Then
+    `ldt_core.checks.check_detector` tells whether it keeps the promises of this class.
+
+    As in river, `update` returns nothing, `drift_detected` and `warning_detected` hold for the last
+    update, and a detector that detected a drift starts anew by itself at the next update.
     """
 
     name: ClassVar[str]
+    #: Whether it can answer with a warning.
+    warns: ClassVar[bool] = True
+    #: Whether the order of the samples inside an experiment does not matter to it.
+    order_free: ClassVar[bool] = False
+    #: Answer to the last experiment.
+    signal: Level
 
     @abc.abstractmethod
     def reset(self) -> None:
         """Forget everything seen."""
+        self.signal = Level.NEGATIVE
 
     @abc.abstractmethod
     def judge(self, residual: Samples, deviation: Samples | None) -> Level:
@@ -46,18 +60,20 @@ class Detector(abc.ABC):
             deviation: (L,) the model's own predictive standard deviation [rad/s], or None.
 
         Raises:
-            ValueError: residuals that are empty or not finite.
+            ValueError: residuals that are empty or not finite, or deviations of another shape.
         """
         row = np.atleast_1d(np.asarray(residual, dtype=np.float64))
-        if row.ndim != 1 or row.size == 0 or not np.isfinite(row).all():
-            raise ValueError(f"residual: expected a finite row of samples, got shape {row.shape}")
+        if row.ndim != 1 or row.size == 0:
+            raise ValueError(f"residual: expected a row of samples, got shape {row.shape}")
+        if not np.isfinite(row).all():
+            at = int(np.argmin(np.isfinite(row)))
+            raise ValueError(f"residual: expected finite samples, got {row[at]} at sample {at}")
         spread = None if deviation is None else np.atleast_1d(np.asarray(deviation, np.float64))
+        if spread is not None and spread.shape != row.shape:
+            raise ValueError(f"deviation: expected shape {row.shape}, got {spread.shape}")
         if self.signal is Level.POSITIVE:
             self.reset()
-        self.signal = self.judge(row, spread)
-
-    #: Answer to the last experiment.
-    signal: Level = Level.NEGATIVE
+        self.signal = Level(self.judge(row, spread))
 
     @property
     def drift_detected(self) -> bool:
@@ -81,22 +97,53 @@ class Detector(abc.ABC):
 
     def state(self) -> dict[str, Any]:
         """All that changes, in JSON types; `restore` takes it back."""
-        changing = {k: v for k, v in vars(self).items() if k not in self.arguments}
-        return {k: int(v) if isinstance(v, Level) else v for k, v in changing.items()}
+        fixed = self.arguments
+        changing = {k: v for k, v in vars(self).items() if k not in fixed and k[0] != "_"}
+        return copy.deepcopy({**changing, "signal": int(self.signal)})
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from a state saved earlier.
+        """Go on from a state saved earlier by a detector with the same arguments.
 
         Raises:
-            OptionError: the state is not this detector's.
+            OptionError: the state is not this detector's; the detector then has seen nothing.
         """
         self.reset()
-        own = set(self.state()) | {"signal"}
-        if not set(state) <= own:
-            raise OptionError(f"state of {self.name}", f"keys {sorted(own)}", sorted(state))
+        where, own = f"state of detector {self.name}", self.state()
+        if not isinstance(state, Mapping) or set(state) != set(own):
+            got = sorted(state) if isinstance(state, Mapping) else type(state).__name__
+            raise OptionError(where, f"the keys {sorted(own)}", got)
         for key, value in state.items():
-            setattr(self, key, Level(value) if key == "signal" else value)
+            if not _fits(value, own[key]):
+                raise OptionError(f"{where}, {key}", f"the like of {own[key]!r}", repr(value))
+        if state["signal"] not in list(Level):
+            raise OptionError(f"{where}, signal", "-1, 0 or 1", state["signal"])
+        for key, value in state.items():
+            setattr(self, key, Level(value) if key == "signal" else copy.deepcopy(value))
 
     def __repr__(self) -> str:
         listed = ", ".join(f"{k}={v!r}" for k, v in self.arguments.items())
         return f"{type(self).__name__}({listed})"
+
+
+def declared(name: str, value: Any) -> Any:
+    """A constructor argument, checked by its declaration in `parameters.yaml`.
+
+    Raises:
+        OptionError: a wrong type, or a value outside the declared range.
+    """
+    return check(name, value, msgs_config.parameters("detector")[name])
+
+
+def _fits(value: Any, fresh: Any) -> bool:
+    """Whether a stored value is finite JSON of the kind a fresh detector has there."""
+    try:
+        json.dumps(value, allow_nan=False)
+    except (TypeError, ValueError, RecursionError):
+        return False
+    if fresh is None:  # not known yet: a number, once it is
+        return value is None or _kind(value) is float
+    return _kind(value) is _kind(fresh)
+
+
+def _kind(value: Any) -> type:
+    return float if type(value) in (int, float) else type(value)
