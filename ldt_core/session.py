@@ -11,7 +11,7 @@ from ldt_core.errors import ExperimentError
 from ldt_core.experiment import Experiment, Step
 from ldt_core.machine import Machine
 from ldt_core.metrics import Summary
-from ldt_core.recording.bag import BagWriter
+from ldt_core.recording.writer import BagWriter
 from ldt_core.twin import Twin
 
 RECORDINGS = Path("ldt_recordings")
@@ -50,6 +50,7 @@ def run(
         BadInput: settings, machine or bag that cannot be used.
     """
     twin = Twin(machine, settings)
+    untrained = twin.model.record()
     summary = Summary()
 
     def rejected(error: ExperimentError) -> None:
@@ -63,8 +64,7 @@ def run(
     with BagWriter(bag, namespace=namespace, machine=machine.name) as writer:
         for index, step in enumerate(twin.steps(experiments, rejected)):
             if index == 0:
-                first = twin.adaptor.initial.record()
-                writer.write("model", first, step.experiment.end)
+                writer.write("model", untrained, step.experiment.start)
             write_step(writer, step)
             summary.add(step)
             on_step(step)

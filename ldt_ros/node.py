@@ -86,6 +86,11 @@ class TwinNode(Node):
         """Finish work before the node is destroyed."""
 
     @property
+    def done(self) -> bool:
+        """Whether the node has finished, and others have had time to hear it."""
+        return self.finished and time.monotonic() - self._told_at > HEALTH_PERIOD / 2
+
+    @property
     def ready(self) -> bool:
         """Whether every topic has met the peers that the graph has for it."""
         peers = set(self.settings["graph"])

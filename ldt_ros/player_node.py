@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ldt_core.experiment import Experiment
-from ldt_core.recording.bag import read_experiments
+from ldt_core.recording.bag import read_bag
 from ldt_ros.source import SourceNode
 
 
@@ -15,9 +15,9 @@ class PlayerNode(SourceNode):
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("player", "machine", "player", **node_arguments)
-        self._experiments: Iterator[Experiment] = iter(
-            read_experiments(self.settings["play"], self.settings["play_namespace"])
-        )
+        self._experiments: Iterator[Experiment] = read_bag(
+            self.settings["play"], self.settings["play_namespace"]
+        ).experiments()
 
     def fetch(self) -> Experiment | None:
         """The next experiment of the recording."""

@@ -16,6 +16,7 @@ import sys
 import time
 from collections.abc import Callable
 from types import FrameType
+from typing import Any
 
 from ldt_core.errors import LdtError
 from ldt_ros.environment import prepare
@@ -82,7 +83,7 @@ def host(roles: list[str], ros_arguments: list[str], stopped: Callable[[], bool]
             nodes.append(node)
             executor.add_node(node)
         # EventsExecutor.spin() does not return on these wheels; spin_once does.
-        while not stopped():
+        while not (stopped() or _all_done(nodes)):
             executor.spin_once(timeout_sec=SPIN)
         for node in nodes:
             node.halt()
@@ -95,6 +96,11 @@ def host(roles: list[str], ros_arguments: list[str], stopped: Callable[[], bool]
             node.close()
             node.destroy_node()
         rclpy.try_shutdown()
+
+
+def _all_done(nodes: list[Any]) -> bool:
+    """Whether every node has told that it is finished; a node with more to do never is."""
+    return all(node.done for node in nodes)
 
 
 def _single(role: str) -> Callable[[], None]:

@@ -7,10 +7,11 @@ from functools import partial
 from typing import Any
 
 import msgs_config
-from ldt_core.recording.bag import BagWriter
+from ldt_core.machine import load_machine
+from ldt_core.recording.writer import BagWriter
+from ldt_core.session import new_recording
 from ldt_ros.node import TwinNode
 
-FLUSH_PERIOD = 0.5  # s, what a crash can cost at most
 QUIET = 0.2  # s without a message after which nothing more is under way, at the end of a run
 PATIENCE = 3.0  # s that the end of a run waits for quiet at most
 
@@ -20,25 +21,29 @@ class RecorderNode(TwinNode):
 
     | received | what happens |
     |---|---|
-    | any recorded topic | written with the time it arrived; flushed every 0.5 s |
+    | any recorded topic | written with the time it arrived; kept at most 0.25 s |
     | a write fails (disk full) | counted, logged once; what was written stays readable; the twin goes on |
     """
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("recorder", "machine", "recorder", **node_arguments)
-        self._writer = BagWriter(self.settings["bag"])
+        machine = load_machine(self.settings["machine"]).name
+        bag = self.settings["bag"] or new_recording(machine)
+        recorded = {
+            topic: (self.resolve_topic_name(topic), declaration["type"])
+            for topic, declaration in msgs_config.topics().items()
+            if declaration["recorded"]
+        }
+        names = tuple(name for name, _ in recorded.values())
+        self._writer = BagWriter(bag, machine=machine, topics=names)
         self._last = 0.0
-        self._written = 0
-        for topic, declaration in msgs_config.topics().items():
-            if declaration["recorded"]:
-                name = self.resolve_topic_name(topic)
-                self._writer.declare(name, topic)
-                self.listens(topic, partial(self._write, name), raw=True)
-        self.create_timer(FLUSH_PERIOD, self._writer.flush)
+        for topic, (name, kind) in recorded.items():
+            self.listens(topic, partial(self._write, name, kind), raw=True)
 
     def health(self) -> dict[str, Any]:
         """Messages written."""
-        return {"written": self._written, "bag": self.settings["bag"]}
+        written = sum(self._writer.counts.values())
+        return {"written": written, "bag": str(self._writer.path)}
 
     #: How long a process waits for `quiet` when it is told to stop [s].
     patience = PATIENCE
@@ -52,8 +57,7 @@ class RecorderNode(TwinNode):
         """Finish the recording."""
         self._writer.close()
 
-    def _write(self, name: str, data: bytes) -> None:
+    def _write(self, name: str, kind: str, data: bytes) -> None:
         if name != "/diagnostics":
             self._last = time.monotonic()
-        self._writer.write_raw(name, data, time.time_ns())
-        self._written += 1
+        self._writer.write_raw(name, kind, data, time.time_ns())

@@ -229,6 +229,8 @@ class Graph:
     def _notice_deaths(self) -> None:
         for child in self.supervisor.dead():
             code = child.process.returncode
+            if code == 0 and child.name in ("plant", "player"):
+                continue  # a source ends by itself after its last experiment
             words = child.last_words()
             if code == BadInput.exit_code:
                 _, _, sentence = words.partition(": ")

@@ -34,8 +34,8 @@ def command(
 
     Example: ldt import motor.csv --voltage u --speed n:rpm --time t --length 2 --out motor
     """
-    from ldt_core.recording.bag import BagWriter
     from ldt_core.recording.importers import import_file
+    from ldt_core.recording.writer import BagWriter
 
     imported = import_file(
         file,

@@ -33,18 +33,21 @@ def command(
     from ldt_core.machine import load_machine
     from ldt_core.metrics import FreeRunError
     from ldt_core.models.physics import PhysicsModel
-    from ldt_core.recording.bag import BagWriter, read_experiments
+    from ldt_core.recording.bag import read_bag
+    from ldt_core.recording.writer import BagWriter
 
     machine = load_machine(settings["machine"])
     model = PhysicsModel(machine)
     error = FreeRunError()
-    experiments = read_experiments(recording, namespace)
+    played = read_bag(recording, namespace)
     with BagWriter(out, namespace=namespace, machine=machine.name) as writer:
-        for experiment in track(experiments, "predicting"):
+        for experiment in track(played.experiments(), "predicting"):
             machine.check(experiment)
             prediction = model.predict(experiment)
             writer.write("prediction", prediction, experiment.end)
             error.add(prediction.residual(experiment))
+    for note in played.notes:
+        click.echo(note, err=True)
     if as_json:
         click.echo(json.dumps({**error.as_dict(), "recording": out}))
     else:

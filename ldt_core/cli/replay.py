@@ -31,13 +31,15 @@ def command(
     from ldt_core import session
     from ldt_core.machine import load_machine
     from ldt_core.pace import paced, parse_rate
-    from ldt_core.recording.bag import read_experiments
+    from ldt_core.recording.bag import read_bag
 
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
-    experiments = paced(read_experiments(recording, namespace), rate)
+    played = read_bag(recording, namespace)
+    experiments = paced(played.experiments(), rate)
     with RunProgress({machine.name: None}) as progress:
         summary = session.run(
             machine, settings, experiments, out, lambda step: progress.show(machine.name, step)
         )
+    summary.note(*played.notes)
     print_summaries([(machine.name, summary, out)], settings, as_json)

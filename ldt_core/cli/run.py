@@ -23,12 +23,13 @@ def command(settings: dict[str, Any], given: set[str], no_bag: bool, as_json: bo
     from ldt_core.machine import load_machine
     from ldt_core.pace import paced, parse_rate
     from ldt_core.physics.plant import Plant
-    from ldt_core.recording.bag import read_experiments
+    from ldt_core.recording.bag import read_bag
 
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
     if settings["play"]:
-        experiments, total = read_experiments(settings["play"], settings["play_namespace"]), None
+        played = read_bag(settings["play"], settings["play_namespace"])
+        experiments, total = played.experiments(), None
     else:
         plant = Plant.from_settings(machine, settings)
         total = settings["experiments"]
@@ -42,4 +43,6 @@ def command(settings: dict[str, Any], given: set[str], no_bag: bool, as_json: bo
             bag,
             lambda step: progress.show(machine.name, step),
         )
+    if settings["play"]:
+        summary.note(*played.notes)
     print_summaries([(machine.name, summary, str(bag or ""))], settings, as_json)
