@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from ldt_core.experiment import Action, Adaptation, Level, Signal, Step
+import numpy as np
+
+from ldt_core.experiment import Action, Adaptation, Level, Samples, Signal, Step
 
 #: "Within the next five experiments after the drift" (paper, section 4). A drift at i means that
 #: experiment i is the first with the new value, so the drift took place before it, and the five are
@@ -28,6 +32,19 @@ class Summary:
         self._signals: Counter[Level] = Counter()
         self._actions: Counter[Action] = Counter()
         self.model_version = 0
+        self.rejected = 0
+        #: What a person should know beside the figures, a sentence each.
+        self.notes: list[str] = []
+
+    def note(self, *sentences: str) -> None:
+        """Add what a person should know."""
+        self.notes += [s for s in sentences if s not in self.notes]
+
+    def reject(self, sentence: str) -> None:
+        """Count an experiment that could not be used; the first says why."""
+        if not self.rejected:
+            self.note(f"rejected {sentence}")
+        self.rejected += 1
 
     def add(self, step: Step) -> None:
         """Take in one turn of the loop."""
@@ -96,8 +113,8 @@ class Summary:
         """Positives without a new model."""
         return self._actions[Action.REFUSED]
 
-    def as_dict(self) -> dict[str, float | None]:
-        """All figures by name, in the order in which to show them."""
+    def as_dict(self) -> dict[str, Any]:
+        """All figures and notes by name."""
         return {
             "experiments": self.experiments,
             "mme": self.mme,
@@ -108,6 +125,65 @@ class Summary:
             "adaptations": self.adaptations,
             "refusals": self.refusals,
             "model_version": self.model_version,
+            "rejected": self.rejected,
+            "notes": list(self.notes),
+        }
+
+    def rows(self) -> list[tuple[str, str]]:
+        """(label, figure) for a table, in the order in which to show them."""
+        return [
+            ("experiments", str(self.experiments)),
+            ("MME of the learning twin [rad/s]", _figure(self.mme)),
+            ("MME of the original model [rad/s]", _figure(self.mme_original)),
+            ("signals: negative", str(self.negatives)),
+            ("signals: warning", str(self.warnings)),
+            ("signals: positive", str(self.positives)),
+            ("adaptations", str(self.adaptations)),
+            ("re-trained models refused", str(self.refusals)),
+            ("experiments rejected", str(self.rejected)),
+        ]
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+class FreeRunError:
+    """Errors of free runs over several experiments.
+
+    Attributes:
+        experiments: how many.
+    """
+
+    def __init__(self) -> None:
+        self.experiments = 0
+        self._squares = 0.0
+        self._samples = 0
+        self._maxima = 0.0
+
+    def add(self, residual: Samples) -> None:
+        """Take in the residual of one experiment, (L,) [rad/s]."""
+        self.experiments += 1
+        self._squares += float(np.sum(residual**2))
+        self._samples += residual.size
+        self._maxima += float(np.abs(residual).max())
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square over all samples [rad/s]."""
+        return math.sqrt(self._squares / self._samples)
+
+    @property
+    def mean_max_error(self) -> float:
+        """Mean over experiments of the maximum error [rad/s]."""
+        return self._maxima / self.experiments
+
+    def as_dict(self) -> dict[str, float]:
+        """All figures by name."""
+        return {
+            "experiments": self.experiments,
+            "rmse": self.rmse,
+            "mean_max_error": self.mean_max_error,
         }
 
 
