@@ -23,10 +23,11 @@ if TYPE_CHECKING:
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 STRING = "std_msgs/msg/String"
+SHOWN = 60  # characters of a foreign value that a sentence quotes
 
 # What ROS 2 writes into a recording where a QoS profile states no time.
 UNLIMITED = {"sec": 9223372036, "nsec": 854775807}
-# Deepest problem types that a decoder meets in damaged bytes.
+# Problem types that a decoder meets in damaged bytes.
 _UNDECODABLE = (
     struct.error,
     ValueError,
@@ -147,6 +148,12 @@ def offered_qos(topic: str) -> list[dict[str, Any]]:
             "avoid_ros_namespace_conventions": False,
         }
     ]
+
+
+def quoted(value: Any) -> str:
+    """A foreign value as a sentence quotes it, shortened."""
+    text = repr(value)
+    return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
 
 
 class _Plain(yaml.SafeDumper):

@@ -1,0 +1,121 @@
+"""Experiment and Prediction ↔ std_msgs/msg/Float64MultiArray (contract, "Topics")."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ldt_core.errors import ExperimentError
+from ldt_core.experiment import Experiment, Prediction, Samples
+from ldt_core.recording.messages import Messages, quoted
+
+SAMPLE = "sample"  # label of dim[0]
+EXPERIMENT_HEAD = ("experiment number", "start time", "sample period")
+PREDICTION_HEAD = (*EXPERIMENT_HEAD, "model version")
+
+
+def encode_experiment(record: Experiment, make: Messages) -> Any:
+    """The Float64MultiArray of an experiment."""
+    columns = {"voltage": record.voltage, "speed": record.speed}
+    if record.current is not None:
+        columns["current"] = record.current
+    return _array((record.number, record.start, record.period), columns, make)
+
+
+def encode_prediction(record: Prediction, make: Messages) -> Any:
+    """The Float64MultiArray of a prediction."""
+    columns = {"speed": record.speed}
+    if record.speed_std is not None:
+        columns["speed_std"] = record.speed_std
+    head = (record.number, record.start, record.period, record.model_version)
+    return _array(head, columns, make)
+
+
+def _array(head: Sequence[float], columns: Mapping[str, Samples], make: Messages) -> Any:
+    width, length = len(columns), len(next(iter(columns.values())))
+    data = np.empty(len(head) + length * width)
+    data[: len(head)] = head
+    body = data[len(head) :].reshape(length, width)
+    for index, column in enumerate(columns.values()):
+        body[:, index] = column
+    size = make.MultiArrayDimension
+    return make.Float64MultiArray(
+        layout=make.MultiArrayLayout(
+            dim=[
+                size(label=SAMPLE, size=length, stride=length * width),
+                size(label=",".join(columns), size=width, stride=width),
+            ],
+            data_offset=len(head),
+        ),
+        data=make.doubles(data),
+    )
+
+
+def decode_experiment(where: str, message: Any) -> Experiment:
+    """The experiment in a Float64MultiArray; ExperimentError when it is none."""
+    head, columns = _table(where, message, EXPERIMENT_HEAD, ("voltage", "speed"))
+    return _checked(
+        where,
+        lambda: Experiment(*head, columns["voltage"], columns["speed"], columns.get("current")),
+    )
+
+
+def decode_prediction(where: str, message: Any) -> Prediction:
+    """The prediction in a Float64MultiArray; ExperimentError when it is none."""
+    head, columns = _table(where, message, PREDICTION_HEAD, ("speed",))
+    return _checked(where, lambda: Prediction(*head, columns["speed"], columns.get("speed_std")))
+
+
+def _checked(where: str, make: Callable[[], Any]) -> Any:
+    try:
+        return make()
+    except ExperimentError as error:
+        raise ExperimentError(f"{where}, {error.where}", error.expected, error.got) from None
+
+
+def _table(
+    where: str, message: Any, head: tuple[str, ...], needed: tuple[str, ...]
+) -> tuple[list[float], dict[str, Samples]]:
+    """(numbers before the samples, channel → samples); channels in any order, more than needed."""
+    dims = message.layout.dim
+    if len(dims) != 2:
+        raise ExperimentError(f"{where}, layout.dim", "two dimensions", len(dims))
+    rows, channels = dims
+    _equal(f"{where}, layout.dim[0].label", SAMPLE, rows.label)
+    names = [name.strip() for name in str(channels.label).split(",")]
+    for name in needed:
+        if names.count(name) == 0:
+            label = f"the channels {','.join(needed)}, separated by commas"
+            raise ExperimentError(f"{where}, layout.dim[1].label", label, quoted(channels.label))
+    if len(set(names)) < len(names):
+        raise ExperimentError(
+            f"{where}, layout.dim[1].label", "each channel once", quoted(channels.label)
+        )
+    length, width, offset = int(rows.size), len(names), len(head)
+    if length < 1:
+        raise ExperimentError(f"{where}, layout.dim[0].size", "one sample or more", length)
+    _equal(f"{where}, layout.dim[1].size", width, channels.size)
+    _equal(f"{where}, layout.dim[1].stride", width, channels.stride)
+    _equal(f"{where}, layout.dim[0].stride", length * width, rows.stride)
+    _equal(f"{where}, layout.data_offset", offset, message.layout.data_offset)
+    data = np.asarray(message.data, dtype=np.float64)
+    if data.shape != (offset + length * width,):
+        raise ExperimentError(
+            f"{where}, data",
+            f"{offset} + {length} x {width} = {offset + length * width} numbers",
+            data.size,
+        )
+    numbers = data[:offset].tolist()
+    for name, number in zip(head, numbers, strict=True):
+        if not math.isfinite(number):
+            raise ExperimentError(f"{where}, {name}", "a finite number", number)
+    body = data[offset:].reshape(length, width)
+    return numbers, {name: body[:, index] for index, name in enumerate(names)}
+
+
+def _equal(where: str, expected: Any, got: Any) -> None:
+    if got != expected:
+        raise ExperimentError(where, repr(expected), quoted(got))

@@ -1,0 +1,167 @@
+"""Signal and Adaptation ↔ diagnostic_msgs/msg/DiagnosticArray (contract, "Topics").
+
+Numbers are written with `repr` and come back bit-equal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from ldt_core.errors import ExperimentError, RecordingError, did_you_mean
+from ldt_core.experiment import Action, Adaptation, Level, Signal
+from ldt_core.recording.messages import Messages, quoted
+
+OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs/msg/DiagnosticStatus
+SIGNAL_LEVELS = {Level.NEGATIVE: OK, Level.WARNING: WARN, Level.POSITIVE: ERROR}
+# A machine whose new model was refused, or that gave a warning, deserves a look.
+ACTION_LEVELS = {Action.KEPT: OK, Action.STORED: WARN, Action.ADAPTED: OK, Action.REFUSED: WARN}
+SIGNAL_KEYS = ("experiment", "detector", "model_version", "max_error")
+ADAPTATION_KEYS = ("experiment", "model_version", "reason")
+LAST_SECOND = 2**31 - 1  # builtin_interfaces/msg/Time counts seconds in 32 bits, to 2038
+
+
+def encode_signal(record: Signal, make: Messages, machine: str, time: float) -> Any:
+    """The DiagnosticArray of a signal; see `codec.encode`."""
+    values = {
+        "experiment": str(record.experiment),
+        "detector": record.detector,
+        "model_version": str(record.model_version),
+        "max_error": repr(float(record.max_error)),
+    }
+    where = f"signal of detector {record.detector!r}, statistics"
+    _add(where, values, record.statistics)
+    level = SIGNAL_LEVELS[record.level]
+    return _status(make, "detector", level, record.level.word, machine, time, values)
+
+
+def encode_adaptation(record: Adaptation, make: Messages, machine: str, time: float) -> Any:
+    """The DiagnosticArray of an adaptation; see `codec.encode`."""
+    values = {
+        "experiment": str(record.experiment),
+        "model_version": str(record.model_version),
+        "reason": record.reason,
+    }
+    _add("adaptation, details", values, record.details)
+    level = ACTION_LEVELS[record.action]
+    return _status(make, "adaptor", level, str(record.action), machine, time, values)
+
+
+def _add(where: str, values: dict[str, str], numbers: Mapping[str, float]) -> None:
+    for name, number in numbers.items():
+        if name in values:
+            raise ExperimentError(where, f"names other than {', '.join(values)}", repr(name))
+        values[name] = repr(float(number))
+
+
+def _status(
+    make: Messages,
+    name: str,
+    level: int,
+    word: str,
+    machine: str,
+    time: float,
+    values: Mapping[str, str],
+) -> Any:
+    return make.DiagnosticArray(
+        header=make.Header(stamp=stamp(time, make), frame_id=""),
+        status=[
+            make.DiagnosticStatus(
+                level=make.level(level),
+                name=name,
+                message=word,
+                hardware_id=machine,
+                values=[make.KeyValue(key=k, value=v) for k, v in values.items()],
+            )
+        ],
+    )
+
+
+def stamp(time: float, make: Messages) -> Any:
+    """A message's time; held at the ends of what 32 bits of seconds can say."""
+    nanoseconds = round(min(max(time, 0.0), float(LAST_SECOND)) * 1e9)
+    return make.Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+
+
+def decode_signal(where: str, message: Any) -> Signal:
+    """The signal in a DiagnosticArray; RecordingError when it is none."""
+    level, word, values = _read_status(where, message, SIGNAL_KEYS)
+    answers = {number: answer for answer, number in SIGNAL_LEVELS.items()}
+    if level not in answers:
+        raise RecordingError(f"{where}, level", "OK (0), WARN (1) or ERROR (2)", level)
+    if word != answers[level].word:
+        raise RecordingError(
+            f"{where}, message", f"{answers[level].word!r} at level {level}", quoted(word)
+        )
+    max_error = _real(f"{where}, max_error", values["max_error"])
+    if not (math.isfinite(max_error) and max_error >= 0):
+        raise RecordingError(f"{where}, max_error", "0 or more", values["max_error"])
+    return Signal(
+        _whole(f"{where}, experiment", values["experiment"], 1),
+        answers[level],
+        values["detector"],
+        _whole(f"{where}, model_version", values["model_version"], 0),
+        max_error,
+        _numbers(values, SIGNAL_KEYS),
+    )
+
+
+def decode_adaptation(where: str, message: Any) -> Adaptation:
+    """The adaptation in a DiagnosticArray; RecordingError when it is none."""
+    _, word, values = _read_status(where, message, ADAPTATION_KEYS)
+    actions = [str(action) for action in Action]
+    if word not in actions:
+        raise RecordingError(f"{where}, message", did_you_mean(word, actions), quoted(word))
+    return Adaptation(
+        _whole(f"{where}, experiment", values["experiment"], 1),
+        Action(word),
+        _whole(f"{where}, model_version", values["model_version"], 0),
+        values["reason"],
+        _numbers(values, ADAPTATION_KEYS),
+    )
+
+
+def _read_status(where: str, message: Any, needed: tuple[str, ...]) -> tuple[int, str, dict]:
+    if len(message.status) != 1:
+        raise RecordingError(f"{where}, status", "one status", len(message.status))
+    status = message.status[0]
+    values: dict[str, str] = {}
+    for pair in status.values:
+        if pair.key in values:
+            raise RecordingError(f"{where}, values", "each key once", f"{quoted(pair.key)} twice")
+        values[pair.key] = pair.value
+    for key in needed:
+        if key not in values:
+            raise RecordingError(f"{where}, values", f"the key {key!r}", f"only {sorted(values)}")
+    level = status.level
+    return int(level[0] if isinstance(level, bytes | bytearray) else level), status.message, values
+
+
+def _numbers(values: Mapping[str, str], known: tuple[str, ...]) -> dict[str, float]:
+    """The numbers among the further values; texts that others added are theirs."""
+    numbers = {}
+    for key, text in values.items():
+        if key not in known:
+            try:
+                numbers[key] = float(text)
+            except ValueError:
+                continue
+    return numbers
+
+
+def _real(where: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise RecordingError(where, "a number", quoted(text)) from None
+
+
+def _whole(where: str, text: str, least: int) -> int:
+    try:
+        number = int(text)
+    except ValueError:
+        number = least - 1
+    if number < least:
+        raise RecordingError(where, f"a whole number from {least}", quoted(text))
+    return number
