@@ -291,6 +291,8 @@ def _magic(file: Path) -> bytes:
     """
     with file.open("rb") as stream:
         start = stream.read(16)
+    if file.name.endswith(".db3.zstd"):
+        raise RecordingError(file, "an uncompressed SQLite file (zstd -d makes one)", "zstd")
     for magic in (MCAP_MAGIC, ZSTD_MAGIC, SQLITE_MAGIC):
         if start.startswith(magic):
             return magic

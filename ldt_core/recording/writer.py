@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
 
+import msgs_config
 from ldt_core.errors import LdtError, RecordingError, did_you_mean
 from ldt_core.recording.codec import Record, encode
 from ldt_core.recording.messages import declaration, dump, offered_qos, schema, serialize
@@ -23,7 +24,6 @@ from ldt_core.recording.storage import METADATA, PROFILE
 VERSION = 9  # of metadata.yaml, ROS 2 Jazzy's
 FLUSH_PERIOD = 0.25  # s; half of the 0.5 s that may be lost, to leave time for the flush itself
 LAST_NS = 2**63 - 1  # rosbag2 counts nanoseconds in 64 bits, to the year 2262
-RECORDS = ("Experiment", "Prediction", "Signal", "ModelRecord", "Adaptation")
 
 
 class _Channel:
@@ -98,7 +98,7 @@ class BagWriter:
             LdtError: the disk is full or failed; what was written stays readable.
         """
         message = record
-        if type(record).__name__ in RECORDS:
+        if isinstance(record, Record):
             message = encode(record, machine=self.machine, time=time_s)
         if not 0 <= time_s * 1e9 < LAST_NS:
             raise RecordingError(
@@ -149,7 +149,7 @@ class BagWriter:
         """Write the index and the final `metadata.yaml`; a second call does nothing.
 
         Raises:
-            LdtError: the disk is full or failed, and no `write` has said so yet.
+            LdtError: the disk is or was full or failed: the recording is incomplete.
         """
         if self._closed.is_set():
             return
@@ -206,7 +206,7 @@ class BagWriter:
         try:
             yield
         except OSError as error:
-            full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+            full = error.errno in (errno.ENOSPC, errno.EDQUOT)
             reason = "the disk is full" if full else (error.strerror or str(error))
             written = sum(c.count for c in self._channels.values())
             self._failure = LdtError(
@@ -226,8 +226,6 @@ class BagWriter:
     def _kind(self, topic: str) -> str:
         declared = declaration(topic)
         if declared is None:
-            import msgs_config
-
             raise RecordingError(
                 f"{self.path}, topic", did_you_mean(topic, msgs_config.topics()), topic
             )
@@ -281,6 +279,11 @@ class BagWriter:
         }
 
     def _write_metadata(self) -> None:
+        text = dump({"rosbag2_bagfile_information": self._information()})
         new = self.path / f".{METADATA}.new"
-        new.write_text(dump({"rosbag2_bagfile_information": self._information()}), encoding="utf-8")
-        os.replace(new, self.path / METADATA)  # a reader never meets half a file
+        try:
+            new.write_text(text, encoding="utf-8")
+            os.replace(new, self.path / METADATA)  # a reader never meets half a file
+        except OSError:
+            new.unlink(missing_ok=True)
+            raise
