@@ -94,8 +94,8 @@ class Physics(abc.ABC):
             values: the machine's parameters.
             voltage: (L,) [V], each held from its sample to the next.
             period: sample period [s].
-            initial: (n,) state at the first sample, effects' own states behind it if they are known
-                (else they are 0).
+            initial: (n,) state at the first sample, with the effects' own states behind it where a
+                simulation goes on from an earlier one.
             effects: acting effects; those on the measurement are ignored here, see `measure`.
 
         Returns:
@@ -110,19 +110,32 @@ class Physics(abc.ABC):
         for effect, given in effects:
             values = effect.change_parameters(self, values, given)
         times = np.arange(volts.size) * period
-        switches: tuple[Array, Array] | None = None
+        switches = times, volts
+        if any(effect.on_voltage is not None for effect, _ in effects):
+            switches = self._switches(values, times, volts, state, effects)
+        on_grid = np.array_equal(switches[0], times)
+        terms = [(e, p) for e, p in effects if e.torque is not None or e.terminal is not None]
+        if on_grid and not terms and self.is_linear(values):
+            ad, bd = _discretise(self, tuple(values[p.name] for p in self.parameters), period)
+            return propagate(ad, bd, switches[1], state[: len(self.states)])
+        return integrate(self, values, times, switches, state, terms)
+
+    def _switches(
+        self, values: Values, times: Array, volts: Array, state: Array, effects: Effects
+    ) -> tuple[Array, Array]:
+        """Times and levels of the voltage behind the effects on it.
+
+        What the supply gave before the first sample is not known. It is taken to be what keeps the
+        first state steady: nothing for a machine at rest.
+        """
+        before = values["R"] * state[2] + values["K_t"] * state[1]
+        at, levels = np.concatenate([[-np.inf], times]), np.concatenate([[before], volts])
         for effect, given in effects:
             if effect.on_voltage is not None:
-                at, levels = switches or (times, volts)
-                switches = effect.on_voltage(at, levels, **given)
-        terms = [(e, p) for e, p in effects if e.torque is not None or e.terminal is not None]
-        if switches is not None and np.array_equal(switches[0], times):
-            volts, switches = np.ascontiguousarray(switches[1]), None
-        if not terms and switches is None and self.is_linear(values):
-            n = len(self.states)
-            ad, bd = _discretise(self, tuple(values[p.name] for p in self.parameters), period)
-            return propagate(ad, bd, volts, state[:n])
-        return integrate(self, values, times, switches or (times, volts), state, terms)
+                at, levels = effect.on_voltage(at, levels, **given)
+        if np.array_equal(at[1:], times):  # back on the samples' grid, where linear is exact
+            at, levels = at[1:], levels[1:]
+        return at, np.ascontiguousarray(levels)
 
     def measure(self, states: Array, period: float, effects: Effects = ()) -> Array:
         """(L,) measured speed without noise [rad/s]: seen through the effects on the sensor."""

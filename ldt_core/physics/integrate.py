@@ -3,11 +3,7 @@
 One set of equations, the rotor's (see `rotor.py`), serves every machine: a motor alone is a rotor
 without unbalance, and skips the foundation. The classical fourth-order Runge-Kutta method runs with
 steps of fixed length between the switches of the voltage, so that no step ever crosses one: between
-switches the right-hand side is smooth and the order holds.
-
-Effects join as compiled terms of one signature each (`TERM`, `TERM_WITH_STATES`). The kernel takes
-them as tuples of function pointers of fixed length, so that it is compiled once, not once for each
-combination of effects.
+switches the right-hand side is smooth and the order holds. Effects join by `terms.py`.
 """
 
 from __future__ import annotations
@@ -17,10 +13,11 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 from numpy.typing import NDArray
 
 from ldt_core.errors import BadInput, LdtError
+from ldt_core.physics.terms import evaluate, gather
 
 if TYPE_CHECKING:
     from ldt_core.effects.base import Effect
@@ -32,13 +29,6 @@ MAX_STEP = 0.25e-3  # s; worst relative speed error 5e-6 over 300 random experim
 MAX_STEP_RATE = 1.0  # step times fastest rate: RK4 is stable to 2.8, and accurate well below
 MAX_STEPS = 2_000_000_000  # of one simulation: some minutes of computing; more is a mistake
 STATES = 7
-SLOTS = 4  # effect terms for which the kernel is compiled; more are possible, and compile anew
-
-_F, _P = types.float64, types.CPointer(types.float64)
-#: (t, theta, omega, current, voltage, p) -> N m or V
-TERM = _F(_F, _F, _F, _F, _F, _P)
-#: (t, theta, omega, current, voltage, state, rate, p) -> N m or V; writes the rates of its states
-TERM_WITH_STATES = _F(_F, _F, _F, _F, _F, _P, _P, _P)
 
 
 class Constants(NamedTuple):
@@ -140,6 +130,52 @@ def _run(edges, volts, steps, samples, start, c, rigid, states):  # pragma: no c
     return -1
 
 
+@njit(cache=True)
+def _run_with_terms(
+    edges, volts, steps, samples, start, c, rigid, states, terms
+):  # pragma: no cover - compiled
+    """As `_run`, with effects: their states are in columns 7 on of `states`, and in `start`."""
+    y = (start[0], start[1], start[2], start[3], start[4], start[5], start[6])
+    z = start[7:].copy()
+    moved = z.copy()
+    d1, d2, d3, d4 = z.copy(), z.copy(), z.copy(), z.copy()
+    for k in range(volts.size):
+        v = volts[k]
+        h = (edges[k + 1] - edges[k]) / steps[k]
+        for step in range(steps[k]):
+            t = edges[k] + step * h
+            torque, u = evaluate(terms, t, y, v, z, d1)
+            k1 = _rates(y, torque, u, c, rigid)
+            w = _moved(y, h / 2, k1)
+            for i in range(z.size):
+                moved[i] = z[i] + h / 2 * d1[i]
+            torque, u = evaluate(terms, t + h / 2, w, v, moved, d2)
+            k2 = _rates(w, torque, u, c, rigid)
+            w = _moved(y, h / 2, k2)
+            for i in range(z.size):
+                moved[i] = z[i] + h / 2 * d2[i]
+            torque, u = evaluate(terms, t + h / 2, w, v, moved, d3)
+            k3 = _rates(w, torque, u, c, rigid)
+            w = _moved(y, h, k3)
+            for i in range(z.size):
+                moved[i] = z[i] + h * d3[i]
+            torque, u = evaluate(terms, t + h, w, v, moved, d4)
+            k4 = _rates(w, torque, u, c, rigid)
+            y = _moved(y, h, _mean(k1, k2, k3, k4))
+            for i in range(z.size):
+                z[i] += h * (d1[i] + 2 * (d2[i] + d3[i]) + d4[i]) / 6
+        at = samples[k + 1]
+        if at >= 0:
+            for i in range(7):
+                states[at, i] = y[i]
+            for i in range(z.size):
+                states[at, 7 + i] = z[i]
+            total = y[0] + y[1] + y[2] + y[3] + y[4] + y[5] + y[6] + z.sum()
+            if not math.isfinite(total):
+                return at
+    return -1
+
+
 def integrate(
     physics: Physics,
     values: Mapping[str, float],
@@ -155,8 +191,8 @@ def integrate(
         physics: whose constants and rates to take.
         values: the machine's parameters, effects on them included.
         times: (L,) sample times from 0 [s].
-        switches: (S,) increasing times [s], the first at most 0, and (S,) levels [V]: each level
-            holds from its time to the next.
+        switches: (S,) increasing times [s], the first at most 0 (-inf for a level that held before
+            the experiment), and (S,) levels [V]: each level holds from its time to the next.
         initial: (n,) state at time 0, effects' states behind it or left out (then 0).
         terms: effects with a torque or terminal term.
         max_step: longest step [s]; made shorter for a stiffer machine.
@@ -172,7 +208,7 @@ def integrate(
     c = physics.constants(values)
     rate = physics.rate(values, float(np.abs(levels).max()))
     for effect, given in terms:
-        rate = max(rate, effect.rate(values, given))
+        rate = max(rate, effect.rate(values, float(np.abs(levels).max()), given))
     step = min(max_step, MAX_STEP_RATE / rate)
     if times[-1] / step > MAX_STEPS:
         raise BadInput(
@@ -183,18 +219,25 @@ def integrate(
     edges, volts, samples = _edges(times, at, levels)
     steps = np.maximum(1, np.ceil(np.diff(edges) / step - 1e-9)).astype(np.int64)
     n = len(physics.states)
-    start = np.zeros(STATES)
-    start[:n] = initial[:n]
-    rigid = c.unbalance == 0 and not start[3:].any()
-    states = np.empty((times.size, STATES))
+    own = [s for effect, given in terms for s in effect.first_states(initial, given)]
+    if initial.size > n:
+        own = initial[n:]
+    start = np.zeros(STATES + len(own))
+    start[:n], start[STATES:] = initial[:n], own
+    rigid = bool(c.unbalance == 0 and not start[3:STATES].any())
+    states = np.empty((times.size, STATES + len(own)))
     states[0] = start
-    failed = _run(edges, volts, steps, samples, start, c, rigid, states)
+    if terms:
+        compiled = gather(terms, values)
+        failed = _run_with_terms(edges, volts, steps, samples, start, c, rigid, states, compiled)
+    else:
+        failed = _run(edges, volts, steps, samples, start, c, rigid, states)
     if failed >= 0:
         raise LdtError(
             f"the simulation of {physics.name} diverged: its state is not finite "
             f"{times[failed]:g} s after the start"
         )
-    return states[:, :n]
+    return np.concatenate([states[:, :n], states[:, STATES:]], axis=1)
 
 
 def _edges(times: Array, at: Array, levels: Array) -> tuple[Array, Array, NDArray[np.int64]]:

@@ -1,0 +1,41 @@
+"""The rotor's eccentricity and what it shakes."""
+
+from __future__ import annotations
+
+from ldt_core.effects.base import Effect, factor_of
+from ldt_core.physics.parameter import Parameter
+
+
+def _axes(values, name, x, y):
+    return {**values, f"{name}_x": values[f"{name}_x"] * x, f"{name}_y": values[f"{name}_y"] * y}
+
+
+UNBALANCE = Effect(
+    name="unbalance",
+    description="the rotor's mass sits beside its axis and shakes the foundation (Sommerfeld)",
+    equation="e := e + increment",
+    parameters=(Parameter("e", "m", 0.0, default=0.0, description="increment of e", scale=0.008),),
+    typical={"e": 0.008},
+    on_parameters=lambda values, e: {**values, "e": values["e"] + e},
+    needs=("e",),
+)
+
+FOUNDATION_STIFFNESS = Effect(
+    name="foundation_stiffness",
+    description="foundation stiffer or softer than in the machine file; seen only with unbalance",
+    equation="K_x := x K_x, K_y := y K_y",
+    parameters=(factor_of("of K_x", "x"), factor_of("of K_y", "y")),
+    typical={"x": 0.8, "y": 0.8},
+    on_parameters=lambda values, x, y: _axes(values, "K", x, y),
+    needs=("K_x", "K_y"),
+)
+
+FOUNDATION_DAMPING = Effect(
+    name="foundation_damping",
+    description="foundation damped more or less than in the machine file; seen only with unbalance",
+    equation="R_x := x R_x, R_y := y R_y",
+    parameters=(factor_of("of R_x", "x"), factor_of("of R_y", "y")),
+    typical={"x": 2.0, "y": 2.0},
+    on_parameters=lambda values, x, y: _axes(values, "R", x, y),
+    needs=("R_x", "R_y"),
+)

@@ -1,0 +1,94 @@
+"""Friction and drag on the shaft."""
+
+from __future__ import annotations
+
+import math
+
+from ldt_core.effects.base import Effect, Values
+from ldt_core.physics.parameter import Parameter
+
+# Speed over which dry friction turns its sign [rad/s]. A jump at 0 would break the integrator's
+# order. A shaft that sticks creeps at a fraction of this instead, far below any sensor's noise.
+STICK_SPEED = 0.02
+
+
+def _dry_rate(values: Values, torque: float) -> float:
+    return torque / (values["J"] * STICK_SPEED)
+
+
+def _coulomb(t, theta, omega, current, voltage, p):
+    return -p[0] * math.tanh(omega / STICK_SPEED)
+
+
+def _stribeck(t, theta, omega, current, voltage, p):
+    level = p[0] + p[1] * math.exp(-((omega / p[2]) ** 2))
+    return -level * math.tanh(omega / STICK_SPEED)
+
+
+def _quadratic(t, theta, omega, current, voltage, p):
+    return -p[0] * omega * abs(omega)
+
+
+def _viscous(values, b):
+    return {**values, "b": values["b"] + b}
+
+
+COULOMB_FRICTION = Effect(
+    name="coulomb_friction",
+    description="dry friction of the same size at every speed",
+    equation="torque = -T sign(omega), the sign smoothed over 0.02 rad/s",
+    parameters=(
+        Parameter("torque", "N m", 0.0, default=0.0, description="friction torque T", scale=0.05),
+    ),
+    typical={"torque": 0.05},
+    torque=_coulomb,
+    needs=("J",),
+    fastest=lambda values, voltage, torque: _dry_rate(values, torque),
+)
+
+STRIBECK_FRICTION = Effect(
+    name="stribeck_friction",
+    description="dry friction that is larger near standstill",
+    equation="torque = -(T + T_s exp(-(omega / omega_s)^2)) sign(omega), smoothed over 0.02 rad/s",
+    parameters=(
+        Parameter("torque", "N m", 0.0, default=0.0, description="at high speed, T", scale=0.05),
+        Parameter("static", "N m", 0.0, default=0.0, description="more at 0, T_s", scale=0.05),
+        Parameter(
+            "velocity",
+            "rad/s",
+            0.1,  # slower than this it could not be told from the smoothed sign
+            default=5.0,
+            description="speed over which the excess fades, omega_s",
+            scale=5.0,
+        ),
+    ),
+    typical={"torque": 0.05, "static": 0.1, "velocity": 5.0},
+    torque=_stribeck,
+    needs=("J",),
+    fastest=lambda values, voltage, torque, static, velocity: _dry_rate(values, torque + static),
+    reference="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083",
+)
+
+VISCOUS_FRICTION = Effect(
+    name="viscous_friction",
+    description="viscous friction other than in the machine file (an increment: b may be 0 there)",
+    equation="b := b + increment, which must stay at least 0",
+    parameters=(Parameter("b", "N m s", default=0.0, description="increment of b", scale=0.005),),
+    typical={"b": 0.005},
+    on_parameters=_viscous,
+    needs=("b",),
+)
+
+QUADRATIC_DRAG = Effect(
+    name="quadratic_drag",
+    description="drag of a fan or a stirrer, with the square of the speed",
+    equation="torque = -c omega |omega|",
+    parameters=(
+        Parameter("c", "N m s^2", 0.0, default=0.0, description="coefficient", scale=2e-4),
+    ),
+    typical={"c": 2e-4},
+    torque=_quadratic,
+    needs=("J",),
+    # Twice the drag's slope at the no-load speed, since the slope is what a step must resolve.
+    fastest=lambda values, voltage, c: 2 * c * voltage / (values["K_t"] * values["J"]),
+)

@@ -1,0 +1,40 @@
+"""What the shaft carries."""
+
+from __future__ import annotations
+
+import math
+
+from ldt_core.effects.base import Effect
+from ldt_core.physics.parameter import Parameter
+
+
+def _constant(t, theta, omega, current, voltage, p):
+    return -p[0]
+
+
+def _gravity(t, theta, omega, current, voltage, p):
+    return -p[0] * math.cos(theta + p[1])
+
+
+CONSTANT_LOAD = Effect(
+    name="constant_load",
+    description="a hoist's load: pulls against positive rotation, also at rest",
+    equation="torque = -T",
+    parameters=(Parameter("torque", "N m", 0.0, default=0.0, description="load T", scale=0.05),),
+    typical={"torque": 0.05},
+    torque=_constant,
+)
+
+GRAVITY_IMBALANCE = Effect(
+    name="gravity_imbalance",
+    description="an eccentric mass on a horizontal shaft that weighs more than it shakes",
+    equation="torque = -T cos(theta + phi), T = m g e; theta counts from the experiment's start",
+    parameters=(
+        Parameter("torque", "N m", 0.0, default=0.0, description="amplitude T", scale=0.05),
+        Parameter("phase", "rad", -math.pi, math.pi, 0.0, "at the start, phi", scale=1.0),
+    ),
+    typical={"torque": 0.1},
+    torque=_gravity,
+    needs=("J",),
+    fastest=lambda values, voltage, torque, phase: math.sqrt(torque / values["J"]),
+)

@@ -1,0 +1,52 @@
+"""What the speed sensor makes of the speed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.signal import lfilter
+
+from ldt_core.effects.base import Array, Effect, factor_of
+from ldt_core.physics.parameter import Parameter
+
+
+def _lagging(speed: Array, period: float, time_constant: float) -> Array:
+    """Exact for a speed that is linear between samples; settled at the first one."""
+    if time_constant < period * 1e-6:  # the filter's formula cancels there, and does nothing
+        return speed
+    ratio = period / time_constant
+    decay = math.exp(-ratio)
+    gain = -math.expm1(-ratio) / ratio
+    now, before = 1.0 - gain, gain - decay
+    # The state that makes the output begin at the first speed, as of a sensor that has settled.
+    settled = np.array([before * speed[0] + decay * speed[0]])
+    return lfilter([now, before], [1.0, -decay], speed, zi=settled)[0]
+
+
+SENSOR_GAIN = Effect(
+    name="sensor_gain",
+    description="the sensor shows a multiple of the speed",
+    equation="measured = factor omega",
+    parameters=(factor_of("of the speed"),),
+    typical={"factor": 1.05},
+    on_measurement=lambda speed, period, factor: speed * factor,
+)
+
+SENSOR_BIAS = Effect(
+    name="sensor_bias",
+    description="the sensor is off by the same amount at every speed",
+    equation="measured = omega + bias",
+    parameters=(Parameter("bias", "rad/s", default=0.0, description="either sign", scale=1.0),),
+    typical={"bias": 1.0},
+    on_measurement=lambda speed, period, bias: speed + bias,
+)
+
+SENSOR_LAG = Effect(
+    name="sensor_lag",
+    description="the sensor is slow: a filter of first order, settled at the first sample",
+    equation="tau measured' = omega - measured",
+    parameters=(Parameter("time_constant", "s", 0.0, default=0.0, description="tau", scale=0.05),),
+    typical={"time_constant": 0.05},
+    on_measurement=_lagging,
+)

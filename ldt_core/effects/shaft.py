@@ -1,0 +1,95 @@
+"""Inertia, elasticity and the motor's own ripple."""
+
+from __future__ import annotations
+
+import math
+
+from ldt_core.effects.base import Effect, factor_of, scaled
+from ldt_core.physics.motor import fastest_root
+from ldt_core.physics.parameter import Parameter
+
+STEPS_PER_RADIAN = 4  # of the ripple: 25 steps a period
+
+
+def _cogging(t, theta, omega, current, voltage, p):
+    return -p[0] * math.sin(p[1] * theta + p[2])
+
+
+def _cogging_rate(values, voltage, torque, periods, phase):
+    ripple = STEPS_PER_RADIAN * periods * voltage / values["K_t"]
+    return max(ripple, math.sqrt(torque * periods / values["J"])) if torque > 0 else 0.0
+
+
+def _compliance(t, theta, omega, current, voltage, p, state, rate):
+    share, stiffness, damping, near = p[0], p[1], p[2], p[3]
+    if share == 0.0:
+        rate[0] = 0.0
+        rate[1] = 0.0
+        return 0.0
+    far = near * share / (1.0 - share)
+    moment = stiffness * (theta - state[0]) + damping * (omega - state[1])
+    rate[0] = state[1]
+    rate[1] = moment / far
+    return -moment
+
+
+def _compliance_rate(values, voltage, share, stiffness, damping):
+    relative = values["J"] * share  # near and far inertia in series, for the J of the near end
+    if share == 0.0:
+        return 0.0
+    return fastest_root(damping / relative, stiffness / relative)
+
+
+INERTIA = Effect(
+    name="inertia",
+    description="moment of inertia other than in the machine file",
+    equation="J := factor J",
+    parameters=(factor_of("of the moment of inertia"),),
+    typical={"factor": 1.3},
+    on_parameters=lambda values, factor: scaled(values, factor, "J"),
+    needs=("J",),
+)
+
+COGGING_TORQUE = Effect(
+    name="cogging_torque",
+    description="the motor's teeth hold on to its magnets",
+    equation="torque = -T sin(n theta + phi); theta counts from the start of the experiment",
+    parameters=(
+        Parameter("torque", "N m", 0.0, default=0.0, description="amplitude T", scale=0.05),
+        Parameter("periods", "", 1.0, 1000.0, 12.0, "periods a turn, n", scale=12.0),
+        Parameter("phase", "rad", -math.pi, math.pi, 0.0, "at the start, phi", scale=1.0),
+    ),
+    typical={"torque": 0.3, "periods": 6.0},
+    torque=_cogging,
+    needs=("J", "K_t"),
+    fastest=_cogging_rate,
+)
+
+TORSIONAL_COMPLIANCE = Effect(
+    name="torsional_compliance",
+    description="part of the inertia sits behind an elastic coupling (an eccentric mass does not)",
+    equation="J := (1 - s) J; torque = -M, s J omega_far' = M, "
+    "M = k (theta - theta_far) + d (omega - omega_far)",
+    parameters=(
+        Parameter("share", "", 0.0, 0.95, 0.0, "part of the inertia at the far end, s", scale=0.5),
+        Parameter(
+            "stiffness",
+            "N m/rad",
+            0.0,
+            default=2.0,
+            description="of the coupling, k",
+            open_low=True,
+            scale=2.0,
+        ),
+        Parameter(
+            "damping", "N m s/rad", 0.0, default=0.01, description="of the coupling, d", scale=0.01
+        ),
+    ),
+    typical={"share": 0.5},
+    on_parameters=lambda values, share, stiffness, damping: scaled(values, 1.0 - share, "J"),
+    torque=_compliance,
+    states=("theta_far", "omega_far"),
+    initial=lambda state, share, stiffness, damping: (state[0], state[1]),
+    needs=("J",),
+    fastest=_compliance_rate,
+)

@@ -1,0 +1,131 @@
+"""Effects' terms in the equations of motion, as machine code that the integrator calls by address.
+
+A term is a plain Python function of floats, compiled by itself. The kernel takes addresses, not
+functions, so that it is compiled once and serves every combination of effects, also of effects that
+did not exist when it was compiled.
+
+    term(t, theta, omega, current, voltage, p) -> N m or V
+    term(t, theta, omega, current, voltage, p, state, rate) -> N m or V, writes rate[:]
+
+in s, rad, rad/s, A, V. `p` holds the effect's parameters in their order, then the machine's that it
+`needs`; `state` and `rate` the effect's own states and their derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from llvmlite import ir
+from numba import cfunc, njit, types
+from numba.core.errors import NumbaError
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from ldt_core.errors import OptionError
+
+if TYPE_CHECKING:
+    from ldt_core.effects.base import Effect
+
+_F, _POINTER = types.float64, types.CPointer(types.float64)
+TERM = _F(_F, _F, _F, _F, _F, _POINTER)
+TERM_WITH_STATES = _F(_F, _F, _F, _F, _F, _POINTER, _POINTER, _POINTER)
+BYTES = 8  # of a float64
+
+
+class Terms(NamedTuple):
+    """All terms of one simulation, as the kernel takes them: arrays with one entry a term."""
+
+    address: NDArray[np.int64]
+    terminal: NDArray[np.bool_]  # a voltage, else a torque
+    stateful: NDArray[np.bool_]
+    first_parameter: NDArray[np.int64]
+    first_state: NDArray[np.int64]
+    parameters: NDArray[np.float64]
+
+
+def compile_term(where: str, function: Callable[..., float], stateful: bool) -> Any:
+    """The function as machine code with a C interface; keep it as long as its address is used.
+
+    Raises:
+        OptionError: numba cannot compile it.
+    """
+    signature = TERM_WITH_STATES if stateful else TERM
+    options = {"error_model": "numpy"}  # a division by zero gives inf, which the integrator reports
+    try:
+        try:
+            return cfunc(signature, cache=True, **options)(function)
+        except RuntimeError:  # a function without a file, typed at a prompt, cannot be cached
+            return cfunc(signature, **options)(function)
+    except (NumbaError, TypeError) as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise OptionError(
+            where, f"a function that numba compiles as {signature}", reason
+        ) from error
+
+
+def gather(
+    terms: Sequence[tuple[Effect, Mapping[str, float]]], values: Mapping[str, float]
+) -> Terms:
+    """The terms of these effects, for a machine with these parameters."""
+    parameters: list[float] = []
+    first_parameter, first_state, states = [], [], 0
+    for effect, given in terms:
+        first_parameter.append(len(parameters))
+        first_state.append(states)
+        parameters += [given[p.name] for p in effect.parameters]
+        parameters += [values[name] for name in effect.needs]
+        states += len(effect.states)
+    return Terms(
+        np.array([effect.compiled.address for effect, _ in terms], dtype=np.int64),
+        np.array([effect.terminal is not None for effect, _ in terms]),
+        np.array([len(effect.states) > 0 for effect, _ in terms]),
+        np.array(first_parameter, dtype=np.int64),
+        np.array(first_state, dtype=np.int64),
+        np.array([*parameters, 0.0]),
+    )
+
+
+def _caller(pointers: int) -> Any:
+    """An intrinsic that calls a term with so many pointers, all given as integer addresses."""
+
+    def lower(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+        real = ir.DoubleType()
+        pointer = real.as_pointer()
+        kind = ir.FunctionType(real, [real] * 5 + [pointer] * pointers)
+        function = builder.inttoptr(args[0], kind.as_pointer())
+        given = [builder.inttoptr(a, pointer) for a in args[6:]]
+        return builder.call(function, [*args[1:6], *given])
+
+    return types.float64(types.int64, *[types.float64] * 5, *[types.int64] * pointers), lower
+
+
+@intrinsic
+def _call(typing, address, t, theta, omega, current, voltage, p):
+    return _caller(1)
+
+
+@intrinsic
+def _call_with_states(typing, address, t, theta, omega, current, voltage, p, state, rate):
+    return _caller(3)
+
+
+@njit(cache=True)
+def evaluate(terms, t, y, volts, state, rate):  # pragma: no cover - compiled
+    """(sum of torques [N m], terminal voltage [V]); writes the rates of the effects' states."""
+    torque, terminal = 0.0, volts
+    parameters = terms.parameters.ctypes.data
+    for j in range(terms.address.size):
+        p = parameters + BYTES * terms.first_parameter[j]
+        if terms.stateful[j]:
+            s = state.ctypes.data + BYTES * terms.first_state[j]
+            r = rate.ctypes.data + BYTES * terms.first_state[j]
+            value = _call_with_states(terms.address[j], t, y[0], y[1], y[2], volts, p, s, r)
+        else:
+            value = _call(terms.address[j], t, y[0], y[1], y[2], volts, p)
+        if terms.terminal[j]:
+            terminal += value
+        else:
+            torque += value
+    return torque, terminal
