@@ -81,7 +81,7 @@ class Adaptor:
         return Adaptation(experiment.number, action, version, reason, details), self.model
 
     def _learn(self, experiment: Experiment) -> tuple[Action, str, dict[str, float]]:
-        pool = [*self.memory.experiments, experiment]
+        pool = self.memory.union(experiment)
         details: dict[str, float] = {"experiments": len(pool)}
         try:
             if not self.model.adaptive:

@@ -55,6 +55,11 @@ class Memory:
             del self._kept[next(iter(self._kept))]
             self.dropped += 1
 
+    def union(self, experiment: Experiment) -> list[Experiment]:
+        """S_w ∪ S_m, the experiment last; S_w itself stays."""
+        key = (experiment.number, experiment.start)
+        return [e for other, e in self._kept.items() if other != key] + [experiment]
+
     def clear(self) -> None:
         """S_w ← ∅."""
         self._kept.clear()

@@ -35,7 +35,8 @@ class River(Detector):
     Positive when river's detector detects a drift at any of the values of an experiment (the rest
     of the experiment is not fed), a warning when its warning stands at the experiment's end. After
     a positive a new one begins, as with every detector here; river's ADWIN alone would keep a part
-    of its window.
+    of its window. Mind that some look only now and then: with one value per experiment ADWIN wants
+    `clock=1` and a small `grace_period`.
 
     River's detectors cannot be saved as JSON. The state is therefore what was fed since the last
     positive, and restoring it feeds it again, which gives the same detector to the last bit. To
