@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
+import numpy as np
+
 from ldt_core.adaptor import Adaptor
 from ldt_core.detectors import build_detector
 from ldt_core.detectors.base import Detector
@@ -20,6 +22,8 @@ from ldt_core.memory import Memory
 from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.models.physics import PhysicsModel
+
+WARM_UP_SAMPLES = 3  # compiled code is loaded whatever the length
 
 
 class Predictor:
@@ -36,6 +40,13 @@ class Predictor:
         self.original = PhysicsModel(machine)
         #: Number of the experiment predicted last; None before the first.
         self.last: int | None = None
+
+    def warm_up(self) -> None:
+        """Predict a short experiment that is nobody's, so that the first real one is not late."""
+        rest = np.zeros(WARM_UP_SAMPLES)
+        idle = Experiment(1, 0.0, self.machine.sample_period, rest, rest)
+        self.model.predict(idle)
+        self.original.predict(idle)
 
     def predict(self, experiment: Experiment) -> tuple[Prediction, Prediction]:
         """(prediction of the present model, prediction of the original one).
@@ -73,13 +84,15 @@ class Judge:
         """
         residual = prediction.residual(experiment)
         self.detector.update(residual, prediction.speed_std)
+        statistics = dict(self.detector.statistics)
+        statistics.pop("max_error", None)  # every signal has it
         return Signal(
             experiment.number,
             self.detector.signal,
             self.name,
             prediction.model_version,
             prediction.max_error(experiment),
-            self.detector.statistics,
+            statistics,
         )
 
 

@@ -17,6 +17,7 @@ from ldt_core.errors import LdtError
 from ldt_ros.interfaces import declare, message_type, qos
 
 HEALTH_PERIOD = 1.0  # s, as the stock diagnostic aggregator expects
+LINGER = 0.3  # s between telling of the end and ending, so that the telling arrives
 CHECK_PERIOD = 0.05  # s; how soon a change of readiness is told, which the start of a run waits for
 
 
@@ -88,7 +89,8 @@ class TwinNode(Node):
     @property
     def done(self) -> bool:
         """Whether the node has finished, and others have had time to hear it."""
-        return self.finished and time.monotonic() - self._told_at > HEALTH_PERIOD / 2
+        told = bool(self._told) and self._told[2]
+        return told and time.monotonic() - self._told_at > LINGER
 
     @property
     def ready(self) -> bool:

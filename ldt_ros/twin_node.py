@@ -37,6 +37,7 @@ class PredictorNode(TwinNode):
         self.machine = load_machine(self.settings["machine"])
         model = build_model(self.settings["model"], self.machine, self.settings)
         self.predictor = Predictor(self.machine, model)
+        self.predictor.warm_up()
         self._models: dict[int, Model] = {model.version: model}
         self._waiting: deque[tuple[Experiment, float]] = deque()
         self._adapted: Adaptation | None = None

@@ -163,7 +163,7 @@ class Graph:
         for run in self.runs:
             self._start(run)
         began = time.monotonic()
-        while not stopped() and not all(m.source_finished for m in self.monitors):
+        while not (stopped() or self._finished()):
             self.executor.spin_once(timeout_sec=SPIN)
             self._notice_deaths()
             if time.monotonic() - began > STARTUP and not all(m.health for m in self.monitors):
@@ -188,6 +188,11 @@ class Graph:
         for monitor in self.monitors:
             monitor.destroy_node()
         rclpy.try_shutdown()
+
+    def _finished(self) -> bool:
+        """Whether every source has nothing more to send, by its own word or by having ended."""
+        ended = [c for c in self.supervisor.dead() if c.name in ("plant", "player")]
+        return len(ended) == len(self.runs) or all(m.source_finished for m in self.monitors)
 
     def _recipient(self, run: Run) -> Callable[[Step], None]:
         def receive(step: Step) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Self, TypeVar
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.progress import track as _track
 from rich.table import Table
@@ -84,7 +85,7 @@ def print_summaries(
         table.add_column(machine, justify="right")
     labels = [label for label, _ in runs[0][1].rows()]
     for index, label in enumerate(labels):
-        table.add_row(label, *(summary.rows()[index][1] for _, summary, _ in runs))
+        table.add_row(escape(label), *(summary.rows()[index][1] for _, summary, _ in runs))
     console = Console(soft_wrap=True)
     console.print(table)
     for machine, summary, bag in runs:
