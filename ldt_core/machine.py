@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ldt_core.physics.base import Physics
 
 REQUIRED = ("name", "physics", "parameters", "limits", "experiment")
-OPTIONAL = ("simulation",)
+OPTIONAL = ("simulation", "calibration")
 MAX_BYTES = 1_000_000  # a machine file is a page of text; more is a mistake or an attack
 VOLTAGE_SLACK = 1e-6  # of the range: measured voltages are rounded when they are written to text
 
@@ -37,6 +37,7 @@ class Machine:
         duration: of an experiment [s].
         sample_period: [s].
         simulation: how the simulated machine is excited and worn (see `ldt_core.physics.plant`).
+        calibration: how `ldt calibrate` found the parameters, verbatim; empty when it did not.
         source: the file it came from, for messages.
     """
 
@@ -47,6 +48,7 @@ class Machine:
     duration: float
     sample_period: float
     simulation: Mapping[str, Any] = field(default_factory=dict)
+    calibration: Mapping[str, Any] = field(default_factory=dict)
     source: str = "machine"
 
     @property
@@ -96,6 +98,8 @@ class Machine:
         }
         if self.simulation:
             record["simulation"] = dict(self.simulation)
+        if self.calibration:
+            record["calibration"] = dict(self.calibration)
         return record
 
 
@@ -159,11 +163,14 @@ def machine_from_dict(data: Any, source: str) -> Machine:
     return Machine(
         name=name,
         physics=top["physics"],
-        parameters=_parameters(source, physics, _mapping(f"{source}, parameters", top["parameters"])),
+        parameters=_parameters(
+            source, physics, _mapping(f"{source}, parameters", top["parameters"])
+        ),
         voltage_limits=_limits(f"{source}, limits.voltage", limits["voltage"]),
         duration=duration,
         sample_period=period,
         simulation=_mapping(f"{source}, simulation", top.get("simulation") or {}),
+        calibration=_mapping(f"{source}, calibration", top.get("calibration") or {}),
         source=source,
     )
 
@@ -185,10 +192,12 @@ def _keys(where: str, data: Mapping[str, Any], required: tuple, optional: tuple)
             raise MachineFileError(where, f"the key {key!r}", f"only {sorted(data)}")
     for key in data:
         if key not in required + optional:
-            raise MachineFileError(where, did_you_mean(key, required + optional), f"unknown key {key!r}")
+            raise MachineFileError(
+                where, did_you_mean(key, required + optional), f"unknown key {key!r}"
+            )
 
 
-def _real(where: str, value: Any) -> float:
+def real_number(where: str, value: Any) -> float:
     """A finite number; YAML 1.1 reads 1e-3 as text, which people write all the same."""
     if isinstance(value, str):
         try:
@@ -207,7 +216,7 @@ def _real(where: str, value: Any) -> float:
 
 
 def _positive(where: str, value: Any) -> float:
-    number = _real(where, value)
+    number = real_number(where, value)
     if number <= 0:
         raise MachineFileError(where, "seconds above 0", number)
     return number
@@ -216,7 +225,7 @@ def _positive(where: str, value: Any) -> float:
 def _limits(where: str, value: Any) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2:
         raise MachineFileError(where, "[lowest, highest] in V", _shown(value))
-    low, high = _real(where, value[0]), _real(where, value[1])
+    low, high = real_number(where, value[0]), real_number(where, value[1])
     if low >= high:
         raise MachineFileError(where, "[lowest, highest] in V", _shown(value))
     return low, high
@@ -229,7 +238,7 @@ def _parameters(source: str, physics: Physics, values: Mapping[str, Any]) -> dic
     _keys(where, values, needed, tuple(n for n in known if n not in needed))
     result = {}
     for name, parameter in known.items():
-        value = _real(f"{where}.{name}", values.get(name, parameter.default))
+        value = real_number(f"{where}.{name}", values.get(name, parameter.default))
         if not parameter.accepts(value):
             raise MachineFileError(f"{where}.{name}", parameter.range, f"{value:g}")
         result[name] = value

@@ -1,0 +1,67 @@
+"""The rotor at constant speed: what the foundation takes, and where the speed must jump.
+
+At constant speed the unbalance shakes the foundation as a turning force; the power that its dampers
+take comes from the shaft. T_e(omega; e) below is that mean torque, V(omega) the voltage that holds
+a speed. Where V falls with the speed no steady running is stable: at the folds dV/domega = 0 the
+speed jumps to the other branch (Sommerfeld effect).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+
+GRID = 20_000  # speeds at which the sign of dV/domega is looked at, before each fold is polished
+STEP = 1e-6  # relative step of the derivative
+
+Values = Mapping[str, float]
+
+
+class Fold(NamedTuple):
+    """A point where the speed jumps."""
+
+    speed: float  # rad/s
+    voltage: float  # V
+    rising: bool  # V has a maximum: reached by rising voltage; else by falling
+
+
+def unbalance_torque(values: Values, speed: ArrayLike) -> NDArray[np.float64]:
+    """Mean torque T_e that the foundation takes at constant speed [N m].
+
+    sum over x, y of (m e)^2 w^5 R / (2 [(K - (M+m) w^2)^2 + (w R)^2])
+    """
+    w = np.asarray(speed, dtype=np.float64)
+    mass = values["M"] + values["m"]
+    total = np.zeros_like(w)
+    for axis in "xy":
+        k, r = values[f"K_{axis}"], values[f"R_{axis}"]
+        distance = (k - mass * w**2) ** 2 + (w * r) ** 2
+        total = total + (values["m"] * values["e"]) ** 2 * w**5 * r / (2 * distance)
+    return total
+
+
+def steady_voltage(values: Values, speed: ArrayLike) -> NDArray[np.float64]:
+    """Voltage that holds a speed: (R / K_t) (T_e + b w) + K_t w [V]."""
+    w = np.asarray(speed, dtype=np.float64)
+    torque = unbalance_torque(values, w) + values["b"] * w
+    return values["R"] / values["K_t"] * torque + values["K_t"] * w
+
+
+def folds(values: Values, highest: float) -> list[Fold]:
+    """The folds below the speed `highest` [rad/s], in order of speed."""
+
+    def slope(w: float) -> float:
+        h = STEP * w
+        return float(steady_voltage(values, w + h) - steady_voltage(values, w - h)) / (2 * h)
+
+    grid = np.linspace(highest / GRID, highest, GRID)
+    rising = np.diff(steady_voltage(values, grid)) > 0
+    found = []
+    for i in np.flatnonzero(rising[1:] != rising[:-1]):
+        w = float(brentq(slope, grid[i], grid[i + 2]))
+        found.append(Fold(w, float(steady_voltage(values, w)), bool(rising[i])))
+    return found
