@@ -1,0 +1,41 @@
+"""Fixtures that all tests share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+MEASURED = REPOSITORY.parent / "shared" / "data"
+
+# Compiling takes seconds at the first call and shared machines stall: time is not what is tested.
+settings.register_profile("ldt", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("ldt")
+
+
+@pytest.fixture(scope="session")
+def measured() -> Path:
+    """Folder of recordings of real machines, which are not part of the project."""
+    if not MEASURED.is_dir():
+        pytest.skip(f"no measured data at {MEASURED}")
+    return MEASURED
+
+
+@pytest.fixture
+def domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    """A ROS domain that nobody else uses, for this process and its children."""
+    coordinator = pytest.importorskip("domain_coordinator")
+    from ldt_ros.environment import prepare
+
+    with coordinator.domain_id() as number:
+        before = dict(os.environ)
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+        monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
+        prepare()
+        yield number
+        # prepare() sets what was missing; the next test starts as this one did.
+        for name in set(os.environ) - set(before):
+            monkeypatch.delenv(name, raising=False)

@@ -1,0 +1,202 @@
+"""`ldt up` as a user starts and ends it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from ldt_core.recording.bag import read_bag
+
+pytest.importorskip("rclpy")
+
+SHARED_MEMORY = Path("/dev/shm")
+PATIENCE = 60  # s; a stalled machine is not what is tested
+
+
+def start(*arguments: str, cwd: Path, module: bool = False) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "ldt_ros.up"] if module else [_program(), "up"]
+    return subprocess.Popen(
+        [*command, *arguments],
+        cwd=cwd,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+
+
+def _program() -> str:
+    return str(Path(sys.executable).with_name("ldt"))
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
+    output, errors = process.communicate(timeout=PATIENCE)
+    return process.returncode, output, errors
+
+
+def graph_processes(domain: int) -> list[psutil.Process]:
+    """Processes of the graph in this test's domain, whoever their parent is."""
+    found = []
+    for process in psutil.process_iter():
+        try:
+            if "ldt_ros.process" in process.cmdline():
+                if process.environ().get("ROS_DOMAIN_ID") == str(domain):
+                    found.append(process)
+        except psutil.Error:
+            continue
+    return found
+
+
+def wait_for(condition, what: str):
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        if result := condition():
+            return result
+        time.sleep(0.05)
+    raise AssertionError(f"not within {PATIENCE} s: {what}")
+
+
+def experiments_recorded(bag: Path) -> int:
+    try:
+        return sum(1 for _ in read_bag(bag).records("adaptation"))
+    except Exception:
+        return 0
+
+
+def test_it_ends_by_itself_and_leaves_nothing_behind(domain, tmp_path):
+    """After N experiments: exit 0, a summary, a recording; no process, no shared-memory file."""
+    before = set(SHARED_MEMORY.iterdir())
+    process = start(
+        "--experiments", "5", "--seed", "3", "--model", "linear", "--bag", "run", "--json",
+        cwd=tmp_path,
+    )  # fmt: skip
+    code, output, errors = finish(process)
+    assert (code, errors) == (0, "")
+    summary = json.loads(output)["runs"][0]
+    assert summary["experiments"] == 5
+    assert summary["mme"] > 0
+    assert summary["recording"] == "run"
+    assert experiments_recorded(tmp_path / "run") == 5
+    assert graph_processes(domain) == []
+    assert set(SHARED_MEMORY.iterdir()) <= before
+
+
+def test_the_table_names_the_figures_and_the_recording(domain, tmp_path):
+    """Without --json a table; as a plain Python script as well; a recording is made without --bag."""
+    code, output, errors = finish(start("--experiments", "2", cwd=tmp_path, module=True))
+    assert (code, errors) == (0, "")
+    for words in ("MME of the learning twin", "MME of the original model", "adaptations"):
+        assert words in output
+    recording = output.split("recording: ")[1].strip()
+    assert (tmp_path / recording / "metadata.yaml").is_file()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_in_order(number, domain, tmp_path):
+    """Exit 0, the summary says that it was interrupted, the recording is whole, nothing is left."""
+    process = start("--experiments", "100000", "--bag", "run", "--json", cwd=tmp_path)
+    wait_for(lambda: experiments_recorded(tmp_path / "run") > 3, "experiments in the recording")
+    process.send_signal(number)
+    code, output, errors = finish(process)
+    assert (code, errors) == (0, "")
+    summary = json.loads(output)["runs"][0]
+    assert "interrupted" in summary["notes"]
+    bag = read_bag(tmp_path / "run")
+    assert len(list(bag.records("adaptation"))) == summary["experiments"]
+    assert bag.damage is None
+    assert graph_processes(domain) == []
+
+
+def test_a_signal_before_the_nodes_have_met_ends_it_as_well(domain, tmp_path):
+    """Ctrl-C right after the start leaves no process."""
+    process = start("--experiments", "100000", cwd=tmp_path)
+    wait_for(lambda: graph_processes(domain), "first node process")
+    process.send_signal(signal.SIGINT)
+    code, _, _ = finish(process)
+    assert code == 0
+    assert graph_processes(domain) == []
+
+
+def test_killing_the_launching_process_leaves_no_orphan(domain, tmp_path):
+    """The nodes notice that their parent is gone."""
+    process = start("--experiments", "100000", "--bag", "run", cwd=tmp_path)
+    wait_for(lambda: experiments_recorded(tmp_path / "run") > 1, "experiments in the recording")
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate()
+    wait_for(lambda: not graph_processes(domain), "end of all nodes")
+
+
+def test_a_node_that_dies_is_named(domain, tmp_path):
+    """Exit 1 with one sentence; the rest ends in order."""
+    process = start("--experiments", "100000", "--bag", "run", cwd=tmp_path)
+    wait_for(lambda: experiments_recorded(tmp_path / "run") > 1, "experiments in the recording")
+    victim = next(p for p in graph_processes(domain) if "detector" in p.cmdline())
+    victim.kill()
+    code, _, errors = finish(process)
+    assert code == 1
+    assert "detector ended with code -9" in errors
+    assert "Traceback" not in errors
+    assert graph_processes(domain) == []
+
+
+def test_a_second_graph_in_the_same_domain_is_refused(domain, tmp_path):
+    """Two publishers of one topic would make nonsense of both; another namespace is fine."""
+    first = start("--experiments", "100000", "--bag", "first", cwd=tmp_path)
+    wait_for(lambda: experiments_recorded(tmp_path / "first") > 1, "experiments in the recording")
+    code, _, errors = finish(start("--experiments", "2", "--bag", "second", cwd=tmp_path))
+    assert code == 2
+    assert "expected no publisher before the graph starts" in errors
+    assert "ROS_DOMAIN_ID" in errors
+    beside = ["--experiments", "2", "--bag", "third", "--namespace", "other"]
+    code, _, errors = finish(start(*beside, cwd=tmp_path))
+    assert (code, errors) == (0, "")
+    first.send_signal(signal.SIGINT)
+    assert finish(first)[0] == 0
+
+
+def test_an_existing_recording_is_not_touched(domain, tmp_path):
+    """Exit 2, and what is there stays."""
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "mine.txt").write_text("mine")
+    code, _, errors = finish(start("--experiments", "2", "--bag", "run", cwd=tmp_path))
+    assert code == 2
+    assert errors.startswith("ldt: run: expected a folder that does not exist yet")
+    assert [f.name for f in (tmp_path / "run").iterdir()] == ["mine.txt"]
+
+
+def test_three_machines_run_side_by_side(domain, tmp_path):
+    """A namespace, a seed and a recording each."""
+    process = start(
+        "--machines", "3", "--experiments", "4", "--seed", "1", "--bag", "fleet", "--json",
+        cwd=tmp_path,
+    )  # fmt: skip
+    code, output, errors = finish(process)
+    assert (code, errors) == (0, "")
+    runs = json.loads(output)["runs"]
+    assert [r["machine"] for r in runs] == ["machine_1", "machine_2", "machine_3"]
+    assert len({r["mme"] for r in runs}) == 3
+    for run in runs:
+        bag = read_bag(tmp_path / run["recording"])
+        assert bag.namespace == f"/{run['machine']}"
+        assert len(list(bag.records("adaptation"))) == 4
+    assert graph_processes(domain) == []
+
+
+def test_real_time_paces_the_experiments(domain, tmp_path):
+    """At 20 times real time, three experiments of 20 s take three seconds and not much more."""
+    began = time.monotonic()
+    process = start("--experiments", "3", "--rate", "20", "--bag", "run", cwd=tmp_path)
+    code, _, errors = finish(process)
+    assert (code, errors) == (0, "")
+    stamps = [r.time_ns for r in read_bag(tmp_path / "run").messages("experiment")]
+    gaps = [(b - a) / 1e9 for a, b in zip(stamps, stamps[1:], strict=False)]
+    assert all(0.9 <= gap <= 1.5 for gap in gaps), gaps
+    assert time.monotonic() - began > 3
