@@ -24,9 +24,11 @@ TEST = [
     "import-linter>=2.0",
     "mcap-ros2-support>=0.5.5",
     "mypy>=1.15",
+    "psutil>=5.9",
     "pytest>=8",
     "pytest-timeout>=2.3",
     "pytest-xdist>=3.6",
+    "ros-jazzy-domain-coordinator==0.12.0",
     "ruff>=0.14",
 ]
 # A sourced ROS installation, or another environment of these wheels, would leak into ours.
