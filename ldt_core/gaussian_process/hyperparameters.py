@@ -1,0 +1,112 @@
+"""Kernel parameters by marginal likelihood: scikit-learn on a bounded set of cells.
+
+Marginal likelihood costs the cube of the number of points, so it is not taken on all the data. A
+machine spends most of its time in steady running, where a random subset would pile up. Cells around
+centres that lie as far apart as possible fill the space instead, along whatever path the inputs
+keep to, and the mean over a cell carries the information of all its points, with a noise variance
+known from the scatter within cells. Nothing is thrown away but detail finer than a cell.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ldt_core.errors import LdtError
+from ldt_core.gaussian_process.kernel import Array, Kernel
+
+MOST_CELLS = 256  # 256³ operations a step: about 0.3 s for the whole search
+POINTS_PER_CELL = 4  # on average at least: the scatter within cells has to be an estimate
+RESTARTS = 2  # with the default bounds and no restart the search was seen to get stuck
+# Longest length scale, in spans of the input: a straight line. The shortest is two cells, since
+# finer detail is averaged away.
+LONGEST = 3.0
+# Bounds of the prior deviation, of the root mean square of the targets. The function may hide in
+# the noise, or lie mostly outside of the data.
+SIGNAL_RANGE = (1e-2, 1e1)
+
+
+def cells(x: Array, y: Array, most: int = MOST_CELLS) -> tuple[Array, Array, Array, Array]:
+    """Means over cells: the neighbourhoods of centres chosen farthest first (Gonzalez, 1985).
+
+    Args:
+        x: inputs (n, d).
+        y: targets (n,).
+        most: upper bound of the number of cells.
+
+    Returns:
+        inputs (c, d), targets (c,), noise variance of each target (c,), mean width of a cell (d,).
+
+    Raises:
+        LdtError: inputs that do not vary, or numbers that overflow.
+    """
+    n, d = x.shape
+    # The root is taken since squares of all these numbers have to be finite as well.
+    largest = np.sqrt(np.finfo(float).max) / n
+    if not (np.abs(x) < largest).all() or not (np.abs(y) < largest).all():
+        raise LdtError("Gaussian process: the training data are not finite numbers of a sane size")
+    span = np.ptp(x, axis=0)
+    if not (span > 0).all():
+        raise LdtError(
+            f"Gaussian process: input {int(np.argmin(span)) + 1} of {d} is the same in all the "
+            "training data, so nothing can be learned over it"
+        )
+    scaled = x / span
+    nearest, member = np.full(n, np.inf), np.zeros(n, dtype=np.int64)
+    centre = int(np.argmin(x[:, 0]))
+    for cell in range(max(min(most, n // POINTS_PER_CELL), 1)):
+        distance = np.sum((scaled - scaled[centre]) ** 2, axis=1)
+        closer = distance < nearest
+        nearest[closer], member[closer] = distance[closer], cell
+        centre = int(np.argmax(nearest))
+        if nearest[centre] == 0:
+            break
+    _, member, count = np.unique(member, return_inverse=True, return_counts=True)
+    columns = np.column_stack([x, y])
+    means = np.column_stack([np.bincount(member, weights=column) for column in columns.T])
+    means /= count[:, None]
+    scatter = np.sum((columns - means[member]) ** 2, axis=0) / max(n - len(count), 1)
+    width = np.sqrt(12 * scatter[:d])  # of a uniform distribution with that variance
+    return means[:, :d].copy(), means[:, d].copy(), scatter[d] / count, width
+
+
+def fit_hyperparameters(x: Array, y: Array, shortest: Array | float = 0.0) -> Kernel:
+    """The squared-exponential kernel of greatest marginal likelihood, one length scale per input.
+
+    Args:
+        x: inputs (n, d).
+        y: targets (n,), zero-mean deviations from the prior mean 0.
+        shortest: lower bound of the length scales, each (d,) or all; two cells at least.
+
+    Raises:
+        LdtError: inputs that do not vary, or numbers that overflow.
+    """
+    # A second to import, and only needed here: a node that predicts never pays it.
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel
+
+    inputs, targets, variance, width = cells(x, y)
+    size = max(float(np.sqrt(np.mean(y**2))), np.finfo(float).tiny ** 0.25)
+    span = np.ptp(x, axis=0)
+    low = np.maximum(2 * width, shortest) / span
+    high = np.maximum(LONGEST, 2 * low)
+    # In units of the spans and of the targets' size: the search is then the same in any unit.
+    start = np.clip(np.sqrt(low * 0.5), low, high)
+    prior = ConstantKernel(0.5, tuple(s**2 for s in SIGNAL_RANGE)) * RBF(
+        start, np.column_stack([low, high])
+    )
+    noise = np.maximum(variance / size**2, 1e-8)  # also the jitter of exact data
+    regressor = GaussianProcessRegressor(
+        prior, alpha=noise, n_restarts_optimizer=RESTARTS, random_state=0
+    )
+    # One thread: small matrices gain nothing from more, and the bits must not depend on their number.
+    with warnings.catch_warnings(), threadpool_limits(1):
+        # A parameter on its bound is an answer here: a straight line, or nothing but noise.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        regressor.fit(inputs / span, targets / size)
+    found = regressor.kernel_
+    lengths = np.atleast_1d(found.k2.length_scale) * span
+    return Kernel(size * float(np.sqrt(found.k1.constant_value)), tuple(lengths))

@@ -1,0 +1,194 @@
+"""The hybrid model of the paper: the ideal motor's physics plus a Gaussian process."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ldt_core.errors import LdtError, OptionError, did_you_mean
+from ldt_core.experiment import Experiment, Prediction
+from ldt_core.gaussian_process.compiled import INPUTS, compile_run
+from ldt_core.gaussian_process.free_run import spread
+from ldt_core.gaussian_process.kernel import Array, Kernel
+from ldt_core.gaussian_process.learn import Learned, learn, persistence
+from ldt_core.gaussian_process.observer import Run
+from ldt_core.gaussian_process.sparse import SparsePosterior
+from ldt_core.machine import Machine
+from ldt_core.models.base import Model
+from ldt_core.models.physics import PhysicsModel
+
+
+class HybridModel(Model):
+    """y_{k+1} = y_k + f_p(u_k, y_k) + f_d(y_k) in closed loop (paper, "Hybrid model").
+
+    f_p is the ideal machine: the motor with its inertia and viscous friction,
+    `Physics.state_space`, exact for held voltage. Of a rotor with e or g other than 0 it is the
+    motor all the same. Its current is carried along, since without it the speed is off by up to
+    0.46 rad/s:
+
+        [i; w]_{k+1} = Ad [i; w]_k + Bd u_k + [0; T f_d(w_k)]
+
+    f_d is a Gaussian process, zero until trained and zero far from what it was trained on. It is
+    kept as an acceleration [rad/s²], so that an experiment with another sample period T is
+    predicted too: the paper's f_d is T times ours. The equation is the paper's, the training is
+    better than a regression on one-step differences, which sensor noise biases: see
+    `gaussian_process.observer`. The physics carries the current under the measured speeds from the
+    first measured one (or the one that holds the first speed). Later measured currents are not
+    used, because the free run that the training is for has none: were they used, f_d would not
+    learn what is wrong with the armature.
+
+    `parameters`: `machine`, the physics parameters; `gaussian_process`, None or a mapping of
+    `inputs`, `signal_std` [rad/s²], `length_scales` (unit of each input), `inducing` (m, d),
+    `weights` (m,), `explained` (lower triangle by rows), `noise_std` [rad/s], `disturbance_std`
+    [rad/s²], `memory` [s], `span` and `rmse` [rad/s]: see `gaussian_process.sparse` and
+    `gaussian_process.learn`.
+
+    Args:
+        machine: the machine as it is known beforehand.
+        parameters: all that makes the model, in JSON types; None for the untrained model.
+        version: 0 when untrained.
+        trained_on: numbers of the experiments it learned from.
+        gp_inputs: of f_d in `fit`: speed (as in the paper), voltage, current.
+        inducing: inducing points at most.
+
+    Raises:
+        OptionError: other inputs, or none.
+        ModelError: parameters that cannot be this model's.
+    """
+
+    kind = "hybrid"
+
+    def __init__(
+        self,
+        machine: Machine,
+        parameters: Mapping[str, Any] | None = None,
+        version: int = 0,
+        trained_on: Sequence[int] = (),
+        *,
+        gp_inputs: Sequence[str] = ("speed",),
+        inducing: int = 200,
+    ) -> None:
+        for name in gp_inputs:
+            if name not in INPUTS:
+                raise OptionError("gp_inputs", did_you_mean(str(name), INPUTS), repr(name))
+        if not gp_inputs or len(set(gp_inputs)) != len(gp_inputs):
+            raise OptionError("gp_inputs", "one or more different inputs", list(gp_inputs))
+        if inducing < 1:
+            raise OptionError("inducing", "1 or more", inducing)
+        options = {"gp_inputs": tuple(gp_inputs), "inducing": inducing}
+        super().__init__(machine, parameters, version, trained_on, **options)
+
+    def untrained(self) -> dict[str, Any]:
+        """The machine file's physics, and no Gaussian process."""
+        return {"machine": dict(self.machine.parameters), "gaussian_process": None}
+
+    def build(self) -> None:
+        """Compile the free run from the parameters, checking them."""
+        self.physics = PhysicsModel(self.machine, {"machine": self.parameters["machine"]})
+        record = self.parameters["gaussian_process"]
+        self.learned = None if record is None else _from_json(record)
+        posterior = self.learned.posterior if self.learned else None
+        with threadpool_limits(1):  # the same bits whatever else the process computes with
+            self.run = compile_run(posterior, record["inputs"] if record else ("speed",))
+
+    def predict(self, experiment: Experiment) -> Prediction:
+        """Free run from the first measured speed (and current, where there is one).
+
+        `speed_std` is the deviation of the measured speed: function, start, disturbance and sensor
+        noise, to first order (`gaussian_process.free_run`), and not more than the span of the
+        speeds trained on. None while untrained.
+
+        Raises:
+            ExperimentError: the voltage is so large that the free run overflows.
+        """
+        ad, bd = self._motor(experiment.period)
+        start = self._start(experiment)
+        speed, slopes, deviation = self.run(ad, bd, experiment.period, experiment.voltage, start)
+        std = None
+        if self.learned is not None:
+            known = self.learned
+            rho = persistence(known.memory, experiment.period)
+            function, first, drift = spread(ad, experiment.period, slopes, deviation, rho)
+            variance = function + known.noise_std**2 * (1 + first)
+            variance += known.disturbance_std**2 * drift
+            std = np.sqrt(np.minimum(variance, known.span**2))
+        about = (experiment.number, experiment.start, experiment.period, self.version)
+        return Prediction(*about, speed, std)
+
+    def fit(self, experiments: Sequence[Experiment]) -> Self:
+        """Train f_d on these experiments, from the prior; the physics stays as it is.
+
+        Raises:
+            LdtError: no or too few samples, an input that hardly varies, or absurd values.
+        """
+        if not experiments:
+            raise LdtError("hybrid model: expected experiments to learn from, got none")
+        runs = []
+        for e in experiments:
+            ad, bd = self._motor(e.period)
+            runs.append(Run(ad, bd, e.period, e.voltage, e.speed, float(self._start(e)[0])))
+        inputs, most = self.options["gp_inputs"], self.options["inducing"]
+        learned = learn(runs, inputs, most)
+        record = {"inputs": list(inputs), **_to_json(learned)}
+        machine = self.parameters["machine"]
+        return self.successor({"machine": machine, "gaussian_process": record}, experiments)
+
+    def _motor(self, period: float) -> tuple[Array, Array]:
+        a, b, _, _ = self.physics.physics.state_space(self.physics.values)
+        return _discretise(tuple(a.ravel()), tuple(b.ravel()), period)
+
+    def _start(self, experiment: Experiment) -> Array:
+        """(2,) current and speed at the first sample."""
+        current = None if experiment.current is None else float(experiment.current[0])
+        speed = float(experiment.speed[0])
+        state = self.physics.physics.initial_state(self.physics.values, speed, current)
+        return np.array([state[2], speed])
+
+
+@functools.lru_cache(maxsize=64)
+def _discretise(a: tuple[float, ...], b: tuple[float, ...], period: float) -> tuple[Array, Array]:
+    """Exact zero-order hold: Ad (2, 2), Bd (2,)."""
+    from scipy.linalg import expm
+
+    augmented = np.zeros((3, 3))
+    augmented[:2, :2], augmented[:2, 2] = np.reshape(a, (2, 2)), b
+    discrete = expm(augmented * period)
+    return np.ascontiguousarray(discrete[:2, :2]), np.ascontiguousarray(discrete[:2, 2])
+
+
+_SCALARS = ("noise_std", "disturbance_std", "memory", "span", "rmse")
+
+
+def _to_json(learned: Learned) -> dict[str, Any]:
+    posterior = learned.posterior
+    return {
+        "signal_std": posterior.kernel.signal_std,
+        "length_scales": list(posterior.kernel.length_scales),
+        "inducing": posterior.inducing.tolist(),
+        "weights": posterior.weights.tolist(),
+        "explained": [row[: i + 1].tolist() for i, row in enumerate(posterior.explained)],
+        **{name: getattr(learned, name) for name in _SCALARS},
+    }
+
+
+def _from_json(record: Mapping[str, Any]) -> Learned:
+    kernel = Kernel(record["signal_std"], tuple(record["length_scales"]))
+    inputs = record["inputs"]
+    inducing, weights = (np.array(record[n], dtype=np.float64) for n in ("inducing", "weights"))
+    rows = record["explained"]
+    if not set(inputs) <= set(INPUTS) or len(inputs) != len(kernel.length_scales):
+        raise ValueError(f"inputs {inputs} with {len(kernel.length_scales)} length scales")
+    if inducing.shape != (len(weights), len(inputs)) or not 0 < len(rows) <= len(weights):
+        shapes = f"{inducing.shape}, {weights.shape} and {len(rows)} rows"
+        raise ValueError(f"inducing inputs, weights and explained covariance of {shapes}")
+    explained = np.zeros((len(rows), len(rows)))
+    for i, row in enumerate(rows):
+        explained[i, : i + 1] = explained[: i + 1, i] = row
+    numbers = {name: float(record[name]) for name in _SCALARS}
+    if min(numbers.values()) < 0 or numbers["noise_std"] == 0:
+        raise ValueError(f"{numbers}, of which none may be below 0, nor noise_std 0")
+    return Learned(SparsePosterior(kernel, inducing, weights, explained), **numbers)
