@@ -1,0 +1,130 @@
+"""Numbers out of any recording of standard ROS messages: `/topic.field[index]`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ldt_core.errors import OptionError, RecordingError, did_you_mean
+from ldt_core.recording.messages import deserialize, quoted
+from ldt_core.recording.resampling import Series
+from ldt_core.recording.storage import Storage
+
+FIELD = re.compile(r"(?P<topic>/[^.\[\]]+)\.(?P<steps>.+)")
+STEP = re.compile(r"([A-Za-z]\w*)((?:\[\d+\])*)")
+
+
+class Source(NamedTuple):
+    """A field of a topic's messages."""
+
+    text: str
+    topic: str
+    steps: tuple[str | int, ...]
+
+
+def parse_source(option: str, text: str) -> Source:
+    """`/topic.field[index]`, with fields in fields (`/imu.angular_velocity.z`).
+
+    Raises:
+        OptionError: something else.
+    """
+    match = FIELD.fullmatch(text)
+    steps: list[str | int] = []
+    for part in match["steps"].split(".") if match else [""]:
+        step = STEP.fullmatch(part)
+        if step is None:
+            raise OptionError(option, "/topic.field[index] of a recording", repr(text))
+        steps.append(step[1])
+        steps.extend(int(i) for i in re.findall(r"\d+", step[2]))
+    assert match is not None
+    return Source(text, match["topic"], tuple(steps))
+
+
+def read_fields(
+    storage: Storage, sources: Mapping[str, Source]
+) -> tuple[dict[str, Series], dict[str, str]]:
+    """Series by name, and the kind of time that each has ("header stamps" or "reception times").
+
+    The time of a sample is the stamp in its message's header, or the time of reception if the
+    messages have none.
+
+    Args:
+        storage: the recording.
+        sources: name → field.
+
+    Raises:
+        RecordingError: a topic or field that is not there, or a value that is no finite number.
+    """
+    for source in sources.values():
+        if source.topic not in storage.topics:
+            expected = did_you_mean(source.topic, storage.topics)
+            raise RecordingError(f"{storage.path}, topic", expected, repr(source.topic))
+    values: dict[str, list[float]] = {name: [] for name in sources}
+    stamps: dict[str, list[float]] = {s.topic: [] for s in sources.values()}
+    received: dict[str, list[float]] = {s.topic: [] for s in sources.values()}
+    for raw in storage.messages(list(stamps)):
+        count = len(received[raw.topic]) + 1
+        where = f"{storage.path}, {raw.topic}, message {count}"
+        message = deserialize(raw.data, raw.kind, where)
+        received[raw.topic].append(raw.time_ns * 1e-9)
+        stamp = getattr(getattr(message, "header", None), "stamp", None)
+        stamps[raw.topic].append(0.0 if stamp is None else seconds(stamp))
+        for name, source in sources.items():
+            if source.topic == raw.topic:
+                values[name].append(_value(where, message, source))
+    series, clocks = {}, {}
+    for name, source in sources.items():
+        if not values[name]:
+            got = "; ".join(["none", *storage.notes])
+            raise RecordingError(f"{storage.path}, {source.topic}", "messages", got)
+        stamped = min(stamps[source.topic]) > 0
+        time = stamps[source.topic] if stamped else received[source.topic]
+        clocks[name] = "header stamps" if stamped else "reception times"
+        series[name] = Series(np.array(time), np.array(values[name]), _place(source.topic))
+    return series, clocks
+
+
+def _place(topic: str) -> Callable[[int], str]:
+    return lambda index: f"{topic}, message {index + 1}"
+
+
+def seconds(stamp: Any) -> float:
+    """A builtin_interfaces Time or Duration in seconds."""
+    return stamp.sec + stamp.nanosec * 1e-9
+
+
+def _value(where: str, message: Any, source: Source) -> float:
+    value, way = message, ""
+    for step in source.steps:
+        if isinstance(step, int):
+            try:
+                value = value[step]
+            except (IndexError, TypeError, KeyError):
+                size = f"{len(value)} values" if hasattr(value, "__len__") else "no list"
+                raise RecordingError(f"{where}, {way}", f"an element [{step}]", size) from None
+            way += f"[{step}]"
+        else:
+            known = [n for n in getattr(value, "__dataclass_fields__", ()) if n[0] != "_"]
+            if step not in known:
+                got = repr(step) if known else f"{step!r} of {quoted(value)}"
+                raise RecordingError(f"{where}, {way or 'field'}", did_you_mean(step, known), got)
+            value = getattr(value, step)
+            way += f".{step}" if way else step
+    if hasattr(value, "sec") and hasattr(value, "nanosec"):
+        return seconds(value)
+    if not isinstance(value, int | float | np.number | np.bool_):
+        size = f"{len(value)} values; choose one with [index]" if hasattr(value, "__len__") else ""
+        raise RecordingError(f"{where}, {way}", "a number", size or quoted(value))
+    if not np.isfinite(value):
+        raise RecordingError(f"{where}, {way}", "a finite number", value)
+    return float(value)
+
+
+def is_recording(path: str | Path) -> bool:
+    """Whether a path is to be read as a recording rather than as a table."""
+    path = Path(path)
+    return path.is_dir() or path.name.endswith((".mcap", ".db3", ".zstd", ".bag"))

@@ -1,0 +1,247 @@
+"""Experiments out of a CSV file or a foreign recording (the work behind `ldt import`)."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ldt_core.errors import OptionError, RecordingError
+from ldt_core.experiment import Experiment
+from ldt_core.recording.bag_fields import is_recording, parse_source, read_fields
+from ldt_core.recording.csv_table import Table
+from ldt_core.recording.resampling import (
+    GAP_PERIODS,
+    Series,
+    check_times,
+    find_period,
+    fits_grid,
+    resample,
+    split_at_gaps,
+)
+from ldt_core.recording.storage import Storage
+from ldt_core.recording.units import Field, parse_field
+
+LEAST_SAMPLES = 2  # of an experiment: one sample has no dynamics
+ROUNDING = 1e-6  # of a period: what floating point loses in a length or an end time
+MOST_SAMPLES = 100_000_000  # of a stretch; more is a period in the wrong unit
+
+
+class Imported(NamedTuple):
+    """What an import made, and what it did, a sentence each."""
+
+    experiments: list[Experiment]
+    notes: list[str]
+
+
+def import_file(
+    path: str | Path,
+    voltage: str,
+    speed: str,
+    current: str | None = None,
+    time: str | None = None,
+    sample_period: float | None = None,
+    length: float | None = None,
+) -> Imported:
+    """Experiments out of a table or a foreign recording.
+
+    Args:
+        path: CSV file (`.gz` too), rosbag2 folder, `.mcap` or `.db3` file.
+        voltage, speed, current: FIELD[:UNIT]; FIELD is a column (name, or number from 1) or
+            `/topic.field[index]`.
+        time: FIELD[:UNIT] of the time of each sample. A recording has times of its own.
+        sample_period: [s]; without `time`, how far apart the rows are; with times, the period to
+            resample to instead of the one found.
+        length: of each experiment [s]; None makes one experiment of each stretch without a gap.
+
+    Raises:
+        OptionError: an unknown unit, or options that do not go together.
+        RecordingError: a file, column, topic or cell that cannot be used; names line or message.
+    """
+    for name, value in (("--sample-period", sample_period), ("--length", length)):
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise OptionError(name, "seconds above 0", value)
+    options = {"voltage": voltage, "speed": speed, "current": current, "time": time}
+    given = {quantity: text for quantity, text in options.items() if text is not None}
+    read = _from_bag if is_recording(path) else _from_table
+    series, notes = read(Path(path), given, sample_period)
+    return _cut(str(path), series, notes, sample_period, length)
+
+
+def _from_table(
+    path: Path, given: dict[str, str], sample_period: float | None
+) -> tuple[dict[str, Series], list[str]]:
+    if "time" not in given and sample_period is None:
+        raise OptionError(
+            "--time or --sample-period", "one of them: a table has no times", "neither"
+        )
+    table = Table(path)
+    fields = {q: parse_field(text, q, table.names) for q, text in given.items()}
+    lines, columns = table.read([table.column(f.name) for f in fields.values()])
+    values = {
+        q: column * field.factor for (q, field), column in zip(fields.items(), columns, strict=True)
+    }
+    times = values.pop("time", None)
+    if times is None:
+        assert sample_period is not None
+        times = np.arange(lines.size) * sample_period
+    notes = [f"{lines.size} rows; {_conversions(fields)}", *table.notes]
+
+    def place(index: int) -> str:
+        return f"line {lines[index]}"
+
+    return {q: Series(times, column, place) for q, column in values.items()}, notes
+
+
+def _from_bag(
+    path: Path, given: dict[str, str], sample_period: float | None
+) -> tuple[dict[str, Series], list[str]]:
+    fields = {q: parse_field(text, q) for q, text in given.items()}
+    sources = {q: parse_source(f"--{q}", field.name) for q, field in fields.items()}
+    if "time" in sources and len({s.topic for s in sources.values()}) > 1:
+        raise OptionError("--time", "all channels from the topic of the time", given["time"])
+    storage = Storage(path)
+    series, clocks = read_fields(storage, sources)
+    series = {q: s._replace(values=s.values * fields[q].factor) for q, s in series.items()}
+    counted = ", ".join(f"{s.values.size} of {sources[q].text}" for q, s in series.items())
+    notes = [f"{counted}; {_conversions(fields)}"]
+    if "time" in series:
+        times = series.pop("time").values
+        series = {q: s._replace(time=times) for q, s in series.items()}
+    else:
+        notes += [f"times are {kind}" for kind in sorted({clocks[q] for q in series})]
+    if sources["voltage"].topic != sources["speed"].topic:
+        times = np.append(series["voltage"].time, series["speed"].time[-1])
+        notes.append(f"the voltage is held for up to {np.diff(times).max():.3g} s")
+    return series, notes + storage.notes
+
+
+def _conversions(fields: dict[str, Field]) -> str:
+    return ", ".join(f"{q} from {f.name!r} in {f.unit}" for q, f in fields.items())
+
+
+def _cut(
+    where: str,
+    series: dict[str, Series],
+    notes: list[str],
+    sample_period: float | None,
+    length: float | None,
+) -> Imported:
+    """Grid, gaps, and experiments of equal length."""
+    for one in series.values():
+        check_times(where, one)
+    speed = series["speed"]
+    if speed.time.size < LEAST_SAMPLES:
+        raise RecordingError(where, f"{LEAST_SAMPLES} samples or more", speed.time.size)
+    found = find_period(speed.time)
+    period = found if sample_period is None else sample_period
+    size = None if length is None else round(length / period)
+    if size is not None and size < LEAST_SAMPLES:
+        raise OptionError("--length", f"{LEAST_SAMPLES} periods of {period:g} s or more", length)
+    start = min(one.time[0] for one in series.values())
+    if start < 0:  # a recording counts time from an epoch
+        notes.append(f"times moved by {-start:g} s to begin at 0")
+        series = {q: s._replace(time=s.time - start) for q, s in series.items()}
+    stretches = _stretches(series, found)
+    if len(stretches) > 1:
+        gaps = _counted(len(stretches) - 1, "gap")
+        notes.append(
+            f"{gaps} of more than {GAP_PERIODS:g} periods of {found:g} s, the first after "
+            f"{_gap(series, found)}; no experiment reaches over one"
+        )
+    experiments: list[Experiment] = []
+    dropped = resampled = 0
+    for part in stretches:
+        grid, columns, changed = _on_grid(part, period)
+        resampled += changed
+        step = size or grid.size
+        whole = grid.size // step if step >= LEAST_SAMPLES else 0
+        dropped += grid.size - whole * step
+        for begin in range(0, whole * step, step):
+            cut = slice(begin, begin + step)
+            experiments.append(
+                Experiment(
+                    len(experiments) + 1,
+                    float(grid[begin]),
+                    period,
+                    **{q: column[cut] for q, column in columns.items()},
+                )
+            )
+    if not experiments:
+        longest = max((p["speed"].time[-1] - p["speed"].time[0] for p in stretches), default=0.0)
+        wanted = f"{length:g} s" if length is not None else f"{LEAST_SAMPLES} samples"
+        raise RecordingError(
+            where, f"a stretch of {wanted} without a gap", f"{longest + period:g} s at most"
+        )
+    notes.append(f"{_counted(len(experiments), 'experiment')}, sample period {period:g} s")
+    if resampled:
+        notes.append("resampled: the samples were not on a uniform grid of that period")
+    if dropped:
+        notes.append(
+            f"{_counted(dropped, 'sample')} at ends of stretches dropped: too few for an experiment"
+        )
+    return Imported(experiments, notes)
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _stretches(series: dict[str, Series], period: float) -> list[dict[str, Series]]:
+    """The series cut at the gaps of all channels but a voltage that has its own times.
+
+    A voltage command of its own topic may be sent only when it changes; it holds meanwhile.
+    """
+    speed = series["speed"]
+    parts = [(s.time[0], s.time[-1]) for s in _parts(speed, period)]
+    current = series.get("current")
+    if current is not None and current.time is not speed.time:
+        own = find_period(current.time) if current.time.size > 1 else period
+        spans = [(s.time[0], s.time[-1]) for s in _parts(current, own)]
+        parts = [
+            (max(a, c), min(b, d)) for a, b in parts for c, d in spans if max(a, c) <= min(b, d)
+        ]
+    begins = series["voltage"].time[0]  # before it there is no voltage
+    parts = [(max(a, begins), b) for a, b in parts if b >= begins]
+    return [{q: _between(s, a, b, q == "voltage") for q, s in series.items()} for a, b in parts]
+
+
+def _parts(series: Series, period: float) -> list[Series]:
+    cuts = split_at_gaps(series.time, period)
+    return [Series(series.time[cut], series.values[cut], series.place) for cut in cuts]
+
+
+def _between(series: Series, begin: float, end: float, held: bool) -> Series:
+    """Samples from begin to end, with the neighbours that interpolation or holding needs."""
+    first = max(int(np.searchsorted(series.time, begin, side="right")) - 1, 0)
+    last = int(np.searchsorted(series.time, end, side="right" if held else "left"))
+    cut = slice(first, last + (not held))
+    return Series(series.time[cut], series.values[cut], series.place)
+
+
+def _gap(series: dict[str, Series], period: float) -> str:
+    speed = series["speed"]
+    end = split_at_gaps(speed.time, period)[0].stop
+    return speed.place(end - 1) if end < speed.time.size else "one in the current"
+
+
+def _on_grid(part: dict[str, Series], period: float) -> tuple[np.ndarray, dict, bool]:
+    """(times, channel → values on them, whether they were resampled)."""
+    speed = part["speed"]
+    shared = all(s.time.size == speed.time.size for s in part.values()) and all(
+        np.array_equal(s.time, speed.time) for s in part.values()
+    )
+    if shared and fits_grid(speed.time, period):
+        return speed.time, {q: s.values for q, s in part.items()}, False
+    begin = max(s.time[0] for s in part.values())
+    later = speed.time[speed.time >= begin]
+    begin = later[0] if later.size else begin  # on a measured speed, which then needs no change
+    end = min(s.time[-1] for q, s in part.items() if q != "voltage")
+    count = max((end - begin) / period + ROUNDING + 1, 0)
+    if count > MOST_SAMPLES:
+        raise OptionError("--sample-period", f"at most {MOST_SAMPLES} samples", f"{count:.3g}")
+    grid = begin + period * np.arange(int(count))
+    columns = {q: resample(s, grid, period, held=q == "voltage") for q, s in part.items()}
+    return grid, columns, True

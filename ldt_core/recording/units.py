@@ -1,0 +1,68 @@
+"""Units that an import converts to SI, and the option syntax FIELD[:UNIT].
+
+A table of our own instead of a units library: the units of four quantities are few, and a speed in
+Hz means revolutions per second here, where a library would read radians.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from typing import NamedTuple
+
+from ldt_core.errors import OptionError, did_you_mean
+
+TURN = 2 * math.pi  # rad
+
+#: Quantity → unit → SI units in one of it.
+UNITS: dict[str, dict[str, float]] = {
+    "time": {"s": 1, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60, "h": 3600},
+    "voltage": {"V": 1, "mV": 1e-3, "uV": 1e-6, "µV": 1e-6, "kV": 1e3},
+    "speed": {
+        "rad/s": 1,
+        "mrad/s": 1e-3,
+        "krad/s": 1e3,
+        "rad/min": 1 / 60,
+        "deg/s": TURN / 360,
+        "rpm": TURN / 60,
+        "1/min": TURN / 60,
+        "krpm": 1000 * TURN / 60,
+        "rps": TURN,
+        "rev/s": TURN,
+        "Hz": TURN,
+    },
+    "current": {"A": 1, "mA": 1e-3, "uA": 1e-6, "µA": 1e-6, "kA": 1e3},
+}
+
+
+class Field(NamedTuple):
+    """Where a channel comes from: a column or `/topic.field[index]`, and SI units in one of it."""
+
+    quantity: str
+    name: str
+    factor: float
+    unit: str
+
+
+def parse_field(text: str, quantity: str, columns: Collection[str] = ()) -> Field:
+    """FIELD[:UNIT] of an option.
+
+    Args:
+        text: as the user gave it.
+        quantity: time, voltage, speed or current.
+        columns: names that exist; one that contains a colon is taken as a whole.
+
+    Raises:
+        OptionError: no field, or an unknown unit.
+    """
+    units = UNITS[quantity]
+    si = next(iter(units))
+    name, colon, unit = text.rpartition(":")
+    if not colon or text in columns:
+        name, unit = text, si
+    unit = unit.replace("μ", "µ")  # the Greek letter looks like the micro sign
+    if not name.strip():
+        raise OptionError(f"--{quantity}", "FIELD or FIELD:UNIT", repr(text))
+    if unit not in units:
+        raise OptionError(f"--{quantity}, unit", did_you_mean(unit, units), repr(unit))
+    return Field(quantity, name.strip(), units[unit], unit)

@@ -1,0 +1,467 @@
+"""Claims about imports: tables and foreign recordings arrive in SI units on a uniform grid."""
+
+from __future__ import annotations
+
+import gzip
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ldt_core.errors import BadInput, OptionError, RecordingError
+from ldt_core.recording.bag import experiments
+from ldt_core.recording.importers import import_file
+from ldt_core.recording.messages import typestore
+from ldt_core.recording.resampling import Series, resample
+from ldt_core.recording.units import UNITS, parse_field
+from ldt_core.recording.writer import BagWriter
+
+MEASURED = Path(__file__).parents[3] / "shared" / "data"
+
+
+def table(path: Path, text: str, encoding: str = "utf-8") -> Path:
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+def rows(time, *columns, header="t,u,n", delimiter=",") -> str:
+    body = [
+        delimiter.join(f"{x!r}" for x in map(float, row))
+        for row in zip(time, *columns, strict=True)
+    ]
+    return "\n".join([header, *body]) + "\n"
+
+
+TIME = np.arange(20) / 10
+VOLTS = np.where(TIME < 1, 3.0, 6.0)
+SPEED = np.sin(TIME)
+PLAIN = rows(TIME, VOLTS, SPEED)
+
+
+def load(path, **options):
+    return import_file(path, **{"voltage": "u", "speed": "n", "time": "t", **options})
+
+
+def check_plain(imported, count=20):
+    (one,) = imported.experiments
+    assert one.period == pytest.approx(0.1, rel=1e-12)
+    assert one.voltage.tolist() == VOLTS[:count].tolist()
+    assert one.speed.tolist() == SPEED[:count].tolist()
+
+
+def test_a_uniform_table_arrives_value_for_value(tmp_path):
+    """No resampling where none is needed; numbers, period and start as written."""
+    imported = load(table(tmp_path / "x.csv", PLAIN))
+    check_plain(imported)
+    assert imported.experiments[0].start == 0
+    assert not any("resampled" in note for note in imported.notes)
+
+
+LOOKS = {
+    "semicolons, decimal commas": lambda: PLAIN.replace(",", ";").replace(".", ","),
+    "tabs": lambda: PLAIN.replace(",", "\t"),
+    "blanks": lambda: PLAIN.replace(",", "   "),
+    "bars": lambda: PLAIN.replace(",", " | "),
+    "quoted decimal commas": lambda: "\n".join(
+        ",".join(f'"{cell}"'.replace(".", ",") for cell in line.split(","))
+        for line in PLAIN.splitlines()
+    ),
+    "byte-order mark": lambda: "\ufeff" + PLAIN,
+    "Windows line ends": lambda: PLAIN.replace("\n", "\r\n"),
+    "comments and blank lines": lambda: (
+        "# made by hand\n\n" + PLAIN.replace("\n0.5", "\n% x\n\n0.5")
+    ),
+    "header as a comment": lambda: "# " + PLAIN,
+    "row of units": lambda: PLAIN.replace("t,u,n\n", "t,u,n\ns,V,rad/s\n"),
+    "no line end at the end": lambda: PLAIN.rstrip(),
+    "spaces after commas": lambda: PLAIN.replace(",", ", "),
+    "trailing delimiters": lambda: PLAIN.replace("\n", ",\n"),
+}
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_tables_of_any_look_give_the_same_numbers(tmp_path, look):
+    """What loggers and spreadsheets write."""
+    check_plain(load(table(tmp_path / "x.csv", LOOKS[look]())))
+
+
+def test_a_gzip_file_and_utf_16_are_read(tmp_path):
+    """The content decides, not the name."""
+    (tmp_path / "x.csv").write_bytes(gzip.compress(PLAIN.encode()))
+    check_plain(load(tmp_path / "x.csv"))
+    check_plain(load(table(tmp_path / "y.csv", PLAIN, "utf-16")))
+
+
+def test_columns_go_by_name_with_spaces_and_colons_or_by_number(tmp_path):
+    """A header wins over the number; a whole name wins over a unit."""
+    text = PLAIN.replace("t,u,n", '"time [s]",motor: u,2')
+    path = table(tmp_path / "x.csv", text)
+    check_plain(import_file(path, voltage="motor: u", speed="2", time="time [s]"))
+    check_plain(import_file(path, voltage="motor: u", speed="3", time="1:s"))
+    bare = table(tmp_path / "y.csv", PLAIN.partition("\n")[2])
+    check_plain(import_file(bare, voltage="2", speed="3", time="1"))
+
+
+def test_a_table_without_time_takes_the_sample_period(tmp_path):
+    """One of the two is needed."""
+    path = table(tmp_path / "x.csv", PLAIN)
+    check_plain(load(path, time=None, sample_period=0.1))
+    with pytest.raises(OptionError, match="--sample-period"):
+        load(path, time=None)
+
+
+@pytest.mark.parametrize(
+    ("unit", "quantity", "value"),
+    [
+        ("rpm", "speed", 2 * math.pi / 60),
+        ("krpm", "speed", 2000 * math.pi / 60),
+        ("Hz", "speed", 2 * math.pi),
+        ("deg/s", "speed", math.pi / 180),
+        ("mV", "voltage", 1e-3),
+        ("mA", "current", 1e-3),
+        ("ms", "time", 1e-3),
+        ("us", "time", 1e-6),
+        ("μs", "time", 1e-6),
+    ],
+)
+def test_units_are_converted_to_si(unit, quantity, value):
+    """One of each in SI units; a speed in Hz is revolutions per second."""
+    assert parse_field(f"a:{unit}", quantity).factor == pytest.approx(value, rel=1e-15)
+
+
+def test_an_unknown_unit_is_refused_with_the_list(tmp_path):
+    """Also one of another quantity."""
+    path = table(tmp_path / "x.csv", PLAIN)
+    with pytest.raises(OptionError, match="did you mean 'krpm'") as caught:
+        load(path, speed="n:kprm")
+    assert all(repr(unit) in str(caught.value) for unit in UNITS["speed"])
+    with pytest.raises(OptionError, match="--voltage, unit"):
+        load(path, voltage="u:rpm")
+
+
+def test_all_channels_are_converted(tmp_path):
+    """rpm, mV, mA and ms in one import."""
+    text = rows(TIME * 1000, VOLTS * 1000, SPEED, VOLTS, header="t,u,n,i")
+    (one,) = load(
+        table(tmp_path / "x.csv", text), time="t:ms", voltage="u:mV", speed="n:rpm", current="i:mA"
+    ).experiments
+    assert one.period == pytest.approx(0.1)
+    assert one.voltage == pytest.approx(VOLTS)
+    assert one.speed == pytest.approx(SPEED * 2 * math.pi / 60)
+    assert one.current == pytest.approx(VOLTS / 1000)
+
+
+BROKEN = {
+    "a word": (PLAIN.replace("\n0.3,3.0", "\n0.3,off"), "line 5, column 'u'"),
+    "an empty cell": (PLAIN.replace("\n0.3,3.0", "\n0.3,"), "line 5, column 'u'"),
+    "nan": (PLAIN.replace("\n0.3,3.0", "\n0.3,nan"), "line 5, column 'u'"),
+    "infinity": (PLAIN.replace("\n0.3,3.0", "\n0.3,1e999"), "line 5, column 'u'"),
+    "a short row": (PLAIN.replace("\n0.2,", "\n0.2\n0.25,"), "line 4"),
+    "time repeated": (PLAIN.replace("\n0.2,", "\n0.1,"), "line 4"),
+    "time backwards": (PLAIN.replace("\n0.2,", "\n0.05,"), "line 4"),
+    "comma and point": (PLAIN.replace(",", ";").replace("0.1;3.0", "0,1;3.0"), "decimal comma"),
+    "no rows": ("t,u,n\n", "none"),
+    "one row": ("t,u,n\n1,2,3\n", "samples or more"),
+    "nothing": ("", "empty"),
+    "comments alone": ("# a\n# b\n", "empty"),
+    "no such column": (PLAIN.replace("t,u,n", "t,volts,n"), "'volts'"),
+    "column twice": (PLAIN.replace("t,u,n", "t,u,u"), "several"),
+}
+
+
+@pytest.mark.parametrize("fault", BROKEN)
+def test_a_broken_table_is_refused_with_the_line(tmp_path, fault):
+    """File, line or column, what was expected and what came."""
+    text, named = BROKEN[fault]
+    with pytest.raises(RecordingError) as caught:
+        load(table(tmp_path / "x.csv", text))
+    assert named in str(caught.value)
+    assert str(tmp_path / "x.csv") in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"PK\x03\x04\0\0\0\0binary", gzip.compress(PLAIN.encode())[:-30], b"\x1f\x8b\x08" + bytes(40)],
+    ids=["a spreadsheet", "a cut gzip file", "a broken gzip file"],
+)
+def test_a_file_that_is_no_table_is_refused_in_a_sentence(tmp_path, data):
+    """The wrong file on the command line is common."""
+    (tmp_path / "x.csv").write_bytes(data)
+    with pytest.raises(RecordingError):
+        load(tmp_path / "x.csv")
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    """As everywhere."""
+    with pytest.raises(RecordingError, match="No such file"):
+        load(tmp_path / "x.csv")
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.text(max_size=200))
+def test_any_text_is_a_table_or_a_sentence(tmp_path_factory, text):
+    """Never another exception."""
+    path = tmp_path_factory.getbasetemp() / "any.csv"
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    try:
+        imported = import_file(path, voltage="1", speed="1", sample_period=0.1)
+    except BadInput:
+        return
+    assert imported.experiments
+
+
+@pytest.mark.parametrize("option", ["sample_period", "length"])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+def test_an_impossible_period_or_length_is_refused(tmp_path, option, value):
+    """Seconds above 0."""
+    with pytest.raises(OptionError, match="seconds above 0"):
+        load(table(tmp_path / "x.csv", PLAIN), **{option: value})
+
+
+def test_a_period_in_the_wrong_unit_is_refused_before_it_fills_the_memory(tmp_path):
+    """1e-12 s over 2 s."""
+    with pytest.raises(OptionError, match="--sample-period"):
+        load(table(tmp_path / "x.csv", PLAIN), sample_period=1e-12)
+
+
+def test_experiments_have_equal_length_and_the_remainder_is_reported(tmp_path):
+    """20 samples in experiments of 0.6 s: three of six samples, two dropped."""
+    imported = load(table(tmp_path / "x.csv", PLAIN), length=0.6)
+    assert [(e.number, len(e)) for e in imported.experiments] == [(1, 6), (2, 6), (3, 6)]
+    assert [e.start for e in imported.experiments] == pytest.approx([0, 0.6, 1.2])
+    assert imported.experiments[1].speed.tolist() == SPEED[6:12].tolist()
+    assert any("2 samples at ends" in note for note in imported.notes)
+
+
+def test_a_length_beyond_the_data_is_refused(tmp_path):
+    """The sentence says how much there is."""
+    with pytest.raises(RecordingError, match="2 s at most"):
+        load(table(tmp_path / "x.csv", PLAIN), length=60)
+    with pytest.raises(OptionError, match="--length"):
+        load(table(tmp_path / "x.csv", PLAIN), length=0.1)
+
+
+def test_a_gap_splits_experiments_and_is_reported_with_its_line(tmp_path):
+    """10 samples, a pause of 5 s, 10 samples: no experiment reaches over the pause."""
+    time = np.where(TIME < 1, TIME, TIME + 5)
+    imported = load(table(tmp_path / "x.csv", rows(time, VOLTS, SPEED)))
+    assert [len(e) for e in imported.experiments] == [10, 10]
+    assert imported.experiments[1].start == pytest.approx(6)
+    assert any("1 gap" in note and "line 11" in note for note in imported.notes)
+    assert [len(e) for e in load(tmp_path / "x.csv", length=0.4).experiments] == [4, 4, 4, 4]
+
+
+def test_lost_samples_are_bridged_by_interpolation(tmp_path):
+    """Two rows of a line missing: the straight line comes back."""
+    keep = np.ones(20, bool)
+    keep[[5, 6]] = False
+    text = rows(TIME[keep], VOLTS[keep], 3 * TIME[keep])
+    (one,) = load(table(tmp_path / "x.csv", text)).experiments
+    assert one.speed == pytest.approx(3 * TIME, abs=1e-12)
+    assert one.voltage.tolist() == VOLTS.tolist()
+
+
+def test_jittered_samples_are_put_on_a_grid(tmp_path):
+    """A ramp sampled with 20 % jitter is the ramp on the grid; the voltage is held, not smeared."""
+    time = np.arange(200) / 10 + np.random.default_rng(0).uniform(-0.02, 0.02, 200)
+    time -= time[0]
+    voltage = np.where(time < 10, 2.0, 8.0)
+    imported = load(table(tmp_path / "x.csv", rows(time, voltage, 5 * time)))
+    (one,) = imported.experiments
+    assert one.period == pytest.approx(0.1, rel=5e-3)
+    assert one.speed == pytest.approx(5 * (one.start + one.time), abs=1e-9)
+    assert set(one.voltage) == {2.0, 8.0}
+    assert any("resampled" in note for note in imported.notes)
+
+
+def test_downsampling_does_not_fold_fast_noise_into_the_result(tmp_path):
+    """49 Hz at 1000 Hz taken down to 50 Hz would be seen as 1 Hz; the mean takes it away."""
+    time = np.arange(10_000) / 1000
+    slow, fast = np.sin(2 * np.pi * 0.2 * time), np.sin(2 * np.pi * 49 * time)
+    voltage = np.where(np.arange(10_000) % 20 < 5, 4.0, 0.0)
+    text = rows(time, voltage, slow + fast)
+    (one,) = load(table(tmp_path / "x.csv", text), sample_period=0.02).experiments
+    wanted = np.sin(2 * np.pi * 0.2 * one.time)
+    inside = slice(2, -2)
+    assert np.abs(one.speed - wanted)[inside].max() < 0.05
+    assert one.voltage[inside] == pytest.approx(1.0)
+
+
+def test_a_time_before_zero_is_moved_so_that_it_can_be_recorded(tmp_path):
+    """Oscilloscopes count from the trigger."""
+    imported = load(table(tmp_path / "x.csv", rows(TIME - 1, VOLTS, SPEED)))
+    check_plain(imported)
+    assert imported.experiments[0].start == 0
+    assert any("moved by 1 s" in note for note in imported.notes)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.floats(0.5, 1.5), min_size=3, max_size=40),
+    st.floats(-100, 100),
+    st.floats(-100, 100),
+    st.floats(0.2, 5),
+)
+def test_resampling_keeps_straight_lines_and_constants(steps, slope, offset, period):
+    """At any times, up or down: a line is its own interpolation and, inside, its own mean."""
+    time = np.concatenate(([0.0], np.cumsum(steps)))
+    grid = np.arange(0, time[-1], period)
+    line = Series(time, offset + slope * time, str)
+    got = resample(line, grid, period, held=False)
+    inside = (grid - period / 2 >= 0) & (grid + period / 2 <= time[-1])
+    assert got[inside] == pytest.approx((offset + slope * grid)[inside], abs=1e-8)
+    constant = Series(time, np.full(time.size, offset), str)
+    assert resample(constant, grid, period, held=True) == pytest.approx(offset, abs=1e-8)
+
+
+def test_imported_experiments_survive_the_recording(tmp_path):
+    """import → bag → read: the same numbers."""
+    imported = load(table(tmp_path / "x.csv", PLAIN), length=0.5)
+    with BagWriter(tmp_path / "bag", "motor") as bag:
+        for one in imported.experiments:
+            bag.write("experiment", one, one.end)
+    back = experiments(tmp_path / "bag").experiments
+    assert [e.speed.tolist() for e in back] == [e.speed.tolist() for e in imported.experiments]
+
+
+def foreign(path: Path, voltage_times=TIME, stamped: bool = True) -> Path:
+    """JointState (velocity of two joints) and Float64 voltage commands, by the rosbags library."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    types = typestore().types
+    joint, number = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
+    header, stamp = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Time"]
+    messages = []
+    for t, speed in zip(TIME, SPEED, strict=True):
+        at = 1_000_000_000 + round(t * 1e9)
+        head = header(stamp=stamp(sec=at // 10**9, nanosec=at % 10**9), frame_id="")
+        if not stamped:
+            head = header(stamp=stamp(sec=0, nanosec=0), frame_id="")
+        state = types[joint](
+            header=head,
+            name=["a", "b"],
+            position=np.zeros(2),
+            velocity=np.array([0.0, speed]),
+            effort=np.array([]),
+        )
+        messages.append((at + (0 if not stamped else 5_000_000), joint, state))
+    for t in voltage_times:
+        at = 1_000_000_000 + round(t * 1e9)
+        messages.append((at, number, types[number](data=3.0 if t < 1 else 6.0)))
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = {
+            joint: writer.add_connection("/joint_states", joint, typestore=typestore()),
+            number: writer.add_connection("/drive/voltage", number, typestore=typestore()),
+        }
+        for at, kind, message in sorted(messages, key=lambda m: m[0]):
+            writer.write(topics[kind], at, typestore().serialize_cdr(message, kind))
+    return path
+
+
+def test_a_foreign_recording_is_imported_by_topic_field_and_index(tmp_path):
+    """Two topics with their own times; the header's stamp counts, not the reception."""
+    path = foreign(tmp_path / "bag")
+    imported = import_file(path, voltage="/drive/voltage.data", speed="/joint_states.velocity[1]")
+    check_plain(imported)
+    assert imported.experiments[0].start == pytest.approx(1)
+    (one,) = import_file(
+        next(path.glob("*.mcap")),
+        voltage="/drive/voltage.data:mV",
+        speed="/joint_states.velocity[1]:rpm",
+    ).experiments
+    assert one.speed == pytest.approx(SPEED * 2 * math.pi / 60)
+    assert one.voltage == pytest.approx(VOLTS / 1000)
+
+
+def test_a_voltage_command_holds_until_the_next_one(tmp_path):
+    """Sent only when it changes: three messages make twenty samples."""
+    path = foreign(tmp_path / "bag", voltage_times=[0.0, 0.5, 1.0])
+    imported = import_file(path, voltage="/drive/voltage.data", speed="/joint_states.velocity[1]")
+    check_plain(imported)
+    assert any("held for up to 0.9 s" in note for note in imported.notes)
+
+
+def test_samples_before_the_first_voltage_are_left_out(tmp_path):
+    """What the machine was driven with is not known there."""
+    path = foreign(tmp_path / "bag", voltage_times=[0.5, 1.0])
+    (one,) = import_file(
+        path, voltage="/drive/voltage.data", speed="/joint_states.velocity[1]"
+    ).experiments
+    assert one.start == pytest.approx(1.5)
+    assert one.speed == pytest.approx(SPEED[5:])
+    assert one.voltage.tolist() == VOLTS[5:].tolist()
+
+
+def test_messages_without_a_stamp_are_timed_by_their_reception(tmp_path):
+    """And the note says so."""
+    path = foreign(tmp_path / "bag", stamped=False)
+    imported = import_file(path, voltage="/drive/voltage.data", speed="/joint_states.velocity[1]")
+    check_plain(imported)
+    assert any("reception" in note for note in imported.notes)
+
+
+def test_a_time_of_the_message_may_be_chosen(tmp_path):
+    """With all channels from that topic."""
+    path = foreign(tmp_path / "bag")
+    (one,) = import_file(
+        path,
+        voltage="/joint_states.velocity[0]",
+        speed="/joint_states.velocity[1]",
+        time="/joint_states.header.stamp",
+    ).experiments
+    assert one.speed.tolist() == SPEED.tolist()
+    with pytest.raises(OptionError, match="--time"):
+        import_file(
+            path,
+            voltage="/drive/voltage.data",
+            speed="/joint_states.velocity[1]",
+            time="/joint_states.header.stamp",
+        )
+
+
+@pytest.mark.parametrize(
+    ("speed", "named"),
+    [
+        ("/joint_state.velocity[1]", "did you mean '/joint_states'"),
+        ("/joint_states.velocty[1]", "did you mean 'velocity'"),
+        ("/joint_states.velocity[2]", "2 values"),
+        ("/joint_states.velocity", "choose one with [index]"),
+        ("/joint_states.effort[0]", "0 values"),
+        ("/joint_states.name[0]", "a number"),
+        ("/joint_states.header.frame_id.x", "'x' of ''"),
+        ("/joint_states.__class__", "/topic.field[index]"),
+        ("/joint_states", "/topic.field[index]"),
+        ("velocity", "/topic.field[index]"),
+    ],
+)
+def test_a_field_that_is_not_there_is_refused_in_a_sentence(tmp_path, speed, named):
+    """Topic, field, index: what exists instead."""
+    path = foreign(tmp_path / "bag")
+    with pytest.raises(BadInput) as caught:
+        import_file(path, voltage="/drive/voltage.data", speed=speed)
+    assert named in str(caught.value)
+
+
+def test_the_measured_motor_arrives_in_si_units():
+    """100 Hz, 12.21 s, steps from 5 V; the first speed is 1056.02 rpm."""
+    path = MEASURED / "rtl_dcmotor" / "open_loop_5_15V.csv"
+    if not path.exists():
+        pytest.skip("the measured data are not on this machine")
+    (one,) = import_file(path, "voltage_V", "speed_rpm:rpm", time="time_s").experiments
+    assert (len(one), one.period, one.voltage[0]) == (1221, 0.01, 5)
+    assert one.speed[0] == pytest.approx(1056.02 * 2 * math.pi / 60)
+
+
+def test_half_a_million_rows_are_imported_whole():
+    """The motor-generator pair: 500,000 rows in 50 experiments, nothing dropped."""
+    path = MEASURED / "motor_generator" / "motor_generator.csv.gz"
+    if not path.exists():
+        pytest.skip("the measured data are not on this machine")
+    imported = import_file(path, "drive", "speed", sample_period=0.01, length=100)
+    assert [len(e) for e in imported.experiments] == [10_000] * 50
+    assert imported.experiments[0].speed[0] == -143.8
+    assert not any("dropped" in note for note in imported.notes)
