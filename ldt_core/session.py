@@ -75,8 +75,8 @@ def write_step(writer: BagWriter, step: Step) -> None:
     """Record a step in the order in which the graph sends its messages."""
     end = step.experiment.end
     writer.write("experiment", step.experiment, end)
-    writer.write("original_prediction", step.original, end)
     writer.write("prediction", step.prediction, end)
+    writer.write("original_prediction", step.original, end)
     writer.write("signal", step.signal, end)
     if step.model is not None:
         writer.write("model", step.model, end)

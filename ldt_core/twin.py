@@ -48,8 +48,8 @@ class Predictor:
         self.model.predict(idle)
         self.original.predict(idle)
 
-    def predict(self, experiment: Experiment) -> tuple[Prediction, Prediction]:
-        """(prediction of the present model, prediction of the original one).
+    def predict(self, experiment: Experiment) -> Prediction:
+        """Free run of the present model.
 
         Raises:
             ExperimentError: the machine cannot have made this experiment, or its number is not
@@ -61,7 +61,7 @@ class Predictor:
                 f"experiment {experiment.number}", f"a number above {self.last}", experiment.number
             )
         self.last = experiment.number
-        return self.model.predict(experiment), self.original.predict(experiment)
+        return self.model.predict(experiment)
 
 
 class Judge:
@@ -124,7 +124,8 @@ class Twin:
         Raises:
             ExperimentError: as `Predictor.predict`; the twin is as before then.
         """
-        prediction, original = self.predictor.predict(experiment)
+        prediction = self.predictor.predict(experiment)
+        original = self.predictor.original.predict(experiment)
         signal = self.judge.judge(experiment, prediction)
         adaptation, model = self.adaptor.step(experiment, signal)
         changed = model.version != self.model.version
