@@ -90,13 +90,11 @@ class PredictorNode(TwinNode):
         while self._waiting and self._may_predict(*self._waiting[0]):
             experiment, _ = self._waiting.popleft()
             try:
-                prediction = self.predictor.predict(experiment)
+                self._prediction.publish(to_message(self.predictor.predict(experiment)))
+                # Nobody waits for the yardstick, so it is made while the detector works.
+                self._original.publish(to_message(self.predictor.original.predict(experiment)))
             except LdtError as error:
                 self.reject("experiment", error)
-                continue
-            self._prediction.publish(to_message(prediction))
-            # Nobody waits for the yardstick, so it is made while the detector works.
-            self._original.publish(to_message(self.predictor.original.predict(experiment)))
 
     def _may_predict(self, experiment: Experiment, since: float) -> bool:
         last, adapted = self.predictor.last, self._adapted
