@@ -98,6 +98,7 @@ class Bag:
         seen: set[int] = set()
         repeated: list[int] = []
         for experiment in self.records("experiment"):
+            assert isinstance(experiment, Experiment)
             if experiment.number in seen:
                 repeated.append(experiment.number)
             seen.add(experiment.number)

@@ -148,7 +148,9 @@ class Table:
 
     def _find_header(self) -> tuple[int, list[str]]:
         """(last line before the numbers, column names); numbers from 1 where there is no header."""
-        line, row = next(self._rows())
+        line, row = next(self._rows(), (0, []))
+        if not row:
+            raise RecordingError(self.path, "rows of numbers", "only empty cells")
         if not all(_is_number(cell) for cell in row if cell):
             return line, [cell.strip() for cell in row]
         comments = [

@@ -83,10 +83,8 @@ def _from_table(
     values = {
         q: column * field.factor for (q, field), column in zip(fields.items(), columns, strict=True)
     }
-    times = values.pop("time", None)
-    if times is None:
-        assert sample_period is not None
-        times = np.arange(lines.size) * sample_period
+    assert sample_period is not None or "time" in values
+    times = values.pop("time", np.arange(lines.size) * (sample_period or 0.0))
     notes = [f"{lines.size} rows; {_conversions(fields)}", *table.notes]
 
     def place(index: int) -> str:

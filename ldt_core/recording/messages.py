@@ -86,12 +86,12 @@ def standard() -> Messages:
     )
 
 
-def serialize(message: Any) -> bytes | memoryview:
+def serialize(message: Any) -> bytes:
     """CDR bytes of one of the `standard` messages."""
-    return typestore().serialize_cdr(message, message.__msgtype__)
+    return bytes(typestore().serialize_cdr(message, message.__msgtype__))
 
 
-def deserialize(data: bytes | memoryview, kind: str, where: str) -> Any:
+def deserialize(data: bytes, kind: str, where: str) -> Any:
     """The message in CDR bytes.
 
     Args:

@@ -128,9 +128,9 @@ class Storage:
             got = "none of them" if listed else "no such file"
             expected = ", ".join(listed) or ".mcap files, as in a rosbag2 folder"
             raise RecordingError(self.path, expected, got)
-        for file in files:
-            if not (self.path / file).is_file():
-                self.note(f"{self.path}: {METADATA} lists {file}, which is missing")
+        for name in files:
+            if not (self.path / name).is_file():
+                self.note(f"{self.path}: {METADATA} lists {name}, which is missing")
         for file in present:
             _magic(file)
         return present
@@ -143,9 +143,7 @@ class Storage:
             except sqlite3.Error as error:
                 raise RecordingError(file, "a rosbag2 SQLite file", _reason(error)) from None
         else:
-            found = self._summary(file)
-            if found is None:
-                found = {c.topic: kind for c, kind in self._channels(file)}
+            found = self._summary(file) or {c.topic: kind for c, kind in self._channels(file)}
         for topic, kind in found.items():
             known = self.topics.setdefault(topic, kind)
             if known != kind:

@@ -107,7 +107,7 @@ class BagWriter:
         data = serialize(message)
         self.write_raw(self._absolute(topic), self._kind(topic), data, round(time_s * 1e9))
 
-    def write_raw(self, topic: str, kind: str, data: bytes | memoryview, time_ns: int) -> None:
+    def write_raw(self, topic: str, kind: str, data: bytes, time_ns: int) -> None:
         """Write a message that is serialised already.
 
         Args:

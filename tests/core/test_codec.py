@@ -138,7 +138,7 @@ def example(number: int = 3, length: int = 4) -> Experiment:
 def test_every_record_comes_back_bit_equal_through_message_and_bytes(topic):
     """Encode → CDR → decode is the identity, for all records."""
 
-    @settings(max_examples=60, deadline=None)
+    @settings(max_examples=60)
     @given(RECORDS[topic])
     def check(record):
         message = codec.encode(record, machine="rotor", time=12.5)
@@ -157,7 +157,7 @@ def test_real_ros_messages_carry_the_same_records(topic, monkeypatch):
     make = ros_messages()
     serialization = pytest.importorskip("rclpy.serialization")
 
-    @settings(max_examples=20, deadline=None)
+    @settings(max_examples=20)
     @given(RECORDS[topic])
     def check(record):
         message = codec.encode(record, make, machine="rotor", time=12.5)
@@ -374,7 +374,7 @@ def test_a_model_that_is_not_finite_is_never_sent():
         codec.encode(ModelRecord(1, "linear", (), {"a": math.nan}))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.data())
 def test_damaged_bytes_give_a_sentence_or_a_record_never_another_error(data):
     """Any byte of any message changed, or the end cut off."""

@@ -19,8 +19,6 @@ from ldt_core.recording.resampling import Series, resample
 from ldt_core.recording.units import UNITS, parse_field
 from ldt_core.recording.writer import BagWriter
 
-MEASURED = Path(__file__).parents[3] / "shared" / "data"
-
 
 def table(path: Path, text: str, encoding: str = "utf-8") -> Path:
     path.write_bytes(text.encode(encoding))
@@ -201,8 +199,8 @@ def test_a_missing_file_is_refused(tmp_path):
         load(tmp_path / "x.csv")
 
 
-@settings(max_examples=200, deadline=None)
-@given(st.text(max_size=200))
+@settings(max_examples=200)
+@given(st.text(max_size=60) | st.text('0123456789.,;-e\t\n\r "#%|abn', max_size=80))
 def test_any_text_is_a_table_or_a_sentence(tmp_path_factory, text):
     """Never another exception."""
     path = tmp_path_factory.getbasetemp() / "any.csv"
@@ -299,7 +297,7 @@ def test_a_time_before_zero_is_moved_so_that_it_can_be_recorded(tmp_path):
     assert any("moved by 1 s" in note for note in imported.notes)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(st.floats(0.5, 1.5), min_size=3, max_size=40),
     st.floats(-100, 100),
@@ -446,21 +444,17 @@ def test_a_field_that_is_not_there_is_refused_in_a_sentence(tmp_path, speed, nam
     assert named in str(caught.value)
 
 
-def test_the_measured_motor_arrives_in_si_units():
+def test_the_measured_motor_arrives_in_si_units(measured):
     """100 Hz, 12.21 s, steps from 5 V; the first speed is 1056.02 rpm."""
-    path = MEASURED / "rtl_dcmotor" / "open_loop_5_15V.csv"
-    if not path.exists():
-        pytest.skip("the measured data are not on this machine")
+    path = measured / "rtl_dcmotor" / "open_loop_5_15V.csv"
     (one,) = import_file(path, "voltage_V", "speed_rpm:rpm", time="time_s").experiments
     assert (len(one), one.period, one.voltage[0]) == (1221, 0.01, 5)
     assert one.speed[0] == pytest.approx(1056.02 * 2 * math.pi / 60)
 
 
-def test_half_a_million_rows_are_imported_whole():
+def test_half_a_million_rows_are_imported_whole(measured):
     """The motor-generator pair: 500,000 rows in 50 experiments, nothing dropped."""
-    path = MEASURED / "motor_generator" / "motor_generator.csv.gz"
-    if not path.exists():
-        pytest.skip("the measured data are not on this machine")
+    path = measured / "motor_generator" / "motor_generator.csv.gz"
     imported = import_file(path, "drive", "speed", sample_period=0.01, length=100)
     assert [len(e) for e in imported.experiments] == [10_000] * 50
     assert imported.experiments[0].speed[0] == -143.8
