@@ -18,8 +18,8 @@ from ldt_core.gaussian_process.sparse import SparsePosterior
 
 #: What f may depend on, in the order in which the compiled loop keeps them.
 INPUTS = ("current", "speed", "voltage")
-#: (ad, bd, period, voltage, start) -> speed (L,), slopes (L, 2), deviation of f (L,): `free_run`.
-FreeRun = Callable[[Array, Array, float, Array, Array], tuple[Array, Array, Array]]
+#: (ad, bd, gd, voltage, start) -> speed (L,), slopes (L, 2), deviation of f (L,): `free_run`.
+FreeRun = Callable[[Array, Array, Array, Array, Array], tuple[Array, Array, Array]]
 
 # Nodes of the table in a length scale. The Hermite error is h⁴/384 max|f⁗| <= 8e-8 of the size that
 # a function with this length scale has (f⁗ is 3 of it over ℓ⁴ for a single bump), smaller than any
@@ -92,15 +92,15 @@ def compile_run(posterior: SparsePosterior | None, inputs: Sequence[str]) -> Fre
         table = None
     if table is not None:
         t = table
-        return lambda ad, bd, period, voltage, start: run_table(
-            ad, bd, period, voltage, start, t.low, t.step, t.cubic, t.std, t.prior_std
+        return lambda ad, bd, gd, voltage, start: run_table(
+            ad, bd, gd, voltage, start, t.low, t.step, t.cubic, t.std, t.prior_std
         )
     assert posterior is not None
     kernel, indices = posterior.kernel, np.array([INPUTS.index(name) for name in inputs])
     lengths, signal_std = np.array(kernel.length_scales), kernel.signal_std
     inducing, weights = np.ascontiguousarray(posterior.inducing), posterior.weights
     explained = np.ascontiguousarray(posterior.explained)
-    return lambda ad, bd, period, voltage, start: run_inducing(
-        *(ad, bd, period, voltage, start),
+    return lambda ad, bd, gd, voltage, start: run_inducing(
+        *(ad, bd, gd, voltage, start),
         *(indices, lengths, signal_std, inducing, weights, explained),
     )

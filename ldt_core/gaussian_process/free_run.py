@@ -1,14 +1,14 @@
 """Free run of a linear motor that a learned acceleration drives, and how uncertain it is.
 
-The mean follows [i; w]_{k+1} = Ad [i; w]_k + Bd u_k + [0; T f(x_k)] with f at its posterior mean.
+The mean follows [i; w]_{k+1} = Ad [i; w]_k + Bd u_k + Gd f(x_k) with f at its posterior mean.
 The deviation is propagated along it to first order (Girard, Rasmussen, Quiñonero-Candela,
 Murray-Smith, "Gaussian process priors with uncertain inputs: application to multiple-step ahead
-time series forecasting", NIPS 2003), through the Jacobian J_k = Ad + [0; T ∂f/∂x_k], from three
+time series forecasting", NIPS 2003), through the Jacobian J_k = Ad + Gd ∂f/∂x_k, from three
 sources:
 
 - the function itself. It is one unknown function, wrong in the same way whenever the run comes to
   the same speed, so its errors are carried as fully correlated along the run: δ_{k+1} = J_k δ_k +
-  [0; T std_f(x_k)]. That is exact in steady running, where runs stay, and too wide when the
+  Gd std_f(x_k). That is exact in steady running, where runs stay, and too wide when the
   speed crosses many length scales within the motor's memory. Taking them as independent, as is
   common, is far too narrow.
 - the start: the first measured speed has the sensor's noise.
@@ -25,13 +25,13 @@ LARGEST = 1e12
 
 
 @njit(cache=True)
-def run_table(ad, bd, period, voltage, start, low, step, cubic, std, prior_std):
+def run_table(ad, bd, gd, voltage, start, low, step, cubic, std, prior_std):
     """Mean run with f of the speed from a table.
 
     Args:
         ad: (2, 2) discrete motor, states current [A] and speed [rad/s].
-        bd: (2,) likewise.
-        period: T [s].
+        bd: (2,) likewise, for the voltage.
+        gd: (2,) likewise, for an acceleration of the shaft.
         voltage: (L,) [V].
         start: (2,) state at the first sample.
         low: first node of the table [rad/s]; `compiled.Table` describes this and the rest.
@@ -60,22 +60,22 @@ def run_table(ad, bd, period, voltage, start, low, step, cubic, std, prior_std):
             slopes[k, 1] = (c1 + t * (2.0 * c2 + t * 3.0 * c3)) * inverse
             deviation[k] = std[c] + t * (std[c + 1] - std[c])
         i, w = (
-            ad[0, 0] * i + ad[0, 1] * w + bd[0] * voltage[k],
-            ad[1, 0] * i + ad[1, 1] * w + bd[1] * voltage[k] + period * force,
+            ad[0, 0] * i + ad[0, 1] * w + bd[0] * voltage[k] + gd[0] * force,
+            ad[1, 0] * i + ad[1, 1] * w + bd[1] * voltage[k] + gd[1] * force,
         )
     return speed, slopes, deviation
 
 
 @njit(cache=True)
 def run_inducing(
-    ad, bd, period, voltage, start, inputs, lengths, signal_std, inducing, weights, explained
+    ad, bd, gd, voltage, start, inputs, lengths, signal_std, inducing, weights, explained
 ):
     """Mean run with f of one to three inputs from the inducing points.
 
     Args:
         ad: (2, 2) discrete motor, states current [A] and speed [rad/s].
-        bd: (2,) likewise.
-        period: T [s].
+        bd: (2,) likewise, for the voltage.
+        gd: (2,) likewise, for an acceleration of the shaft.
         voltage: (L,) [V].
         start: (2,) state at the first sample.
         inputs: (d,) of f: 0 current, 1 speed, 2 voltage.
@@ -123,18 +123,18 @@ def run_inducing(
             left -= row[j] * known[j]
         deviation[k] = np.sqrt(max(left, 0.0))
         i, w = state[0], state[1]
-        state[0] = ad[0, 0] * i + ad[0, 1] * w + bd[0] * voltage[k]
-        state[1] = ad[1, 0] * i + ad[1, 1] * w + bd[1] * voltage[k] + period * force
+        state[0] = ad[0, 0] * i + ad[0, 1] * w + bd[0] * voltage[k] + gd[0] * force
+        state[1] = ad[1, 0] * i + ad[1, 1] * w + bd[1] * voltage[k] + gd[1] * force
     return speed, slopes, deviation
 
 
 @njit(cache=True)
-def spread(ad, period, slopes, deviation, persistence):
+def spread(ad, gd, slopes, deviation, persistence):
     """Variance of the speed along a run, for each source apart.
 
     Args:
         ad: (2, 2) discrete motor, states current [A] and speed [rad/s].
-        period: T [s].
+        gd: (2,) likewise, for an acceleration of the shaft.
         slopes: (L, 2) of f over current and speed.
         deviation: (L,) of f [rad/s²].
         persistence: autocorrelation of the disturbance over one sample, 0 to below 1.
@@ -149,21 +149,26 @@ def spread(ad, period, slopes, deviation, persistence):
     si, sw = 0.0, 1.0  # error of the start, one vector
     # Covariance of current, speed and disturbance (the last is 1 throughout).
     p00, p01, p02, p11, p12 = 0.0, 0.0, 0.0, 0.0, 0.0
-    fresh = persistence
+    gi, gw = gd[0], gd[1]
     for k in range(samples):
         function[k], start[k], drift[k] = fw * fw, sw * sw, p11
-        j00, j01 = ad[0, 0], ad[0, 1]
-        j10, j11 = ad[1, 0] + period * slopes[k, 0], ad[1, 1] + period * slopes[k, 1]
-        fi, fw = j00 * fi + j01 * fw, j10 * fi + j11 * fw + period * deviation[k]
+        j00, j01 = ad[0, 0] + gi * slopes[k, 0], ad[0, 1] + gi * slopes[k, 1]
+        j10, j11 = ad[1, 0] + gw * slopes[k, 0], ad[1, 1] + gw * slopes[k, 1]
+        fi, fw = (
+            j00 * fi + j01 * fw + gi * deviation[k],
+            j10 * fi + j11 * fw + gw * deviation[k],
+        )
         si, sw = j00 * si + j01 * sw, j10 * si + j11 * sw
-        q00, q01, q02 = j00 * p00 + j01 * p01, j00 * p01 + j01 * p11, j00 * p02 + j01 * p12
-        q10 = j10 * p00 + j11 * p01 + period * p02
-        q11 = j10 * p01 + j11 * p11 + period * p12
-        q12 = j10 * p02 + j11 * p12 + period
-        p00 = j00 * q00 + j01 * q01
-        p01 = j10 * q00 + j11 * q01 + period * q02
-        p11 = j10 * q10 + j11 * q11 + period * q12
-        p02, p12 = fresh * q02, fresh * q12
+        q00 = j00 * p00 + j01 * p01 + gi * p02
+        q01 = j00 * p01 + j01 * p11 + gi * p12
+        q02 = j00 * p02 + j01 * p12 + gi
+        q10 = j10 * p00 + j11 * p01 + gw * p02
+        q11 = j10 * p01 + j11 * p11 + gw * p12
+        q12 = j10 * p02 + j11 * p12 + gw
+        p00 = j00 * q00 + j01 * q01 + gi * q02
+        p01 = j10 * q00 + j11 * q01 + gw * q02
+        p11 = j10 * q10 + j11 * q11 + gw * q12
+        p02, p12 = persistence * q02, persistence * q12
         f, s = fi * fi + fw * fw, si * si + sw * sw
         if f > LARGEST:
             shrink = np.sqrt(LARGEST / f)

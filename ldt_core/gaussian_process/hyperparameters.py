@@ -65,8 +65,8 @@ def cells(x: Array, y: Array, most: int = MOST_CELLS) -> tuple[Array, Array, Arr
             break
     _, member, count = np.unique(member, return_inverse=True, return_counts=True)
     columns = np.column_stack([x, y])
-    means = np.column_stack([np.bincount(member, weights=column) for column in columns.T])
-    means /= count[:, None]
+    sums = np.column_stack([np.bincount(member, weights=column) for column in columns.T])
+    means: Array = sums / count[:, None]
     scatter = np.sum((columns - means[member]) ** 2, axis=0) / max(n - len(count), 1)
     width = np.sqrt(12 * scatter[:d])  # of a uniform distribution with that variance
     return means[:, :d].copy(), means[:, d].copy(), scatter[d] / count, width
@@ -102,7 +102,7 @@ def fit_hyperparameters(x: Array, y: Array, shortest: Array | float = 0.0) -> Ke
     regressor = GaussianProcessRegressor(
         prior, alpha=noise, n_restarts_optimizer=RESTARTS, random_state=0
     )
-    # One thread: small matrices gain nothing from more, and the bits must not depend on their number.
+    # One thread: more would be slower on small matrices, and the bits would depend on their number.
     with warnings.catch_warnings(), threadpool_limits(1):
         # A parameter on its bound is an answer here: a straight line, or nothing but noise.
         warnings.simplefilter("ignore", ConvergenceWarning)

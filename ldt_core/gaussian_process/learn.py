@@ -156,7 +156,7 @@ def _sensor_noise(runs: Sequence[Run], lacking: Sequence[Array]) -> float:
     scaled = []
     for run, targets in zip(runs, lacking, strict=True):
         gain = np.linalg.norm(np.convolve([1.0, -run.ad[1, 1]], [1.0, -2.0, 1.0]))
-        scaled.append(np.diff(targets, 2) * run.period / gain)
+        scaled.append(np.diff(targets, 2) * run.gd[1] / gain)
     if not any(row.size for row in scaled):
         raise LdtError("hybrid model: expected experiments of 4 samples or more to learn from")
     return MAD * float(np.median(np.abs(np.concatenate(scaled))))
@@ -201,9 +201,9 @@ def _disturbance(runs, inputs, posterior, noise_std, span, lengths, steps, raw) 
     squares, known, unit = [], [], []
     for run in runs:
         start = np.array([run.current, run.speed[0]])
-        speed, slopes, deviation = compiled(run.ad, run.bd, run.period, run.voltage, start)
+        speed, slopes, deviation = compiled(run.ad, run.bd, run.gd, run.voltage, start)
         function, first, drift = spread(
-            run.ad, run.period, slopes, deviation, persistence(memory, run.period)
+            run.ad, run.gd, slopes, deviation, persistence(memory, run.period)
         )
         squares.append((run.speed - speed)[1:] ** 2)
         known.append((function + noise_std**2 * (1 + first))[1:])

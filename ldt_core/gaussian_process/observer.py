@@ -1,6 +1,6 @@
 """What a measured run says of an unknown acceleration that drives a linear motor.
 
-    [i; w]_{k+1} = Ad [i; w]_k + Bd u_k + [0; T f(x_k)] + [0; process noise],   y_k = w_k + noise
+    [i; w]_{k+1} = Ad [i; w]_k + Bd u_k + Gd f(x_k) + [0; process noise],   y_k = w_k + noise
 
 The plain targets, one-step differences y_{k+1} - y_k minus the physics, carry the noise of two
 samples each: neighbours are negatively correlated, and since y_k is in the input as well as, with a
@@ -35,6 +35,7 @@ class Run:
     Args:
         ad: (2, 2) over one sample period, states current [A] and speed [rad/s].
         bd: (2,) likewise for the voltage.
+        gd: (2,) likewise for an acceleration of the shaft.
         period: T [s].
         voltage: (L,) [V].
         speed: (L,) measured [rad/s].
@@ -43,6 +44,7 @@ class Run:
 
     ad: Array
     bd: Array
+    gd: Array
     period: float
     voltage: Array
     speed: Array
@@ -64,7 +66,7 @@ def one_step(run: Run) -> tuple[Array, Array]:
         acceleration (L - 1,) [rad/s²] that the physics lacks, from each sample to the next, and the
         current (L,) [A], propagated by the physics under the measured speed.
     """
-    return _one_step(run.ad, run.bd, run.period, run.voltage, run.speed, run.current)
+    return _one_step(run.ad, run.bd, run.gd, run.voltage, run.speed, run.current)
 
 
 def filtered(run: Run, force: Array, ratio: float) -> tuple[Array, Array, Array]:
@@ -80,12 +82,12 @@ def filtered(run: Run, force: Array, ratio: float) -> tuple[Array, Array, Array]
         measurements up to each sample, and the scales (L - 1,) that the innovations were divided
         by.
     """
-    return _filtered(run.ad, run.bd, run.period, run.voltage, run.speed, run.current, force, ratio)
+    return _filtered(run.ad, run.bd, run.gd, run.voltage, run.speed, run.current, force, ratio)
 
 
 def filter_columns(run: Run, columns: Array, ratio: float) -> Array:
     """(L - 1, m) what accelerations columns (L, m) contribute to the scaled innovations."""
-    return _filter_columns(run.ad, run.period, columns, ratio)
+    return _filter_columns(run.ad, run.gd, columns, ratio)
 
 
 def estimate_noise(runs: Sequence[Run], forces: Sequence[Array]) -> Noise:
@@ -113,13 +115,13 @@ def estimate_noise(runs: Sequence[Run], forces: Sequence[Array]) -> Noise:
 
 
 @njit(cache=True)
-def _one_step(ad, bd, period, voltage, speed, current):
+def _one_step(ad, bd, gd, voltage, speed, current):
     lacking = np.empty(len(speed) - 1)
     currents = np.empty(len(speed))
     currents[0] = current
     for k in range(len(speed) - 1):
         i, w, u = currents[k], speed[k], voltage[k]
-        lacking[k] = (speed[k + 1] - ad[1, 0] * i - ad[1, 1] * w - bd[1] * u) / period
+        lacking[k] = (speed[k + 1] - ad[1, 0] * i - ad[1, 1] * w - bd[1] * u) / gd[1]
         currents[k + 1] = ad[0, 0] * i + ad[0, 1] * w + bd[0] * u
     return lacking, currents
 
@@ -148,16 +150,16 @@ def _gains(ad, ratio, samples):
 
 
 @njit(cache=True)
-def _filtered(ad, bd, period, voltage, speed, current, force, ratio):
+def _filtered(ad, bd, gd, voltage, speed, current, force, ratio):
     samples = len(speed)
     gains, scales = _gains(ad, ratio, samples)
     innovations, states = np.empty(samples - 1), np.empty((samples, 2))
     i, w = current, speed[0]
     states[0, 0], states[0, 1] = i, w
     for k in range(1, samples):
-        u = voltage[k - 1]
-        ahead_i = ad[0, 0] * i + ad[0, 1] * w + bd[0] * u
-        ahead_w = ad[1, 0] * i + ad[1, 1] * w + bd[1] * u + period * force[k - 1]
+        u, f = voltage[k - 1], force[k - 1]
+        ahead_i = ad[0, 0] * i + ad[0, 1] * w + bd[0] * u + gd[0] * f
+        ahead_w = ad[1, 0] * i + ad[1, 1] * w + bd[1] * u + gd[1] * f
         surprise = speed[k] - ahead_w
         innovations[k - 1] = surprise / scales[k]
         i, w = ahead_i + gains[k, 0] * surprise, ahead_w + gains[k, 1] * surprise
@@ -166,15 +168,16 @@ def _filtered(ad, bd, period, voltage, speed, current, force, ratio):
 
 
 @njit(cache=True)
-def _filter_columns(ad, period, columns, ratio):
+def _filter_columns(ad, gd, columns, ratio):
     samples, m = columns.shape
     gains, scales = _gains(ad, ratio, samples)
     out = np.empty((samples - 1, m))
     i, w = np.zeros(m), np.zeros(m)
     for k in range(1, samples):
         for j in range(m):
-            ahead_i = ad[0, 0] * i[j] + ad[0, 1] * w[j]
-            ahead_w = ad[1, 0] * i[j] + ad[1, 1] * w[j] + period * columns[k - 1, j]
+            f = columns[k - 1, j]
+            ahead_i = ad[0, 0] * i[j] + ad[0, 1] * w[j] + gd[0] * f
+            ahead_w = ad[1, 0] * i[j] + ad[1, 1] * w[j] + gd[1] * f
             out[k - 1, j] = ahead_w / scales[k]
             i[j] = ahead_i - gains[k, 0] * ahead_w
             w[j] = ahead_w - gains[k, 1] * ahead_w

@@ -30,16 +30,18 @@ class HybridModel(Model):
     motor all the same. Its current is carried along, since without it the speed is off by up to
     0.46 rad/s:
 
-        [i; w]_{k+1} = Ad [i; w]_k + Bd u_k + [0; T f_d(w_k)]
+        [i; w]_{k+1} = Ad [i; w]_k + Bd u_k + Gd f_d(w_k)
 
     f_d is a Gaussian process, zero until trained and zero far from what it was trained on. It is
-    kept as an acceleration [rad/s²], so that an experiment with another sample period T is
-    predicted too: the paper's f_d is T times ours. The equation is the paper's, the training is
-    better than a regression on one-step differences, which sensor noise biases: see
-    `gaussian_process.observer`. The physics carries the current under the measured speeds from the
-    first measured one (or the one that holds the first speed). Later measured currents are not
-    used, because the free run that the training is for has none: were they used, f_d would not
-    learn what is wrong with the armature.
+    kept as an acceleration [rad/s²] that is held over a sample like the voltage, so that another
+    sample period T is predicted too: what the paper calls f_d, a change of speed in one sample, is
+    ours times the second component of Gd, about T.
+
+    The equation is the paper's; the training is better than a regression on one-step differences,
+    which sensor noise biases: see `gaussian_process.observer`. The physics carries the current
+    under the measured speeds from the first measured current (or the one that holds the first
+    speed). Later measured currents are not used, because the free run that the training is for has
+    none: were they used, f_d would not learn what is wrong with the armature.
 
     `parameters`: `machine`, the physics parameters; `gaussian_process`, None or a mapping of
     `inputs`, `signal_std` [rad/s²], `length_scales` (unit of each input), `inducing` (m, d),
@@ -105,14 +107,14 @@ class HybridModel(Model):
         Raises:
             ExperimentError: the voltage is so large that the free run overflows.
         """
-        ad, bd = self._motor(experiment.period)
+        ad, bd, gd = self._motor(experiment.period)
         start = self._start(experiment)
-        speed, slopes, deviation = self.run(ad, bd, experiment.period, experiment.voltage, start)
+        speed, slopes, deviation = self.run(ad, bd, gd, experiment.voltage, start)
         std = None
         if self.learned is not None:
             known = self.learned
             rho = persistence(known.memory, experiment.period)
-            function, first, drift = spread(ad, experiment.period, slopes, deviation, rho)
+            function, first, drift = spread(ad, gd, slopes, deviation, rho)
             variance = function + known.noise_std**2 * (1 + first)
             variance += known.disturbance_std**2 * drift
             std = np.sqrt(np.minimum(variance, known.span**2))
@@ -129,15 +131,15 @@ class HybridModel(Model):
             raise LdtError("hybrid model: expected experiments to learn from, got none")
         runs = []
         for e in experiments:
-            ad, bd = self._motor(e.period)
-            runs.append(Run(ad, bd, e.period, e.voltage, e.speed, float(self._start(e)[0])))
+            current = float(self._start(e)[0])
+            runs.append(Run(*self._motor(e.period), e.period, e.voltage, e.speed, current))
         inputs, most = self.options["gp_inputs"], self.options["inducing"]
         learned = learn(runs, inputs, most)
         record = {"inputs": list(inputs), **_to_json(learned)}
         machine = self.parameters["machine"]
         return self.successor({"machine": machine, "gaussian_process": record}, experiments)
 
-    def _motor(self, period: float) -> tuple[Array, Array]:
+    def _motor(self, period: float) -> tuple[Array, Array, Array]:
         a, b, _, _ = self.physics.physics.state_space(self.physics.values)
         return _discretise(tuple(a.ravel()), tuple(b.ravel()), period)
 
@@ -150,14 +152,17 @@ class HybridModel(Model):
 
 
 @functools.lru_cache(maxsize=64)
-def _discretise(a: tuple[float, ...], b: tuple[float, ...], period: float) -> tuple[Array, Array]:
-    """Exact zero-order hold: Ad (2, 2), Bd (2,)."""
+def _discretise(
+    a: tuple[float, ...], b: tuple[float, ...], period: float
+) -> tuple[Array, Array, Array]:
+    """Exact for what is held over a sample: Ad (2, 2), Bd (2,) of the voltage, Gd (2,) of f_d."""
     from scipy.linalg import expm
 
-    augmented = np.zeros((3, 3))
-    augmented[:2, :2], augmented[:2, 2] = np.reshape(a, (2, 2)), b
-    discrete = expm(augmented * period)
-    return np.ascontiguousarray(discrete[:2, :2]), np.ascontiguousarray(discrete[:2, 2])
+    augmented = np.zeros((4, 4))
+    augmented[:2, :2], augmented[:2, 2], augmented[1, 3] = np.reshape(a, (2, 2)), b, 1.0
+    discrete = expm(augmented * period)[:2]
+    ad, bd, gd = (np.ascontiguousarray(discrete[:, cut]) for cut in (slice(2), 2, 3))
+    return ad, bd, gd
 
 
 _SCALARS = ("noise_std", "disturbance_std", "memory", "span", "rmse")
@@ -187,6 +192,8 @@ def _from_json(record: Mapping[str, Any]) -> Learned:
         raise ValueError(f"inducing inputs, weights and explained covariance of {shapes}")
     explained = np.zeros((len(rows), len(rows)))
     for i, row in enumerate(rows):
+        if len(row) != i + 1:
+            raise ValueError(f"{len(row)} numbers in row {i + 1} of the explained covariance")
         explained[i, : i + 1] = explained[: i + 1, i] = row
     numbers = {name: float(record[name]) for name in _SCALARS}
     if min(numbers.values()) < 0 or numbers["noise_std"] == 0:

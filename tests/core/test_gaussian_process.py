@@ -18,6 +18,7 @@ from ldt_core.gaussian_process.sparse import SparsePosterior, choose_inducing, c
 # A motor with a mechanical time constant of 0.2 s, sampled at 100 Hz.
 AD = np.array([[0.003, -0.28], [0.019, 0.95]])
 BD = np.array([0.95, 0.11])
+GD = np.array([-0.001, 0.0098])
 PERIOD = 0.01
 
 
@@ -28,10 +29,10 @@ def motor(force=None, samples=400, noise=0.0, process=0.0, seed=0) -> Run:
     state, speed = np.zeros(2), np.empty(samples)
     for k in range(samples):
         speed[k] = state[1]
-        extra = PERIOD * force(state[1]) if force else 0.0
-        shock = process * rng.standard_normal()
-        state = AD @ state + BD * voltage[k] + np.array([0.0, extra + shock])
-    return Run(AD, BD, PERIOD, voltage, speed + noise * rng.standard_normal(samples), 0.0)
+        extra = force(state[1]) if force else 0.0
+        shock = np.array([0.0, process * rng.standard_normal()])
+        state = AD @ state + BD * voltage[k] + GD * extra + shock
+    return Run(AD, BD, GD, PERIOD, voltage, speed + noise * rng.standard_normal(samples), 0.0)
 
 
 def trained(x, y, kernel, noise=0.1) -> SparsePosterior:
@@ -173,7 +174,7 @@ def test_far_from_the_data_the_prior_returns():
     np.testing.assert_allclose(posterior.mean(far), 0, atol=1e-6)
     np.testing.assert_allclose(posterior.std(far), 5.0, rtol=1e-9)
     run = compile_run(posterior, ["speed"])
-    _, slopes, deviation = run(AD, BD, PERIOD, np.zeros(2), np.array([0.0, 500.0]))
+    _, slopes, deviation = run(AD, BD, GD, np.zeros(2), np.array([0.0, 500.0]))
     assert (slopes[0] == 0).all()
     assert deviation[0] == 5.0
 
@@ -188,7 +189,7 @@ def test_table_and_inducing_points_run_alike():
         posterior.explained,
     )
     measured = motor()
-    of = (AD, BD, PERIOD, measured.voltage, np.zeros(2))
+    of = (AD, BD, GD, measured.voltage, np.zeros(2))
     table, points = (
         compile_run(p, i)(*of) for p, i in ((posterior, ["speed"]), (wide, ["speed", "voltage"]))
     )
@@ -231,8 +232,8 @@ def test_the_carried_spread_is_that_of_sampled_runs():
     rng = np.random.default_rng(10)
     samples, runs, rho = 60, 4000, 0.9
     slopes = np.column_stack([np.full(samples, -0.5), np.full(samples, -3.0)])
-    function, start, drift = spread(AD, PERIOD, slopes, np.ones(samples), rho)
-    jacobian = AD + np.array([[0, 0], [-0.5, -3.0]]) * PERIOD
+    function, start, drift = spread(AD, GD, slopes, np.ones(samples), rho)
+    jacobian = AD + np.outer(GD, [-0.5, -3.0])
     state, d = np.zeros((2, runs)), rng.standard_normal(runs)
     wrong = np.zeros(2)
     from_start = np.array([0.0, 1.0])
@@ -241,15 +242,15 @@ def test_the_carried_spread_is_that_of_sampled_runs():
         assert start[k] == pytest.approx(from_start[1] ** 2)
         if k > 5:
             assert drift[k] == pytest.approx(state[1].var(), rel=0.1)
-        state = jacobian @ state + np.array([[0], [PERIOD]]) * d
+        state = jacobian @ state + GD[:, None] * d
         d = rho * d + np.sqrt(1 - rho**2) * rng.standard_normal(runs)
-        wrong = jacobian @ wrong + [0, PERIOD]
+        wrong = jacobian @ wrong + GD
         from_start = jacobian @ from_start
 
 
 def test_an_unstable_stretch_does_not_overflow():
     """A slope that blows errors up gives a large finite variance, not infinity."""
     slopes = np.column_stack([np.zeros(5000), np.full(5000, 50.0)])
-    for variance in spread(AD, PERIOD, slopes, np.ones(5000), 0.5):
+    for variance in spread(AD, GD, slopes, np.ones(5000), 0.5):
         assert np.isfinite(variance).all()
         assert variance.min() >= 0
