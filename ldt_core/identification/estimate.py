@@ -1,0 +1,249 @@
+"""Experiments in, continuous-time model out: what MATLAB's ssest does with its simulation focus."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from ldt_core.errors import ExperimentError, LdtError, OptionError
+from ldt_core.experiment import Experiment
+from ldt_core.identification import order as order_choice
+from ldt_core.identification import schwarz, subspace
+from ldt_core.identification.output_error import Linear, OutputError
+from ldt_core.identification.state_space import StateSpace
+
+Array = NDArray[np.float64]
+
+MOST_ORDER = 10  # parameters.yaml, `order`
+#: Tried when the order is to be chosen. A motor has 2 states; a soft shaft or foundation adds 2.
+TRIED_ORDERS = range(1, 5)
+#: Fewer samples per unknown make a fit that says little of the next experiment.
+SAMPLES_PER_UNKNOWN = 4
+#: A voltage that varies by less than this, relative to its size, is constant up to rounding.
+CONSTANT = 1e-9
+#: Singular values of the regressors further apart than this leave a direction to rounding alone.
+LEAST_EXCITATION = 1e-7
+#: F statistic below which the voltage explains no more than chance: 1e-4 of all noise passes 10 at
+#: order 1, far less at higher orders.
+LEAST_F = 10.0
+#: Recorded periods are rounded; a model over 1000 time constants does not feel a millionth.
+PERIOD_TOLERANCE = 1e-6
+#: Start values per order that are followed, and how far before only the best one is.
+SEARCHES = 2
+RACE_STEPS = 5
+#: Poles and order are first sought on so many samples, then the chosen model is fitted to all.
+ROUGH_SAMPLES = 6_000
+ROUGH_STEPS = 10
+#: Start values besides the subspace ones: added real poles, in time constants per experiment.
+ADDED_POLES = (3.0, 10.0, 30.0, 100.0, 300.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Identified(StateSpace):
+    """A model with what its identification knows of it.
+
+    Args:
+        starts: (experiments, n) estimated state at the first sample of each experiment.
+        period: sample period of the data [s].
+        noise_std: standard deviation of the free run's residual [rad/s], the unknowns deducted.
+        fit_percent: 100 (1 − |y − ŷ| / |y − ȳ|) over all samples, as MATLAB's `compare`.
+        held_out: order → root mean square error on samples left out [rad/s]; empty when the order
+            was given.
+    """
+
+    starts: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    period: float = float("nan")
+    noise_std: float = float("nan")
+    fit_percent: float = float("nan")
+    held_out: dict[int, float] = field(default_factory=dict)
+
+
+def identify(
+    experiments: Sequence[Experiment], order: int | None = None, *, feedthrough: bool = False
+) -> Identified:
+    """The linear model whose free run from the voltage is nearest to the measured speed.
+
+    Continuous time; stable by construction; the start state of each experiment and the output's
+    offset are estimated. State 1 is the speed without the offset: C = [1, 0, …]. The result is the
+    same to the last bit for the same experiments on the same machine.
+
+    Args:
+        experiments: one or more, of one sample period; lengths may differ.
+        order: number of states; None or 0 chooses it on held-out samples (see `order`).
+        feedthrough: whether the speed may follow the voltage at once (D ≠ 0). A motor's cannot.
+
+    Raises:
+        OptionError: an order that is none.
+        ExperimentError: no experiments, or of different sample periods.
+        LdtError: the experiments do not determine a model; the sentence says why.
+    """
+    if order is not None and (int(order) != order or not 0 <= order <= MOST_ORDER):
+        raise OptionError("order", f"a whole number from 0 to {MOST_ORDER}", repr(order))
+    orders = range(1, int(order) + 1) if order else TRIED_ORDERS
+    experiments = list(experiments)
+    period = _check(experiments, orders[-1] if order else orders[0], feedthrough)
+    scale = _Scale(experiments)
+    inputs = [(e.voltage - scale.voltage_mean) / scale.voltage for e in experiments]
+    outputs = [(e.speed - scale.speed_mean) / scale.speed for e in experiments]
+    search = OutputError(inputs, outputs, feedthrough)
+    few = _spread(search.lengths)
+    rough = search
+    if len(few) < len(experiments):
+        rough = OutputError([inputs[i] for i in few], [outputs[i] for i in few], feedthrough)
+    with threadpool_limits(1):  # threads split sums by their number: other last bits elsewhere
+        fits = _fit(rough, _affordable(orders, rough), choosing=not order)
+        held_out: dict[int, float] = {}
+        chosen = max(fits)
+        if not order:
+            fits = {n: t for n, t in fits.items() if rough.excitation(t) > LEAST_EXCITATION}
+            if len(fits) > 1 and min(rough.lengths) >= order_choice.BLOCKS:
+                chosen, held_out = order_choice.choose(rough, fits)
+            else:
+                chosen = min(fits, default=orders[0])
+        if chosen not in fits or rough.excitation(fits[chosen]) <= LEAST_EXCITATION:
+            raise LdtError(
+                f"{_named(experiments)} cannot determine a linear model of order {chosen}: "
+                "the voltage varies too little or too simply"
+            )
+        theta, _ = search.minimise(fits[chosen])
+        _refuse_chance(experiments, search, theta)
+        return _model(search, theta, scale, period, held_out)
+
+
+def _spread(lengths: list[int]) -> list[int]:
+    """Indices of experiments, evenly spread, that hold about `ROUGH_SAMPLES` samples."""
+    count = max(1, min(len(lengths), round(ROUGH_SAMPLES / np.mean(lengths))))
+    return sorted({int(i) for i in np.linspace(0, len(lengths) - 1, count).round()})
+
+
+class _Scale:
+    """Centre and size of input and output: a fit in units of its own data is free of units."""
+
+    def __init__(self, experiments: list[Experiment]) -> None:
+        voltage = np.concatenate([e.voltage for e in experiments])
+        speed = np.concatenate([e.speed for e in experiments])
+        self.voltage_mean, self.voltage = float(voltage.mean()), float(voltage.std())
+        self.speed_mean, self.speed = float(speed.mean()), float(speed.std())
+
+
+def _check(experiments: list[Experiment], order: int, feedthrough: bool) -> float:
+    """The common sample period; refuses what cannot be identified before any work is done."""
+    if not experiments:
+        raise ExperimentError("identification", "at least one experiment", "none")
+    first = experiments[0]
+    for e in experiments[1:]:
+        if abs(e.period - first.period) > PERIOD_TOLERANCE * first.period:
+            raise ExperimentError(
+                f"experiment {e.number}, sample period",
+                f"{first.period:g} s as in experiment {first.number} (one model, one period)",
+                f"{e.period:g} s",
+            )
+    unknowns = _unknowns(order, len(experiments), feedthrough)
+    samples = sum(len(e) for e in experiments)
+    if samples < SAMPLES_PER_UNKNOWN * unknowns:
+        raise LdtError(
+            f"{_named(experiments)} cannot determine a linear model of order {order}: "
+            f"{samples} samples for {unknowns} unknowns, "
+            f"{SAMPLES_PER_UNKNOWN * unknowns} are needed"
+        )
+    for name, unit in (("voltage", "V"), ("speed", "rad/s")):
+        values = np.concatenate([getattr(e, name) for e in experiments])
+        if np.ptp(values) <= CONSTANT * np.abs(values).max():
+            raise LdtError(
+                f"{_named(experiments)} cannot determine a linear model: "
+                f"the {name} is {values[0]:g} {unit} throughout"
+            )
+    return first.period
+
+
+def _unknowns(order: int, experiments: int, feedthrough: bool) -> int:
+    """Poles, c, offset, perhaps D, and a start state for each experiment."""
+    return 2 * order + 1 + feedthrough + order * experiments
+
+
+def _affordable(orders: range, search: OutputError) -> range:
+    most = orders[0]
+    for n in orders:
+        unknowns = _unknowns(n, len(search.lengths), search.feedthrough)
+        if search.count >= SAMPLES_PER_UNKNOWN * unknowns:
+            most = n
+    return range(orders[0], most + 1)
+
+
+def _named(experiments: list[Experiment]) -> str:
+    if len(experiments) == 1:
+        return f"experiment {experiments[0].number}"
+    return f"{len(experiments)} experiments ({experiments[0].number} to {experiments[-1].number})"
+
+
+def _fit(search: OutputError, orders: range, choosing: bool) -> dict[int, Array]:
+    """Order → θ of the best minimum found. Each order also begins from the one below.
+
+    The best start values run a few steps each and the winner runs on; an order that only serves as
+    a start for the next one stops there.
+    """
+    candidates = subspace.starts(*search.pieces(), orders)
+    fits: dict[int, Array] = {}
+    for n in orders:
+        before = schwarz.poles_of(fits[n - 1]) if n > 1 else np.zeros(0)
+        added = [np.append(before, -p / search.longest) for p in ADDED_POLES]
+        tried = candidates[n] + [schwarz.from_poles(poles, search.longest) for poles in added]
+        losses = [search.loss(theta) for theta in tried]
+        wanted = choosing or n == orders[-1]
+        best = np.argsort(losses, kind="stable")[: SEARCHES if wanted else 1]
+        raced = [search.minimise(tried[i], RACE_STEPS) for i in best]
+        fits[n] = min(raced, key=lambda minimum: minimum[1])[0]
+        if wanted:
+            fits[n] = search.minimise(fits[n], ROUGH_STEPS)[0]
+    return fits
+
+
+def _refuse_chance(experiments: list[Experiment], search: OutputError, theta: Array) -> None:
+    """An F test of the model against one in which the voltage does nothing."""
+    with_input, without = search.loss(theta), search.without_input(theta)
+    n = theta.size
+    rest = search.count - _unknowns(n, len(search.lengths), search.feedthrough)
+    gained, left = (without - with_input) / n, with_input / rest
+    if gained < LEAST_F * left:
+        raise LdtError(
+            f"{_named(experiments)} cannot determine a linear model: "
+            "the voltage explains no more of the speed than chance would"
+        )
+
+
+def _model(
+    search: OutputError, theta: Array, scale: _Scale, period: float, held_out: dict[int, float]
+) -> Identified:
+    """Back to SI units, in the dual (observer) form whose first state is the output."""
+    linear: Linear = search.solve(theta)
+    residual = search.y - search.outputs(theta, linear)
+    A, b = schwarz.matrices(theta)
+    # the dual system has the same output: cᵀ exp(A t) b = bᵀ exp(Aᵀ t) c, and v is its start state
+    gain = b[0] * scale.speed
+    A = A.T / period
+    B = linear.c * gain / scale.voltage / period
+    C = np.eye(theta.size)[0]
+    D = linear.D * scale.speed / scale.voltage
+    # the fit saw voltage − mean: the steady state of the mean goes from the offset to the states
+    steady = -np.linalg.solve(A, B) * scale.voltage_mean
+    offset = linear.offset * scale.speed + scale.speed_mean
+    offset -= float(C @ steady) + D * scale.voltage_mean
+    unknowns = _unknowns(theta.size, len(search.lengths), search.feedthrough)
+    squares = float(residual @ residual)
+    spread = float(((search.y - search.y.mean()) ** 2).sum())
+    return Identified(
+        A=A,
+        B=B,
+        C=C,
+        D=D,
+        offset=offset,
+        starts=linear.v * gain + steady,
+        period=period,
+        noise_std=scale.speed * float(np.sqrt(squares / (search.count - unknowns))),
+        fit_percent=100 * (1 - float(np.sqrt(squares / spread))),
+        held_out={n: scale.speed * error for n, error in held_out.items()},
+    )

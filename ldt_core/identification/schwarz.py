@@ -1,0 +1,116 @@
+"""Every stable linear model, and no other: the Schwarz form.
+
+    A = ⎡ −d   c₁         ⎤     b = √(2d) e₁
+        ⎢ −c₁  0   c₂     ⎥
+        ⎣      −c₂  0  ⋱  ⎦
+
+With d, c₁ … c_{n−1} > 0 this is stable, since A + Aᵀ = −b bᵀ, and each Hurwitz polynomial has
+exactly one such form (its entries are ratios of the first column of the Routh array). A search over
+the logarithms θ = log(d, c₁, …, c_{n−1}) therefore reaches all stable models of order n without a
+constraint, real, complex and repeated poles alike. Its controllability Gramian is the identity: the
+states are orthonormal for a white input, which keeps the least squares for the output well
+conditioned at any ratio of pole to sample rate.
+
+Time is in sample periods here: A is A·T, a pole p is p·T.
+
+Reference: B. D. O. Anderson, E. I. Jury, M. Mansour, "Schwarz matrix properties for continuous and
+discrete time systems", Int. J. Control 23 (1976) 1–16.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import expm
+
+Array = NDArray[np.float64]
+
+#: A pole that decays by e^−30 within one sample cannot be told from an infinitely fast one.
+FASTEST = 30.0
+#: A pole 1000 times slower than the longest experiment cannot be told from an integrator.
+SLOWEST_PER_LENGTH = 1e-3
+
+
+def bounds(order: int, length: int) -> tuple[Array, Array]:
+    """(lowest, highest) θ for experiments of up to `length` samples."""
+    low = np.log(SLOWEST_PER_LENGTH / length)
+    return np.full(order, low), np.full(order, np.log(FASTEST))
+
+
+def matrices(theta: Array) -> tuple[Array, Array]:
+    """(A, b) of θ."""
+    values = np.exp(theta)
+    A = np.zeros((theta.size, theta.size))
+    A[0, 0] = -values[0]
+    for i in range(1, theta.size):
+        A[i - 1, i], A[i, i - 1] = values[i], -values[i]
+    b = np.zeros(theta.size)
+    b[0] = np.sqrt(2 * values[0])
+    return A, b
+
+
+def discrete(theta: Array) -> tuple[Array, Array, Array]:
+    """(A_d, b_d, b): one sample of a held input, exactly."""
+    order = theta.size
+    A, b = matrices(theta)
+    moved = expm(_block(A, b))
+    return moved[:order, :order].copy(), moved[:order, order].copy(), b
+
+
+def discrete_slopes(theta: Array) -> tuple[Array, Array, Array]:
+    """Derivatives of (A_d, b_d, b) by θ: (n, n, n), (n, n), (n, n), the parameter first."""
+    order = theta.size
+    size = order + 1
+    A, b = matrices(theta)
+    slopes = np.zeros((order, size, size))
+    slopes[0, 0, 0], slopes[0, 0, order] = A[0, 0], b[0] / 2
+    for i in range(1, order):
+        slopes[i, i - 1, i], slopes[i, i, i - 1] = A[i - 1, i], A[i, i - 1]
+    # exp of [[M, dM], [0, M]] has the derivative of exp(M) in its corner (Van Loan 1978)
+    block = np.zeros((order, 2 * size, 2 * size))
+    block[:, :size, :size] = block[:, size:, size:] = _block(A, b)
+    block[:, :size, size:] = slopes
+    corner = expm(block)[:, :size, size:]
+    along = np.ascontiguousarray(slopes[:, :order, order])
+    return corner[:, :order, :order].copy(), corner[:, :order, order].copy(), along
+
+
+def _block(A: Array, b: Array) -> Array:
+    """[[A, b], [0, 0]]: its exponential is the system with a held input."""
+    order = b.size
+    block = np.zeros((order + 1, order + 1))
+    block[:order, :order], block[:order, order] = A, b
+    return block
+
+
+def from_poles(poles: ArrayLike, length: int) -> Array:
+    """θ of a model with these poles (each complex one with its conjugate), cut to the bounds.
+
+    Poles on the wrong side or on the axis are mirrored and moved off it.
+    """
+    low, high = bounds(len(np.atleast_1d(poles)), length)
+    poles = np.atleast_1d(np.asarray(poles, dtype=np.complex128))
+    least = np.exp(low[0])
+    real = -np.clip(np.abs(poles.real), least, FASTEST)
+    polynomial = np.poly(real + 1j * poles.imag).real
+    order = poles.size
+    upper = np.zeros(order // 2 + 2)
+    lower = np.zeros(order // 2 + 2)
+    upper[: polynomial[0::2].size] = polynomial[0::2]
+    lower[: polynomial[1::2].size] = polynomial[1::2]
+    column = [upper[0]]
+    for _ in range(order):
+        column.append(lower[0])
+        following = np.zeros_like(lower)
+        following[:-1] = upper[1:] - upper[0] / lower[0] * lower[1:]
+        upper, lower = lower, following
+    column = np.array(column)
+    values = np.empty(order)
+    values[0] = column[1] / column[0]
+    values[1:] = np.sqrt(column[2:] / column[:-2])
+    return np.clip(np.log(values), low, high)
+
+
+def poles_of(theta: Array) -> NDArray[np.complex128]:
+    """(n,) poles per sample period."""
+    return np.linalg.eigvals(matrices(theta)[0]).astype(np.complex128)
