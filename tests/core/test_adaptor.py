@@ -162,13 +162,24 @@ def test_without_a_gate_it_is_taken():
     assert actions(run(adaptor, "+", gain=1.0)) == ["adapted"]
 
 
-def test_a_refusal_keeps_the_warning_set_and_the_present_experiment():
-    """Nothing was learned from them, so that the next positive may try with more."""
+def test_a_model_that_is_worse_empties_the_warning_set_all_the_same():
+    """The machine goes on wearing: what was stored does not describe it for ever."""
     adaptor = Adaptor(Memoriser(None), Memory(), holdout=0.5)
     steps = run(adaptor, "0+0+", gain=1.0)
     assert actions(steps) == ["stored", "refused", "stored", "refused"]
-    assert [adaptation.details["experiments"] for adaptation, _ in steps[1::2]] == [2, 4]
-    assert [e.number for e in adaptor.memory.experiments] == [1, 2, 3, 4]
+    assert [adaptation.details["experiments"] for adaptation, _ in steps[1::2]] == [2, 2]
+    assert len(adaptor.memory) == 0
+
+
+def test_a_training_that_failed_keeps_its_experiments_for_the_next():
+    """Nothing speaks against the data but that there were too few of them."""
+    still = Experiment(1, 0.0, 0.1, np.zeros(LENGTH), np.zeros(LENGTH))
+    adaptor = Adaptor(Gain(None), Memory())
+    adaptor.step(still, signal(1, Level.POSITIVE))
+    assert [e.number for e in adaptor.memory.experiments] == [1]
+    adaptation, model = adaptor.step(experiment(2, 2.0), signal(2, Level.POSITIVE))
+    assert adaptation.action is Action.ADAPTED
+    assert model.trained_on == (1, 2)
 
 
 @pytest.mark.parametrize(
