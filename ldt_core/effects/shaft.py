@@ -56,7 +56,7 @@ COGGING_TORQUE = Effect(
     equation="torque = -T sin(n theta + phi); theta counts from the start of the experiment",
     parameters=(
         Parameter("torque", "N m", 0.0, default=0.0, description="amplitude T", scale=0.05),
-        Parameter("periods", "", 1.0, 1000.0, 12.0, "periods a turn, n", scale=12.0),
+        Parameter("periods", "", 1.0, 200.0, 12.0, "periods a turn, n", scale=12.0),
         Parameter("phase", "rad", -math.pi, math.pi, 0.0, "at the start, phi", scale=1.0),
     ),
     typical={"torque": 0.3, "periods": 6.0},
