@@ -42,7 +42,10 @@ def clean_environment() -> dict[str, str]:
 
 def quiet(*command: str) -> bool:
     """Run a command whose failure has a fallback."""
-    done = subprocess.run(command, env=clean_environment(), capture_output=True, check=False)
+    try:
+        done = subprocess.run(command, env=clean_environment(), capture_output=True, check=False)
+    except FileNotFoundError:
+        return False
     return done.returncode == 0
 
 
