@@ -20,13 +20,14 @@ from ldt_core.recording.messages import (
     STRING,
     Messages,
     quoted,
+    serialize,
     standard,
 )
 from ldt_core.recording.samples import (
     decode_experiment,
     decode_prediction,
-    encode_experiment,
-    encode_prediction,
+    encode_samples,
+    samples_cdr,
 )
 from ldt_core.recording.statuses import (
     decode_adaptation,
@@ -56,10 +57,8 @@ def encode(
     """
     make = messages or standard()
     match record:
-        case Experiment():
-            return encode_experiment(record, make)
-        case Prediction():
-            return encode_prediction(record, make)
+        case Experiment() | Prediction():
+            return encode_samples(record, make)
         case Signal():
             return encode_signal(record, make, machine, time)
         case ModelRecord():
@@ -67,6 +66,13 @@ def encode(
         case Adaptation():
             return encode_adaptation(record, make, machine, time)
     raise TypeError(f"no message for {type(record).__name__}")
+
+
+def encode_cdr(record: Record, machine: str = "", time: float = 0.0) -> bytes:
+    """The CDR bytes of a record's message; arguments and errors as in `encode`."""
+    if isinstance(record, Experiment | Prediction):
+        return samples_cdr(record)
+    return serialize(encode(record, machine=machine, time=time))
 
 
 def decode(topic: str, message: Any, where: str | None = None) -> Record:
@@ -141,4 +147,4 @@ DECODERS: dict[str, tuple[str, Callable[[str, Any], Record]]] = {
     "model": (STRING, _decode_model),
 }
 
-__all__ = ["DECODERS", "Record", "decode", "encode"]
+__all__ = ["DECODERS", "Record", "decode", "encode", "encode_cdr"]

@@ -156,7 +156,7 @@ def quoted(value: Any) -> str:
     return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
 
 
-class _Plain(yaml.SafeDumper):
+class _Plain(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
     """YAML without anchors, which few readers of bag metadata expect."""
 
     def ignore_aliases(self, data: Any) -> bool:
@@ -166,3 +166,9 @@ class _Plain(yaml.SafeDumper):
 def dump(data: Any) -> str:
     """YAML as rosbag2 writes it: block style, keys in their order."""
     return yaml.dump(data, Dumper=_Plain, sort_keys=False, allow_unicode=True)
+
+
+@functools.cache
+def offered_qos_text(topic: str) -> str:
+    """`offered_qos` as YAML, which a channel of an MCAP file carries."""
+    return dump(offered_qos(topic))

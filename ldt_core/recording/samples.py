@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -10,47 +11,72 @@ import numpy as np
 
 from ldt_core.errors import ExperimentError
 from ldt_core.experiment import Experiment, Prediction, Samples
-from ldt_core.recording.messages import Messages, quoted
+from ldt_core.recording.messages import Messages, quoted, serialize, standard
 
 SAMPLE = "sample"  # label of dim[0]
 EXPERIMENT_HEAD = ("experiment number", "start time", "sample period")
 PREDICTION_HEAD = (*EXPERIMENT_HEAD, "model version")
+DOUBLE = np.dtype("<f8")  # of the little-endian CDR that we write
 
 
-def encode_experiment(record: Experiment, make: Messages) -> Any:
-    """The Float64MultiArray of an experiment."""
-    columns = {"voltage": record.voltage, "speed": record.speed}
-    if record.current is not None:
-        columns["current"] = record.current
-    return _array((record.number, record.start, record.period), columns, make)
+def encode_samples(record: Experiment | Prediction, make: Messages) -> Any:
+    """The Float64MultiArray of an experiment or a prediction."""
+    head, columns = _parts(record)
+    data = np.empty(len(head) + len(record) * len(columns))
+    _fill(data, head, columns)
+    return _message(tuple(columns), len(record), len(head), make.doubles(data), make)
 
 
-def encode_prediction(record: Prediction, make: Messages) -> Any:
-    """The Float64MultiArray of a prediction."""
+def samples_cdr(record: Experiment | Prediction) -> bytes:
+    """CDR bytes of that message: a tenth of the time of making and serialising it."""
+    head, columns = _parts(record)
+    before = _before_data(tuple(columns), len(record), len(head))
+    count = len(head) + len(record) * len(columns)
+    cdr = bytearray(len(before) + count * DOUBLE.itemsize)
+    cdr[: len(before)] = before
+    _fill(np.frombuffer(cdr, DOUBLE, count, len(before)), head, columns)
+    return bytes(cdr)
+
+
+@functools.lru_cache(maxsize=16)
+def _before_data(labels: tuple[str, ...], length: int, offset: int) -> bytes:
+    """What stands before the numbers in the CDR bytes; the same for all messages of a run."""
+    count = offset + length * len(labels)
+    message = _message(labels, length, offset, np.zeros(count, DOUBLE), standard())
+    return serialize(message)[: -count * DOUBLE.itemsize]
+
+
+def _parts(record: Experiment | Prediction) -> tuple[tuple[float, ...], dict[str, Samples]]:
+    """(numbers before the samples, channel → samples)."""
+    if isinstance(record, Experiment):
+        columns = {"voltage": record.voltage, "speed": record.speed}
+        if record.current is not None:
+            columns["current"] = record.current
+        return (record.number, record.start, record.period), columns
     columns = {"speed": record.speed}
     if record.speed_std is not None:
         columns["speed_std"] = record.speed_std
-    head = (record.number, record.start, record.period, record.model_version)
-    return _array(head, columns, make)
+    return (record.number, record.start, record.period, record.model_version), columns
 
 
-def _array(head: Sequence[float], columns: Mapping[str, Samples], make: Messages) -> Any:
-    width, length = len(columns), len(next(iter(columns.values())))
-    data = np.empty(len(head) + length * width)
+def _fill(data: Samples, head: Sequence[float], columns: Mapping[str, Samples]) -> None:
     data[: len(head)] = head
-    body = data[len(head) :].reshape(length, width)
+    body = data[len(head) :].reshape(-1, len(columns))
     for index, column in enumerate(columns.values()):
         body[:, index] = column
-    size = make.MultiArrayDimension
+
+
+def _message(labels: tuple[str, ...], length: int, offset: int, data: Any, make: Messages) -> Any:
+    width, size = len(labels), make.MultiArrayDimension
     return make.Float64MultiArray(
         layout=make.MultiArrayLayout(
             dim=[
                 size(label=SAMPLE, size=length, stride=length * width),
-                size(label=",".join(columns), size=width, stride=width),
+                size(label=",".join(labels), size=width, stride=width),
             ],
-            data_offset=len(head),
+            data_offset=offset,
         ),
-        data=make.doubles(data),
+        data=data,
     )
 
 

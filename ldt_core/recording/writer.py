@@ -9,28 +9,29 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import os
+import queue
 import threading
+import time
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
 
 import msgs_config
 from ldt_core.errors import LdtError, RecordingError, did_you_mean
-from ldt_core.recording.codec import Record, encode
-from ldt_core.recording.messages import declaration, dump, offered_qos, schema, serialize
-from ldt_core.recording.storage import METADATA, PROFILE
+from ldt_core.recording.codec import Record, encode_cdr
+from ldt_core.recording.messages import (
+    declaration,
+    offered_qos_text,
+    schema,
+    serialize,
+)
+from ldt_core.recording.metadata import Channel, Span, information, write_metadata
+from ldt_core.recording.storage import PROFILE
 
-VERSION = 9  # of metadata.yaml, ROS 2 Jazzy's
 FLUSH_PERIOD = 0.25  # s; half of the 0.5 s that may be lost, to leave time for the flush itself
+QUEUED = 64  # messages that wait for the disk before writers do, 2 MB of usual experiments
+IDLE, CLOSE = object(), object()  # what the writing thread is told besides messages and flushes
 LAST_NS = 2**63 - 1  # rosbag2 counts nanoseconds in 64 bits, to the year 2262
-
-
-class _Channel:
-    """A topic of the file: its type and how often it was written."""
-
-    def __init__(self, number: int, kind: str) -> None:
-        self.number, self.kind, self.count = number, kind, 0
 
 
 class BagWriter:
@@ -59,26 +60,30 @@ class BagWriter:
         self.machine = machine
         self.prefix = f"/{namespace.strip('/')}" if namespace.strip("/") else ""
         self._file_name = f"{self.path.resolve().name}_0.mcap"
-        self._channels: dict[str, _Channel] = {}
+        self._channels: dict[str, Channel] = {}
         self._schemas: dict[str, int] = {}
-        self._first, self._last = LAST_NS, 0
+        self._span = Span()
         self._failure: LdtError | None = None
-        self._dirty = False
-        self._lock = threading.Lock()
-        self._closed = threading.Event()
+        self._closed = False
+        self._lock = threading.Lock()  # callers among themselves
+        self._queue: queue.Queue[Any] = queue.Queue(QUEUED)
+        declared = [self._declare(self._absolute(t), self._kind(t)) for t in topics]
         self._stream = self._make_folder()
         self._mcap = Writer(
             self._stream,
             compression=CompressionType.ZSTD,
             index_types=IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA,
         )
-        with self._failing():
+        try:
             self._mcap.start(profile=PROFILE, library="ldt")
-            for topic in topics:
-                self._channel(self._absolute(topic), self._kind(topic))
-            self._write_metadata()
-        self._flusher = threading.Thread(target=self._flush_regularly, name="bag", daemon=True)
-        self._flusher.start()
+            for channel in declared:
+                self._register(channel)
+            write_metadata(self.path, self._information())
+        except OSError as error:
+            self._stream.close()
+            raise self._fail(error) from None
+        self._thread = threading.Thread(target=self._work, name="bag", daemon=True)
+        self._thread.start()
 
     @property
     def counts(self) -> dict[str, int]:
@@ -97,14 +102,12 @@ class BagWriter:
             RecordingError: an undeclared topic, or a time that a recording cannot hold.
             LdtError: the disk is full or failed; what was written stays readable.
         """
-        message = record
-        if isinstance(record, Record):
-            message = encode(record, machine=self.machine, time=time_s)
         if not 0 <= time_s * 1e9 < LAST_NS:
             raise RecordingError(
                 f"{self.path}, {topic}, time", "seconds since the epoch, 0 to 9.2e9", time_s
             )
-        data = serialize(message)
+        ours = isinstance(record, Record)
+        data = encode_cdr(record, self.machine, time_s) if ours else serialize(record)
         self.write_raw(self._absolute(topic), self._kind(topic), data, round(time_s * 1e9))
 
     def write_raw(self, topic: str, kind: str, data: bytes, time_ns: int) -> None:
@@ -123,27 +126,28 @@ class BagWriter:
         with self._lock:
             if self._failure is not None:
                 raise self._failure
-            if self._closed.is_set():
+            if self._closed:
                 raise LdtError(f"{self.path}: the recording is closed")
-            with self._failing():
-                channel = self._channels.get(topic) or self._channel(topic, kind)
-                if channel.kind != kind:
-                    raise RecordingError(f"{self.path}, {topic}", channel.kind, kind)
-                self._mcap.add_message(channel.number, time_ns, data, time_ns, channel.count)
+            channel = self._channels.get(topic) or self._declare(topic, kind)
+            if channel.kind != kind:
+                raise RecordingError(f"{self.path}, {topic}", channel.kind, kind)
+            self._queue.put((channel, data, time_ns, channel.count))
             channel.count += 1
-            self._first, self._last = min(self._first, time_ns), max(self._last, time_ns)
-            self._dirty = True
+            self._span.add(time_ns)
 
     def flush(self) -> None:
-        """Hand all that was written to the operating system.
+        """Hand all that was written to the operating system; returns when that is done.
 
         Raises:
             LdtError: the disk is full or failed.
         """
-        with self._lock, self._failing():
-            if self._dirty and self._failure is None:
-                self._mcap.flush()
-                self._dirty = False
+        done = threading.Event()
+        with self._lock:
+            if not self._closed:
+                self._queue.put(done)
+                done.wait()
+            if self._failure is not None:
+                raise self._failure
 
     def close(self) -> None:
         """Write the index and the final `metadata.yaml`; a second call does nothing.
@@ -151,26 +155,28 @@ class BagWriter:
         Raises:
             LdtError: the disk is or was full or failed: the recording is incomplete.
         """
-        if self._closed.is_set():
-            return
-        self._closed.set()
-        self._flusher.join()
         with self._lock:
-            try:
-                if self._failure is None:
-                    with self._failing():
-                        text = dump(self._information())
-                        self._mcap.add_metadata("rosbag2", {"serialized_metadata": text})
-                        self._mcap.finish()
-                        self._stream.flush()
-            finally:
-                # The buffer of a failed stream cannot be written; closing would try and fail again.
-                with contextlib.suppress(OSError):
-                    self._stream.close()
-                with contextlib.suppress(OSError):
-                    self._write_metadata()
-            if self._failure is not None:
-                raise self._failure
+            if self._closed:
+                return
+            self._closed = True
+            self._queue.put(CLOSE)
+        self._thread.join()
+        information = self._information()
+        try:
+            if self._failure is None:
+                self._mcap.add_metadata("rosbag2", {"serialized_metadata": information})
+                self._mcap.finish()
+                self._stream.flush()
+        except OSError as error:
+            self._fail(error)
+        finally:
+            # The buffer of a failed stream cannot be written; closing would try and fail again.
+            with contextlib.suppress(OSError):
+                self._stream.close()
+            with contextlib.suppress(OSError):
+                write_metadata(self.path, information)
+        if self._failure is not None:
+            raise self._failure
 
     def __enter__(self) -> Self:
         return self
@@ -200,25 +206,44 @@ class BagWriter:
                 self.path, "a place to write a recording", error.strerror or error
             ) from None
 
-    @contextlib.contextmanager
-    def _failing(self):
-        """Turn a failed write into the one failure that all later calls report."""
-        try:
-            yield
-        except OSError as error:
-            full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-            reason = "the disk is full" if full else (error.strerror or str(error))
-            written = sum(c.count for c in self._channels.values())
-            self._failure = LdtError(
-                f"{self.path}: {reason}; recording stopped after {written} messages, "
-                "those already on disk stay readable"
-            )
-            raise self._failure from None
+    def _fail(self, error: Exception) -> LdtError:
+        """Keep the one failure that all later calls report."""
+        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+        reason = "the disk is full" if full else (getattr(error, "strerror", None) or str(error))
+        written = sum(c.count for c in self._channels.values())
+        self._failure = LdtError(
+            f"{self.path}: {reason}; recording stopped after {written} messages, "
+            "those already on disk stay readable"
+        )
+        return self._failure
 
-    def _flush_regularly(self) -> None:
-        while not self._closed.wait(FLUSH_PERIOD):
-            with contextlib.suppress(LdtError):  # the next write or close reports it
-                self.flush()
+    def _work(self) -> None:
+        """The one thread that touches the file: compression and disk keep no caller waiting."""
+        dirty, flushed = False, time.monotonic()
+        while True:
+            try:
+                item = self._queue.get(timeout=FLUSH_PERIOD)
+            except queue.Empty:
+                item = IDLE
+            if item is CLOSE:
+                return
+            try:
+                if isinstance(item, tuple) and self._failure is None:
+                    self._add(*item)
+                    dirty = True
+                overdue = time.monotonic() > flushed + FLUSH_PERIOD
+                if dirty and self._failure is None and (overdue or not isinstance(item, tuple)):
+                    self._mcap.flush()
+                    dirty, flushed = False, time.monotonic()
+            except Exception as error:  # a dead thread would let all callers wait for ever
+                self._fail(error)
+            if isinstance(item, threading.Event):
+                item.set()
+
+    def _add(self, channel: Channel, data: bytes, time_ns: int, sequence: int) -> None:
+        if not channel.number:
+            self._register(channel)
+        self._mcap.add_message(channel.number, time_ns, data, time_ns, sequence)
 
     def _absolute(self, topic: str) -> str:
         return topic if topic.startswith("/") else f"{self.prefix}/{topic}"
@@ -231,59 +256,22 @@ class BagWriter:
             )
         return declared["type"]
 
-    def _channel(self, topic: str, kind: str) -> _Channel:
-        text, digest = schema(kind, f"{self.path}, {topic}")
-        if kind not in self._schemas:
-            self._schemas[kind] = self._mcap.register_schema(kind, "ros2msg", text.encode())
-        number = self._mcap.register_channel(
-            topic,
-            "cdr",
-            self._schemas[kind],
-            {"offered_qos_profiles": dump(offered_qos(topic)), "topic_type_hash": digest},
-        )
-        self._channels[topic] = _Channel(number, kind)
+    def _declare(self, topic: str, kind: str) -> Channel:
+        schema(kind, f"{self.path}, {topic}")  # refuses what is not a standard type
+        self._channels[topic] = Channel(topic, kind)
         return self._channels[topic]
 
-    def _information(self) -> dict[str, Any]:
-        """The bag information of rosbag2, version 9."""
-        total = sum(c.count for c in self._channels.values())
-        span = {
-            "duration": {"nanoseconds": self._last - self._first if total else 0},
-            "starting_time": {"nanoseconds_since_epoch": self._first if total else 0},
-            "message_count": total,
-        }
-        topics = [
-            {
-                "topic_metadata": {
-                    "name": topic,
-                    "type": channel.kind,
-                    "serialization_format": "cdr",
-                    "offered_qos_profiles": offered_qos(topic),
-                    "type_description_hash": schema(channel.kind)[1],
-                },
-                "message_count": channel.count,
-            }
-            for topic, channel in self._channels.items()
-        ]
-        return {
-            "version": VERSION,
-            "storage_identifier": "mcap",
-            **span,
-            "topics_with_message_count": topics,
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [self._file_name],
-            "files": [{"path": self._file_name, **span}],
-            "custom_data": {"machine": self.machine} if self.machine else None,
-            "ros_distro": "jazzy",
-        }
+    def _register(self, channel: Channel) -> None:
+        text, digest = schema(channel.kind)
+        if channel.kind not in self._schemas:
+            number = self._mcap.register_schema(channel.kind, "ros2msg", text.encode())
+            self._schemas[channel.kind] = number
+        channel.number = self._mcap.register_channel(
+            channel.topic,
+            "cdr",
+            self._schemas[channel.kind],
+            {"offered_qos_profiles": offered_qos_text(channel.topic), "topic_type_hash": digest},
+        )
 
-    def _write_metadata(self) -> None:
-        text = dump({"rosbag2_bagfile_information": self._information()})
-        new = self.path / f".{METADATA}.new"
-        try:
-            new.write_text(text, encoding="utf-8")
-            os.replace(new, self.path / METADATA)  # a reader never meets half a file
-        except OSError:
-            new.unlink(missing_ok=True)
-            raise
+    def _information(self) -> str:
+        return information(self._channels.values(), self._span, self._file_name, self.machine)

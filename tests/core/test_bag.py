@@ -239,6 +239,9 @@ def test_an_undeclared_topic_and_an_impossible_time_are_refused(tmp_path):
         for wrong in (-1.0, 1e11, float("nan"), float("inf")):
             with pytest.raises(RecordingError, match="seconds since the epoch"):
                 bag.write("experiment", experiment(1), wrong)
+    with pytest.raises(RecordingError, match="did you mean"):
+        BagWriter(tmp_path / "other", topics=("experimnt",))
+    assert not (tmp_path / "other").exists()
 
 
 def test_namespaced_topics_are_found_by_their_last_part(tmp_path):
