@@ -64,7 +64,8 @@ def make_environment() -> list[str]:
                     f"setup.py: {sys.executable} can make no virtual environment: install its venv "
                     "module (Debian and Ubuntu: apt install python3-venv) and try again"
                 )
-    return [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    quietly = [] if sys.stdout.isatty() else ["--quiet"]
+    return [python, "-m", "pip", "install", "--disable-pip-version-check", *quietly]
 
 
 def bootstrap(extras: str) -> None:
@@ -75,7 +76,7 @@ def bootstrap(extras: str) -> None:
     state = hashlib.sha256(Path(__file__).read_bytes() + sys.version.encode()).hexdigest()
     if stamp.exists() and stamp.read_text() == state:
         return
-    print(f"setup.py: installing LDT and ROS 2 into {ENVIRONMENT} (once, a minute or two)", flush=True)
+    print(f"setup.py: installing LDT and ROS 2 into {ENVIRONMENT} (once, some minutes)", flush=True)
     pip = make_environment()
     done = subprocess.run([*pip, "-e", f"{HERE}[{extras}]"], env=clean_environment(), check=False)
     if done.returncode:
@@ -128,7 +129,12 @@ def build() -> None:
             "threadpoolctl>=3.5",
             "zstandard>=0.22",
         ],
-        extras_require={"ros": ROS, "test": TEST, "river": ["river>=0.21"]},
+        extras_require={
+            "ros": ROS,
+            "plot": ["matplotlib>=3.9"],
+            "river": ["river>=0.21"],
+            "test": TEST,
+        },
         entry_points={
             "console_scripts": [
                 "ldt = ldt_core.cli:main",
@@ -140,6 +146,7 @@ def build() -> None:
             "ldt.command": [
                 "calibrate = ldt_core.cli.calibrate:command",
                 "import = ldt_core.cli.import_file:command",
+                "plot = ldt_core.cli.plot:command",
                 "predict = ldt_core.cli.predict:command",
                 "replay = ldt_core.cli.replay:command",
                 "run = ldt_core.cli.run:command",
@@ -151,10 +158,10 @@ def build() -> None:
 
 
 if __name__ == "__main__" and sys.argv[1:2] == ["up"]:
-    bootstrap("ros")
+    bootstrap("ros,plot")
     run("ldt", "up", *sys.argv[2:])
 elif __name__ == "__main__" and sys.argv[1:2] == ["test"]:
-    bootstrap("ros,test,river")
+    bootstrap("ros,plot,river,test")
     run("python", "-m", "pytest", *sys.argv[2:])
 else:
     build()
