@@ -1,8 +1,9 @@
 """Mean, slope and deviation of a trained function as compiled loops read them in nanoseconds.
 
 For one input that is a table on a regular axis: the mean as cubic Hermite polynomials through exact
-values and slopes, the deviation by straight lines. For more inputs a table of equal accuracy would
-not fit into the cache, so the inducing points are evaluated as they are; `free_run` does it.
+values and slopes, the deviation by straight lines. For more inputs `free_run` evaluates the
+inducing points as they are, in microseconds a sample: a table for two inputs, of 27,000 nodes, was
+seen to take as long to fill as 78 runs of 2000 samples, and three inputs would need millions.
 """
 
 from __future__ import annotations
@@ -99,7 +100,7 @@ def compile_run(posterior: SparsePosterior | None, inputs: Sequence[str]) -> Fre
     kernel, indices = posterior.kernel, np.array([INPUTS.index(name) for name in inputs])
     lengths, signal_std = np.array(kernel.length_scales), kernel.signal_std
     inducing, weights = np.ascontiguousarray(posterior.inducing), posterior.weights
-    explained = np.ascontiguousarray(posterior.explained)
+    explained = np.tril(posterior.explained) + np.tril(posterior.explained, -1)  # half the work
     return lambda ad, bd, gd, voltage, start: run_inducing(
         *(ad, bd, gd, voltage, start),
         *(indices, lengths, signal_std, inducing, weights, explained),

@@ -83,7 +83,7 @@ def run_inducing(
         signal_std: prior deviation of f [rad/s²].
         inducing: (m, d), `sparse.SparsePosterior` describes this and the rest.
         weights: (m,).
-        explained: (p, p).
+        explained: (p, p), lower triangle, with the entries below the diagonal doubled.
 
     Returns:
         speed (L,), slopes (L, 2) of f over current and speed, deviation (L,) of f.
@@ -116,7 +116,7 @@ def run_inducing(
                 slopes[k, inputs[a]] = slope * scale * scale
         known[:] = 0.0
         for j in range(p):  # row by row, so that the inner loop is vectorised
-            for q in range(p):
+            for q in range(j + 1):
                 known[q] += row[j] * explained[j, q]
         left = variance
         for j in range(p):

@@ -107,8 +107,8 @@ class HybridModel(Model):
         Raises:
             ExperimentError: the voltage is so large that the free run overflows.
         """
-        ad, bd, gd = self._motor(experiment.period)
-        start = self._start(experiment)
+        ad, bd, gd = self.motor(experiment.period)
+        start = self.start(experiment)
         speed, slopes, deviation = self.run(ad, bd, gd, experiment.voltage, start)
         std = None
         if self.learned is not None:
@@ -131,19 +131,20 @@ class HybridModel(Model):
             raise LdtError("hybrid model: expected experiments to learn from, got none")
         runs = []
         for e in experiments:
-            current = float(self._start(e)[0])
-            runs.append(Run(*self._motor(e.period), e.period, e.voltage, e.speed, current))
+            current = float(self.start(e)[0])
+            runs.append(Run(*self.motor(e.period), e.period, e.voltage, e.speed, current))
         inputs, most = self.options["gp_inputs"], self.options["inducing"]
         learned = learn(runs, inputs, most)
         record = {"inputs": list(inputs), **_to_json(learned)}
         machine = self.parameters["machine"]
         return self.successor({"machine": machine, "gaussian_process": record}, experiments)
 
-    def _motor(self, period: float) -> tuple[Array, Array, Array]:
+    def motor(self, period: float) -> tuple[Array, Array, Array]:
+        """The ideal motor over one sample period [s]: Ad (2, 2), Bd (2,), Gd (2,)."""
         a, b, _, _ = self.physics.physics.state_space(self.physics.values)
         return _discretise(tuple(a.ravel()), tuple(b.ravel()), period)
 
-    def _start(self, experiment: Experiment) -> Array:
+    def start(self, experiment: Experiment) -> Array:
         """(2,) current and speed at the first sample."""
         current = None if experiment.current is None else float(experiment.current[0])
         speed = float(experiment.speed[0])
