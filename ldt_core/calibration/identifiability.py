@@ -1,0 +1,175 @@
+"""What a recording determines, from sensitivities alone, before any fit.
+
+The sensitivities of the free run to the logarithms of the parameters (start states projected out,
+in noise deviations) are compressed to their triangle R (p, p). Its singular values are the inverse
+standard errors of the combinations of parameters along its singular vectors. The largest set of
+columns that is well-conditioned is called determined; every other parameter then either moves the
+free run only as some of the determined ones do (a group, with exponents) or not at all. Subset
+selection on scaled sensitivities: Brun, Reichert, Kuensch, "Practical identifiability analysis of
+large environmental simulation models", Water Resources Research 37, 2001. The statement is local:
+it is made at the machine file's values and again at the fitted ones.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+WELL = 0.25  # standard error of a logarithm: the 95 % interval is about a factor of 1.6 either way
+EXACT = 1e-6  # of the largest singular value: below it is the rounding of difference quotients
+INTEGRATED = 1e-3  # the same where sensitivities are differences of integrated runs
+SHOWN = 0.01  # exponent below which a parameter has no part in a group
+PRINTED = 0.05  # exponent below which it is left out of a product that is printed
+LITTLE = 1.0  # sum of squared exponents that is no worse than one product of two parameters
+WHOLE = 0.1  # an exponent this near to a whole number is written as that
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What the recordings determine.
+
+    Attributes:
+        names: (p,) the parameters examined.
+        determined: the largest set that can be fitted together.
+        groups: for each other parameter that shows, the exponents c of the determined ones: if it
+            were 1 % larger, the same free run would need each of them c per cent larger.
+        silent: parameters that do not show at all.
+    """
+
+    names: tuple[str, ...]
+    determined: tuple[str, ...]
+    groups: dict[str, dict[str, float]]
+    silent: tuple[str, ...]
+
+    def with_settled(self, names: Collection[str]) -> Identifiability:
+        """The same, with parameters counted as determined because they ended on their bounds."""
+        return replace(
+            self,
+            determined=tuple(n for n in self.names if n in self.determined or n in names),
+            groups={n: c for n, c in self.groups.items() if n not in names},
+            silent=tuple(n for n in self.silent if n not in names),
+        )
+
+    @property
+    def unsure(self) -> set[str]:
+        """Parameters whose values hang on those of others, or that do not show."""
+        return {n for cluster in self.clusters for n in cluster}
+
+    @property
+    def clusters(self) -> list[list[str]]:
+        """Parameters that cannot be told apart, each group once; silent ones alone."""
+        sets: list[set[str]] = []
+        for name, exponents in self.groups.items():
+            new = {name, *exponents}
+            for other in [s for s in sets if s & new]:
+                sets.remove(other)
+                new |= other
+            sets.append(new)
+        ordered = [[n for n in self.names if n in s] for s in sets]
+        return ordered + [[n] for n in self.silent]
+
+    @property
+    def products(self) -> list[str]:
+        """What is determined of the groups: products of powers, "J R^2 / K_t"."""
+        found = []
+        for name in self.determined:
+            powers = {name: 1.0}
+            powers |= {x: -c[name] for x, c in self.groups.items() if abs(c.get(name, 0)) > PRINTED}
+            if len(powers) > 1:
+                found.append(product(powers))
+        return found
+
+
+def examine(
+    names: Sequence[str],
+    sensitivities: Array,
+    exact: bool = True,
+    prefer: Collection[str] = (),
+) -> Identifiability:
+    """Find the largest determined set.
+
+    Args:
+        names: (p,) parameters.
+        sensitivities: (N, p) change of the free run per coordinate, in noise deviations.
+        exact: whether they come from an exact solution, so that small ones count.
+        prefer: a set to stay with as long as it is determined and none is larger.
+
+    Returns:
+        Identifiability; among sets of equal size, the one whose members would suffer least from
+        wrong values of the parameters left out.
+    """
+    tolerance = EXACT if exact else INTEGRATED
+    triangle: Array = np.asarray(np.linalg.qr(sensitivities, mode="r"))
+    size = np.linalg.norm(triangle, axis=0)
+    loud = [j for j in range(len(names)) if size[j] * WELL > 1 and size[j] > tolerance * size.max()]
+    chosen: tuple[int, ...] = ()
+    for count in range(len(loud), 0, -1):
+        sets = [
+            s
+            for s in itertools.combinations(loud, count)
+            if _errors(triangle[:, s], tolerance).max() <= WELL
+        ]
+        if sets:
+            kept = tuple(j for j in loud if names[j] in prefer)
+            best = min(sets, key=lambda s: _price(triangle, loud, s, tolerance))
+            chosen = kept if kept in sets else best
+            break
+    groups, silent = {}, []
+    for j in sorted(set(range(len(names))) - set(chosen)):
+        c = _shares(triangle[:, chosen], triangle[:, j], tolerance) if j in loud else np.zeros(0)
+        shares = zip(chosen, -c, strict=False)
+        exponents = {names[i]: float(share) for i, share in shares if abs(share) > SHOWN}
+        if exponents:
+            groups[names[j]] = exponents
+        else:
+            silent.append(names[j])
+    determined = tuple(names[j] for j in chosen)
+    return Identifiability(tuple(names), determined, groups, tuple(silent))
+
+
+def _errors(columns: Array, tolerance: float) -> Array:
+    """Standard errors in a set of columns; infinite when they depend on each other."""
+    _, s, right = np.linalg.svd(columns, full_matrices=False)
+    if s[-1] <= tolerance * s[0]:
+        return np.full(columns.shape[1], math.inf)
+    return np.sqrt(np.sum((right / s[:, None]) ** 2, axis=0))
+
+
+def _price(
+    triangle: Array, loud: Sequence[int], chosen: tuple[int, ...], tolerance: float
+) -> tuple[float, float]:
+    """What fixing the others costs: how far a wrong value of theirs would move the chosen ones,
+    then how uncertain these are. Decades, so that of equals those listed first are free."""
+    others = [j for j in loud if j not in chosen]
+    shares = _shares(triangle[:, chosen], triangle[:, others], tolerance)
+    errors = _errors(triangle[:, chosen], tolerance)
+    suffering = max(float(np.sum(shares**2)), LITTLE)
+    return round(math.log10(suffering)), round(math.log10(float(np.sum(errors**2))), 1)
+
+
+def _shares(basis: Array, column: Array, tolerance: float) -> Array:
+    return np.asarray(np.linalg.lstsq(basis, column, rcond=tolerance)[0], dtype=np.float64)
+
+
+def product(powers: dict[str, float]) -> str:
+    """A product of powers in words: {"J": 1, "R": 1, "K_t": -2} is "J R / K_t^2"."""
+    above = " ".join(_power(n, p) for n, p in powers.items() if p > 0)
+    below = " ".join(_power(n, -p) for n, p in powers.items() if p < 0)
+    return f"{above} / {below}" if below else above
+
+
+def _power(name: str, exponent: float) -> str:
+    shown = _shown(exponent)
+    return name if shown == "1" else f"{name}^{shown}"
+
+
+def _shown(exponent: float) -> str:
+    whole = round(exponent)
+    return str(whole) if whole and abs(exponent - whole) < WHOLE else f"{exponent:.2g}"

@@ -1,0 +1,163 @@
+"""`ldt calibrate`: the parameters of a machine file from recordings."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from ldt_core.cli.options import parameters
+
+if TYPE_CHECKING:
+    from ldt_core.calibration import Calibration
+    from ldt_core.experiment import Experiment
+    from ldt_core.machine import Machine
+
+
+def _names(_context: click.Context, _option: click.Parameter, text: str | None) -> list[str]:
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
+
+
+@click.command("calibrate")
+@click.argument("recordings", nargs=-1, required=True)
+@parameters("machine")
+@click.option(
+    "--free",
+    callback=_names,
+    metavar="NAME,...",
+    help="Parameters to fit; without it, the largest set that the recordings determine.",
+)
+@click.option(
+    "--fixed", callback=_names, metavar="NAME,...", help="Parameters that keep the file's values."
+)
+@click.option("--out", required=True, help="Machine file to write.")
+@click.option("--force", is_flag=True, help="Overwrite the machine file if it exists.")
+@click.option(
+    "--holdout",
+    type=float,
+    metavar="FRACTION",
+    help="Share of the experiments to judge by, not to fit (a quarter when there are 4 or more).",
+)
+@click.option("--namespace", default="", help="Machine whose topics are meant, if several.")
+@click.option(
+    "--figure", metavar="FILE", help="Draw measured, before and after (.png, .svg, .pdf)."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def command(
+    settings: dict[str, Any],
+    given: set[str],
+    recordings: tuple[str, ...],
+    free: list[str],
+    fixed: list[str],
+    out: str,
+    force: bool,
+    holdout: float | None,
+    namespace: str,
+    figure: str | None,
+    as_json: bool,
+) -> None:
+    """Fit the machine file's parameters to RECORDINGS, each experiment a free run of its own.
+
+    Says which parameters the recordings cannot tell apart, and judges the fit on experiments held
+    out. Experiments of several recordings are numbered on from one to the next.
+
+    Example: ldt calibrate bag --machine dc_motor --free J,K_t,b --out my_motor.yaml
+    """
+    from ldt_core.calibration import calibrate
+    from ldt_core.calibration.figure import check_figure, draw
+    from ldt_core.calibration.machine_file import check_target, write_machine_file
+    from ldt_core.calibration.procedure import check_names, split
+    from ldt_core.machine import load_machine
+
+    machine = load_machine(settings["machine"])
+    check_names(machine, free, fixed)
+    check_target(out, force)
+    if figure:
+        check_figure(figure)
+    experiments = _read(recordings, namespace, machine)
+    with _progress() as tick:
+        found = calibrate(
+            machine, experiments, free=free, fixed=fixed, holdout=holdout, tick=tick
+        ).with_recordings(recordings)
+    write_machine_file(found, out, force)
+    if figure:
+        kept, held_out = split(experiments, holdout)
+        draw(found, held_out or kept, figure)
+    if as_json:
+        record = {"machine": machine.name, "out": out, **found.as_dict()}
+        click.echo(json.dumps(record, allow_nan=False))
+    else:
+        _print(found, out)
+
+
+def _read(recordings: Sequence[str], namespace: str, machine: Machine) -> list[Experiment]:
+    """Experiments of all recordings, checked against the machine; what is odd goes to stderr."""
+    from dataclasses import replace
+
+    from ldt_core.errors import ExperimentError
+    from ldt_core.recording.bag import read_bag
+
+    found: list[Experiment] = []
+    for recording in recordings:
+        bag = read_bag(recording, namespace)
+        for experiment in bag.experiments():
+            try:
+                machine.check(experiment)
+            except ExperimentError as error:
+                where = f"{recording}, {error.where}"
+                raise ExperimentError(where, error.expected, error.got) from None
+            numbered = len(recordings) > 1
+            found.append(replace(experiment, number=len(found) + 1) if numbered else experiment)
+        for note in bag.notes:
+            click.echo(note, err=True)
+    return found
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str], None]]:
+    """What is being done, on a terminal's standard error; nothing on a pipe."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda doing: None
+        return
+    with console.status("reading") as status:
+        count = 0
+
+        def tick(doing: str) -> None:
+            nonlocal count
+            count += 1
+            status.update(f"{doing}: {count} simulations of the recording")
+
+        yield tick
+
+
+def _print(found: Calibration, out: str) -> None:
+    table = Table(title=f"{found.machine.name} calibrated")
+    for column in ("parameter", "in the file", "calibrated", "95 % interval", "unit"):
+        table.add_column(column, justify="left" if column in ("parameter", "unit") else "right")
+    for e in found.estimates:
+        interval = f"{e.ci95[0]:.5g} to {e.ci95[1]:.5g}" if e.ci95 else "not determined"
+        table.add_row(e.name, f"{e.nominal:.5g}", f"{e.value:.5g}", interval, e.unit)
+    units = {p.name: p.unit for p in found.machine.model.parameters}
+    for name, reason in found.fixed.items():
+        table.add_row(name, f"{found.nominal.parameters[name]:.5g}", "kept", reason, units[name])
+    console = Console(soft_wrap=True)
+    console.print(table)
+    for part, (before, after) in found.errors.items():
+        where = {"fit": "fitted", "held_out": "held out"}[part]
+        numbers = found.experiments[part]
+        many = f"{len(numbers)} experiment{'s' if len(numbers) > 1 else ''}"
+        console.print(
+            f"free-run error on {many} {where}: {before.rmse:.4g} rad/s before, "
+            f"{after.rmse:.4g} after (mean maximum {before.mean_max_error:.4g} and "
+            f"{after.mean_max_error:.4g})",
+            highlight=False,
+        )
+    for note in found.notes:
+        console.print(f"- {note}", markup=False, highlight=False)
+    console.print(f"machine file: {out}", markup=False, highlight=False)
