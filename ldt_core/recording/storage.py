@@ -24,6 +24,7 @@ from mcap.records import Channel, Chunk, Footer, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from ldt_core.errors import RecordingError
+from ldt_core.recording.messages import quoted
 
 METADATA = "metadata.yaml"
 PROFILE = "ros2"
@@ -139,8 +140,8 @@ class Storage:
         """Fill `topics` from one file."""
         if _magic(file) == SQLITE_MAGIC:
             try:
-                found = dict(_sqlite(file, "SELECT name, type FROM topics"))
-            except sqlite3.Error as error:
+                found = dict(_sqlite(file, "SELECT name, type FROM topics", str, str))
+            except (sqlite3.Error, ValueError) as error:
                 raise RecordingError(file, "a rosbag2 SQLite file", _reason(error)) from None
         else:
             found = self._summary(file) or {c.topic: kind for c, kind in self._channels(file)}
@@ -258,12 +259,13 @@ class Storage:
             file,
             "SELECT name, type, timestamp, data FROM messages JOIN topics "
             "ON topics.id = messages.topic_id ORDER BY timestamp, messages.id",
+            *(str, str, int, bytes),
         )
         try:
             for row in rows:
                 if topics is None or row[0] in topics:
                     yield Raw(*row)
-        except sqlite3.Error as error:
+        except (sqlite3.Error, ValueError) as error:
             self.note(f"{file}: damaged ({_reason(error)}); read up to there")
 
 
@@ -355,10 +357,14 @@ def _decompress(method: str, data: bytes, size: int) -> bytes:
     raise ValueError(f"compression {method!r} is unknown")
 
 
-def _sqlite(file: Path, query: str) -> Iterator[tuple]:
+def _sqlite(file: Path, query: str, *types: type) -> Iterator[tuple]:
+    """Rows of a query; ValueError for a value of another type, which SQLite would let pass."""
     uri = f"{file.resolve().as_uri()}?mode=ro&immutable=1"
     with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
-        yield from database.execute(query)
+        for row in database.execute(query):
+            if not all(map(isinstance, row, types)):
+                raise ValueError(f"values {quoted(row)} in the database")
+            yield row
 
 
 def _reason(error: BaseException) -> str:
