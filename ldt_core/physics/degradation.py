@@ -69,11 +69,11 @@ class Schedule:
 
 
 def _values(schedule: Schedule, random: np.random.Generator) -> tuple[float, ...]:
-    n, begin, rise = schedule.experiments, schedule.begin, schedule.end - schedule.begin
+    n, begin = schedule.experiments, schedule.begin
     if schedule.kind == "none" or n == 1:
         return (begin,) * n
     if schedule.kind == "ramp":
-        return tuple(float(v) for v in begin + rise * np.arange(n) / (n - 1))
+        return tuple(np.linspace(begin, schedule.end, n).tolist())
     if schedule.kind == "abrupt":
         first = int(random.integers(max(1, n // 4), max(2, 3 * n // 4 + 1)))
         return (begin,) * first + (schedule.end,) * (n - first)
@@ -86,8 +86,8 @@ def _staircase(schedule: Schedule, n: int, random: np.random.Generator) -> tuple
     """Every choice of the experiments in which it rises is equally likely."""
     steps = min(schedule.steps, n - 1)
     rises = np.sort(random.choice(np.arange(1, n), size=steps, replace=False))
-    level = np.searchsorted(rises, np.arange(n), side="right") / steps
-    return tuple(float(v) for v in schedule.begin + (schedule.end - schedule.begin) * level)
+    levels = np.linspace(schedule.begin, schedule.end, steps + 1)
+    return tuple(levels[np.searchsorted(rises, np.arange(n), side="right")].tolist())
 
 
 def schedule(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 
 from ldt_core.errors import BadInput, LdtError
 from ldt_core.machine import load_machine
-from ldt_core.physics.integrate import MAX_STEP, integrate
+from ldt_core.physics.integrate import MAX_STEP, SMALL_TURN, _turned, integrate
 from ldt_core.physics.motor import MOTOR
 from ldt_core.physics.rotor import ROTOR
 
@@ -51,6 +53,14 @@ def test_the_default_step_is_accurate_on_random_experiments():
             row.append(np.abs(run(v, times, volts, h)[:, 1] - fine).max() / fine.max())
     assert max(ours) < 5e-6
     assert np.median(coarse) == pytest.approx(2e-7, rel=0.5)
+
+
+@given(theta=st.floats(-1e4, 1e4), delta=st.floats(-2 * SMALL_TURN, 2 * SMALL_TURN))
+def test_sine_and_cosine_of_a_small_turn_are_exact(theta, delta):
+    """The series agrees with the library to rounding, on both sides of its bound."""
+    s, o = _turned(math.sin(theta), math.cos(theta), theta, delta)
+    assert s == pytest.approx(math.sin(theta + delta), abs=1e-15 + 2e-16 * abs(theta))
+    assert o == pytest.approx(math.cos(theta + delta), abs=1e-15 + 2e-16 * abs(theta))
 
 
 @given(seed=st.integers(0, 1000), foundation=st.floats(-0.01, 0.01))
