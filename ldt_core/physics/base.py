@@ -109,7 +109,7 @@ class Physics(abc.ABC):
         state = np.ascontiguousarray(initial, dtype=np.float64)
         for effect, given in effects:
             values = effect.change_parameters(self, values, given)
-        times = np.arange(volts.size) * period
+        times = np.asarray(np.arange(volts.size) * period, dtype=np.float64)
         switches = times, volts
         if any(effect.on_voltage is not None for effect, _ in effects):
             switches = self._switches(values, times, volts, state, effects)

@@ -287,13 +287,14 @@ def integrate(
     edges, volts, samples = _edges(times, at, levels)
     steps = np.maximum(1, np.ceil(np.diff(edges) / step - 1e-9)).astype(np.int64)
     n = len(physics.states)
-    own = [s for effect, given in terms for s in effect.first_states(initial, given)]
-    if initial.size > n:
-        own = initial[n:]
-    start = np.zeros(STATES + len(own))
+    own = initial[n:]
+    if own.size == 0:
+        first = (effect.first_states(initial, given) for effect, given in terms)
+        own = np.array([state for states in first for state in states])
+    start = np.zeros(STATES + own.size)
     start[:n], start[STATES:] = initial[:n], own
     rigid = bool(c.unbalance == 0 and not start[3:STATES].any())
-    states, k = np.empty((times.size, STATES + len(own))), _coefficients(c)
+    states, k = np.empty((times.size, STATES + own.size)), _coefficients(c)
     states[0] = start
     if terms:
         compiled = gather(terms, values)

@@ -68,7 +68,9 @@ def motor_system(values: Values, n: int) -> tuple[Array, Array]:
     """The motor in the first three of n states: A (n, n), B (n,)."""
     k, r, inductance, j, b = (values[name] for name in ("K_t", "R", "L", "J", "b"))
     a = np.zeros((n, n))
-    a[:3, :3] = [[0, 1, 0], [0, -b / j, k / j], [0, -k / inductance, -r / inductance]]
+    a[0, 1] = 1.0
+    a[1, 1:3] = -b / j, k / j
+    a[2, 1:3] = -k / inductance, -r / inductance
     drive = np.zeros(n)
     drive[2] = 1 / inductance
     return a, drive

@@ -52,12 +52,11 @@ def compile_term(where: str, function: Callable[..., float], stateful: bool) -> 
         OptionError: numba cannot compile it.
     """
     signature = TERM_WITH_STATES if stateful else TERM
-    options = {"error_model": "numpy"}  # a division by zero gives inf, which the integrator reports
-    try:
+    try:  # error model: a division by zero gives inf, which the integrator reports
         try:
-            return cfunc(signature, cache=True, **options)(function)
+            return cfunc(signature, cache=True, error_model="numpy")(function)
         except RuntimeError:  # a function without a file, typed at a prompt, cannot be cached
-            return cfunc(signature, **options)(function)
+            return cfunc(signature, error_model="numpy")(function)
     except (NumbaError, TypeError) as error:
         reason = str(error).strip().splitlines()[-1]
         raise OptionError(
