@@ -40,7 +40,11 @@ EXCITED = 10.0
 LEAST_NOISE = 1e-6
 SHORTEST = 3.0  # length scale in noise deviations: detail finer than this is blurred by the sensor
 CANDIDATES = 4000  # for inducing points; beyond, blocks are thinned evenly, as they lie close
-MAD = 1.482602218505602  # standard deviation of a normal distribution over its median deviation
+# The noise is read off this quantile of absolute differences: high enough that a coarse encoder,
+# most of whose differences are 0, shows its steps; low enough that the few where the voltage
+# switches or a resonance is passed do not count. The second number is the quantile of a standard
+# normal one.
+QUANTILE, NORMAL = 0.9, 1.6448536269514722
 BISECTIONS = 60  # halvings of an interval of logarithms: down to rounding
 
 
@@ -151,7 +155,7 @@ def _sensor_noise(runs: Sequence[Run], lacking: Sequence[Array]) -> float:
     """Noise of the speed sensor [rad/s] from second differences of the one-step targets.
 
     A target holds v_{k+1} - a v_k besides the acceleration, which changes slowly against a sample;
-    what little it changes, and the jumps where the voltage switches, a median does not see.
+    what little it changes, and the jumps where the voltage switches, a quantile does not see.
     """
     scaled = []
     for run, targets in zip(runs, lacking, strict=True):
@@ -159,7 +163,7 @@ def _sensor_noise(runs: Sequence[Run], lacking: Sequence[Array]) -> float:
         scaled.append(np.diff(targets, 2) * run.gd[1] / gain)
     if not any(row.size for row in scaled):
         raise LdtError("hybrid model: expected experiments of 4 samples or more to learn from")
-    return MAD * float(np.median(np.abs(np.concatenate(scaled))))
+    return float(np.quantile(np.abs(np.concatenate(scaled)), QUANTILE)) / NORMAL
 
 
 def _refuse_unexcited(x: Array, inputs: Sequence[str], noise: float) -> None:
