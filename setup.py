@@ -1,8 +1,8 @@
 """Build description of LDT, and its first-time set-up.
 
-`python3 setup.py up [OPTIONS]` makes a virtual environment in `.venv`, installs LDT and ROS 2 into it,
-and runs `ldt up`. `python3 setup.py test [PYTEST OPTIONS]` does the same for the tests. Everything
-else is setuptools, as pip and colcon call it.
+`python3 setup.py up [OPTIONS]` makes a virtual environment in `.venv`, installs LDT and ROS 2 into
+it, and runs `ldt up`. `python3 setup.py test [PYTEST OPTIONS]` does the same for the tests.
+Everything else is setuptools, as pip and colcon call it.
 """
 
 from __future__ import annotations
@@ -70,19 +70,19 @@ def make_environment() -> list[str]:
 
 def bootstrap(extras: str) -> None:
     """Install this checkout with the extras into `.venv`, once for each state of this file."""
-    if sys.version_info < (3, 11):
+    if sys.version_info < (3, 11):  # noqa: UP036 - this runs before pip has checked anything
         sys.exit(f"setup.py: expected Python 3.11 or newer, got {sys.version.split()[0]}")
     stamp = ENVIRONMENT / f"ldt-{extras.replace(',', '-')}"
     state = hashlib.sha256(Path(__file__).read_bytes() + sys.version.encode()).hexdigest()
     if stamp.exists() and stamp.read_text() == state:
         return
-    print(f"setup.py: installing LDT and ROS 2 into {ENVIRONMENT} (once, some minutes)", flush=True)
+    print(f"setup.py: installing LDT and ROS 2 into {ENVIRONMENT}, once", flush=True)
     pip = make_environment()
     done = subprocess.run([*pip, "-e", f"{HERE}[{extras}]"], env=clean_environment(), check=False)
     if done.returncode:
         sys.exit(
-            "setup.py: pip could not install LDT, see above (the ROS 2 wheels exist for x86-64 Linux "
-            "and CPython 3.11 to 3.13)"
+            "setup.py: pip could not install LDT, see above (the ROS 2 wheels exist for x86-64 "
+            "Linux and CPython 3.11 to 3.13)"
         )
     stamp.write_text(state)
 
@@ -100,7 +100,7 @@ def build() -> None:
     setup(
         name="ldt",
         version="0.1.0",
-        description="A digital twin that learns beside a machine and says why reality left the model",
+        description="A digital twin that learns beside a machine and notices when it has changed",
         long_description=(HERE / "README.md").read_text(encoding="utf-8"),
         long_description_content_type="text/markdown",
         license="Apache-2.0",

@@ -185,6 +185,7 @@ class Level(enum.IntEnum):
 
     @property
     def word(self) -> str:
+        """The answer in a word, as the `signal` topic has it."""
         return self.name.lower()
 
 

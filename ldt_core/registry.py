@@ -54,7 +54,8 @@ class Registry:
         if not Path(path).is_file():
             raise OptionError(self.what, f"a Python file at {path}", "no such file")
         spec = importlib.util.spec_from_file_location(Path(path).stem, path)
-        assert spec is not None and spec.loader is not None
+        assert spec is not None
+        assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
         if not hasattr(module, attribute):

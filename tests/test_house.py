@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-
 REPOSITORY = Path(__file__).resolve().parents[1]
 BIN = Path(sys.executable).parent
 CHECKED = ["ldt_core", "ldt_ros", "msgs_config", "tests", "setup.py"]

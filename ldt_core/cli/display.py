@@ -98,6 +98,4 @@ def print_summaries(
 def track(items: Iterable[Item], what: str) -> Iterator[Item]:
     """The items, with a progress bar on a terminal's standard error and nothing on a pipe."""
     console = Console(stderr=True)
-    yield from _track(
-        items, what, console=console, disable=not console.is_terminal, transient=True
-    )
+    yield from _track(items, what, console=console, disable=not console.is_terminal, transient=True)

@@ -10,16 +10,32 @@ UNIT_HELP = "with a unit if it is not SI, for example"
 @click.command("import")
 @click.argument("file")
 @click.option("--out", required=True, help="Folder of the recording, which must not exist.")
-@click.option("--voltage", required=True, metavar="FIELD[:UNIT]",
-              help=f"Column or /topic.field[index] of the voltage, {UNIT_HELP} u:mV.")
-@click.option("--speed", required=True, metavar="FIELD[:UNIT]",
-              help=f"Column or /topic.field[index] of the speed, {UNIT_HELP} n:rpm.")
+@click.option(
+    "--voltage",
+    required=True,
+    metavar="FIELD[:UNIT]",
+    help=f"Column or /topic.field[index] of the voltage, {UNIT_HELP} u:mV.",
+)
+@click.option(
+    "--speed",
+    required=True,
+    metavar="FIELD[:UNIT]",
+    help=f"Column or /topic.field[index] of the speed, {UNIT_HELP} n:rpm.",
+)
 @click.option("--current", metavar="FIELD[:UNIT]", help="The same for the current, if measured.")
 @click.option("--time", metavar="FIELD[:UNIT]", help=f"Column of the time, {UNIT_HELP} t:ms.")
-@click.option("--sample-period", type=float, metavar="S",
-              help="Sample period in seconds: of the rows when there is no time, else to resample to.")
-@click.option("--length", type=float, metavar="SECONDS",
-              help="Cut into experiments of this length; a remainder is dropped.")
+@click.option(
+    "--sample-period",
+    type=float,
+    metavar="S",
+    help="Sample period in seconds: of the rows when there is no time, else to resample to.",
+)
+@click.option(
+    "--length",
+    type=float,
+    metavar="SECONDS",
+    help="Cut into experiments of this length; a remainder is dropped.",
+)
 def command(
     file: str,
     out: str,

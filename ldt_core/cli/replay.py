@@ -13,7 +13,9 @@ from ldt_core.cli.options import parameters
 @click.command("replay")
 @click.argument("recording")
 @click.option("--out", required=True, help="Folder of the new recording, which must not exist.")
-@click.option("--namespace", default="", help="Machine whose topics are meant, if there are several.")
+@click.option(
+    "--namespace", default="", help="Machine whose topics are meant, if there are several."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 @parameters("machine", "model", "detector", "adaptor", "pace")
 def command(

@@ -1,4 +1,4 @@
-"""The node graph for a full ROS 2 installation: `ros2 launch ldt ldt.launch.py machine:=press.yaml`.
+"""The node graph for a full ROS 2 installation: `ros2 launch ldt ldt.launch.py model:=linear`.
 
 Every declared parameter is a launch argument of the same name.
 """
@@ -59,7 +59,9 @@ def generate_launch_description():
             name,
             default_value=",".join(d["default"])
             if d["type"] == "string_array"
-            else str(d["default"]).lower() if d["type"] == "bool" else str(d["default"]),
+            else str(d["default"]).lower()
+            if d["type"] == "bool"
+            else str(d["default"]),
             description=d["description"],
         )
         for name, d in msgs_config.parameters().items()

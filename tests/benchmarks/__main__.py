@@ -1,6 +1,6 @@
 """All benchmarks, or those named, as one table.
 
-    python -m tests.benchmarks [plant linear hybrid …] [--markdown FILE]
+python -m tests.benchmarks [plant linear hybrid …] [--markdown FILE]
 """
 
 from __future__ import annotations

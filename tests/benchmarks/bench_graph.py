@@ -43,7 +43,11 @@ def _bare_cycle() -> float:
     others = [subprocess.Popen([*command, role, str(ENDLESS)]) for role in passing]
     try:
         source = subprocess.run(
-            [*command, "source", str(CYCLES)], check=True, capture_output=True, text=True, timeout=20
+            [*command, "source", str(CYCLES)],
+            check=True,
+            capture_output=True,
+            text=True,
+            timeout=20,
         )
         return float(source.stdout)
     finally:

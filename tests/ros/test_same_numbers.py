@@ -1,4 +1,4 @@
-"""The graph, the offline run and the replay of one stream give the same numbers, to the last bit."""
+"""Graph, offline run and replay of one stream give the same numbers, to the last bit."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from ldt_core.machine import load_machine
+from ldt_core.physics.plant import Plant
 from ldt_core.recording.bag import read_bag
 from ldt_core.session import run
 from ldt_core.settings import resolve
-from ldt_core.physics.plant import Plant
 
 pytest.importorskip("rclpy")
 

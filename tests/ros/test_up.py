@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -47,9 +48,9 @@ def graph_processes(domain: int) -> list[psutil.Process]:
     found = []
     for process in psutil.process_iter():
         try:
-            if "ldt_ros.process" in process.cmdline():
-                if process.environ().get("ROS_DOMAIN_ID") == str(domain):
-                    found.append(process)
+            ours = "ldt_ros.process" in process.cmdline()
+            if ours and process.environ().get("ROS_DOMAIN_ID") == str(domain):
+                found.append(process)
         except psutil.Error:
             continue
     return found
@@ -90,7 +91,7 @@ def test_it_ends_by_itself_and_leaves_nothing_behind(domain, tmp_path):
 
 
 def test_the_table_names_the_figures_and_the_recording(domain, tmp_path):
-    """Without --json a table; as a plain Python script as well; a recording is made without --bag."""
+    """Without --json a table; as a Python script as well; a recording is made without --bag."""
     code, output, errors = finish(start("--experiments", "2", cwd=tmp_path, module=True))
     assert (code, errors) == (0, "")
     for words in ("MME of the learning twin", "MME of the original model", "adaptations"):
@@ -197,6 +198,6 @@ def test_real_time_paces_the_experiments(domain, tmp_path):
     code, _, errors = finish(process)
     assert (code, errors) == (0, "")
     stamps = [r.time_ns for r in read_bag(tmp_path / "run").messages("experiment")]
-    gaps = [(b - a) / 1e9 for a, b in zip(stamps, stamps[1:], strict=False)]
+    gaps = [(b - a) / 1e9 for a, b in itertools.pairwise(stamps)]
     assert all(0.9 <= gap <= 1.5 for gap in gaps), gaps
     assert time.monotonic() - began > 3
