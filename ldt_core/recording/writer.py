@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import queue
 import threading
-import time
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
@@ -29,8 +27,6 @@ from ldt_core.recording.metadata import Channel, Span, information, write_metada
 from ldt_core.recording.storage import PROFILE
 
 FLUSH_PERIOD = 0.25  # s; half of the 0.5 s that may be lost, to leave time for the flush itself
-QUEUED = 64  # messages that wait for the disk before writers do, 2 MB of usual experiments
-IDLE, CLOSE = object(), object()  # what the writing thread is told besides messages and flushes
 LAST_NS = 2**63 - 1  # rosbag2 counts nanoseconds in 64 bits, to the year 2262
 
 
@@ -64,9 +60,9 @@ class BagWriter:
         self._schemas: dict[str, int] = {}
         self._span = Span()
         self._failure: LdtError | None = None
-        self._closed = False
-        self._lock = threading.Lock()  # callers among themselves
-        self._queue: queue.Queue[Any] = queue.Queue(QUEUED)
+        self._dirty = False
+        self._lock = threading.Lock()  # the file belongs to callers and the flusher in turn
+        self._closed = threading.Event()
         declared = [self._declare(self._absolute(t), self._kind(t)) for t in topics]
         self._stream = self._make_folder()
         self._mcap = Writer(
@@ -82,8 +78,8 @@ class BagWriter:
         except OSError as error:
             self._stream.close()
             raise self._fail(error) from None
-        self._thread = threading.Thread(target=self._work, name="bag", daemon=True)
-        self._thread.start()
+        self._flusher = threading.Thread(target=self._flush_regularly, name="bag", daemon=True)
+        self._flusher.start()
 
     @property
     def counts(self) -> dict[str, int]:
@@ -126,28 +122,36 @@ class BagWriter:
         with self._lock:
             if self._failure is not None:
                 raise self._failure
-            if self._closed:
+            if self._closed.is_set():
                 raise LdtError(f"{self.path}: the recording is closed")
             channel = self._channels.get(topic) or self._declare(topic, kind)
             if channel.kind != kind:
                 raise RecordingError(f"{self.path}, {topic}", channel.kind, kind)
-            self._queue.put((channel, data, time_ns, channel.count))
+            try:
+                if not channel.number:
+                    self._register(channel)
+                self._mcap.add_message(channel.number, time_ns, data, time_ns, channel.count)
+            except OSError as error:
+                raise self._fail(error) from None
             channel.count += 1
             self._span.add(time_ns)
+            self._dirty = True
 
     def flush(self) -> None:
-        """Hand all that was written to the operating system; returns when that is done.
+        """Hand all that was written to the operating system.
 
         Raises:
             LdtError: the disk is full or failed.
         """
-        done = threading.Event()
         with self._lock:
-            if not self._closed:
-                self._queue.put(done)
-                done.wait()
             if self._failure is not None:
                 raise self._failure
+            if self._dirty and not self._closed.is_set():
+                try:
+                    self._mcap.flush()
+                except OSError as error:
+                    raise self._fail(error) from None
+                self._dirty = False
 
     def close(self) -> None:
         """Write the index and the final `metadata.yaml`; a second call does nothing.
@@ -156,25 +160,24 @@ class BagWriter:
             LdtError: the disk is or was full or failed: the recording is incomplete.
         """
         with self._lock:
-            if self._closed:
+            if self._closed.is_set():
                 return
-            self._closed = True
-            self._queue.put(CLOSE)
-        self._thread.join()
-        information = self._information()
-        try:
-            if self._failure is None:
-                self._mcap.add_metadata("rosbag2", {"serialized_metadata": information})
-                self._mcap.finish()
-                self._stream.flush()
-        except OSError as error:
-            self._fail(error)
-        finally:
-            # The buffer of a failed stream cannot be written; closing would try and fail again.
-            with contextlib.suppress(OSError):
-                self._stream.close()
-            with contextlib.suppress(OSError):
-                write_metadata(self.path, information)
+            self._closed.set()
+            information = self._information()
+            try:
+                if self._failure is None:
+                    self._mcap.add_metadata("rosbag2", {"serialized_metadata": information})
+                    self._mcap.finish()
+                    self._stream.flush()
+            except OSError as error:
+                self._fail(error)
+            finally:
+                # The buffer of a failed stream cannot be written; closing would try and fail again.
+                with contextlib.suppress(OSError):
+                    self._stream.close()
+                with contextlib.suppress(OSError):
+                    write_metadata(self.path, information)
+        self._flusher.join()
         if self._failure is not None:
             raise self._failure
 
@@ -217,33 +220,10 @@ class BagWriter:
         )
         return self._failure
 
-    def _work(self) -> None:
-        """The one thread that touches the file: compression and disk keep no caller waiting."""
-        dirty, flushed = False, time.monotonic()
-        while True:
-            try:
-                item = self._queue.get(timeout=FLUSH_PERIOD)
-            except queue.Empty:
-                item = IDLE
-            if item is CLOSE:
-                return
-            try:
-                if isinstance(item, tuple) and self._failure is None:
-                    self._add(*item)
-                    dirty = True
-                overdue = time.monotonic() > flushed + FLUSH_PERIOD
-                if dirty and self._failure is None and (overdue or not isinstance(item, tuple)):
-                    self._mcap.flush()
-                    dirty, flushed = False, time.monotonic()
-            except Exception as error:  # a dead thread would let all callers wait for ever
-                self._fail(error)
-            if isinstance(item, threading.Event):
-                item.set()
-
-    def _add(self, channel: Channel, data: bytes, time_ns: int, sequence: int) -> None:
-        if not channel.number:
-            self._register(channel)
-        self._mcap.add_message(channel.number, time_ns, data, time_ns, sequence)
+    def _flush_regularly(self) -> None:
+        while not self._closed.wait(FLUSH_PERIOD):
+            with contextlib.suppress(LdtError):  # the next write or close reports it
+                self.flush()
 
     def _absolute(self, topic: str) -> str:
         return topic if topic.startswith("/") else f"{self.prefix}/{topic}"
