@@ -302,9 +302,7 @@ def test_the_real_rotor_is_predicted_better_than_by_physics():
     assert ours < original * 5 / 6
 
 
-def still(samples=500, level=10.0):
-    e = experiments(count=1, low=level, high=level, samples=samples + 500)[0]
-    return e.part(500, 500 + samples)
+STEADY = experiments(count=1, low=10.0, high=10.0)[0].part(500, 1000)
 
 
 @pytest.mark.parametrize(
@@ -312,7 +310,7 @@ def still(samples=500, level=10.0):
     [
         ([], ["speed"], "got none"),
         ([experiments(count=1, samples=20)[0]], ["speed"], "expected at least 41 samples"),
-        ([still()], ["speed"], "the speed stays within"),
+        ([STEADY], ["speed"], "the speed stays within"),
         ([experiments(count=1, low=9, high=9)[0]], ["speed", "voltage"], "the voltage stays"),
         (
             [Experiment(1, 0, 0.01, np.ones(100), np.linspace(0, 1, 100) * 1e300)],
@@ -358,8 +356,10 @@ def test_wrong_options_are_refused(options, words):
         {"weights": [1.0]},
         {"weights": "many"},
         {"inducing": [1.0, 2.0]},
+        {"explained": []},
         {"explained": [[1.0], [1.0]]},
         {"noise_std": 0.0},
+        {"memory": -1.0},
         {"noise_std": None},
         {"weights": None},
     ],
