@@ -60,8 +60,9 @@ class Predictor:
             raise ExperimentError(
                 f"experiment {experiment.number}", f"a number above {self.last}", experiment.number
             )
+        prediction = self.model.predict(experiment)
         self.last = experiment.number
-        return self.model.predict(experiment)
+        return prediction
 
 
 class Judge:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment, Level, Signal
 from ldt_core.machine import load_machine
 from ldt_core.models import build_model
@@ -22,7 +23,9 @@ class AdaptorNode(TwinNode):
 
     | received | what happens |
     |---|---|
-    | `experiment`, `signal` | the two of one number go through the adaptor; one without the other is dropped when 100 newer ones have come, and counted |
+    | `experiment`, `signal` | the two of one number go through the adaptor |
+    | one without the other | dropped when 100 newer ones have come, and counted |
+    | a number that waits already | dropped and counted: the first one counts |
     | anything malformed | counted, logged once per kind |
     """
 
@@ -32,34 +35,40 @@ class AdaptorNode(TwinNode):
         model = build_model(self.settings["model"], machine, self.settings)
         self.adaptor = build_adaptor(model, self.settings)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="adaptor")
-        self._pending = 0
+        # One thread writes each, so that neither needs a lock.
+        self._begun = 0
+        self._ended = 0
         self._pairs: Pairing[Experiment, Signal] = Pairing(self._on_pair)
         self._model = self.publishes("model")
         self._adaptation = self.publishes("adaptation")
         self._model.publish(to_message(model.record()))
-        self.listens(
-            "experiment", lambda m: self._pairs.left((e := from_message("experiment", m)).number, e)
-        )
-        self.listens(
-            "signal", lambda m: self._pairs.right((s := from_message("signal", m)).experiment, s)
-        )
+        self.listens("experiment", self._on_experiment)
+        self.listens("signal", self._on_signal)
 
     def health(self) -> dict[str, Any]:
         """Model in force, size of S_w, whether it is training."""
         return {
             "model_version": self.adaptor.model.version,
             "warning_set": len(self.adaptor.memory),
-            "training": self._pending > 0,
+            "training": str(self._begun > self._ended).lower(),
             "unpaired": self._pairs.dropped,
         }
 
     def close(self) -> None:
-        """Let a training finish: its result belongs into the recording."""
+        """Let a training finish, and say what became of it while somebody may listen."""
         self._worker.shutdown(wait=True)
 
+    def _on_experiment(self, message: Any) -> None:
+        experiment = from_message("experiment", message)
+        self._pairs.left(experiment.number, experiment)
+
+    def _on_signal(self, message: Any) -> None:
+        signal = from_message("signal", message)
+        self._pairs.right(signal.experiment, signal)
+
     def _on_pair(self, experiment: Experiment, signal: Signal) -> None:
-        if signal.level is Level.POSITIVE or self._pending:
-            self._pending += 1
+        if signal.level is Level.POSITIVE or self._begun > self._ended:
+            self._begun += 1
             self._worker.submit(self._step_on_thread, experiment, signal)
         else:
             self._step(experiment, signal)
@@ -67,10 +76,12 @@ class AdaptorNode(TwinNode):
     def _step_on_thread(self, experiment: Experiment, signal: Signal) -> None:
         try:
             self._step(experiment, signal)
-        except Exception as error:  # a thread's exception would be lost in its future
+        except LdtError as error:
             self.reject("signal", error)
+        except Exception as error:  # would be lost in the thread's future
+            self.failure = error
         finally:
-            self._pending -= 1
+            self._ended += 1
 
     def _step(self, experiment: Experiment, signal: Signal) -> None:
         before = self.adaptor.model.version

@@ -16,7 +16,9 @@ class DetectorNode(TwinNode):
 
     | received | what happens |
     |---|---|
-    | `experiment`, `prediction` | the two of one number are judged; one without the other is dropped when 100 newer ones have come, and counted |
+    | `experiment`, `prediction` | the two of one number are judged |
+    | one without the other | dropped when 100 newer ones have come, and counted |
+    | a number that waits already | dropped and counted: the first one counts |
     | a pair of different lengths | rejected |
     | anything malformed | counted, logged once per kind |
     """
@@ -27,16 +29,20 @@ class DetectorNode(TwinNode):
         self._pairs: Pairing[Experiment, Prediction] = Pairing(self._on_pair)
         self._signal = self.publishes("signal")
         self._last = ""
-        self.listens(
-            "experiment", lambda m: self._pairs.left((e := from_message("experiment", m)).number, e)
-        )
-        self.listens(
-            "prediction", lambda m: self._pairs.right((p := from_message("prediction", m)).number, p)
-        )
+        self.listens("experiment", self._on_experiment)
+        self.listens("prediction", self._on_prediction)
 
     def health(self) -> dict[str, Any]:
         """Last signal, and what never found its other half."""
         return {"signal": self._last, "unpaired": self._pairs.dropped}
+
+    def _on_experiment(self, message: Any) -> None:
+        experiment = from_message("experiment", message)
+        self._pairs.left(experiment.number, experiment)
+
+    def _on_prediction(self, message: Any) -> None:
+        prediction = from_message("prediction", message)
+        self._pairs.right(prediction.number, prediction)
 
     def _on_pair(self, experiment: Experiment, prediction: Prediction) -> None:
         signal = self.judge.judge(experiment, prediction)

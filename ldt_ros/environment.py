@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import sys
 from importlib import resources
 from pathlib import Path
@@ -13,20 +14,31 @@ from ldt_core.errors import BadInput
 #: How the ROS 2 wheels mark an interpreter that they have prepared; it must not be inherited by
 #: another environment's Python.
 WHEEL_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+MODULES = ("rclpy", "std_msgs", "diagnostic_msgs")
+DOMAINS = range(233)  # Fast DDS computes port numbers from it, and ends the process above 232
 
 
 def require_ros() -> None:
-    """Refuse to go on where there is no rclpy.
+    """Refuse to go on where ROS 2 cannot be used.
 
     Raises:
-        BadInput: no ROS 2 in this Python.
+        BadInput: no ROS 2 in this Python, or a domain that cannot exist.
     """
-    if importlib.util.find_spec("rclpy") is None:
+    missing = [name for name in MODULES if importlib.util.find_spec(name) is None]
+    if missing:
         raise BadInput(
-            "ldt up",
+            "the node graph",
             "ROS 2 Jazzy in this Python (pip install 'ldt[ros]', or source a ROS 2 workspace)",
-            "no module rclpy; `ldt run` does the same without ROS",
+            f"no module {missing[0]}; `ldt run` does the same without ROS",
         )
+    domain = os.environ.get("ROS_DOMAIN_ID", "")
+    if domain and not (domain.isascii() and domain.isdigit() and int(domain[:4]) in DOMAINS):
+        raise BadInput("ROS_DOMAIN_ID", "a whole number from 0 to 232", repr(domain[:20]))
+
+
+def one_line(error: Exception) -> str:
+    """What the ROS 2 libraries say, without their line breaks and their source positions."""
+    return re.sub(r",? at /\S+:\d+", "", " ".join(str(error).split()))[:200]
 
 
 def prepare(log_folder: Path | str | None = None) -> dict[str, str]:

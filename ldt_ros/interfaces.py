@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -16,13 +18,15 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from std_msgs.msg import Float64MultiArray, String
 
 import msgs_config
-from ldt_core.settings import resolve
+from ldt_core.settings import check
 
 MESSAGES = {
     "std_msgs/msg/Float64MultiArray": Float64MultiArray,
     "std_msgs/msg/String": String,
     "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
 }
+#: Messages that wait for those who only listen: nobody waits for them, so they may lag behind.
+LISTENER_DEPTH = 1000
 _TYPES = {
     "bool": ParameterType.PARAMETER_BOOL,
     "integer": ParameterType.PARAMETER_INTEGER,
@@ -37,14 +41,14 @@ def message_type(topic: str) -> type:
     return MESSAGES[msgs_config.topics()[topic]["type"]]
 
 
-def qos(topic: str) -> QoSProfile:
-    """QoS profile of a declared topic."""
+def qos(topic: str, depth: int = 0) -> QoSProfile:
+    """QoS profile of a declared topic; the declared depth, unless another is given."""
     profile = msgs_config.qos_profiles()[msgs_config.topics()[topic]["qos"]]
     return QoSProfile(
         reliability=ReliabilityPolicy[profile["reliability"].upper()],
         durability=DurabilityPolicy[profile["durability"].upper()],
         history=HistoryPolicy[profile["history"].upper()],
-        depth=profile["depth"],
+        depth=depth or profile["depth"],
     )
 
 
@@ -52,21 +56,45 @@ def declare(node: Node, *groups: str) -> dict[str, Any]:
     """Declare the parameters of the groups on a node and return their checked values.
 
     They are read-only: a run's numbers follow from the parameters that its recording begins with.
+    YAML, in which all of them arrive, takes `threshold:=2` for an integer and `rate:=10` for a
+    number; both mean what the command line's options mean.
 
     Raises:
         OptionError: a value outside its declared type, range or choices.
     """
+    # rclpy has no public way to ask for what was given, and its own refusal names no parameter.
+    given = {n: p.value for n, p in getattr(node, "_parameter_overrides", {}).items()}
     values = {}
     for name, declaration in msgs_config.parameters(*groups).items():
-        default = declaration["default"]
-        descriptor = _descriptor(declaration)
-        value = node.declare_parameter(name, default, descriptor).value
-        values[name] = default if value is None else value
-    return resolve({n: list(v) if _is_array(v) else v for n, v in values.items()}, *groups)
+        if name in given:
+            check(name, _meant(given[name], declaration), declaration)
+        value = node.declare_parameter(name, declaration["default"], _descriptor(declaration)).value
+        values[name] = check(name, _meant(value, declaration), declaration)
+    _warn_of_slips(node, given)
+    return values
 
 
-def _is_array(value: Any) -> bool:
-    return not isinstance(value, str) and hasattr(value, "__iter__")
+def _meant(value: Any, declaration: dict[str, Any]) -> Any:
+    """A parameter's value in the type that its declaration has."""
+    kind = declaration["type"]
+    if value is None:  # an empty list has no type
+        return declaration["default"]
+    if kind == "string" and isinstance(value, int | float) and not isinstance(value, bool):
+        return str(value)
+    if kind == "string_array" and isinstance(value, str):
+        return [value]
+    if isinstance(value, str | bool | int | float):
+        return value
+    return list(value)
+
+
+def _warn_of_slips(node: Node, given: Iterable[str]) -> None:
+    """Say which names are nearly one of ours; others belong to other nodes of a shared file."""
+    known = msgs_config.parameters()
+    for name in given:
+        close = difflib.get_close_matches(name, known, n=1)
+        if name not in known and close:
+            node.get_logger().warning(f"no parameter {name!r}, did you mean {close[0]!r}?")
 
 
 def _descriptor(declaration: dict[str, Any]) -> ParameterDescriptor:
@@ -75,8 +103,8 @@ def _descriptor(declaration: dict[str, Any]) -> ParameterDescriptor:
         description=declaration["description"] + (f" [{unit}]" if unit else ""),
         type=_TYPES[declaration["type"]],
         read_only=True,
-        # A string array of no entries arrives from a parameter file without a type.
-        dynamic_typing=declaration["type"] == "string_array",
+        # ROS would refuse an integer where a double is declared, in words that name no parameter.
+        dynamic_typing=True,
     )
     choices = [c for c in declaration.get("choices", ()) if c]
     if choices:

@@ -8,11 +8,14 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
+from ldt_core.errors import LdtError
 from ldt_core.experiment import ModelRecord, Step
 from ldt_ros.convert import from_message
-from ldt_ros.interfaces import message_type, qos
+from ldt_ros.interfaces import LISTENER_DEPTH, message_type, qos
+from ldt_ros.node import REFUSED
 
 TOPICS = ("experiment", "prediction", "original_prediction", "signal", "adaptation")
+SOURCES = ("plant", "player")
 CAPACITY = 200  # steps under way; what is older has lost a part
 
 
@@ -38,7 +41,7 @@ class Monitor(Node):
                 message_type(topic),
                 topic,
                 lambda message, topic=topic: self._collect(topic, message),
-                qos(topic),
+                qos(topic, LISTENER_DEPTH),
             )
         self.create_subscription(
             DiagnosticArray, "/diagnostics", self._on_health, qos("/diagnostics")
@@ -47,22 +50,30 @@ class Monitor(Node):
     @property
     def source_finished(self) -> bool:
         """Whether the plant or player has nothing more to send."""
-        return any(v.get("finished") == "true" for v in self.health.values())
+        return any(self.health.get(r, {}).get("finished") == "true" for r in SOURCES)
 
     @property
     def idle(self) -> bool:
-        """Whether every experiment heard of has gone all the way."""
-        return self.last_step >= self.last_experiment
+        """Whether every experiment that was sent has gone all the way, or was refused."""
+        started = any(role in self.health for role in SOURCES)
+        return self.last_step >= self.last_experiment and (self.source_finished or not started)
 
     def _on_health(self, message: DiagnosticArray) -> None:
         prefix = self.get_namespace().strip("/")
         for status in message.status:
             namespace, _, role = status.name.rpartition("/")
             if namespace == prefix:
-                self.health[role] = {v.key: v.value for v in status.values}
+                told = self.health[role] = {v.key: v.value for v in status.values}
+                if role in SOURCES:
+                    self.last_experiment = max(self.last_experiment, int(told["experiment"]))
+                if told.get(REFUSED) == str(self.last_experiment):
+                    self.last_step = max(self.last_step, self.last_experiment)
 
     def _collect(self, topic: str, message: Any) -> None:
-        record = from_message(topic, message)
+        try:
+            record = from_message(topic, message)
+        except LdtError:
+            return  # the nodes count it
         if topic == "model":
             self._models[record.version] = record
             return

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
@@ -19,6 +20,8 @@ from ldt_ros.interfaces import declare, message_type, qos
 HEALTH_PERIOD = 1.0  # s, as the stock diagnostic aggregator expects
 LINGER = 0.3  # s between telling of the end and ending, so that the telling arrives
 CHECK_PERIOD = 0.05  # s; how soon a change of readiness is told, which the start of a run waits for
+REFUSED = "refused experiment"  # key of the twin's health: there will be no prediction of it
+SHOWN = 400  # characters of a rejection's reason; a foreign message may be of any size
 
 
 class TwinNode(Node):
@@ -39,6 +42,10 @@ class TwinNode(Node):
         self.full_name = f"{self.get_namespace().strip('/')}/{role}".lstrip("/")
         #: Set when the node has no more work, for nodes that end by themselves.
         self.finished = False
+        #: Why the node cannot go on, for what does not happen within a callback.
+        self.failure: Exception | None = None
+        #: Time that passes whatever a simulated clock says.
+        self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.counts: Counter[str] = Counter()
         self.rejected: Counter[str] = Counter()
         self._last_rejection = ""
@@ -47,14 +54,16 @@ class TwinNode(Node):
         self._health = self.create_publisher(DiagnosticArray, "/diagnostics", qos("/diagnostics"))
         self._told: tuple = ()
         self._told_at = 0.0
-        self.create_timer(CHECK_PERIOD, self._tell)
+        self.create_timer(CHECK_PERIOD, self._tell, clock=self.steady)
 
     def publishes(self, topic: str) -> Publisher:
         """A publisher of a declared topic."""
         self._outputs[topic] = self.create_publisher(message_type(topic), topic, qos(topic))
         return self._outputs[topic]
 
-    def listens(self, topic: str, callback: Callable[[Any], None], *, raw: bool = False) -> None:
+    def listens(
+        self, topic: str, callback: Callable[[Any], None], *, raw: bool = False, depth: int = 0
+    ) -> None:
         """Subscribe to a declared topic; what the callback refuses is counted, not raised."""
 
         def guarded(message: Any) -> None:
@@ -65,14 +74,16 @@ class TwinNode(Node):
                 self.reject(topic, error)
 
         self._inputs[topic] = self.create_subscription(
-            message_type(topic), topic, guarded, qos(topic), raw=raw
+            message_type(topic), topic, guarded, qos(topic, depth), raw=raw
         )
 
     def reject(self, topic: str, error: Exception) -> None:
         """Count a message that cannot be used; log the first of its kind."""
         kind = f"{topic}: {type(error).__name__}"
         self.rejected[kind] += 1
-        self._last_rejection = f"{topic}: {error}"
+        reason = str(error)
+        reason = reason if len(reason) <= SHOWN else reason[: SHOWN - 3] + "..."
+        self._last_rejection = f"{topic}: {reason}"
         if self.rejected[kind] == 1:
             self.get_logger().error(f"rejected a message on {self._last_rejection}")
 
@@ -127,12 +138,16 @@ class TwinNode(Node):
             return
         if rivals and (not self._told or self._told[1] != situation[1]):
             self.get_logger().warning(f"more than one publisher of {', '.join(rivals)}")
-        self._told, self._told_at = situation, now
-        status = DiagnosticStatus(
-            name=self.full_name, hardware_id=self.settings.get("machine", "")
-        )
+        self._told = situation
+        self.tell()
+
+    def tell(self) -> None:
+        """Publish health now: others wait for what it says."""
+        self._told_at = time.monotonic()
+        ready, rivals = self._told[:2] if self._told else (False, ())
+        status = DiagnosticStatus(name=self.full_name, hardware_id=self.settings.get("machine", ""))
         status.level, status.message = self._verdict(rivals)
-        values = {"ready": _word(situation[0]), "finished": _word(self.finished)}
+        values = {"ready": _word(ready), "finished": _word(self.finished)}
         values |= self.health()
         values |= {f"received {t}": n for t, n in self.counts.items()}
         values |= {f"rejected {kind}": n for kind, n in self.rejected.items()}
@@ -143,12 +158,13 @@ class TwinNode(Node):
         message.header.stamp = self.get_clock().now().to_msg()
         self._health.publish(message)
 
-    def _verdict(self, rivals: list[str]) -> tuple[bytes, str]:
+    def _verdict(self, rivals: Sequence[str]) -> tuple[bytes, str]:
         if rivals:
             return DiagnosticStatus.WARN, f"more than one publisher of {', '.join(rivals)}"
         if self.rejected:
             return DiagnosticStatus.WARN, f"{sum(self.rejected.values())} messages rejected"
-        return DiagnosticStatus.OK, "running" if self._told[0] else "waiting for its peers"
+        ready = bool(self._told) and self._told[0]
+        return DiagnosticStatus.OK, "running" if ready else "waiting for its peers"
 
 
 def _word(value: bool) -> str:

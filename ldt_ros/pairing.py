@@ -16,7 +16,11 @@ class Pairing(Generic[Left, Right]):
 
     Args:
         callback: receives (left, right) once per number.
-        capacity: halves of one side that may wait; beyond, the oldest is dropped and counted.
+        capacity: halves of one side that may wait; beyond, the oldest is dropped.
+
+    Attributes:
+        dropped: halves that were dropped: too long without the other, or of a number that waits
+            already (the first of a number is the one that the twin predicts).
     """
 
     def __init__(self, callback: Callable[[Left, Right], None], capacity: int = CAPACITY) -> None:
@@ -25,6 +29,10 @@ class Pairing(Generic[Left, Right]):
         self.dropped = 0
         self._left: dict[int, Left] = {}
         self._right: dict[int, Right] = {}
+
+    def __len__(self) -> int:
+        """Halves that wait."""
+        return len(self._left) + len(self._right)
 
     def left(self, number: int, item: Left) -> None:
         """Take in a left half."""
@@ -41,6 +49,12 @@ class Pairing(Generic[Left, Right]):
             self._wait(self._right, number, item)
 
     def _wait(self, side: dict, number: int, item: Left | Right) -> None:
+        if number in side:
+            self.dropped += 1
+            return
+        if number in side:
+            self.dropped += 1
+            return
         side[number] = item
         if len(side) > self.capacity:
             del side[next(iter(side))]

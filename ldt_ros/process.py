@@ -1,6 +1,6 @@
 """A process that hosts one or several nodes of the graph.
 
-`python -m ldt_ros.process --node twin --node detector --ros-args --params-file FILE -r __ns:=/press`,
+`python -m ldt_ros.process --node twin --node detector --ros-args -p model:=linear -r __ns:=/press`,
 or one of the executables `ldt_plant`, `ldt_player`, `ldt_twin`, `ldt_detector`, `ldt_adaptor`,
 `ldt_recorder` for a single node.
 """
@@ -15,11 +15,12 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from types import FrameType
 from typing import Any
 
-from ldt_core.errors import LdtError
-from ldt_ros.environment import prepare
+from ldt_core.errors import BadInput, LdtError
+from ldt_ros.environment import one_line, prepare, require_ros
 
 ROLES = {
     "plant": "ldt_ros.plant_node:PlantNode",
@@ -50,21 +51,33 @@ class Stop:
 
 def main(arguments: list[str] | None = None) -> int:
     """Host the nodes until a stop signal, or until one that ends by itself has finished."""
-    parser = argparse.ArgumentParser(prog="ldt_ros.process", description=__doc__)
-    parser.add_argument("--node", action="append", choices=ROLES, required=True)
-    parser.add_argument("--orphan-exit", action="store_true", help="end when the parent ends")
-    own, ros = parser.parse_known_args(arguments)
-    if own.orphan_exit:
+    own, ros = _parsed(sys.argv[1:] if arguments is None else arguments)
+    if own.parent:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() == 1:
+        if os.getppid() != own.parent:  # it ended before it was watched
             return 1
-    prepare()
     stop = Stop()
     try:
+        require_ros()
+        prepare()
         return host(own.node, ros, lambda: stop.asked)
     except LdtError as error:
         print(f"ldt {' '.join(own.node)}: {error}", file=sys.stderr)
         return error.exit_code
+
+
+def _parsed(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
+    """Our own arguments, and ROS's from `--ros-args` on."""
+    at = arguments.index("--ros-args") if "--ros-args" in arguments else len(arguments)
+    parser = argparse.ArgumentParser(
+        prog="ldt_ros.process",
+        description="Host nodes of the graph.",
+        epilog="After --ros-args follow ROS 2's own arguments, -p threshold:=1.5 for example.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("--node", action="append", choices=ROLES, required=True)
+    parser.add_argument("--parent", type=int, metavar="PID", help="end when this process ends")
+    return parser.parse_args(arguments[:at]), arguments[at:]
 
 
 def host(roles: list[str], ros_arguments: list[str], stopped: Callable[[], bool]) -> int:
@@ -73,29 +86,33 @@ def host(roles: list[str], ros_arguments: list[str], stopped: Callable[[], bool]
     from rclpy.experimental import EventsExecutor
     from rclpy.signals import SignalHandlerOptions
 
-    rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
-    nodes = []
     try:
+        rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # of which rclpy's own are kinds
+        raise BadInput("ROS arguments", "what ROS 2 understands", one_line(error)) from error
+    nodes: list[Any] = []
+    with ExitStack() as stack:
+        stack.callback(rclpy.try_shutdown)
         executor = EventsExecutor()
         for role in roles:
             module, _, name = ROLES[role].partition(":")
             node = getattr(importlib.import_module(module), name)()
+            stack.callback(node.destroy_node)
+            stack.callback(node.close)
             nodes.append(node)
             executor.add_node(node)
         # EventsExecutor.spin() does not return on these wheels; spin_once does.
         while not (stopped() or _all_done(nodes)):
             executor.spin_once(timeout_sec=SPIN)
+            for node in nodes:
+                if node.failure is not None:
+                    raise node.failure
         for node in nodes:
             node.halt()
         deadline = time.monotonic() + max(getattr(n, "patience", 0.0) for n in nodes)
         while time.monotonic() < deadline and not all(getattr(n, "quiet", True) for n in nodes):
             executor.spin_once(timeout_sec=SPIN)
-        return 0
-    finally:
-        for node in nodes:
-            node.close()
-            node.destroy_node()
-        rclpy.try_shutdown()
+    return 0
 
 
 def _all_done(nodes: list[Any]) -> bool:

@@ -7,9 +7,11 @@ from functools import partial
 from typing import Any
 
 import msgs_config
+from ldt_core.errors import LdtError
 from ldt_core.machine import load_machine
 from ldt_core.recording.writer import BagWriter
 from ldt_core.session import new_recording
+from ldt_ros.interfaces import LISTENER_DEPTH
 from ldt_ros.node import TwinNode
 
 QUIET = 0.2  # s without a message after which nothing more is under way, at the end of a run
@@ -22,7 +24,7 @@ class RecorderNode(TwinNode):
     | received | what happens |
     |---|---|
     | any recorded topic | written with the time it arrived; kept at most 0.25 s |
-    | a write fails (disk full) | counted, logged once; what was written stays readable; the twin goes on |
+    | a write fails (disk full) | counted, logged once; what was written stays; the twin goes on |
     """
 
     def __init__(self, **node_arguments: Any) -> None:
@@ -38,7 +40,7 @@ class RecorderNode(TwinNode):
         self._writer = BagWriter(bag, machine=machine, topics=names)
         self._last = 0.0
         for topic, (name, kind) in recorded.items():
-            self.listens(topic, partial(self._write, name, kind), raw=True)
+            self.listens(topic, partial(self._write, name, kind), raw=True, depth=LISTENER_DEPTH)
 
     def health(self) -> dict[str, Any]:
         """Messages written."""
@@ -55,7 +57,11 @@ class RecorderNode(TwinNode):
 
     def close(self) -> None:
         """Finish the recording."""
-        self._writer.close()
+        try:
+            self._writer.close()
+        except LdtError as error:
+            if not self.rejected:  # else it was said when it happened
+                self.get_logger().error(str(error))
 
     def _write(self, name: str, kind: str, data: bytes) -> None:
         if name != "/diagnostics":

@@ -8,11 +8,14 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
+from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
 from ldt_core.pace import parse_rate
 from ldt_ros.convert import from_message, to_message
-from ldt_ros.node import TwinNode
+from ldt_ros.interfaces import qos
+from ldt_ros.node import LINGER, REFUSED, TwinNode
 
+PATIENCE = 3.0  # s that a stop waits for the experiment under way
 TICK = 0.005  # s, resolution of paced publishing
 
 
@@ -20,14 +23,15 @@ class SourceNode(TwinNode):
     """Publishes `experiment`, once all nodes of the graph have found each other.
 
     As fast as it goes, experiment i + 1 follows the `adaptation` of experiment i, so that no queue
-    can overflow; if none comes within `adaptation_timeout`, it follows all the same and says so. At
-    a rate, an experiment is published when a machine would have finished it, whatever the twin
-    does.
+    can overflow; if none comes within `adaptation_timeout`, it follows all the same and says so,
+    and at once if the twin says that it refused experiment i. At a rate, an experiment is published
+    when a machine would have finished it, whatever the twin does.
 
     | received | what happens |
     |---|---|
     | `adaptation` of the experiment sent last | the next is sent |
     | `adaptation` of another experiment | ignored |
+    | `/diagnostics` of the twin: it refused the experiment sent last | the next is sent |
     | anything that is no adaptation | counted, logged once per kind |
     """
 
@@ -37,14 +41,15 @@ class SourceNode(TwinNode):
         self._publisher = self.publishes("experiment")
         self.listens("adaptation", self._on_adaptation)
         self._ready_peers: set[str] = set()
-        self._peers = self.create_subscription(
-            DiagnosticArray, "/diagnostics", self._on_health, 50
+        self.create_subscription(
+            DiagnosticArray, "/diagnostics", self._on_health, qos("/diagnostics")
         )
         self._next: Experiment | None = None
         self._sent: Experiment | None = None
+        self._under_way = False
         self._began: tuple[float, float] | None = None
         self._waiting_since = 0.0
-        self._ticker = self.create_timer(TICK, self._tick)
+        self._ticker = self.create_timer(TICK, self._tick, clock=self.steady)
 
     @abc.abstractmethod
     def fetch(self) -> Experiment | None:
@@ -61,21 +66,39 @@ class SourceNode(TwinNode):
         return {"experiment": self._sent.number if self._sent else 0}
 
     def halt(self) -> None:
-        """Send no further experiment."""
+        """Send no further experiment, and say which was the last."""
         self.finished = True
+        self.tell()
+
+    #: How long a process waits for `quiet` when it is told to stop [s].
+    patience = PATIENCE
+
+    @property
+    def quiet(self) -> bool:
+        """Whether all have had time to take the last experiment, which leaves with its sender."""
+        return not self._under_way and time.monotonic() - self._waiting_since > LINGER
 
     def _on_health(self, message: DiagnosticArray) -> None:
-        if self._began is not None:
-            return
         prefix = self.full_name.removesuffix(self.role)
         for status in message.status:
-            ready = any(v.key == "ready" and v.value == "true" for v in status.values)
-            if ready and status.name.startswith(prefix):
-                self._ready_peers.add(status.name.removeprefix(prefix))
+            if not status.name.startswith(prefix):
+                continue
+            role = status.name.removeprefix(prefix)
+            values = {v.key: v.value for v in status.values}
+            if values.get("ready") == "true":
+                self._ready_peers.add(role)
+            if role == "twin" and self._sent and values.get(REFUSED) == str(self._sent.number):
+                self._go_on()
 
     def _on_adaptation(self, message: DiagnosticArray) -> None:
         adaptation = from_message("adaptation", message)
-        if self.finished or self._sent is None or adaptation.experiment != self._sent.number:
+        if self._sent is not None and adaptation.experiment == self._sent.number:
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """The twin is done with the experiment sent last."""
+        self._under_way = False
+        if self.finished:
             return
         if self._next is None:
             self.finished = True
@@ -87,7 +110,7 @@ class SourceNode(TwinNode):
             self._ticker.cancel()
         elif self._began is None:
             if self.started:
-                self._next = self.fetch()
+                self._fetch()
                 if self._next is None:
                     self.finished = True
                 else:
@@ -119,6 +142,14 @@ class SourceNode(TwinNode):
     def _send(self) -> None:
         self._publisher.publish(to_message(self._next))
         self._sent = self._next
+        self._under_way = True
         self._waiting_since = time.monotonic()
         # While the twin works on this one, the next is made.
-        self._next = self.fetch()
+        self._fetch()
+
+    def _fetch(self) -> None:
+        self._next = None
+        try:
+            self._next = self.fetch()
+        except LdtError as error:  # no fault of the message that it follows
+            self.failure = error

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,13 +59,17 @@ class Supervisor:
         # The wheels prepare each interpreter anew when the mark is absent.
         self.environment = {k: v for k, v in environment.items() if k != WHEEL_MARK}
         self.children: list[Child] = []
+        #: Lets seconds pass; whoever listens to the graph goes on listening here.
+        self.wait: Callable[[float], None] = time.sleep
 
     def start(self, name: str, *arguments: str) -> Child:
         """Start `python -m ldt_ros.process` with the arguments."""
+        pid = str(os.getpid())
         log = self.folder / f"{name}.log"
         with log.open("wb") as output:
             process = subprocess.Popen(
-                [sys.executable, "-m", "ldt_ros.process", "--orphan-exit", *arguments],
+                # -P: nothing in the user's folder may stand in for a module of ours.
+                [sys.executable, "-P", "-m", "ldt_ros.process", "--parent", pid, *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
@@ -89,7 +94,7 @@ class Supervisor:
                         os.killpg(child.process.pid, number)
             deadline = time.monotonic() + grace
             while any(c.running for c in children) and time.monotonic() < deadline:
-                time.sleep(POLL)
+                self.wait(POLL)
 
     def stop_all(self) -> None:
         """End whatever still runs."""

@@ -13,7 +13,7 @@ from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
 from ldt_core.twin import Predictor
 from ldt_ros.convert import from_message, to_message
-from ldt_ros.node import TwinNode
+from ldt_ros.node import REFUSED, TwinNode
 
 TICK = 0.05  # s, how often a time-out is looked for
 KEPT_MODELS = 3  # a model may arrive before the adaptation that names it; older ones are not needed
@@ -25,11 +25,17 @@ class PredictorNode(TwinNode):
 
     | received | what happens |
     |---|---|
-    | `experiment` | predicted, once the adaptation of the experiment predicted last is there, and the model it names; after `adaptation_timeout` with the model at hand, which is logged and counted |
-    | `experiment` with a number not above the last, or impossible for the machine | rejected |
+    | `experiment` | predicted, once the adaptation of the last one and its model are there |
+    | no such adaptation within `adaptation_timeout` | predicted all the same; logged, counted |
+    | `experiment`, number not above the last | rejected, `refused experiment` told at once |
+    | `experiment`, impossible for the machine | rejected, `refused experiment` told at once |
     | more than 100 experiments waiting | the oldest is dropped and counted |
-    | `model` | kept until an adaptation names its version; a malformed one is rejected |
+    | `model` | kept until an adaptation names its version; the last three |
+    | `adaptation` of another than the last | ignored |
     | anything malformed | counted, logged once per kind |
+
+    `refused experiment` is in `/diagnostics`: no adaptation of that number will come, which those
+    who wait for it need to know.
     """
 
     def __init__(self, **node_arguments: Any) -> None:
@@ -41,6 +47,7 @@ class PredictorNode(TwinNode):
         self._models: dict[int, Model] = {model.version: model}
         self._waiting: deque[tuple[Experiment, float]] = deque()
         self._adapted: Adaptation | None = None
+        self._refused = 0
         self._timeouts = 0
         self._dropped = 0
         self._prediction = self.publishes("prediction")
@@ -48,7 +55,7 @@ class PredictorNode(TwinNode):
         self.listens("model", self._on_model)
         self.listens("adaptation", self._on_adaptation)
         self.listens("experiment", self._on_experiment)
-        self.create_timer(TICK, self._go_on)
+        self.create_timer(TICK, self._go_on, clock=self.steady)
 
     def health(self) -> dict[str, Any]:
         """Model in force, queue, time-outs."""
@@ -57,29 +64,41 @@ class PredictorNode(TwinNode):
             "experiment": self.predictor.last,
             "waiting": len(self._waiting),
             "dropped": self._dropped,
+            REFUSED: self._refused,
             "adaptation time-outs": self._timeouts,
         }
 
     def _on_model(self, message: Any) -> None:
         record = from_message("model", message)
-        if record.version not in self._models:
-            self._models[record.version] = restore_model(record, self.machine, self.settings)
-            for old in sorted(self._models)[:-KEPT_MODELS]:
-                del self._models[old]
+        known = self._models.get(record.version)
+        # An adaptor that was started again counts its versions from the beginning.
+        same = known is not None and known.record() == record
+        model = known if same else restore_model(record, self.machine, self.settings)
+        self._models.pop(record.version, None)
+        self._models[record.version] = model  # at the end: the last that came
+        while len(self._models) > KEPT_MODELS:
+            del self._models[next(iter(self._models))]
         self._go_on()
 
     def _on_adaptation(self, message: Any) -> None:
-        self._adapted = from_message("adaptation", message)
-        self._go_on()
+        adaptation = from_message("adaptation", message)
+        if adaptation.experiment == self.predictor.last:
+            self._adapted = adaptation
+            self._go_on()
+
+    def _refuse(self, experiment: Experiment, error: LdtError) -> None:
+        self.reject("experiment", error)
+        self._refused = experiment.number
+        self.tell()
 
     def _on_experiment(self, message: Any) -> None:
         experiment = from_message("experiment", message)
-        if self._waiting and experiment.number <= self._waiting[-1][0].number:
-            raise ExperimentError(
-                f"experiment {experiment.number}",
-                f"a number above {self._waiting[-1][0].number}",
-                experiment.number,
-            )
+        last = self._waiting[-1][0].number if self._waiting else self.predictor.last
+        if last is not None and experiment.number <= last:
+            where = f"experiment {experiment.number}"
+            error = ExperimentError(where, f"a number above {last}", experiment.number)
+            self._refuse(experiment, error)
+            return
         self._waiting.append((experiment, time.monotonic()))
         if len(self._waiting) > QUEUE:
             self._waiting.popleft()
@@ -90,7 +109,12 @@ class PredictorNode(TwinNode):
         while self._waiting and self._may_predict(*self._waiting[0]):
             experiment, _ = self._waiting.popleft()
             try:
-                self._prediction.publish(to_message(self.predictor.predict(experiment)))
+                prediction = self.predictor.predict(experiment)
+            except LdtError as error:
+                self._refuse(experiment, error)
+                continue
+            self._prediction.publish(to_message(prediction))
+            try:
                 # Nobody waits for the yardstick, so it is made while the detector works.
                 self._original.publish(to_message(self.predictor.original.predict(experiment)))
             except LdtError as error:
@@ -100,9 +124,9 @@ class PredictorNode(TwinNode):
         last, adapted = self.predictor.last, self._adapted
         if last is None:
             # The first that this node sees: nothing can have been learned from it before.
-            self.predictor.model = self._models[max(self._models)]
+            self.predictor.model = next(reversed(self._models.values()))
             return True
-        if adapted is not None and adapted.experiment >= last:
+        if adapted is not None and adapted.experiment == last:
             model = self._models.get(adapted.model_version)
             if model is not None:
                 self.predictor.model = model

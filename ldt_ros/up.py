@@ -155,6 +155,7 @@ class Graph:
         self.executor = EventsExecutor()
         for monitor in self.monitors:
             self.executor.add_node(monitor)
+        supervisor.wait = lambda seconds: self.executor.spin_once(timeout_sec=seconds)
         self._recorders: list[Child] = []
 
     def run(self, stopped: Callable[[], bool]) -> None:
@@ -169,8 +170,9 @@ class Graph:
             if time.monotonic() - began > STARTUP and not all(m.health for m in self.monitors):
                 raise LdtError(f"the nodes did not start within {STARTUP:g} s")
         if stopped():
-            sources = [c for c in self.supervisor.children if c.name.endswith(("plant", "player"))]
-            self.supervisor.stop(*sources)
+            sources = [c for c in self.supervisor.children if c.name in ("plant", "player")]
+            # A machine of a fleet is one process, which ends as a whole.
+            self.supervisor.stop(*(sources or self._recorders))
             for run in self.runs:
                 run.summary.note("interrupted")
         deadline = time.monotonic() + SETTLE

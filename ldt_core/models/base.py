@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
-from ldt_core.errors import ModelError
+from ldt_core.errors import LdtError, ModelError
 from ldt_core.experiment import Experiment, ModelRecord, Prediction
 from ldt_core.machine import Machine
 
@@ -91,11 +91,14 @@ class Model(abc.ABC):
             ModelError: a record of another kind, or parameters that cannot be this model's.
         """
         if record.kind != cls.kind:
-            raise ModelError(f"model version {record.version}", f"kind {cls.kind!r}", repr(record.kind))
+            where = f"model version {record.version}"
+            raise ModelError(where, f"kind {cls.kind!r}", repr(record.kind))
         try:
             _refuse_non_finite(record.parameters)
             return cls(machine, record.parameters, record.version, record.trained_on, **options)
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
+        except LdtError:
+            raise
+        except Exception as error:  # what comes from outside can break `build` in any way
             got = f"{type(error).__name__}: {error}"
             raise ModelError(
                 f"model version {record.version}", f"parameters of a {cls.kind} model", got
