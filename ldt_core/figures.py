@@ -149,4 +149,5 @@ def _errors(axes: Axes, run: RunRecords) -> None:
     axes.set_ylabel("max error [rad/s]")
     axes.set_ylim(bottom=0)
     axes.grid(alpha=0.25)
-    axes.legend(loc="upper left", fontsize="small", ncols=2, framealpha=0.9)
+    # Above the axes: small runs have points wherever a legend could lie.
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), fontsize="small", ncols=4, frameon=False)
