@@ -33,6 +33,11 @@ def experiment(number: int, voltage: float = 10.0, length: int = LENGTH) -> Expe
     return Experiment(number, 1e9 + 100 * number, PERIOD, rest + voltage, rest)
 
 
+def declared(topic: str) -> str:
+    """A topic as it is declared, without its namespace."""
+    return topic if topic.startswith("/") else topic.rpartition("/")[2]
+
+
 class Stranger:
     """A node of nobody's, with the nodes under test in the same process, over real DDS.
 
@@ -70,10 +75,10 @@ class Stranger:
 
         for topic in topics:
             self.node.create_subscription(
-                message_type(topic),
+                message_type(declared(topic)),
                 topic,
                 lambda message, topic=topic: self._hear(topic, message),
-                profile or qos(topic),
+                profile or qos(declared(topic)),
             )
         if self.nodes:
             self.until(lambda: all(map(self.node.count_publishers, topics)), f"topics {topics}")
@@ -88,7 +93,8 @@ class Stranger:
         """A publisher that everyone who listens has met."""
         from ldt_ros.interfaces import message_type, qos
 
-        publisher = self.node.create_publisher(message_type(topic), topic, qos(topic))
+        kind = declared(topic)
+        publisher = self.node.create_publisher(message_type(kind), topic, qos(kind))
         self.until(
             lambda: 0 < self.node.count_subscribers(topic) <= publisher.get_subscription_count(),
             f"a listener on {topic}",
