@@ -33,6 +33,15 @@ class Registry:
         """All known names, sorted."""
         return sorted(set(self.builtin) | {e.name for e in entry_points(group=self.group)})
 
+    def require(self, name: str) -> None:
+        """Check that there is a member of that name, without importing it.
+
+        Raises:
+            OptionError: nothing of that name.
+        """
+        if name not in self.names() and ".py:" not in name:
+            raise OptionError(self.what, did_you_mean(name, self.names()), repr(name))
+
     def get(self, name: str) -> Any:
         """The member of that name, or the attribute of a file for `path/to/file.py:Name`.
 
@@ -45,9 +54,8 @@ class Registry:
         for entry in entry_points(group=self.group):
             if entry.name == name:
                 return entry.load()
-        if ".py:" in name:
-            return self._from_file(name)
-        raise OptionError(self.what, did_you_mean(name, self.names()), repr(name))
+        self.require(name)
+        return self._from_file(name)
 
     def _from_file(self, name: str) -> Any:
         path, _, attribute = name.rpartition(":")
@@ -57,7 +65,11 @@ class Registry:
         assert spec is not None
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
+        try:
+            spec.loader.exec_module(module)
+        except Exception as error:  # whatever the user's file does
+            got = f"{type(error).__name__}: {error}"
+            raise OptionError(path, "a Python file that can be imported", got) from error
         if not hasattr(module, attribute):
             public = [n for n in vars(module) if not n.startswith("_")]
             raise OptionError(name, did_you_mean(attribute, public), repr(attribute))

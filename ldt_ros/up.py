@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
-import signal
+import re
 import shutil
+import signal
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -22,10 +23,14 @@ import msgs_config
 from ldt_core.cli import run as run_command
 from ldt_core.cli.display import RunProgress, print_summaries
 from ldt_core.cli.options import parameters
+from ldt_core.detectors import DETECTORS
 from ldt_core.errors import BadInput, LdtError
 from ldt_core.experiment import Step
 from ldt_core.machine import load_machine
 from ldt_core.metrics import Summary
+from ldt_core.models import MODELS
+from ldt_core.pace import parse_rate
+from ldt_core.recording.bag import read_bag
 from ldt_core.session import new_recording
 from ldt_core.settings import resolve
 from ldt_ros.environment import prepare, require_ros
@@ -35,6 +40,7 @@ from ldt_ros.supervisor import Child, Supervisor
 LISTEN = 0.3  # s for rivals in this domain to show themselves; discovery takes at most 0.25 s
 SETTLE = 3.0  # s that an interrupted run waits for the experiment under way
 SPIN = 0.05  # s
+NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?", re.ASCII)
 STARTUP = 60.0  # s until all nodes must have found each other
 """Groups of parameters that `ldt up` offers and hands on to the nodes."""
 GROUPS = ("machine", "plant", "run", "model", "detector", "adaptor", "player", "pace", "twin")
@@ -106,6 +112,15 @@ def launch(
 def _plan(settings: dict[str, Any]) -> list[Run]:
     machine = load_machine(settings["machine"])
     count = settings["machines"]
+    # What a node would refuse as well, but a second later and in a process of its own.
+    parse_rate(settings["rate"])
+    MODELS.require(settings["model"])
+    DETECTORS.require(settings["detector"])
+    if settings["play"]:
+        read_bag(settings["play"], settings["play_namespace"])
+    if not NAMESPACE.fullmatch(settings["namespace"]):
+        words = "words of letters, digits and underscores, joined by slashes"
+        raise BadInput("namespace", words, repr(settings["namespace"]))
     if count > 1 and settings["play"]:
         raise BadInput("machines", "1 together with play", count)
     base = Path(settings["bag"]) if settings["bag"] else new_recording(machine.name)
@@ -207,7 +222,7 @@ class Graph:
         end = time.monotonic() + LISTEN
         while time.monotonic() < end:
             self.executor.spin_once(timeout_sec=SPIN)
-        for run, monitor in zip(self.runs, self.monitors, strict=True):
+        for monitor in self.monitors:
             for topic in msgs_config.topics():
                 if not topic.startswith("/") and monitor.count_publishers(topic):
                     where = monitor.resolve_topic_name(topic)

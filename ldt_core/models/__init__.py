@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from ldt_core.errors import OptionError
 from ldt_core.registry import Registry
 
 if TYPE_CHECKING:
@@ -28,9 +29,9 @@ def build_model(name: str, machine: Machine, settings: Mapping[str, Any]) -> Mod
     """The untrained model of that name, with the settings that its constructor names.
 
     Raises:
-        OptionError: an unknown model.
+        OptionError: an unknown model, or something that is none.
     """
-    kind = MODELS.get(name)
+    kind = _kind(name)
     return kind(machine, **_own(kind, settings))
 
 
@@ -40,8 +41,17 @@ def restore_model(record: ModelRecord, machine: Machine, settings: Mapping[str, 
     Raises:
         ModelError: a record of another kind, or parameters that cannot be this model's.
     """
-    kind = MODELS.get(settings["model"])
+    kind = _kind(settings["model"])
     return kind.from_record(record, machine, **_own(kind, settings))
+
+
+def _kind(name: str) -> type[Model]:
+    from ldt_core.models.base import Model
+
+    kind = MODELS.get(name)
+    if not (isinstance(kind, type) and issubclass(kind, Model)):
+        raise OptionError(f"model {name}", "a subclass of ldt_core.models.base.Model", repr(kind))
+    return kind
 
 
 def _own(kind: type[Model], settings: Mapping[str, Any]) -> dict[str, Any]:
