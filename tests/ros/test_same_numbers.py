@@ -27,7 +27,7 @@ RUNS = {
     },
     "no model that learns, never": {"model": "physics", "detector": "never"},
 }
-COMMON = {"experiments": 12, "seed": 5, "start_time": 1.0e9, "measure_current": False}
+COMMON = {"experiments": 8, "seed": 5, "start_time": 1.0e9, "measure_current": False}
 
 
 def records(bag: Path) -> dict[str, list]:
@@ -69,5 +69,5 @@ def test_the_runs_compared_do_learn(tmp_path):
     settings = resolve({**COMMON, **RUNS["linear, threshold"]})
     machine = load_machine("rotor")
     plant = Plant.from_settings(machine, settings)
-    summary = run(machine, settings, map(plant.experiment, range(1, 13)), None)
+    summary = run(machine, settings, map(plant.experiment, range(1, 9)), None)
     assert summary.adaptations > 0

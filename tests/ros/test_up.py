@@ -24,8 +24,10 @@ PATIENCE = 60  # s; a stalled machine is not what is tested
 
 def start(*arguments: str, cwd: Path, module: bool = False) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "ldt_ros.up"] if module else [_program(), "up"]
+    # What is learned is tested elsewhere; the physics keeps two cores free for the processes.
+    model = () if "--model" in arguments else ("--model", "physics")
     return subprocess.Popen(
-        [*command, *arguments],
+        [*command, *arguments, *model],
         cwd=cwd,
         text=True,
         stdin=subprocess.DEVNULL,
@@ -103,7 +105,9 @@ def test_the_table_names_the_figures_and_the_recording(domain, tmp_path):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_in_order(number, domain, tmp_path):
     """Exit 0, the summary says that it was interrupted, the recording is whole, nothing is left."""
-    process = start("--experiments", "100000", "--bag", "run", "--json", cwd=tmp_path)
+    process = start(
+        "--experiments", "100000", "--rate", "200", "--bag", "run", "--json", cwd=tmp_path
+    )
     wait_for(lambda: experiments_recorded(tmp_path / "run") > 3, "experiments in the recording")
     process.send_signal(number)
     code, output, errors = finish(process)
@@ -118,7 +122,7 @@ def test_a_signal_ends_it_in_order(number, domain, tmp_path):
 
 def test_a_signal_before_the_nodes_have_met_ends_it_as_well(domain, tmp_path):
     """Ctrl-C right after the start leaves no process."""
-    process = start("--experiments", "100000", cwd=tmp_path)
+    process = start("--experiments", "100000", "--rate", "200", cwd=tmp_path)
     wait_for(lambda: graph_processes(domain), "first node process")
     process.send_signal(signal.SIGINT)
     code, _, _ = finish(process)
@@ -128,7 +132,7 @@ def test_a_signal_before_the_nodes_have_met_ends_it_as_well(domain, tmp_path):
 
 def test_killing_the_launching_process_leaves_no_orphan(domain, tmp_path):
     """The nodes notice that their parent is gone."""
-    process = start("--experiments", "100000", "--bag", "run", cwd=tmp_path)
+    process = start("--experiments", "100000", "--rate", "200", "--bag", "run", cwd=tmp_path)
     wait_for(lambda: experiments_recorded(tmp_path / "run") > 1, "experiments in the recording")
     os.kill(process.pid, signal.SIGKILL)
     process.communicate()
@@ -137,7 +141,7 @@ def test_killing_the_launching_process_leaves_no_orphan(domain, tmp_path):
 
 def test_a_node_that_dies_is_named(domain, tmp_path):
     """Exit 1 with one sentence; the rest ends in order."""
-    process = start("--experiments", "100000", "--bag", "run", cwd=tmp_path)
+    process = start("--experiments", "100000", "--rate", "200", "--bag", "run", cwd=tmp_path)
     wait_for(lambda: experiments_recorded(tmp_path / "run") > 1, "experiments in the recording")
     victim = next(p for p in graph_processes(domain) if "detector" in p.cmdline())
     victim.kill()
@@ -150,7 +154,7 @@ def test_a_node_that_dies_is_named(domain, tmp_path):
 
 def test_a_second_graph_in_the_same_domain_is_refused(domain, tmp_path):
     """Two publishers of one topic would make nonsense of both; another namespace is fine."""
-    first = start("--experiments", "100000", "--bag", "first", cwd=tmp_path)
+    first = start("--experiments", "100000", "--rate", "200", "--bag", "first", cwd=tmp_path)
     wait_for(lambda: experiments_recorded(tmp_path / "first") > 1, "experiments in the recording")
     code, _, errors = finish(start("--experiments", "2", "--bag", "second", cwd=tmp_path))
     assert code == 2
