@@ -25,7 +25,7 @@ TRIED_ORDERS = range(1, 5)
 SAMPLES_PER_UNKNOWN = 4
 #: A voltage that varies by less than this, relative to its size, is constant up to rounding.
 CONSTANT = 1e-9
-#: Singular values of the regressors further apart than this leave a direction to rounding alone.
+#: Relative effect of the input below which it is rounding (a random voltage has 1e-3 to 1).
 LEAST_EXCITATION = 1e-7
 #: F statistic below which the voltage explains no more than chance: 1e-4 of all noise passes 10 at
 #: order 1, far less at higher orders.
@@ -35,6 +35,11 @@ PERIOD_TOLERANCE = 1e-6
 #: Start values per order that are followed, and how far before only the best one is.
 SEARCHES = 2
 RACE_STEPS = 5
+#: [per sample] Where a fast pole begins, e^−1 within a sample.
+ADDED_FAST_POLE = 1.0
+#: A slower pole than the data can show must lower the mean square error by this factor against a
+#: fast one: friction and load make drifts of a tenth, a truly slow machine far more.
+DRIFT_GAIN = 1.5
 #: Poles and order are first sought on so many samples, then the chosen model is fitted to all.
 ROUGH_SAMPLES = 6_000
 ROUGH_STEPS = 10
@@ -89,26 +94,19 @@ def identify(
     scale = _Scale(experiments)
     inputs = [(e.voltage - scale.voltage_mean) / scale.voltage for e in experiments]
     outputs = [(e.speed - scale.speed_mean) / scale.speed for e in experiments]
-    search = OutputError(inputs, outputs, feedthrough)
+    sigma = schwarz.slowest(max(len(e) for e in experiments))
+    search = OutputError(inputs, outputs, sigma, feedthrough)
     few = _spread(search.lengths)
     rough = search
     if len(few) < len(experiments):
-        rough = OutputError([inputs[i] for i in few], [outputs[i] for i in few], feedthrough)
+        rough = OutputError([inputs[i] for i in few], [outputs[i] for i in few], sigma, feedthrough)
     with threadpool_limits(1):  # threads split sums by their number: other last bits elsewhere
-        fits = _fit(rough, _affordable(orders, rough), choosing=not order)
+        orders = _possible(orders, rough, experiments)
+        fits = _fit(rough, orders, choosing=not order)
         held_out: dict[int, float] = {}
-        chosen = max(fits)
-        if not order:
-            fits = {n: t for n, t in fits.items() if rough.excitation(t) > LEAST_EXCITATION}
-            if len(fits) > 1 and min(rough.lengths) >= order_choice.BLOCKS:
-                chosen, held_out = order_choice.choose(rough, fits)
-            else:
-                chosen = min(fits, default=orders[0])
-        if chosen not in fits or rough.excitation(fits[chosen]) <= LEAST_EXCITATION:
-            raise LdtError(
-                f"{_named(experiments)} cannot determine a linear model of order {chosen}: "
-                "the voltage varies too little or too simply"
-            )
+        chosen = orders[-1] if order else orders[0]
+        if len(fits) > 1 and not order and min(rough.lengths) >= order_choice.BLOCKS:
+            chosen, held_out = order_choice.choose(rough, fits)
         theta, _ = search.minimise(fits[chosen])
         _refuse_chance(experiments, search, theta)
         return _model(search, theta, scale, period, held_out)
@@ -165,13 +163,24 @@ def _unknowns(order: int, experiments: int, feedthrough: bool) -> int:
     return 2 * order + 1 + feedthrough + order * experiments
 
 
-def _affordable(orders: range, search: OutputError) -> range:
-    most = orders[0]
+def _possible(orders: range, search: OutputError, experiments: list[Experiment]) -> range:
+    """The orders that the samples are enough for and that the voltage excites.
+
+    Raises:
+        LdtError: none, or not the one that was asked for.
+    """
+    asked, most = orders[-1] if orders is not TRIED_ORDERS else orders[0], 0
     for n in orders:
         unknowns = _unknowns(n, len(search.lengths), search.feedthrough)
-        if search.count >= SAMPLES_PER_UNKNOWN * unknowns:
-            most = n
-    return range(orders[0], most + 1)
+        if search.count < SAMPLES_PER_UNKNOWN * unknowns or search.excitation(n) < LEAST_EXCITATION:
+            break
+        most = n
+    if most < asked:
+        raise LdtError(
+            f"{_named(experiments)} cannot determine a linear model of order {asked}: "
+            "the voltage varies too little or too simply"
+        )
+    return range(1, most + 1)
 
 
 def _named(experiments: list[Experiment]) -> str:
@@ -184,14 +193,15 @@ def _fit(search: OutputError, orders: range, choosing: bool) -> dict[int, Array]
     """Order → θ of the best minimum found. Each order also begins from the one below.
 
     The best start values run a few steps each and the winner runs on; an order that only serves as
-    a start for the next one stops there.
+    a start for the next one stops there. A pole that is a drift rather than a decay must be worth
+    it, or gives way to a fast one.
     """
-    candidates = subspace.starts(*search.pieces(), orders)
+    candidates = subspace.starts(*search.pieces(), orders, search.sigma)
     fits: dict[int, Array] = {}
     for n in orders:
-        before = schwarz.poles_of(fits[n - 1]) if n > 1 else np.zeros(0)
+        before = schwarz.poles_of(fits[n - 1], search.sigma) if n > 1 else np.zeros(0)
         added = [np.append(before, -p / search.longest) for p in ADDED_POLES]
-        tried = candidates[n] + [schwarz.from_poles(poles, search.longest) for poles in added]
+        tried = candidates[n] + [schwarz.from_poles(poles, search.sigma) for poles in added]
         losses = [search.loss(theta) for theta in tried]
         wanted = choosing or n == orders[-1]
         best = np.argsort(losses, kind="stable")[: SEARCHES if wanted else 1]
@@ -199,6 +209,11 @@ def _fit(search: OutputError, orders: range, choosing: bool) -> dict[int, Array]
         fits[n] = min(raced, key=lambda minimum: minimum[1])[0]
         if wanted:
             fits[n] = search.minimise(fits[n], ROUGH_STEPS)[0]
+        if n > 1 and schwarz.drifts(fits[n], search.sigma):
+            fast = schwarz.from_poles(np.append(before, -ADDED_FAST_POLE), search.sigma)
+            settled, loss = search.minimise(fast, ROUGH_STEPS)
+            if loss < DRIFT_GAIN * search.loss(fits[n]):
+                fits[n] = settled
     return fits
 
 
@@ -221,7 +236,7 @@ def _model(
     """Back to SI units, in the dual (observer) form whose first state is the output."""
     linear: Linear = search.solve(theta)
     residual = search.y - search.outputs(theta, linear)
-    A, b = schwarz.matrices(theta)
+    A, b = schwarz.matrices(theta, search.sigma)
     # the dual system has the same output: cᵀ exp(A t) b = bᵀ exp(Aᵀ t) c, and v is its start state
     gain = b[0] * scale.speed
     A = A.T / period

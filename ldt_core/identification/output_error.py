@@ -55,6 +55,7 @@ class OutputError:
     Args:
         inputs: one (L,) per experiment, scaled to about 1.
         outputs: as the inputs.
+        sigma: slowest decay of the model [per sample], see `schwarz`.
         feedthrough: whether there is a D.
         used: per length L an (L,) mask of the samples to fit; None takes all.
     """
@@ -63,6 +64,7 @@ class OutputError:
         self,
         inputs: list[Array],
         outputs: list[Array],
+        sigma: float,
         feedthrough: bool = False,
         used: dict[int, NDArray[np.bool_]] | None = None,
     ) -> None:
@@ -70,6 +72,7 @@ class OutputError:
         self.u = np.concatenate(inputs)
         self.y = np.concatenate(outputs)
         self.begins = np.cumsum([0, *self.lengths])
+        self.sigma = sigma
         self.feedthrough = feedthrough
         self.used = used
         self.count = sum(int(used[n].sum()) if used else n for n in self.lengths)
@@ -81,7 +84,7 @@ class OutputError:
 
     def refit(self, used: dict[int, NDArray[np.bool_]]) -> OutputError:
         """The same search on some of the samples."""
-        return OutputError(*self.pieces(), self.feedthrough, used)
+        return OutputError(*self.pieces(), self.sigma, self.feedthrough, used)
 
     @property
     def longest(self) -> int:
@@ -90,7 +93,7 @@ class OutputError:
 
     def minimise(self, theta: Array, steps: int = MOST_STEPS) -> tuple[Array, float]:
         """(θ, mean square residual) of the local minimum reached from that θ."""
-        low, high = schwarz.bounds(theta.size, self.longest)
+        low, high = schwarz.bounds(theta.size, self.sigma)
         inside = 1e-6 * (high - low)  # the search must begin off the bounds
         last: dict[bytes, tuple[Array, Array]] = {}
 
@@ -136,13 +139,19 @@ class OutputError:
         factor = np.linalg.qr(_At(self, theta).projected()[:, -2:], mode="r")
         return float(factor[-1, -1] ** 2) / self.count
 
-    def excitation(self, theta: Array) -> float:
-        """How well the input determines c, from 0 (not at all) to 1: ratio of singular values."""
-        n = theta.size
-        projected = _At(self, theta).projected()
-        factor = np.linalg.qr(np.roll(projected[:, :-1], -n, axis=1), mode="r")
-        values = np.linalg.svd(factor[-n:, -n:], compute_uv=False)
-        return float(values[-1] / values[0]) if values[0] > 0 else 0.0
+    def excitation(self, order: int) -> float:
+        """How well the input determines a model of that order, from 0 (not at all) to 1.
+
+        Least singular value of the input's effect on n states with poles spread over the time
+        scales of the data, less what start states, offset and feedthrough take, relative to that
+        effect as a whole.
+        """
+        poles = -np.geomspace(3 / self.longest, 1 / 3, order)
+        at = _At(self, schwarz.from_poles(poles, self.sigma))
+        factor = np.linalg.qr(np.roll(at.projected()[:, :-1], -order, axis=1), mode="r")
+        whole = float(np.linalg.norm(at.states))
+        corner = factor[-order:, -order:]
+        return float(np.linalg.svd(corner, compute_uv=False)[-1]) / whole if whole else 0.0
 
     def _residual(self, theta: Array) -> tuple[Array, Array]:
         """Residual and its derivative by θ, turned into n + 1 rows.
@@ -171,7 +180,7 @@ class _At:
 
     def __init__(self, search: OutputError, theta: Array) -> None:
         self.search, self.theta = search, theta
-        self.step, drive, b = schwarz.discrete(theta)
+        self.step, drive, b = schwarz.discrete(theta, search.sigma)
         n = theta.size
         #: (all samples, n + 2 or 3): states from zero, input if it feeds through, 1, output.
         self.columns = np.empty((search.y.size, n + 2 + search.feedthrough))
@@ -221,7 +230,7 @@ class _At:
     def change(self, linear: Linear) -> Array:
         """(all samples, n): derivative of the free run by θ, linear parameters held."""
         search = self.search
-        step, drive, b = schwarz.discrete_slopes(self.theta)
+        step, drive, b = schwarz.discrete_slopes(self.theta, search.sigma)
         change = _sensitivity(
             self.step, step, drive, self.states, search.u, linear.c, search.begins
         )

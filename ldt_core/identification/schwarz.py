@@ -1,15 +1,19 @@
-"""Every stable linear model, and no other: the Schwarz form.
+"""Every sufficiently stable linear model, and no other: the Schwarz form.
 
-    A = ⎡ −d   c₁         ⎤     b = √(2d) e₁
+    A = ⎡ −d   c₁         ⎤  − σ I      b = √(2d) e₁
         ⎢ −c₁  0   c₂     ⎥
         ⎣      −c₂  0  ⋱  ⎦
 
-With d, c₁ … c_{n−1} > 0 this is stable, since A + Aᵀ = −b bᵀ, and each Hurwitz polynomial has
-exactly one such form (its entries are ratios of the first column of the Routh array). A search over
-the logarithms θ = log(d, c₁, …, c_{n−1}) therefore reaches all stable models of order n without a
-constraint, real, complex and repeated poles alike. Its controllability Gramian is the identity: the
-states are orthonormal for a white input, which keeps the least squares for the output well
-conditioned at any ratio of pole to sample rate.
+With d, c₁ … c_{n−1} > 0 the first matrix S is stable, since S + Sᵀ = −b bᵀ, and each Hurwitz
+polynomial has exactly one such form (its entries are ratios of the first column of the Routh
+array). A search over the logarithms θ = log(d, c₁, …, c_{n−1}) therefore reaches all models of
+order n whose poles lie left of −σ, without a constraint: real, complex and repeated poles alike.
+The controllability Gramian of (S, b) is the identity: the states are nearly orthonormal for a white
+input, which keeps the least squares for the output well conditioned at any ratio of pole to sample
+rate.
+
+σ > 0 is the slowest decay that the data can show. Without it a fit to data with unmodelled friction
+invents a pole at 0 that explains the drift of one experiment and ruins the steady state.
 
 Time is in sample periods here: A is A·T, a pole p is p·T.
 
@@ -27,21 +31,30 @@ Array = NDArray[np.float64]
 
 #: A pole that decays by e^−30 within one sample cannot be told from an infinitely fast one.
 FASTEST = 30.0
-#: A pole 1000 times slower than the longest experiment cannot be told from an integrator.
-SLOWEST_PER_LENGTH = 1e-3
+#: A pole whose time constant is 10 times the longest experiment is seen to decay by a tenth there;
+#: one that is slower still is taken for an integrator, which a motor's speed does not have.
+SLOWEST_PER_LENGTH = 0.1
+#: Lowest d and c relative to σ: a pole this near to −σ lies on it.
+LEAST = 1e-3
+#: A pole within this factor of σ lies at the limit.
+DRIFT = 2.0
 
 
-def bounds(order: int, length: int) -> tuple[Array, Array]:
-    """(lowest, highest) θ for experiments of up to `length` samples."""
-    low = np.log(SLOWEST_PER_LENGTH / length)
-    return np.full(order, low), np.full(order, np.log(FASTEST))
+def slowest(length: int) -> float:
+    """σ for experiments of up to `length` samples [per sample]."""
+    return SLOWEST_PER_LENGTH / length
 
 
-def matrices(theta: Array) -> tuple[Array, Array]:
+def bounds(order: int, sigma: float) -> tuple[Array, Array]:
+    """(lowest, highest) θ."""
+    return np.full(order, np.log(LEAST * sigma)), np.full(order, np.log(FASTEST))
+
+
+def matrices(theta: Array, sigma: float) -> tuple[Array, Array]:
     """(A, b) of θ."""
     values = np.exp(theta)
-    A = np.zeros((theta.size, theta.size))
-    A[0, 0] = -values[0]
+    A = np.diag(np.full(theta.size, -sigma))
+    A[0, 0] -= values[0]
     for i in range(1, theta.size):
         A[i - 1, i], A[i, i - 1] = values[i], -values[i]
     b = np.zeros(theta.size)
@@ -49,21 +62,21 @@ def matrices(theta: Array) -> tuple[Array, Array]:
     return A, b
 
 
-def discrete(theta: Array) -> tuple[Array, Array, Array]:
+def discrete(theta: Array, sigma: float) -> tuple[Array, Array, Array]:
     """(A_d, b_d, b): one sample of a held input, exactly."""
     order = theta.size
-    A, b = matrices(theta)
+    A, b = matrices(theta, sigma)
     moved = expm(_block(A, b))
     return moved[:order, :order].copy(), moved[:order, order].copy(), b
 
 
-def discrete_slopes(theta: Array) -> tuple[Array, Array, Array]:
+def discrete_slopes(theta: Array, sigma: float) -> tuple[Array, Array, Array]:
     """Derivatives of (A_d, b_d, b) by θ: (n, n, n), (n, n), (n, n), the parameter first."""
     order = theta.size
     size = order + 1
-    A, b = matrices(theta)
+    A, b = matrices(theta, sigma)
     slopes = np.zeros((order, size, size))
-    slopes[0, 0, 0], slopes[0, 0, order] = A[0, 0], b[0] / 2
+    slopes[0, 0, 0], slopes[0, 0, order] = -np.exp(theta[0]), b[0] / 2
     for i in range(1, order):
         slopes[i, i - 1, i], slopes[i, i, i - 1] = A[i - 1, i], A[i, i - 1]
     # exp of [[M, dM], [0, M]] has the derivative of exp(M) in its corner (Van Loan 1978)
@@ -83,15 +96,14 @@ def _block(A: Array, b: Array) -> Array:
     return block
 
 
-def from_poles(poles: ArrayLike, length: int) -> Array:
+def from_poles(poles: ArrayLike, sigma: float) -> Array:
     """θ of a model with these poles (each complex one with its conjugate), cut to the bounds.
 
-    Poles on the wrong side or on the axis are mirrored and moved off it.
+    Poles on the wrong side are mirrored, those right of −σ are moved to it.
     """
-    low, high = bounds(len(np.atleast_1d(poles)), length)
     poles = np.atleast_1d(np.asarray(poles, dtype=np.complex128))
-    least = np.exp(low[0])
-    real = -np.clip(np.abs(poles.real), least, FASTEST)
+    low, high = bounds(poles.size, sigma)
+    real = -np.clip(np.abs(poles.real) - sigma, LEAST * sigma, FASTEST)
     polynomial = np.poly(real + 1j * poles.imag).real
     order = poles.size
     upper = np.zeros(order // 2 + 2)
@@ -111,6 +123,11 @@ def from_poles(poles: ArrayLike, length: int) -> Array:
     return np.clip(np.log(values), low, high)
 
 
-def poles_of(theta: Array) -> NDArray[np.complex128]:
+def poles_of(theta: Array, sigma: float) -> NDArray[np.complex128]:
     """(n,) poles per sample period."""
-    return np.linalg.eigvals(matrices(theta)[0]).astype(np.complex128)
+    return np.linalg.eigvals(matrices(theta, sigma)[0]).astype(np.complex128)
+
+
+def drifts(theta: Array, sigma: float) -> bool:
+    """Whether a pole lies at the limit −σ, where a decay cannot be told from a drift."""
+    return bool(np.abs(poles_of(theta, sigma)).min() < DRIFT * sigma)

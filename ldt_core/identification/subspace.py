@@ -28,17 +28,19 @@ MOST_COLUMNS = 4000
 SPARE_ROWS = 5
 
 
-def starts(inputs: list[Array], outputs: list[Array], orders: range) -> dict[int, list[Array]]:
+def starts(
+    inputs: list[Array], outputs: list[Array], orders: range, sigma: float
+) -> dict[int, list[Array]]:
     """Start values θ for each order, one for each time scale that the data allow.
 
     Args:
         inputs: one (L,) per experiment.
         outputs: as the inputs.
         orders: to find poles for.
+        sigma: slowest decay of the model [per sample], see `schwarz`.
     """
     found: dict[int, list[Array]] = {n: [] for n in orders}
     rows = orders[-1] + SPARE_ROWS
-    longest = max(u.size for u in inputs)
     width = 1
     while True:
         hankels = _hankels(inputs, outputs, width, rows)
@@ -48,7 +50,7 @@ def starts(inputs: list[Array], outputs: list[Array], orders: range) -> dict[int
         for n in orders:
             shifted = np.linalg.lstsq(observability[:-1, :n], observability[1:, :n], rcond=None)[0]
             poles = _continuous(np.linalg.eigvals(shifted)) / width
-            found[n].append(schwarz.from_poles(poles, longest))
+            found[n].append(schwarz.from_poles(poles, sigma))
         width *= BLOCK_RATIO
 
 
