@@ -36,7 +36,7 @@ class Machine:
         voltage_limits: (lowest, highest) [V].
         duration: of an experiment [s].
         sample_period: [s].
-        simulation: how the simulated machine is excited and worn (see `ldt_core.physics.plant`).
+        simulation: how the simulated machine is excited and worn (see `ldt_core.plant`).
         calibration: how `ldt calibrate` found the parameters, verbatim; empty when it did not.
         source: the file it came from, for messages.
     """

@@ -163,5 +163,3 @@ def build_adaptor(model: Model, settings: Mapping[str, Any]) -> Adaptor:
     """Stage 3 from the parameters of the group adaptor."""
     memory = Memory(settings["memory_limit"])
     return Adaptor(model, memory, gate=settings["gate"], holdout=settings["holdout"])
-
-

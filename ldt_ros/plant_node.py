@@ -6,7 +6,7 @@ from typing import Any
 
 from ldt_core.experiment import Experiment
 from ldt_core.machine import load_machine
-from ldt_core.physics.plant import Plant
+from ldt_core.plant import Plant
 from ldt_ros.source import SourceNode
 
 

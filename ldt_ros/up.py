@@ -1,6 +1,6 @@
 """`ldt up`: the whole node graph, headless; also a plain Python script and a function.
 
-    python -m ldt_ros.up --experiments 40 --seed 3
+python -m ldt_ros.up --experiments 40 --seed 3
 """
 
 from __future__ import annotations

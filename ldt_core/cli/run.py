@@ -22,7 +22,7 @@ def command(settings: dict[str, Any], given: set[str], no_bag: bool, as_json: bo
     from ldt_core import session
     from ldt_core.machine import load_machine
     from ldt_core.pace import paced, parse_rate
-    from ldt_core.physics.plant import Plant
+    from ldt_core.plant import Plant
     from ldt_core.recording.bag import read_bag
 
     machine = load_machine(settings["machine"])

@@ -22,7 +22,7 @@ def command(settings: dict[str, Any], given: set[str], out: str, namespace: str)
     """
     from ldt_core.cli.display import track
     from ldt_core.machine import load_machine
-    from ldt_core.physics.plant import Plant
+    from ldt_core.plant import Plant
     from ldt_core.recording.writer import BagWriter
 
     machine = load_machine(settings["machine"])

@@ -1,4 +1,4 @@
-"""The machines' equations of motion and the simulated plant."""
+"""The machines' equations of motion, and their free run."""
 
 from ldt_core.registry import Registry
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ldt_core.machine import load_machine
-from ldt_core.physics.plant import Plant
+from ldt_core.plant import Plant
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from tests.benchmarks.bare_node import ROLES, SKIPPED

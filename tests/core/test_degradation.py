@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ldt_core.errors import MachineFileError, OptionError
 from ldt_core.machine import load_machine
-from ldt_core.physics.degradation import KINDS, Schedule, schedule
+from ldt_core.plant.degradation import KINDS, Schedule, schedule
 
 ROTOR = load_machine("rotor")
 WEAR = dict(ROTOR.simulation["degradation"])

@@ -9,7 +9,7 @@ from ldt_core.errors import LdtError, ModelError
 from ldt_core.experiment import Experiment, ModelRecord
 from ldt_core.machine import load_machine
 from ldt_core.models.physics import PhysicsModel
-from ldt_core.physics.plant import Plant
+from ldt_core.plant import Plant
 
 ROTOR = load_machine("rotor")
 

@@ -12,7 +12,7 @@ import pytest
 from ldt_core.effects import parse_effect
 from ldt_core.errors import BadInput
 from ldt_core.machine import load_machine
-from ldt_core.physics.plant import Plant
+from ldt_core.plant import Plant
 from ldt_core.settings import resolve
 
 ROTOR, MOTOR = load_machine("rotor"), load_machine("dc_motor")
@@ -38,7 +38,7 @@ def test_another_process_gives_the_same_numbers():
     """Bit by bit, compiled code and random streams included."""
     code = (
         "from ldt_core.machine import load_machine\n"
-        "from ldt_core.physics.plant import Plant\n"
+        "from ldt_core.plant import Plant\n"
         "import hashlib\n"
         "e = Plant(load_machine('rotor'), experiments=9, seed=4).experiment(8)\n"
         "print(hashlib.sha256(e.speed.tobytes() + e.voltage.tobytes()).hexdigest())"

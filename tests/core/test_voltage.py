@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ldt_core.errors import MachineFileError
 from ldt_core.machine import load_machine
-from ldt_core.physics.voltage import KINDS, excitation
+from ldt_core.plant.voltage import KINDS, excitation
 
 ROTOR = load_machine("rotor")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ldt_core.machine import load_machine
-from ldt_core.physics.plant import Plant
+from ldt_core.plant import Plant
 from ldt_core.recording.bag import read_bag
 from ldt_core.session import run
 from ldt_core.settings import resolve

@@ -30,8 +30,8 @@ from ldt_core.effects.base import Effect
 from ldt_core.errors import MachineFileError, did_you_mean
 from ldt_core.experiment import Experiment
 from ldt_core.machine import Machine, real_number
-from ldt_core.physics.degradation import schedule
-from ldt_core.physics.voltage import excitation
+from ldt_core.plant.degradation import schedule
+from ldt_core.plant.voltage import excitation
 
 KEYS = ("voltage", "start", "noise", "current_noise", "degradation")
 STARTS = ("rest", "random", "continue")
