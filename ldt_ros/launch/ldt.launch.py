@@ -1,12 +1,15 @@
-"""The node graph for a full ROS 2 installation: `ros2 launch ldt ldt.launch.py model:=linear`.
+"""The node graph for a full ROS 2 installation.
 
-Every declared parameter is a launch argument of the same name.
+    ros2 launch ldt ldt.launch.py machine:=press.yaml model:=linear experiments:=40
+
+Every declared parameter is a launch argument of the same name; lists are written as in YAML,
+`gp_inputs:="[speed, voltage]"`, and a single entry as itself. The launch ends when the source of
+the experiments has no more of them, or when any node ends.
 """
 
+import yaml
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
-from launch.event_handlers import OnProcessExit
-from launch.events import Shutdown
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
@@ -16,40 +19,43 @@ from ldt_core.session import new_recording
 _FOR_UP_ALONE = ("graph", "machines")
 
 
-def _given(context, name, declaration):
-    text = LaunchConfiguration(name).perform(context)
-    if declaration["type"] == "string_array":
-        return [word for word in text.split(",") if word]
-    casts = {"bool": lambda t: t.lower() == "true", "integer": int, "double": float, "string": str}
-    return casts[declaration["type"]](text)
+def _parameters():
+    return {n: d for n, d in msgs_config.parameters().items() if n not in _FOR_UP_ALONE}
+
+
+def _value(text, declaration):
+    """What the text means; the nodes check it, and say what is wrong with it."""
+    kind = declaration["type"]
+    if kind == "string" or (kind == "string_array" and text and not text.startswith("[")):
+        return text
+    return yaml.safe_load(text)
+
+
+def _text(default):
+    return default if isinstance(default, str) else yaml.safe_dump(default, default_flow_style=True)
 
 
 def _nodes(context):
     values = {
-        name: _given(context, name, declaration)
-        for name, declaration in msgs_config.parameters().items()
-        if name not in _FOR_UP_ALONE
+        name: _value(LaunchConfiguration(name).perform(context), declaration)
+        for name, declaration in _parameters().items()
     }
-    source = "player" if values["play"] else "plant"
-    roles = ["recorder", "adaptor", "detector", "twin", source]
+    roles = ["recorder", "adaptor", "detector", "twin", "player" if values["play"] else "plant"]
     values["graph"] = roles
     values["bag"] = values["bag"] or str(new_recording(values["machine"]))
     # An empty list has no type in a parameter file; the declared default is empty as well.
-    given = {n: v for n, v in values.items() if v != []}
-    nodes = [
+    given = {name: value for name, value in values.items() if value not in ([], None)}
+    return [
         Node(
             package="ldt",
             executable=f"ldt_{role}",
             namespace=values["namespace"],
             parameters=[given],
             output="screen",
+            on_exit=[Shutdown(reason=f"{role} has ended")],
         )
         for role in roles
     ]
-    end = RegisterEventHandler(
-        OnProcessExit(target_action=nodes[-1], on_exit=[EmitEvent(event=Shutdown())])
-    )
-    return [*nodes, end]
 
 
 def generate_launch_description():
@@ -57,14 +63,9 @@ def generate_launch_description():
     arguments = [
         DeclareLaunchArgument(
             name,
-            default_value=",".join(d["default"])
-            if d["type"] == "string_array"
-            else str(d["default"]).lower()
-            if d["type"] == "bool"
-            else str(d["default"]),
-            description=d["description"],
+            default_value=_text(declaration["default"]).removesuffix("\n...\n").strip(),
+            description=declaration["description"],
         )
-        for name, d in msgs_config.parameters().items()
-        if name not in _FOR_UP_ALONE
+        for name, declaration in _parameters().items()
     ]
     return LaunchDescription([*arguments, OpaqueFunction(function=_nodes)])
