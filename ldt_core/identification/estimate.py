@@ -13,7 +13,7 @@ from ldt_core.errors import ExperimentError, LdtError, OptionError
 from ldt_core.experiment import Experiment
 from ldt_core.identification import order as order_choice
 from ldt_core.identification import schwarz, subspace
-from ldt_core.identification.output_error import Linear, OutputError
+from ldt_core.identification.output_error import MOST_STEPS, Linear, OutputError
 from ldt_core.identification.state_space import StateSpace
 
 Array = NDArray[np.float64]
@@ -34,17 +34,17 @@ LEAST_F = 10.0
 PERIOD_TOLERANCE = 1e-6
 #: Start values per order that are followed, and how far before only the best one is.
 SEARCHES = 2
-RACE_STEPS = 5
+RACE_STEPS = 4
 #: [per sample] Where a fast pole begins, e^−1 within a sample.
 ADDED_FAST_POLE = 1.0
-#: A slower pole than the data can show must lower the mean square error by this factor against a
-#: fast one: friction and load make drifts of a tenth, a truly slow machine far more.
+#: A slower pole than the data can show must lower the mean square error by this factor: friction
+#: and load make drifts worth a tenth, a truly slow machine one worth far more.
 DRIFT_GAIN = 1.5
 #: Poles and order are first sought on so many samples, then the chosen model is fitted to all.
 ROUGH_SAMPLES = 6_000
 ROUGH_STEPS = 10
 #: Start values besides the subspace ones: added real poles, in time constants per experiment.
-ADDED_POLES = (3.0, 10.0, 30.0, 100.0, 300.0)
+ADDED_POLES = (3.0, 30.0, 300.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,9 @@ def identify(
         chosen = orders[-1] if order else orders[0]
         if len(fits) > 1 and not order and min(rough.lengths) >= order_choice.BLOCKS:
             chosen, held_out = order_choice.choose(rough, fits)
-        theta, _ = search.minimise(fits[chosen])
+        theta = fits[chosen]
+        if rough is not search or not order:
+            theta, _ = search.minimise(theta)
         _refuse_chance(experiments, search, theta)
         return _model(search, theta, scale, period, held_out)
 
@@ -194,26 +196,30 @@ def _fit(search: OutputError, orders: range, choosing: bool) -> dict[int, Array]
 
     The best start values run a few steps each and the winner runs on; an order that only serves as
     a start for the next one stops there. A pole that is a drift rather than a decay must be worth
-    it, or gives way to a fast one.
+    it, or gives way to the best minimum without one.
     """
     candidates = subspace.starts(*search.pieces(), orders, search.sigma)
     fits: dict[int, Array] = {}
     for n in orders:
         before = schwarz.poles_of(fits[n - 1], search.sigma) if n > 1 else np.zeros(0)
-        added = [np.append(before, -p / search.longest) for p in ADDED_POLES]
-        tried = candidates[n] + [schwarz.from_poles(poles, search.sigma) for poles in added]
-        losses = [search.loss(theta) for theta in tried]
         wanted = choosing or n == orders[-1]
+        tried = list(candidates[n])
+        if wanted or not tried:
+            added = [np.append(before, -p / search.longest) for p in ADDED_POLES]
+            tried += [schwarz.from_poles(poles, search.sigma) for poles in added]
+        losses = [search.loss(theta) for theta in tried]
         best = np.argsort(losses, kind="stable")[: SEARCHES if wanted else 1]
         raced = [search.minimise(tried[i], RACE_STEPS) for i in best]
         fits[n] = min(raced, key=lambda minimum: minimum[1])[0]
         if wanted:
-            fits[n] = search.minimise(fits[n], ROUGH_STEPS)[0]
+            fits[n] = search.minimise(fits[n], ROUGH_STEPS if choosing else MOST_STEPS)[0]
         if n > 1 and schwarz.drifts(fits[n], search.sigma):
             fast = schwarz.from_poles(np.append(before, -ADDED_FAST_POLE), search.sigma)
-            settled, loss = search.minimise(fast, ROUGH_STEPS)
+            others = [search.minimise(theta, ROUGH_STEPS) for theta in [fast, *candidates[n]]]
+            settled = [o for o in others if not schwarz.drifts(o[0], search.sigma)]
+            theta, loss = min(settled, key=lambda o: o[1], default=(fits[n], np.inf))
             if loss < DRIFT_GAIN * search.loss(fits[n]):
-                fits[n] = settled
+                fits[n] = theta
     return fits
 
 

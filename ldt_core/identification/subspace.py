@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 #: Each scale averages over so many times more samples than the one before.
 BLOCK_RATIO = 4
 #: More columns than this tell a start nothing more, but cost time.
-MOST_COLUMNS = 4000
+MOST_COLUMNS = 1000
 #: Rows per quarter beyond the order; a longer past helps against noise, at quadratic cost.
 SPARE_ROWS = 5
 
