@@ -78,7 +78,8 @@ def identify(
 
     Args:
         experiments: one or more, of one sample period; lengths may differ.
-        order: number of states; None or 0 chooses it on held-out samples (see `order`).
+        order: number of states; None or 0 chooses from 1 to 4 on held-out samples (see `order`), or
+            takes 1 where no experiment is long enough for that.
         feedthrough: whether the speed may follow the voltage at once (D ≠ 0). A motor's cannot.
 
     Raises:
@@ -97,18 +98,19 @@ def identify(
     sigma = schwarz.slowest(max(len(e) for e in experiments))
     search = OutputError(inputs, outputs, sigma, feedthrough)
     few = _spread(search.lengths)
-    rough = search
-    if len(few) < len(experiments):
-        rough = OutputError([inputs[i] for i in few], [outputs[i] for i in few], sigma, feedthrough)
+    rough = OutputError([inputs[i] for i in few], [outputs[i] for i in few], sigma, feedthrough)
     with threadpool_limits(1):  # threads split sums by their number: other last bits elsewhere
-        orders = _possible(orders, rough, experiments)
+        try:
+            orders = _possible(orders, rough, experiments)
+        except LdtError:  # these few may say nothing where all together do
+            rough, orders = search, _possible(orders, search, experiments)
         fits = _fit(rough, orders, choosing=not order)
         held_out: dict[int, float] = {}
         chosen = orders[-1] if order else orders[0]
-        if len(fits) > 1 and not order and min(rough.lengths) >= order_choice.BLOCKS:
+        if len(fits) > 1 and not order and rough.longest >= order_choice.LEAST_LENGTH:
             chosen, held_out = order_choice.choose(rough, fits)
         theta = fits[chosen]
-        if rough is not search or not order:
+        if not order or rough.count < search.count:
             theta, _ = search.minimise(theta)
         _refuse_chance(experiments, search, theta)
         return _model(search, theta, scale, period, held_out)

@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 
 FOLDS = 3
 BLOCKS = 31  # the first one stays, the others are shared out evenly among the folds
+#: A shorter experiment is fitted whole: what is left of it would not fix its start state.
+LEAST_LENGTH = 2 * BLOCKS
 STANDARD_ERRORS = 2.0  # see above, as the next
 MOST_EXCESS = 1.2
 #: Outputs are scaled to deviation 1; errors below this are rounding, and no evidence for an order.
@@ -42,7 +44,7 @@ def choose(search: OutputError, fits: Mapping[int, Array]) -> tuple[int, dict[in
     """(order, held-out root mean square error of each order, in deviations of the output).
 
     Args:
-        search: over all samples.
+        search: over all samples; one experiment at least has `LEAST_LENGTH` of them.
         fits: order → θ, the minimum of each on all samples, where the folds' searches begin.
     """
     scores = {n: _held_out(search, theta) for n, theta in fits.items()}
@@ -66,14 +68,15 @@ def _held_out(search: OutputError, theta: Array) -> Array:
         error = (search.y - search.outputs(found, part.solve(found))) ** 2
         for begin, length in zip(search.begins, search.lengths, strict=False):
             blocks, own = _blocks(length), error[begin : begin + length]
-            scores += [own[blocks == b].mean() for b in range(fold, BLOCKS - 1, FOLDS)]
+            left_out = range(fold, BLOCKS - 1, FOLDS)
+            scores += [own[blocks == b].mean() for b in left_out if length >= LEAST_LENGTH]
     return np.array(scores)
 
 
 def _kept(length: int, fold: int) -> NDArray[np.bool_]:
     """(length,) whether a sample is fitted in that fold."""
     blocks = _blocks(length)
-    return (blocks < 0) | (blocks % FOLDS != fold)
+    return (blocks < 0) | (blocks % FOLDS != fold) | (length < LEAST_LENGTH)
 
 
 def _blocks(length: int) -> NDArray[np.int64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from ldt_core.errors import ExperimentError, LdtError, OptionError
 from ldt_core.experiment import Experiment
-from ldt_core.identification import StateSpace, identify, schwarz
+from ldt_core.identification import Identified, StateSpace, identify, schwarz
 from ldt_core.identification.output_error import OutputError
 
 PERIOD = 0.01  # s
@@ -67,15 +68,22 @@ def validated(found: StateSpace, truth: StateSpace, seed: int = 1000) -> float:
     )
 
 
+@lru_cache
+def learned(level: float, colour: float) -> list[tuple[Experiment, Identified]]:
+    """25 records without their noise, and what was identified from them with it."""
+    pairs = []
+    for seed in range(25):
+        start = np.random.default_rng(seed).normal(size=2) * [3, 9]
+        noisy = measure(MOTOR, seed, level=level, colour=colour, start=start)
+        pairs.append((measure(MOTOR, seed, start=start), identify([noisy], 2)))
+    return pairs
+
+
 @pytest.mark.parametrize(("level", "colour", "least"), [(0.01, 0.0, 99.94), (0.1, 0.8, 98.33)])
 def test_motor_is_recovered_through_noise(level, colour, least):
     """1 % white noise leaves a fit above 99.94 %, 10 % coloured noise (AR 0.8) one above 98.33 %:
     the median of 25 records of 2000 samples with unknown start states, on other data."""
-    fits = []
-    for seed in range(25):
-        start = np.random.default_rng(seed).normal(size=2) * [3, 9]
-        e = measure(MOTOR, seed, level=level, colour=colour, start=start)
-        fits.append(validated(identify([e], 2), MOTOR))
+    fits = [validated(found, MOTOR) for _, found in learned(level, colour)]
     assert np.median(fits) > least
 
 
@@ -84,12 +92,8 @@ def test_white_noise_leaves_no_more_error_than_it_must():
     unknowns, 7, which is the least that any unbiased estimate can have (mean of 25 records within
     three standard errors)."""
     errors = []
-    for seed in range(25):
-        start = np.random.default_rng(seed).normal(size=2) * [3, 9]
-        clean = measure(MOTOR, seed, start=start)
-        e = measure(MOTOR, seed, level=0.01, start=start)
-        found = identify([e], 2)
-        error = found.simulate(e.voltage, PERIOD, found.starts[0]) - clean.speed
+    for clean, found in learned(0.01, 0.0):
+        error = found.simulate(clean.voltage, PERIOD, found.starts[0]) - clean.speed
         errors.append((error @ error) / (0.01 * clean.speed.std()) ** 2)
     assert abs(np.mean(errors) - 7) < 3 * np.sqrt(2 * 7 / 25)
 
@@ -145,6 +149,24 @@ def test_experiments_of_different_lengths_fit_together():
     found = identify(es, 2)
     assert found.poles == pytest.approx(MOTOR.poles, rel=1e-7)
     assert found.starts.shape == (3, 2)
+
+
+def test_fragments_do_no_harm():
+    """Pieces of 2 to 20 samples among long experiments, as a gap leaves them, change nothing."""
+    lengths = (2000, 2, 5, 20)
+    es = [
+        measure(MOTOR, s, voltage=steps(s, n, 3 if n < 50 else 50)) for s, n in enumerate(lengths)
+    ]
+    found = identify(es)
+    assert found.order == 2
+    assert found.poles == pytest.approx(MOTOR.poles, rel=1e-6)
+
+
+def test_many_dull_experiments_do_not_hide_the_telling_ones():
+    """One experiment of twelve has a changing voltage: it alone determines the machine."""
+    dull = [measure(MOTOR, s, voltage=np.full(2000, 8.0)) for s in range(12)]
+    es = [*dull[:4], measure(MOTOR, 4), *dull[5:]]
+    assert identify(es, 2).poles == pytest.approx(MOTOR.poles, rel=1e-6)
 
 
 TRUTHS = {
