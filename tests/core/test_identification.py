@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ldt_core.errors import ExperimentError, LdtError, OptionError
+from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
 from ldt_core.identification import Identified, StateSpace, identify, schwarz
 from ldt_core.identification.output_error import OutputError
@@ -323,63 +323,6 @@ def test_derivative_of_the_search_is_that_of_its_cost():
         (search.loss(theta + h * d) - search.loss(theta - h * d)) / (2 * h) for d in np.eye(3)
     ]
     assert gradient == pytest.approx(differences, rel=1e-5)
-
-
-def flat(number: int, volts: float, period: float = PERIOD, samples: int = 500) -> Experiment:
-    speed = 3 * volts + noise(number, samples)
-    return Experiment(number, 0.0, period, np.full(samples, volts), speed)
-
-
-def stopped() -> Experiment:
-    return Experiment(1, 0.0, PERIOD, steps(0), np.zeros(2000))
-
-
-def deaf() -> Experiment:
-    return Experiment(1, 0.0, PERIOD, steps(0), noise(0, 2000))
-
-
-def late() -> Experiment:
-    voltage = np.zeros(500)
-    voltage[-1] = 5.0
-    return Experiment(1, 0.0, PERIOD, voltage, noise(0, 500))
-
-
-REFUSED = {
-    "none": (lambda: identify([]), ExperimentError, "at least one experiment"),
-    "constant voltage": (lambda: identify([flat(1, 5.0)]), LdtError, "voltage is 5 V throughout"),
-    "too simple": (
-        lambda: identify([flat(1, 5.0), flat(2, 9.0)], 2),
-        LdtError,
-        "varies too little or too simply",
-    ),
-    "voltage after the fact": (lambda: identify([late()]), LdtError, "too little or too simply"),
-    "speed stands": (lambda: identify([stopped()]), LdtError, "speed is 0 rad/s throughout"),
-    "no effect": (lambda: identify([deaf()]), LdtError, "no more of the speed than chance"),
-    "few samples": (
-        lambda: identify([measure(MOTOR, voltage=steps(0, 12, 3))]),
-        LdtError,
-        "12 samples for 4 unknowns",
-    ),
-    "few for the order": (
-        lambda: identify([measure(MOTOR, voltage=steps(0, 40, 5))], 5),
-        LdtError,
-        "40 samples for 16 unknowns",
-    ),
-    "periods": (
-        lambda: identify([measure(MOTOR), measure(MOTOR, 1, period=0.02)]),
-        ExperimentError,
-        "experiment 2, sample period: expected 0.01 s as in experiment 1",
-    ),
-    "order": (lambda: identify([measure(MOTOR)], 11), OptionError, "from 0 to 10"),
-}
-
-
-@pytest.mark.parametrize(("work", "kind", "sentence"), REFUSED.values(), ids=REFUSED)
-def test_data_that_determine_nothing_are_refused(work, kind, sentence):
-    """Each kind of unusable data has its own sentence."""
-    with pytest.raises(kind) as caught:
-        work()
-    assert sentence in str(caught.value)
 
 
 def test_given_order_above_the_truth_is_served():
