@@ -11,9 +11,6 @@ from pathlib import Path
 
 from ldt_core.errors import BadInput
 
-#: How the ROS 2 wheels mark an interpreter that they have prepared; it must not be inherited by
-#: another environment's Python.
-WHEEL_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 MODULES = ("rclpy", "std_msgs", "diagnostic_msgs")
 DOMAINS = range(233)  # Fast DDS computes port numbers from it, and ends the process above 232
 

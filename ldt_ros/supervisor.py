@@ -12,8 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ldt_ros.environment import WHEEL_MARK
-
 POLL = 0.02  # s
 GRACE = 5.0  # s between INT, TERM and KILL
 TAIL = 2000  # bytes of a dead child's output that are worth showing
@@ -56,21 +54,21 @@ class Supervisor:
 
     def __init__(self, folder: Path, environment: dict[str, str]) -> None:
         self.folder = folder
-        # The wheels prepare each interpreter anew when the mark is absent.
-        self.environment = {k: v for k, v in environment.items() if k != WHEEL_MARK}
+        self.environment = environment
         self.children: list[Child] = []
         #: Lets seconds pass; whoever listens to the graph goes on listening here.
         self.wait: Callable[[float], None] = time.sleep
 
     def start(self, name: str, *arguments: str) -> Child:
-        """Start `python -m ldt_ros.process` with the arguments."""
+        """Start `python -m ldt_ros.process` with the arguments; it waits for `begin`."""
         pid = str(os.getpid())
         log = self.folder / f"{name}.log"
+        # -P: nothing in the user's folder may stand in for a module of ours.
+        program = [sys.executable, "-P", "-m", "ldt_ros.process", "--parent", pid, "--hold"]
         with log.open("wb") as output:
             process = subprocess.Popen(
-                # -P: nothing in the user's folder may stand in for a module of ours.
-                [sys.executable, "-P", "-m", "ldt_ros.process", "--parent", pid, *arguments],
-                stdin=subprocess.DEVNULL,
+                [*program, *arguments],
+                stdin=subprocess.PIPE,
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 env=self.environment,
@@ -81,12 +79,23 @@ class Supervisor:
         self.children.append(child)
         return child
 
+    def begin(self) -> None:
+        """Let the processes create their nodes."""
+        for child in self.children:
+            assert child.process.stdin is not None
+            with contextlib.suppress(BrokenPipeError):  # it is dead, which `dead` tells
+                child.process.stdin.write(b"begin\n")
+                child.process.stdin.close()
+
     def dead(self) -> list[Child]:
         """Children that have ended."""
         return [c for c in self.children if not c.running]
 
     def stop(self, *children: Child, grace: float = GRACE) -> None:
         """End children, all at once: INT, then TERM, then KILL, each with its grace."""
+        for child in children:
+            if child.process.stdin is not None:
+                child.process.stdin.close()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
             for child in children:
                 if child.running:
@@ -98,4 +107,4 @@ class Supervisor:
 
     def stop_all(self) -> None:
         """End whatever still runs."""
-        self.stop(*(c for c in self.children if c.running))
+        self.stop(*self.children)

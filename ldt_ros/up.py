@@ -99,12 +99,16 @@ def launch(
     runs = _plan(given)
     folder = Path(tempfile.mkdtemp(prefix="ldt-"))
     environment = prepare(folder)
+    supervisor = Supervisor(folder, environment)
     with SharedMemory():
-        graph = Graph(runs, Supervisor(folder, environment), on_step)
         try:
-            graph.run(stopped)
+            graph = Graph(runs, supervisor, on_step)
+            try:
+                graph.run(stopped)
+            finally:
+                graph.close()
         finally:
-            graph.close()
+            supervisor.stop_all()
     shutil.rmtree(folder, ignore_errors=True)
     return runs
 
@@ -150,15 +154,19 @@ class Graph:
     def __init__(
         self, runs: list[Run], supervisor: Supervisor, on_step: Callable[[str, Step], None]
     ) -> None:
+        self.runs = runs
+        self.supervisor = supervisor
+        self.on_step = on_step
+        self._recorders: list[Child] = []
+        # They load, which takes a second, while this process finds out whether they may begin.
+        for run in runs:
+            self._start(run)
         import rclpy
         from rclpy.experimental import EventsExecutor
         from rclpy.signals import SignalHandlerOptions
 
         from ldt_ros.monitor import Monitor
 
-        self.runs = runs
-        self.supervisor = supervisor
-        self.on_step = on_step
         try:
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
             self.monitors = [Monitor(r.namespace, self._recipient(r)) for r in runs]
@@ -171,13 +179,11 @@ class Graph:
         for monitor in self.monitors:
             self.executor.add_node(monitor)
         supervisor.wait = lambda seconds: self.executor.spin_once(timeout_sec=seconds)
-        self._recorders: list[Child] = []
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Start everything, wait for the end, and end in order."""
         self._refuse_rivals()
-        for run in self.runs:
-            self._start(run)
+        self.supervisor.begin()
         began = time.monotonic()
         while not (stopped() or self._finished()):
             self.executor.spin_once(timeout_sec=SPIN)
@@ -202,6 +208,7 @@ class Graph:
         import rclpy
 
         self.supervisor.stop_all()
+        self.supervisor.wait = time.sleep
         for monitor in self.monitors:
             monitor.destroy_node()
         rclpy.try_shutdown()
