@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ldt_core.errors import ExperimentError
+from ldt_core.errors import BadInput, ExperimentError
 from ldt_core.experiment import Experiment, Step
 from ldt_core.machine import Machine
 from ldt_core.metrics import Summary
+from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from ldt_core.twin import Twin
 
@@ -81,3 +82,33 @@ def write_step(writer: BagWriter, step: Step) -> None:
     if step.model is not None:
         writer.write("model", step.model, end)
     writer.write("adaptation", step.adaptation, end)
+
+
+def recorded_summary(bag: Path | str, namespace: str, summary: Summary) -> None:
+    """Fill a summary from a recording of a run, experiments that went all the way alone.
+
+    Args:
+        bag: the recording.
+        namespace: of the machine in it, "" for the root.
+        summary: gets the figures, and a note where the recording is damaged or cannot be read.
+    """
+    try:
+        opened = read_bag(bag, namespace or "/")
+        adaptations = list(opened.records("adaptation"))
+        done = {a.experiment for a in adaptations}
+        for adaptation in adaptations:
+            summary.add_adaptation(adaptation)
+        for signal in opened.records("signal"):
+            if signal.experiment in done:
+                summary.add_signal(signal)
+        originals = opened.records("original_prediction")
+        original = next(originals, None)
+        for experiment in opened.experiments():
+            while original is not None and original.number < experiment.number:
+                original = next(originals, None)
+            known = original is not None and original.number == experiment.number
+            if known and experiment.number in done:
+                summary.add_original(original.max_error(experiment))
+        summary.note(*opened.notes)
+    except BadInput as error:
+        summary.note(f"the recording cannot be read whole: {error}")

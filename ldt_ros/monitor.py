@@ -1,7 +1,12 @@
-"""The launching process's ear on one machine's graph: puts the steps together, notices the end."""
+"""The launching process's ear on one machine's graph: tells the progress, notices the end.
+
+It listens to what is small. The samples are in the recording, and two cores have better to do than
+to decode them once more.
+"""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from typing import Any
 
@@ -9,39 +14,40 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from ldt_core.errors import LdtError
-from ldt_core.experiment import ModelRecord, Step
+from ldt_core.experiment import Adaptation, Signal
 from ldt_ros.convert import from_message
 from ldt_ros.interfaces import LISTENER_DEPTH, message_type, qos
 from ldt_ros.node import REFUSED
 
-TOPICS = ("experiment", "prediction", "original_prediction", "signal", "adaptation")
 SOURCES = ("plant", "player")
-CAPACITY = 200  # steps under way; what is older has lost a part
+DIGITS = 16  # of an experiment number, which a double has to hold; anybody may say more
+CAPACITY = 200  # signals that wait for their adaptation; what is older has lost it
 
 
 class Monitor(Node):
-    """Collects the messages of each experiment into a `Step`.
+    """Follows a machine's signals, adaptations and health.
 
     Args:
         namespace: of the machine.
-        on_step: called with each complete step, in the order in which they get complete.
+        on_step: called with the signal and the adaptation of each experiment.
     """
 
-    def __init__(self, namespace: str, on_step: Callable[[Step], None]) -> None:
-        super().__init__("monitor", namespace=namespace)
+    def __init__(
+        self,
+        namespace: str,
+        on_step: Callable[[Signal, Adaptation], None],
+        **node_arguments: Any,
+    ) -> None:
+        super().__init__("monitor", namespace=namespace, **node_arguments)
         self.on_step = on_step
         #: Health of each node, by role: the values it told last.
         self.health: dict[str, dict[str, str]] = {}
         self.last_experiment = 0
         self.last_step = 0
-        self._parts: dict[int, dict[str, Any]] = {}
-        self._models: dict[int, ModelRecord] = {}
-        for topic in (*TOPICS, "model"):
+        self._signals: dict[int, Signal] = {}
+        for topic, callback in (("signal", self._on_signal), ("adaptation", self._on_adaptation)):
             self.create_subscription(
-                message_type(topic),
-                topic,
-                lambda message, topic=topic: self._collect(topic, message),
-                qos(topic, LISTENER_DEPTH),
+                message_type(topic), topic, callback, qos(topic, LISTENER_DEPTH)
             )
         self.create_subscription(
             DiagnosticArray, "/diagnostics", self._on_health, qos("/diagnostics")
@@ -64,29 +70,23 @@ class Monitor(Node):
             namespace, _, role = status.name.rpartition("/")
             if namespace == prefix:
                 told = self.health[role] = {v.key: v.value for v in status.values}
-                if role in SOURCES:
-                    self.last_experiment = max(self.last_experiment, int(told["experiment"]))
+                sent = told.get("experiment", "")
+                if role in SOURCES and sent.isdecimal() and len(sent) < DIGITS:
+                    self.last_experiment = max(self.last_experiment, int(sent))
                 if told.get(REFUSED) == str(self.last_experiment):
                     self.last_step = max(self.last_step, self.last_experiment)
 
-    def _collect(self, topic: str, message: Any) -> None:
-        try:
-            record = from_message(topic, message)
-        except LdtError:
-            return  # the nodes count it
-        if topic == "model":
-            self._models[record.version] = record
-            return
-        number = record.experiment if topic in ("signal", "adaptation") else record.number
-        if topic == "experiment":
-            self.last_experiment = number
-        parts = self._parts.setdefault(number, {})
-        parts[topic] = record
-        if len(parts) == len(TOPICS):
-            del self._parts[number]
-            model = self._models.get(parts["adaptation"].model_version)
-            changed = model is not None and model.version != parts["prediction"].model_version
-            self.last_step = number
-            self.on_step(Step(*(parts[t] for t in TOPICS), model if changed else None))
-        elif len(self._parts) > CAPACITY:
-            del self._parts[next(iter(self._parts))]
+    def _on_signal(self, message: Any) -> None:
+        with contextlib.suppress(LdtError):  # the nodes count it
+            signal = from_message("signal", message)
+            self._signals[signal.experiment] = signal
+            if len(self._signals) > CAPACITY:
+                del self._signals[next(iter(self._signals))]
+
+    def _on_adaptation(self, message: Any) -> None:
+        with contextlib.suppress(LdtError):
+            adaptation = from_message("adaptation", message)
+            self.last_step = adaptation.experiment
+            signal = self._signals.pop(adaptation.experiment, None)
+            if signal is not None:
+                self.on_step(signal, adaptation)

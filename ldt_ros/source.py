@@ -45,6 +45,7 @@ class SourceNode(TwinNode):
             DiagnosticArray, "/diagnostics", self._on_health, qos("/diagnostics")
         )
         self._next: Experiment | None = None
+        self._message: Any = None
         self._sent: Experiment | None = None
         self._under_way = False
         self._began: tuple[float, float] | None = None
@@ -140,7 +141,7 @@ class SourceNode(TwinNode):
             self._send()
 
     def _send(self) -> None:
-        self._publisher.publish(to_message(self._next))
+        self._publisher.publish(self._message)
         self._sent = self._next
         self._under_way = True
         self._waiting_since = time.monotonic()
@@ -148,8 +149,10 @@ class SourceNode(TwinNode):
         self._fetch()
 
     def _fetch(self) -> None:
-        self._next = None
+        self._next = self._message = None
         try:
             self._next = self.fetch()
+            if self._next is not None:
+                self._message = to_message(self._next)
         except LdtError as error:  # no fault of the message that it follows
             self.failure = error

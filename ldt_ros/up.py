@@ -25,13 +25,13 @@ from ldt_core.cli.display import RunProgress, print_summaries
 from ldt_core.cli.options import parameters
 from ldt_core.detectors import DETECTORS
 from ldt_core.errors import BadInput, LdtError
-from ldt_core.experiment import Step
+from ldt_core.experiment import Adaptation, Signal
 from ldt_core.machine import load_machine
 from ldt_core.metrics import Summary
 from ldt_core.models import MODELS
 from ldt_core.pace import parse_rate
 from ldt_core.recording.bag import read_bag
-from ldt_core.session import new_recording
+from ldt_core.session import new_recording, recorded_summary
 from ldt_core.settings import resolve
 from ldt_ros.environment import prepare, require_ros
 from ldt_ros.leftovers import SharedMemory
@@ -44,6 +44,9 @@ NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?", re.ASCII)
 STARTUP = 60.0  # s until all nodes must have found each other
 """Groups of parameters that `ldt up` offers and hands on to the nodes."""
 GROUPS = ("machine", "plant", "run", "model", "detector", "adaptor", "player", "pace", "twin")
+
+
+OnStep = Callable[[str, Signal, Adaptation], None]
 
 
 @dataclass
@@ -77,14 +80,14 @@ class Run:
 
 def launch(
     settings: Mapping[str, Any] | None = None,
-    on_step: Callable[[str, Step], None] = lambda machine, step: None,
+    on_step: OnStep = lambda machine, signal, adaptation: None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> list[Run]:
     """Run the node graph to its end.
 
     Args:
         settings: any of the declared parameters; the rest have their defaults.
-        on_step: told of each machine's steps.
+        on_step: told the machine, signal and adaptation of each experiment.
         stopped: asked often; the graph ends in order once it says True.
 
     Returns:
@@ -151,9 +154,7 @@ class Graph:
         on_step: told of each machine's steps.
     """
 
-    def __init__(
-        self, runs: list[Run], supervisor: Supervisor, on_step: Callable[[str, Step], None]
-    ) -> None:
+    def __init__(self, runs: list[Run], supervisor: Supervisor, on_step: OnStep) -> None:
         self.runs = runs
         self.supervisor = supervisor
         self.on_step = on_step
@@ -201,6 +202,8 @@ class Graph:
             self.executor.spin_once(timeout_sec=SPIN)
         # The recorder drains while those who could send a lost packet again are still there.
         self.supervisor.stop(*self._recorders)
+        for run in self.runs:
+            recorded_summary(run.bag, run.namespace, run.summary)
         self._collect_rejections()
 
     def close(self) -> None:
@@ -218,12 +221,8 @@ class Graph:
         ended = [c for c in self.supervisor.dead() if c.name in ("plant", "player")]
         return len(ended) == len(self.runs) or all(m.source_finished for m in self.monitors)
 
-    def _recipient(self, run: Run) -> Callable[[Step], None]:
-        def receive(step: Step) -> None:
-            run.summary.add(step)
-            self.on_step(run.name, step)
-
-        return receive
+    def _recipient(self, run: Run) -> Callable[[Signal, Adaptation], None]:
+        return lambda signal, adaptation: self.on_step(run.name, signal, adaptation)
 
     def _refuse_rivals(self) -> None:
         end = time.monotonic() + LISTEN

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.progress import track as _track
 from rich.table import Table
 
-from ldt_core.experiment import Level, Step
+from ldt_core.experiment import Adaptation, Level, Signal, Step
 from ldt_core.metrics import Summary
 
 Item = TypeVar("Item")
@@ -54,13 +54,16 @@ class RunProgress:
         """What is happening, when it is no step."""
         self._progress.update(self._tasks[machine], description=words)
 
-    def show(self, machine: str, step: Step) -> None:
+    def show_step(self, machine: str, step: Step) -> None:
         """The step that is done."""
-        signal = step.signal
+        self.show(machine, step.signal, step.adaptation)
+
+    def show(self, machine: str, signal: Signal, adaptation: Adaptation) -> None:
+        """The experiment that is done."""
         words = (
             f"max error {signal.max_error:7.3f} rad/s  "
             f"[{COLOURS[signal.level]}]{signal.level.word:8}[/]  "
-            f"model {step.adaptation.model_version}"
+            f"model {adaptation.model_version}"
         )
         self._progress.update(self._tasks[machine], advance=1, description=words)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import click
@@ -41,7 +42,11 @@ def command(
     experiments = paced(played.experiments(), rate)
     with RunProgress({machine.name: None}) as progress:
         summary = session.run(
-            machine, settings, experiments, out, lambda step: progress.show(machine.name, step)
+            machine,
+            settings,
+            experiments,
+            out,
+            partial(progress.show_step, machine.name),
         )
     summary.note(*played.notes)
     print_summaries([(machine.name, summary, out)], settings, as_json)

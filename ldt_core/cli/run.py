@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import click
@@ -41,7 +42,7 @@ def command(settings: dict[str, Any], given: set[str], no_bag: bool, as_json: bo
             settings,
             paced(experiments, rate),
             bag,
-            lambda step: progress.show(machine.name, step),
+            partial(progress.show_step, machine.name),
         )
     if settings["play"]:
         summary.note(*played.notes)
