@@ -55,6 +55,10 @@ class RecorderNode(TwinNode):
         """Whether nothing has arrived for a while, health apart."""
         return time.monotonic() - self._last > QUIET
 
+    def halt(self) -> None:
+        """Begin to wait for quiet: what has come already may not have been taken yet."""
+        self._last = time.monotonic()
+
     def close(self) -> None:
         """Finish the recording."""
         try:
