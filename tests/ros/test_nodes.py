@@ -31,6 +31,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String  # noqa:
 from ldt_ros.adaptor_node import AdaptorNode  # noqa: E402
 from ldt_ros.convert import to_message  # noqa: E402
 from ldt_ros.detector_node import DetectorNode  # noqa: E402
+from ldt_ros.monitor import Monitor  # noqa: E402
 from ldt_ros.pairing import Pairing  # noqa: E402
 from ldt_ros.plant_node import PlantNode  # noqa: E402
 from ldt_ros.player_node import PlayerNode  # noqa: E402
@@ -567,6 +568,53 @@ def test_a_recording_that_breaks_while_it_is_played_ends_the_player(stranger, tm
     assert not node.rejected
 
 
+# ---- the launching process
+
+
+@pytest.fixture
+def monitor(stranger):
+    """The launching process's ear, and the steps that it hears of."""
+    steps: list = []
+    node = Monitor("", lambda *step: steps.append(step), context=stranger.context)
+    stranger.executor.add_node(node)
+    yield node, steps
+    node.destroy_node()
+
+
+def test_garbage_does_not_end_the_launching_process(monitor, stranger):
+    """It is the nodes' to count; what is good is taken all the same."""
+    node, steps = monitor
+    for name in ("plant", "player", "twin"):
+        silent = DiagnosticStatus(name=name)
+        wrong = DiagnosticStatus(name=name, values=[KeyValue(key="experiment", value="9" * 5000)])
+        stranger.send("/diagnostics", DiagnosticArray(status=[silent, wrong]), DiagnosticArray())
+    stranger.until(lambda: {"plant", "player", "twin"} <= set(node.health))
+    for topic, good in {"signal": answer(1), "adaptation": adaptation(1)}.items():
+        bad = bad_statuses(to_message(good)).values()
+        stranger.send(topic, *bad, good, *bad)
+    stranger.until(lambda: steps)
+    assert len(steps) == 1
+    assert node.last_experiment == 0
+
+
+def test_the_launching_process_waits_for_all_that_was_sent_and_not_refused(monitor, stranger):
+    """The source's word says what was sent, the twin's what was refused."""
+    node, _ = monitor
+    assert node.idle  # nothing has begun
+
+    def health(name: str, **values: str) -> DiagnosticArray:
+        pairs = [KeyValue(key=k.replace("_", " "), value=v) for k, v in values.items()]
+        return DiagnosticArray(status=[DiagnosticStatus(name=name, values=pairs)])
+
+    stranger.send("/diagnostics", health("player", experiment="0", finished="false"))
+    stranger.until(lambda: not node.idle, "a source that has begun")
+    stranger.send("/diagnostics", health("player", experiment="2", finished="true"))
+    stranger.until(lambda: node.source_finished)
+    assert not node.idle
+    stranger.send("/diagnostics", health("twin", refused_experiment="2"))
+    stranger.until(lambda: node.idle)
+
+
 # ---- everyone may listen
 
 
@@ -637,9 +685,11 @@ def test_a_burst_right_before_the_end_is_recorded_whole(stranger, tmp_path):
     """The recorder drains what is under way when it is told to stop."""
     process = recorder(tmp_path)
     publisher = stranger.publisher("experiment")
+    process.send_signal(signal.SIGSTOP)  # whatever comes now lies in wait when it goes on
     for number in range(1, 81):
         publisher.publish(to_message(noise(number, 200)))
     process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGCONT)
     # Whoever sends stays until the recorder has ended, as in the graph.
     stranger.until(lambda: process.poll() is not None, "end of the recorder")
     assert (process.returncode, process.communicate()[0]) == (0, "")
