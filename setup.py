@@ -163,6 +163,7 @@ if __name__ == "__main__" and sys.argv[1:2] == ["up"]:
     run("ldt", "up", *sys.argv[2:])
 elif __name__ == "__main__" and sys.argv[1:2] == ["test"]:
     bootstrap("ros,plot,river,test")
-    run("python", "-m", "pytest", *sys.argv[2:])
+    # All tests take all cores; those of one file share what it sets up.
+    run("python", "-m", "pytest", *(sys.argv[2:] or ["-n", "auto", "--dist", "loadfile"]))
 else:
     build()

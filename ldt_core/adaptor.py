@@ -131,11 +131,13 @@ def held_back_errors(model: Model, pool: Sequence[Experiment], holdout: float) -
     present = [model.predict(e).residual(e) for e in pool]
     squares = {"candidate": 0.0, "present": 0.0}
     held_back = 0
+    learner = model
     for training in range(trainings):
         places = [(i + training * len(pool)) % blocks for i in range(len(pool))]
         held = [_block(e, place, blocks) for e, place in zip(pool, places, strict=True)]
         rest = [part for e, block in zip(pool, held, strict=True) for part in _without(e, block)]
-        candidate = model.fit(rest)
+        candidate = learner.fit(rest)
+        learner = model.shaped_like(candidate)
         for e, block, old in zip(pool, held, present, strict=True):
             new = candidate.predict(e).residual(e)
             squares["candidate"] += float(np.sum(new[block] ** 2))

@@ -73,6 +73,13 @@ class Model(abc.ABC):
             LdtError: the experiments do not determine a model; the sentence says why.
         """
 
+    def shaped_like(self, other: Self) -> Self:
+        """A model that, when it learns, takes over what `other` had to choose (an order, say).
+
+        For trying the same choice on several parts of the data; itself where nothing is chosen.
+        """
+        return self
+
     def successor(self, parameters: Mapping[str, Any], experiments: Sequence[Experiment]) -> Self:
         """The next version with these parameters; JSON round trip included, see the class."""
         plain = json.loads(json.dumps(parameters, allow_nan=False))

@@ -91,6 +91,11 @@ class LinearModel(Model):
             experiment.number, experiment.start, experiment.period, self.version, speed, std
         )
 
+    def shaped_like(self, other: Self) -> Self:
+        """The same model, with the order that `other` has."""
+        order = other.state_space.order
+        return type(self)(self.machine, self.parameters, self.version, self.trained_on, order=order)
+
     def fit(self, experiments: Sequence[Experiment]) -> Self:
         """Identified again from these experiments alone, version + 1.
 

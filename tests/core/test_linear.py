@@ -171,3 +171,12 @@ def test_experiments_that_teach_nothing_are_refused(motor):
         model.fit([e, slow])
     with pytest.raises(ExperimentError, match="at least one"):
         model.fit([])
+
+
+def test_a_model_shaped_like_another_learns_with_its_order(motor):
+    """The gate chooses an order once and keeps it for its other trainings."""
+    one = measure(motor, 1)
+    third = LinearModel(motor, order=3).fit([one])
+    shaped = LinearModel(motor).shaped_like(third)
+    assert shaped.version == 0
+    assert shaped.fit([one]).parameters["A"] == third.parameters["A"]
