@@ -22,7 +22,7 @@ import yaml
 import msgs_config
 from ldt_core.cli import run as run_command
 from ldt_core.cli.display import RunProgress, print_summaries
-from ldt_core.cli.options import parameters
+from ldt_core.cli.options import json_option, parameters
 from ldt_core.detectors import DETECTORS
 from ldt_core.errors import BadInput, LdtError
 from ldt_core.experiment import Adaptation, Signal
@@ -285,8 +285,8 @@ def _one_line(error: Exception) -> str:
 
 @click.command("up")
 @parameters(*GROUPS, "recorder", "graph")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def command(settings: dict[str, Any], given: set[str], as_json: bool) -> None:
+@json_option
+def command(settings: dict[str, Any], as_json: bool) -> None:
     """Run the whole node graph: machine, twin, detector, adaptor, recorder.
 
     It simulates the machine as it degrades (or plays a recording), learns, records, ends by itself

@@ -14,6 +14,8 @@ import click
 from ldt_core.errors import LdtError
 
 GROUP = "ldt.command"
+# As wide as the terminal up to 100 columns: the options' descriptions are sentences.
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
 class Commands(click.Group):
@@ -43,7 +45,7 @@ class Commands(click.Group):
             ) from None
 
 
-@click.command(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.command(cls=Commands, context_settings=CONTEXT)
 @click.version_option(package_name="ldt")
 def ldt() -> None:
     """LDT, the learning digital twin.

@@ -50,7 +50,6 @@ def _names(_context: click.Context, _option: click.Parameter, text: str | None) 
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def command(
     settings: dict[str, Any],
-    given: set[str],
     recordings: tuple[str, ...],
     free: list[str],
     fixed: list[str],

@@ -7,34 +7,37 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
 import msgs_config
 from ldt_core.settings import check
 
 _TYPES = {"integer": click.INT, "double": click.FLOAT, "string": click.STRING}
-UNSET = ("", -1.0)  # defaults that mean "take it from elsewhere", not worth showing
+UNSET = ("", -1.0, [])  # defaults that mean "take it from elsewhere", not worth showing
+
+out_option = click.option(
+    "--out", required=True, help="Folder of the new recording, which must not exist."
+)
+namespace_option = click.option(
+    "--namespace", default="", help="Machine whose topics are meant, if there are several."
+)
+json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 
 
-def parameters(*groups: str, without: tuple[str, ...] = ()) -> Callable:
+def parameters(*groups: str) -> Callable:
     """Decorator: an option for each declared parameter of the groups.
 
     The command receives the checked values of all of them, defaults included, in one mapping named
-    `settings`, and the names of those that the user gave in the set `given`.
+    `settings`.
 
     Args:
         groups: groups of `parameters.yaml`.
-        without: parameters of these groups that the command does not offer.
     """
-    declared = {n: d for n, d in msgs_config.parameters(*groups).items() if n not in without}
+    declared = msgs_config.parameters(*groups)
 
     def decorate(function: Callable) -> Callable:
         @functools.wraps(function)
         def call(**values: Any) -> Any:
-            source = click.get_current_context().get_parameter_source
-            given = {name for name in declared if source(name) is not ParameterSource.DEFAULT}
-            settings = {name: values.pop(name) for name in declared}
-            return function(settings=settings, given=given, **values)
+            return function(settings={name: values.pop(name) for name in declared}, **values)
 
         for name, declaration in reversed(declared.items()):
             _option(name, declaration)(call)
@@ -47,6 +50,8 @@ def _option(name: str, declaration: Mapping[str, Any]) -> Callable:
     flag = "--" + name.replace("_", "-")
     kind, unit, default = declaration["type"], declaration.get("unit", ""), declaration["default"]
     text = declaration["description"] + (f" [{unit}]" if unit else "")
+    if choices := [c for c in declaration.get("choices", ()) if c]:
+        text += f" One of {', '.join(choices)}."
     if kind == "bool":
         return click.option(f"{flag}/--no-{flag[2:]}", name, default=default, help=text)
     many = kind == "string_array"
@@ -60,7 +65,7 @@ def _option(name: str, declaration: Mapping[str, Any]) -> Callable:
         type=click.STRING if many else _TYPES[kind],
         multiple=many,
         default=default,
-        show_default=bool(default) and default not in UNSET,
+        show_default=default not in UNSET,
         callback=checked,
         help=text,
     )

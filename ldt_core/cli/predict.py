@@ -6,20 +6,17 @@ from typing import Any
 
 import click
 
-from ldt_core.cli.options import parameters
+from ldt_core.cli.options import json_option, namespace_option, out_option, parameters
 
 
 @click.command("predict")
 @click.argument("recording")
 @parameters("machine")
-@click.option("--out", required=True, help="Folder of the new recording, which must not exist.")
-@click.option(
-    "--namespace", default="", help="Machine whose topics are meant, if there are several."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print the errors as JSON.")
+@out_option
+@namespace_option
+@json_option
 def command(
     settings: dict[str, Any],
-    given: set[str],
     recording: str,
     out: str,
     namespace: str,

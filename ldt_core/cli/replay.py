@@ -8,20 +8,17 @@ from typing import Any
 import click
 
 from ldt_core.cli.display import RunProgress, print_summaries
-from ldt_core.cli.options import parameters
+from ldt_core.cli.options import json_option, namespace_option, out_option, parameters
 
 
 @click.command("replay")
 @click.argument("recording")
-@click.option("--out", required=True, help="Folder of the new recording, which must not exist.")
-@click.option(
-    "--namespace", default="", help="Machine whose topics are meant, if there are several."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@out_option
+@namespace_option
+@json_option
 @parameters("machine", "model", "detector", "adaptor", "pace")
 def command(
     settings: dict[str, Any],
-    given: set[str],
     recording: str,
     out: str,
     namespace: str,

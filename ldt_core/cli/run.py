@@ -8,14 +8,14 @@ from typing import Any
 import click
 
 from ldt_core.cli.display import RunProgress, print_summaries
-from ldt_core.cli.options import parameters
+from ldt_core.cli.options import json_option, parameters
 
 
 @click.command("run")
 @parameters("machine", "plant", "run", "model", "detector", "adaptor", "player", "pace", "recorder")
 @click.option("--no-bag", is_flag=True, help="Record nothing.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def command(settings: dict[str, Any], given: set[str], no_bag: bool, as_json: bool) -> None:
+@json_option
+def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
     """Run the same loop as `ldt up` without ROS: same options, same numbers.
 
     Example: ldt run --experiments 40 --seed 3 --model linear

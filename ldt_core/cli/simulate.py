@@ -6,14 +6,14 @@ from typing import Any
 
 import click
 
-from ldt_core.cli.options import parameters
+from ldt_core.cli.options import out_option, parameters
 
 
 @click.command("simulate")
 @parameters("machine", "run", "plant")
-@click.option("--out", required=True, help="Folder of the recording, which must not exist.")
+@out_option
 @click.option("--namespace", default="", help="Namespace of the machine's topics.")
-def command(settings: dict[str, Any], given: set[str], out: str, namespace: str) -> None:
+def command(settings: dict[str, Any], out: str, namespace: str) -> None:
     """Write the experiments of a simulated machine, with effects that its file does not know.
 
     Nothing wears unless --degradation says so.
