@@ -114,7 +114,7 @@ def test_the_installed_package_runs(workspace, tmp_path):
 def test_an_installed_node_runs(workspace, domain, tmp_path):
     """`ros2 run ldt ldt_player` by its executable: it plays to the end, and ends by itself."""
     pytest.importorskip("rclpy")
-    from conftest import experiment
+    from stranger import experiment
 
     with BagWriter(tmp_path / "bag", machine="rotor") as writer:
         writer.write("experiment", experiment(1), experiment(1).end)

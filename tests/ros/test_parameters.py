@@ -18,10 +18,10 @@ from ldt_core.recording.writer import BagWriter
 
 rclpy = pytest.importorskip("rclpy")
 
-from conftest import experiment  # noqa: E402
 from rcl_interfaces.msg import ParameterType  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
+from stranger import experiment  # noqa: E402
 
 from ldt_ros.detector_node import DetectorNode  # noqa: E402
 from ldt_ros.interfaces import declare  # noqa: E402
@@ -50,7 +50,7 @@ def as_option(capsys, *arguments: str) -> tuple[int, dict, str]:
 
     @click.command("all")
     @parameters()
-    def command(settings: dict, given: set) -> None:
+    def command(settings: dict, **_: object) -> None:
         seen.update(settings)
 
     seen = settings

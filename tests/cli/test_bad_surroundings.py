@@ -1,0 +1,105 @@
+"""What a user meets that no file is to blame for: a full disk, no ROS, a domain that cannot be."""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+
+import pytest
+
+from ldt_core.cli import ldt, run
+from ldt_core.recording.bag import read_bag
+
+BAD = 2  # exit code: what was given cannot be used
+FAILED = 1  # exit code: the work itself failed
+
+
+def ldt_process(*arguments: str, before=None, code: str = "", **environment: str):
+    """(exit code, stdout, stderr) of a command."""
+    program = f"{code}\nfrom ldt_core.cli import main\nmain({list(arguments)!r})"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        preexec_fn=before,
+        env={**os.environ, **environment},
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def one_sentence(errors: str, *words: str) -> None:
+    assert errors.startswith("ldt: ")
+    assert errors.count("\n") == 1, errors
+    for word in words:
+        assert word in errors
+
+
+def test_a_full_disk_is_a_failure_that_keeps_what_was_written(tmp_path):
+    """Exit code 1; the experiments before it are in the recording."""
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+
+    out = str(tmp_path / "out")
+    code, _, errors = ldt_process("simulate", "--experiments", "400", "--out", out, before=limit)
+    assert code == FAILED, errors
+    one_sentence(errors, out, "recording stopped after", "stay readable")
+    kept = [e.number for e in read_bag(out).experiments()]
+    assert kept == list(range(1, len(kept) + 1))
+    assert kept
+
+
+BLOCK = """
+import sys
+
+class Without:
+    def __init__(self, finder):
+        self.finder = finder
+
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("rclpy", "std_msgs", "diagnostic_msgs", "rcl_interfaces"):
+            return None
+        return self.finder.find_spec(name, path, target)
+
+    def __getattr__(self, name):
+        return getattr(self.finder, name)
+
+sys.meta_path[:] = [Without(finder) for finder in sys.meta_path]
+"""
+
+
+def test_without_ros_up_says_what_is_missing_and_run_works(tmp_path):
+    """`ldt run` is the same loop."""
+    code, _, errors = ldt_process("up", "--bag", str(tmp_path / "a"), code=BLOCK)
+    assert code == BAD
+    one_sentence(errors, "ROS 2 Jazzy", "pip install", "`ldt run`")
+    run_it = ["run", "--experiments", "1", "--model", "physics", "--bag", str(tmp_path / "b")]
+    code, _, errors = ldt_process(*run_it, code=BLOCK)
+    assert (code, errors) == (0, "")
+
+
+@pytest.mark.parametrize("domain", ["abc", "999", "-1", "1.5", "233"])
+def test_a_domain_that_cannot_be_is_refused(domain, tmp_path, monkeypatch, capfd):
+    """Fast DDS would end the process without a word of ours."""
+    pytest.importorskip("rclpy")
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    code = run(ldt, ["up", "--experiments", "1", "--bag", str(tmp_path / "bag")])
+    assert code == BAD
+    one_sentence(capfd.readouterr().err, "ROS_DOMAIN_ID", "0 to 232", repr(domain))
+
+
+def test_a_reader_that_leaves_early_is_no_traceback():
+    """`ldt --help | head -1`."""
+    command = [sys.executable, "-c", "from ldt_core.cli import main; main(['run', '--help'])"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    errors = process.stderr.read()
+    process.wait(60)
+    process.stderr.close()
+    assert "Traceback" not in errors

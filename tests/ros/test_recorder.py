@@ -1,0 +1,90 @@
+"""The recorder in a process of its own: what it keeps when it ends, and when the disk is full."""
+
+from __future__ import annotations
+
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ldt_core.recording.bag import read_bag
+
+rclpy = pytest.importorskip("rclpy")
+
+
+from stranger import LENGTH, PERIOD, experiment  # noqa: E402
+
+from ldt_ros.convert import to_message  # noqa: E402
+
+LIMIT = 200_000  # bytes; the disk is full then
+
+
+def recorder(tmp_path: Path, *arguments: str, before=None) -> subprocess.Popen[str]:
+    """A recorder in a process of its own."""
+    ros = ["--ros-args", "-p", f"bag:={tmp_path / 'bag'}", *arguments]
+    return subprocess.Popen(
+        [sys.executable, "-m", "ldt_ros.process", "--node", "recorder", *ros],
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        preexec_fn=before,
+    )
+
+
+def noise(number: int, length: int = LENGTH):
+    """An experiment that does not compress."""
+    random = np.random.default_rng(number)
+    base = experiment(number, length=length)
+    return type(base)(number, base.start, PERIOD, base.voltage, random.normal(size=length))
+
+
+def test_a_burst_right_before_the_end_is_recorded_whole(stranger, tmp_path):
+    """The recorder drains what is under way when it is told to stop."""
+    process = recorder(tmp_path)
+    publisher = stranger.publisher("experiment")
+    process.send_signal(signal.SIGSTOP)  # whatever comes now lies in wait when it goes on
+    for number in range(1, 81):
+        publisher.publish(to_message(noise(number, 200)))
+    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGCONT)
+    # Whoever sends stays until the recorder has ended, as in the graph.
+    stranger.until(lambda: process.poll() is not None, "end of the recorder")
+    assert (process.returncode, process.communicate()[0]) == (0, "")
+    bag = read_bag(tmp_path / "bag")
+    assert bag.damage is None
+    assert [e.number for e in bag.experiments()] == list(range(1, 81))
+
+
+def test_a_full_disk_is_counted_and_what_was_written_stays(stranger, tmp_path):
+    """One line in the log, a count in /diagnostics, exit code 0: the twin does not depend on it."""
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (LIMIT, LIMIT))
+
+    process = recorder(tmp_path, before=limit)
+    stranger.listen("/diagnostics")
+    publisher = stranger.publisher("experiment")
+    numbers = iter(range(1, 10_000))
+
+    def full() -> dict[str, str]:
+        publisher.publish(to_message(noise(next(numbers), 2000)))
+        stranger.spin(0.02)
+        told = stranger.health("recorder")
+        return told if "rejected experiment: LdtError" in told else {}
+
+    told = stranger.until(full, "rejections by the recorder")
+    assert told["level"] == 1
+    assert "recording stopped after" in told["last rejection"]
+    process.send_signal(signal.SIGINT)
+    stranger.until(lambda: process.poll() is not None, "end of the recorder")
+    output = process.communicate()[0]
+    assert process.returncode == 0, output
+    assert output.count("rejected a message on experiment") == 1, output
+    assert "Traceback" not in output
+    kept = [e.number for e in read_bag(tmp_path / "bag").experiments()]
+    assert kept == list(range(1, len(kept) + 1))
+    assert kept
