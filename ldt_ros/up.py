@@ -103,16 +103,19 @@ def launch(
     folder = Path(tempfile.mkdtemp(prefix="ldt-"))
     environment = prepare(folder)
     supervisor = Supervisor(folder, environment)
-    with SharedMemory():
-        try:
+    keep_output = False
+    try:
+        with SharedMemory(), ExitStack() as stack:
+            stack.callback(supervisor.stop_all)
             graph = Graph(runs, supervisor, on_step)
-            try:
-                graph.run(stopped)
-            finally:
-                graph.close()
-        finally:
-            supervisor.stop_all()
-    shutil.rmtree(folder, ignore_errors=True)
+            stack.callback(graph.close)
+            graph.run(stopped)
+    except LdtError as error:
+        keep_output = error.exit_code == LdtError.exit_code
+        raise
+    finally:
+        if not keep_output:
+            shutil.rmtree(folder, ignore_errors=True)
     return runs
 
 
@@ -263,7 +266,9 @@ class Graph:
             if code == BadInput.exit_code:
                 _, _, sentence = words.partition(": ")
                 raise _Refused(sentence or words)
-            raise LdtError(f"{child.name} ended with code {code}: {words}")
+            raise LdtError(
+                f"{child.name} ended with code {code}: {words} (all output: {child.log.parent})"
+            )
 
     def _collect_rejections(self) -> None:
         for run, monitor in zip(self.runs, self.monitors, strict=True):

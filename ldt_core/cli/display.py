@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from rich.console import Console
@@ -94,7 +95,7 @@ def print_summaries(
     for machine, summary, bag in runs:
         for note in summary.notes:
             console.print(f"{machine}: {note}", markup=False, highlight=False)
-        if bag:
+        if bag and Path(bag).exists():
             console.print(f"recording: {bag}", markup=False, highlight=False)
 
 
