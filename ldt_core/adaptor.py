@@ -83,7 +83,8 @@ class Adaptor:
         return Adaptation(experiment.number, action, version, reason, details), self.model
 
     def _learn(self, experiment: Experiment) -> tuple[Action, str, dict[str, float]]:
-        pool = self.memory.union(experiment)
+        # One model has one sample period: a machine whose period has changed is learned anew.
+        pool = [e for e in self.memory.union(experiment) if _same_period(e, experiment)]
         details: dict[str, float] = {"experiments": len(pool)}
         stays = f"version {self.model.version} stays"
         if not self.model.adaptive:
@@ -156,6 +157,10 @@ def _without(experiment: Experiment, block: slice) -> list[Experiment]:
     before = [experiment.part(0, block.start)] if block.start else []
     after = [experiment.part(block.stop, len(experiment))] if block.stop < len(experiment) else []
     return before + after
+
+
+def _same_period(one: Experiment, other: Experiment) -> bool:
+    return math.isclose(one.period, other.period, rel_tol=1e-6)
 
 
 def _figures(details: dict[str, float]) -> str:

@@ -87,6 +87,14 @@ class Machine:
                 f"{experiment.voltage[at]:g} V at sample {at} ({int(outside.sum())} in all)",
             )
 
+    def may_have_made(self, experiment: Experiment) -> bool:
+        """Whether `check` lets the experiment pass."""
+        try:
+            self.check(experiment)
+        except ExperimentError:
+            return False
+        return True
+
     def as_dict(self) -> dict[str, Any]:
         """The machine file's keys, ready for YAML or JSON."""
         record = {

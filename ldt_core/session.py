@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,45 @@ def new_recording(machine: str) -> Path:
         count += 1
         path = RECORDINGS / f"{stem}-{count}"
     return path
+
+
+@dataclass(frozen=True)
+class Member:
+    """One machine of a run.
+
+    Args:
+        name: for people.
+        namespace: of its topics, "" for the root.
+        settings: its own: seed, recording.
+        bag: folder of its recording.
+    """
+
+    name: str
+    namespace: str
+    settings: dict[str, Any]
+    bag: Path
+
+
+def fleet(machine: Machine, settings: Mapping[str, Any]) -> list[Member]:
+    """The machines of a run, each with its own namespace, seed and recording.
+
+    Raises:
+        BadInput: a recording that exists, or several machines for one recording to play.
+    """
+    count = settings["machines"]
+    if count > 1 and settings["play"]:
+        raise BadInput("machines", "1 together with play", count)
+    base = Path(settings["bag"]) if settings["bag"] else new_recording(machine.name)
+    if base.exists():
+        raise BadInput(base, "a folder that does not exist yet, for the recording", "one that does")
+    members = []
+    for index in range(count):
+        name = f"machine_{index + 1}" if count > 1 else machine.name
+        bag = base / name if count > 1 else base
+        parts = [settings["namespace"].strip("/"), name if count > 1 else ""]
+        own = {**settings, "seed": settings["seed"] + index, "bag": str(bag)}
+        members.append(Member(name, "/".join(p for p in parts if p), own, bag))
+    return members
 
 
 def run(
@@ -84,12 +124,13 @@ def write_step(writer: BagWriter, step: Step) -> None:
     writer.write("adaptation", step.adaptation, end)
 
 
-def recorded_summary(bag: Path | str, namespace: str, summary: Summary) -> None:
+def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary: Summary) -> None:
     """Fill a summary from a recording of a run, experiments that went all the way alone.
 
     Args:
         bag: the recording.
         namespace: of the machine in it, "" for the root.
+        machine: what could not be its experiment does not count.
         summary: gets the figures, and a note where the recording is damaged or cannot be read.
     """
     try:
@@ -101,13 +142,15 @@ def recorded_summary(bag: Path | str, namespace: str, summary: Summary) -> None:
         for signal in opened.records("signal"):
             if signal.experiment in done:
                 summary.add_signal(signal)
-        originals = opened.records("original_prediction")
-        original = next(originals, None)
+        originals = {p.number: p.start for p in opened.records("original_prediction")}
+        predictions = opened.records("original_prediction")
         for experiment in opened.experiments():
-            while original is not None and original.number < experiment.number:
-                original = next(originals, None)
-            known = original is not None and original.number == experiment.number
-            if known and experiment.number in done:
+            # A number may come twice: the one that was predicted has the prediction's start.
+            if originals.get(experiment.number) != experiment.start:
+                continue
+            if experiment.number in done and machine.may_have_made(experiment):
+                del originals[experiment.number]
+                original = next(p for p in predictions if p.number == experiment.number)
                 summary.add_original(original.max_error(experiment))
         summary.note(*opened.notes)
     except BadInput as error:

@@ -7,7 +7,6 @@ from typing import Any
 
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment, Level, Signal
-from ldt_core.machine import load_machine
 from ldt_core.models import build_model
 from ldt_core.twin import build_adaptor
 from ldt_ros.convert import from_message, to_message
@@ -31,8 +30,7 @@ class AdaptorNode(TwinNode):
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("adaptor", "machine", "model", "adaptor", **node_arguments)
-        machine = load_machine(self.settings["machine"])
-        model = build_model(self.settings["model"], machine, self.settings)
+        model = build_model(self.settings["model"], self.machine, self.settings)
         self.adaptor = build_adaptor(model, self.settings)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="adaptor")
         # One thread writes each, so that neither needs a lock.
@@ -60,7 +58,9 @@ class AdaptorNode(TwinNode):
 
     def _on_experiment(self, message: Any) -> None:
         experiment = from_message("experiment", message)
-        self._pairs.left(experiment.number, experiment)
+        # What the twin refuses and tells of must not wait here for its corrected successor.
+        if self.machine.may_have_made(experiment):
+            self._pairs.left(experiment.number, experiment)
 
     def _on_signal(self, message: Any) -> None:
         signal = from_message("signal", message)
@@ -88,4 +88,4 @@ class AdaptorNode(TwinNode):
         adaptation, model = self.adaptor.step(experiment, signal)
         if model.version != before:
             self._model.publish(to_message(model.record()))
-        self._adaptation.publish(to_message(adaptation, experiment.end, self.settings["machine"]))
+        self._adaptation.publish(to_message(adaptation, experiment.end, self.machine.name))

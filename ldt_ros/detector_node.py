@@ -38,7 +38,9 @@ class DetectorNode(TwinNode):
 
     def _on_experiment(self, message: Any) -> None:
         experiment = from_message("experiment", message)
-        self._pairs.left(experiment.number, experiment)
+        # What the twin refuses and tells of must not wait here for its corrected successor.
+        if self.machine.may_have_made(experiment):
+            self._pairs.left(experiment.number, experiment)
 
     def _on_prediction(self, message: Any) -> None:
         prediction = from_message("prediction", message)
@@ -47,4 +49,4 @@ class DetectorNode(TwinNode):
     def _on_pair(self, experiment: Experiment, prediction: Prediction) -> None:
         signal = self.judge.judge(experiment, prediction)
         self._last = signal.level.word
-        self._signal.publish(to_message(signal, experiment.end, self.settings["machine"]))
+        self._signal.publish(to_message(signal, experiment.end, self.machine.name))

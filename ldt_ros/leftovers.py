@@ -14,14 +14,17 @@ OURS = ("lttng-ust-wait-", "fastrtps_", "fastdds_", "sem.fastrtps_", "sem.fastdd
 
 
 class SharedMemory:
-    """Context that removes the middleware's shared-memory files made within it by this user."""
+    """Context that removes the middleware's shared-memory files made within it by this user.
+
+    A file that another live process has mapped stays.
+    """
 
     def __enter__(self) -> Self:
         self._before = self._files()
         return self
 
     def __exit__(self, *_: object) -> None:
-        for name in self._files() - self._before:
+        for name in self._files() - self._before - _mapped_by_others():
             with contextlib.suppress(OSError):
                 (SHARED / name).unlink()
 
@@ -34,3 +37,17 @@ class SharedMemory:
                 if path.name.startswith(OURS) and path.stat().st_uid == os.getuid():
                     own.add(path.name)
         return own
+
+
+def _mapped_by_others() -> set[str]:
+    """Names of shared-memory files that another live process has open: they are its own."""
+    names = set()
+    for maps in Path("/proc").glob("[0-9]*/maps"):
+        if maps.parent.name == str(os.getpid()):
+            continue
+        with contextlib.suppress(OSError):
+            for line in maps.read_text(errors="replace").splitlines():
+                _, found, name = line.partition(f"{SHARED}/")
+                if found:
+                    names.add(name.split(" ")[0])
+    return names

@@ -64,6 +64,12 @@ class Monitor(Node):
         started = any(role in self.health for role in SOURCES)
         return self.last_step >= self.last_experiment and (self.source_finished or not started)
 
+    @property
+    def busy(self) -> bool:
+        """Whether a node has told that it works on experiments that have not gone all the way."""
+        adaptor, twin = self.health.get("adaptor", {}), self.health.get("twin", {})
+        return adaptor.get("training") == "true" or twin.get("waiting", "0") != "0"
+
     def _on_health(self, message: DiagnosticArray) -> None:
         prefix = self.get_namespace().strip("/")
         for status in message.status:
@@ -86,7 +92,7 @@ class Monitor(Node):
     def _on_adaptation(self, message: Any) -> None:
         with contextlib.suppress(LdtError):
             adaptation = from_message("adaptation", message)
-            self.last_step = adaptation.experiment
+            self.last_step = max(self.last_step, adaptation.experiment)
             signal = self._signals.pop(adaptation.experiment, None)
             if signal is not None:
                 self.on_step(signal, adaptation)

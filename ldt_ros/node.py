@@ -15,6 +15,7 @@ from rclpy.subscription import Subscription
 
 import msgs_config
 from ldt_core.errors import LdtError
+from ldt_core.machine import load_machine
 from ldt_ros.interfaces import declare, message_type, qos
 
 HEALTH_PERIOD = 1.0  # s, as the stock diagnostic aggregator expects
@@ -39,6 +40,7 @@ class TwinNode(Node):
         super().__init__(role, **node_arguments)
         self.role = role
         self.settings = declare(self, *groups, "node")
+        self.machine = load_machine(self.settings["machine"])
         self.full_name = f"{self.get_namespace().strip('/')}/{role}".lstrip("/")
         #: Set when the node has no more work, for nodes that end by themselves.
         self.finished = False
@@ -145,7 +147,7 @@ class TwinNode(Node):
         """Publish health now: others wait for what it says."""
         self._told_at = time.monotonic()
         ready, rivals = self._told[:2] if self._told else (False, ())
-        status = DiagnosticStatus(name=self.full_name, hardware_id=self.settings.get("machine", ""))
+        status = DiagnosticStatus(name=self.full_name, hardware_id=self.machine.name)
         status.level, status.message = self._verdict(rivals)
         values = {"ready": _word(ready), "finished": _word(self.finished)}
         values |= self.health()

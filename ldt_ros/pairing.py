@@ -52,9 +52,6 @@ class Pairing(Generic[Left, Right]):
         if number in side:
             self.dropped += 1
             return
-        if number in side:
-            self.dropped += 1
-            return
         side[number] = item
         if len(side) > self.capacity:
             del side[next(iter(side))]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from ldt_core.experiment import Experiment
-from ldt_core.machine import load_machine
 from ldt_core.plant import Plant
 from ldt_ros.source import SourceNode
 
@@ -15,8 +14,7 @@ class PlantNode(SourceNode):
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("plant", "machine", "plant", "run", **node_arguments)
-        machine = load_machine(self.settings["machine"])
-        self.plant = Plant.from_settings(machine, self.settings)
+        self.plant = Plant.from_settings(self.machine, self.settings)
         self._number = 0
 
     def fetch(self) -> Experiment | None:

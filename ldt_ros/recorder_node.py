@@ -8,7 +8,6 @@ from typing import Any
 
 import msgs_config
 from ldt_core.errors import LdtError
-from ldt_core.machine import load_machine
 from ldt_core.recording.writer import BagWriter
 from ldt_core.session import new_recording
 from ldt_ros.interfaces import LISTENER_DEPTH
@@ -29,7 +28,7 @@ class RecorderNode(TwinNode):
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("recorder", "machine", "recorder", **node_arguments)
-        machine = load_machine(self.settings["machine"]).name
+        machine = self.machine.name
         bag = self.settings["bag"] or new_recording(machine)
         recorded = {
             topic: (self.resolve_topic_name(topic), declaration["type"])

@@ -47,6 +47,7 @@ class SourceNode(TwinNode):
         self._next: Experiment | None = None
         self._message: Any = None
         self._sent: Experiment | None = None
+        self._count = 0
         self._under_way = False
         self._began: tuple[float, float] | None = None
         self._waiting_since = 0.0
@@ -63,8 +64,8 @@ class SourceNode(TwinNode):
         return self.ready and others <= self._ready_peers
 
     def health(self) -> dict[str, Any]:
-        """Number of the last experiment sent."""
-        return {"experiment": self._sent.number if self._sent else 0}
+        """Number of the last experiment sent, and how many were."""
+        return {"experiment": self._sent.number if self._sent else 0, "sent": self._count}
 
     def halt(self) -> None:
         """Send no further experiment, and say which was the last."""
@@ -143,6 +144,7 @@ class SourceNode(TwinNode):
     def _send(self) -> None:
         self._publisher.publish(self._message)
         self._sent = self._next
+        self._count += 1
         self._under_way = True
         self._waiting_since = time.monotonic()
         # While the twin works on this one, the next is made.

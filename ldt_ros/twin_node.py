@@ -8,7 +8,6 @@ from typing import Any
 
 from ldt_core.errors import ExperimentError, LdtError
 from ldt_core.experiment import Adaptation, Experiment
-from ldt_core.machine import load_machine
 from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
 from ldt_core.twin import Predictor
@@ -31,7 +30,8 @@ class PredictorNode(TwinNode):
     | `experiment`, impossible for the machine | rejected, `refused experiment` told at once |
     | more than 100 experiments waiting | the oldest is dropped and counted |
     | `model` | kept until an adaptation names its version; the last three |
-    | `adaptation` of another than the last | ignored |
+    | `adaptation` of an earlier one | its model is taken when the time is out |
+    | `adaptation` of one not predicted | ignored |
     | anything malformed | counted, logged once per kind |
 
     `refused experiment` is in `/diagnostics`: no adaptation of that number will come, which those
@@ -40,13 +40,13 @@ class PredictorNode(TwinNode):
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("twin", "machine", "model", "twin", **node_arguments)
-        self.machine = load_machine(self.settings["machine"])
         model = build_model(self.settings["model"], self.machine, self.settings)
         self.predictor = Predictor(self.machine, model)
         self.predictor.warm_up()
         self._models: dict[int, Model] = {model.version: model}
         self._waiting: deque[tuple[Experiment, float]] = deque()
         self._adapted: Adaptation | None = None
+        self._predicted_at = 0.0
         self._refused = 0
         self._timeouts = 0
         self._dropped = 0
@@ -82,7 +82,10 @@ class PredictorNode(TwinNode):
 
     def _on_adaptation(self, message: Any) -> None:
         adaptation = from_message("adaptation", message)
-        if adaptation.experiment == self.predictor.last:
+        last, newest = self.predictor.last, self._adapted
+        if last is None or adaptation.experiment > last:
+            return
+        if newest is None or adaptation.experiment > newest.experiment:
             self._adapted = adaptation
             self._go_on()
 
@@ -114,6 +117,7 @@ class PredictorNode(TwinNode):
                 self._refuse(experiment, error)
                 continue
             self._prediction.publish(to_message(prediction))
+            self._predicted_at = time.monotonic()
             try:
                 # Nobody waits for the yardstick, so it is made while the detector works.
                 self._original.publish(to_message(self.predictor.original.predict(experiment)))
@@ -131,8 +135,12 @@ class PredictorNode(TwinNode):
             if model is not None:
                 self.predictor.model = model
                 return True
-        if time.monotonic() - since < self.settings["adaptation_timeout"]:
+        # A backlog is no reason to hurry: the time runs from when this one's turn came.
+        turn = max(since, self._predicted_at)
+        if time.monotonic() - turn < self.settings["adaptation_timeout"]:
             return False
+        if adapted is not None and adapted.model_version in self._models:
+            self.predictor.model = self._models[adapted.model_version]
         self._timeouts += 1
         self.get_logger().warning(
             f"no adaptation of experiment {last} within {self.settings['adaptation_timeout']:g} s: "

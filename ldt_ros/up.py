@@ -5,6 +5,7 @@ python -m ldt_ros.up --experiments 40 --seed 3
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import signal
@@ -26,14 +27,14 @@ from ldt_core.cli.options import json_option, parameters
 from ldt_core.detectors import DETECTORS
 from ldt_core.errors import BadInput, LdtError
 from ldt_core.experiment import Adaptation, Signal
-from ldt_core.machine import load_machine
+from ldt_core.machine import Machine, load_machine
 from ldt_core.metrics import Summary
 from ldt_core.models import MODELS
 from ldt_core.pace import parse_rate
 from ldt_core.recording.bag import read_bag
-from ldt_core.session import new_recording, recorded_summary
+from ldt_core.session import Member, fleet, recorded_summary
 from ldt_core.settings import resolve
-from ldt_ros.environment import prepare, require_ros
+from ldt_ros.environment import one_line, prepare, require_ros
 from ldt_ros.leftovers import SharedMemory
 from ldt_ros.supervisor import Child, Supervisor
 
@@ -41,6 +42,7 @@ LISTEN = 0.3  # s for rivals in this domain to show themselves; discovery takes 
 SETTLE = 3.0  # s that an interrupted run waits for the experiment under way
 SPIN = 0.05  # s
 NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?", re.ASCII)
+COUNTS = ("dropped", "adaptation time-outs", "unpaired")  # of a node's health, worth a note
 STARTUP = 60.0  # s until all nodes must have found each other
 """Groups of parameters that `ldt up` offers and hands on to the nodes."""
 GROUPS = ("machine", "plant", "run", "model", "detector", "adaptor", "player", "pace", "twin")
@@ -54,18 +56,34 @@ class Run:
     """One machine of the graph, and what happened with it.
 
     Args:
-        name: of the machine, for people.
-        namespace: of its topics.
-        settings: of its nodes.
+        machine: as its twin knows it.
+        member: its name, namespace, settings and recording.
         summary: of its steps.
-        bag: folder of its recording.
     """
 
-    name: str
-    namespace: str
-    settings: dict[str, Any]
+    machine: Machine
+    member: Member
     summary: Summary
-    bag: Path
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return self.member.name
+
+    @property
+    def namespace(self) -> str:
+        """Of its topics."""
+        return self.member.namespace
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Of its nodes."""
+        return self.member.settings
+
+    @property
+    def bag(self) -> Path:
+        """Folder of its recording."""
+        return self.member.bag
 
     @property
     def source(self) -> str:
@@ -101,6 +119,7 @@ def launch(
     require_ros()
     runs = _plan(given)
     folder = Path(tempfile.mkdtemp(prefix="ldt-"))
+    before = dict(os.environ)
     environment = prepare(folder)
     supervisor = Supervisor(folder, environment)
     keep_output = False
@@ -114,6 +133,8 @@ def launch(
         keep_output = error.exit_code == LdtError.exit_code
         raise
     finally:
+        os.environ.clear()
+        os.environ.update(before)
         if not keep_output:
             shutil.rmtree(folder, ignore_errors=True)
     return runs
@@ -121,7 +142,6 @@ def launch(
 
 def _plan(settings: dict[str, Any]) -> list[Run]:
     machine = load_machine(settings["machine"])
-    count = settings["machines"]
     # What a node would refuse as well, but a second later and in a process of its own.
     parse_rate(settings["rate"])
     MODELS.require(settings["model"])
@@ -131,20 +151,11 @@ def _plan(settings: dict[str, Any]) -> list[Run]:
     if not NAMESPACE.fullmatch(settings["namespace"]):
         words = "words of letters, digits and underscores, joined by slashes"
         raise BadInput("namespace", words, repr(settings["namespace"]))
-    if count > 1 and settings["play"]:
-        raise BadInput("machines", "1 together with play", count)
-    base = Path(settings["bag"]) if settings["bag"] else new_recording(machine.name)
-    if base.exists():
-        raise BadInput(base, "a folder that does not exist yet, for the recording", "one that does")
     runs = []
-    for index in range(count):
-        name = f"machine_{index + 1}" if count > 1 else machine.name
-        parts = [settings["namespace"].strip("/"), name if count > 1 else ""]
-        own = {**settings, "seed": settings["seed"] + index}
-        bag = base / name if count > 1 else base
-        own["bag"] = str(bag)
-        runs.append(Run(name, "/".join(p for p in parts if p), own, Summary(), bag))
-        own["graph"] = runs[-1].roles
+    for member in fleet(machine, settings):
+        run = Run(machine, member, Summary())
+        member.settings["graph"] = run.roles
+        runs.append(run)
     return runs
 
 
@@ -172,14 +183,19 @@ class Graph:
         from ldt_ros.monitor import Monitor
 
         try:
-            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-            self.monitors = [Monitor(r.namespace, self._recipient(r)) for r in runs]
+            # A context of its own: the caller may have nodes in the default one.
+            self.context = rclpy.Context()
+            no_handlers = SignalHandlerOptions.NO
+            rclpy.init(args=[], context=self.context, signal_handler_options=no_handlers)
+            self.monitors = [
+                Monitor(r.namespace, self._recipient(r), context=self.context) for r in runs
+            ]
         except Exception as error:
-            rclpy.try_shutdown()
+            rclpy.try_shutdown(context=self.context)
             raise BadInput(
-                "ROS 2", "a domain and namespace that a node can be created in", _one_line(error)
+                "ROS 2", "a domain and namespace that a node can be created in", one_line(error)
             ) from error
-        self.executor = EventsExecutor()
+        self.executor = EventsExecutor(context=self.context)
         for monitor in self.monitors:
             self.executor.add_node(monitor)
         supervisor.wait = lambda seconds: self.executor.spin_once(timeout_sec=seconds)
@@ -203,11 +219,13 @@ class Graph:
         deadline = time.monotonic() + SETTLE
         while not all(m.idle for m in self.monitors) and time.monotonic() < deadline:
             self.executor.spin_once(timeout_sec=SPIN)
+            if not stopped() and any(m.busy for m in self.monitors):
+                deadline = time.monotonic() + SETTLE
         # The recorder drains while those who could send a lost packet again are still there.
         self.supervisor.stop(*self._recorders)
         for run in self.runs:
-            recorded_summary(run.bag, run.namespace, run.summary)
-        self._collect_rejections()
+            recorded_summary(run.bag, run.namespace, run.machine, run.summary)
+        self._collect_notes()
 
     def close(self) -> None:
         """End every process and the monitors."""
@@ -217,7 +235,7 @@ class Graph:
         self.supervisor.wait = time.sleep
         for monitor in self.monitors:
             monitor.destroy_node()
-        rclpy.try_shutdown()
+        rclpy.try_shutdown(context=self.context)
 
     def _finished(self) -> bool:
         """Whether every source has nothing more to send, by its own word or by having ended."""
@@ -270,22 +288,30 @@ class Graph:
                 f"{child.name} ended with code {code}: {words} (all output: {child.log.parent})"
             )
 
-    def _collect_rejections(self) -> None:
+    def _collect_notes(self) -> None:
+        """What the nodes counted that a person should know, and what is missing."""
         for run, monitor in zip(self.runs, self.monitors, strict=True):
-            for role, values in monitor.health.items():
+            summary, health = run.summary, monitor.health
+            for role, values in health.items():
                 for key, count in values.items():
                     if key.startswith("rejected "):
-                        run.summary.note(f"{role} {key}: {count} ({values.get('last rejection')})")
+                        summary.note(f"{role} {key}: {count} ({values.get('last rejection')})")
+                    elif key in COUNTS and count != "0":
+                        summary.note(f"{role}, {key}: {count}")
+            refused = health.get("twin", {}).items()
+            summary.rejected += sum(
+                int(n) for k, n in refused if k.startswith("rejected experiment:")
+            )
+            sent = int(health.get(run.source, {}).get("sent", 0))
+            missing = sent - summary.rejected - summary.experiments
+            if missing > 0:
+                summary.note(f"{missing} of {sent} experiments sent did not go all the way")
 
 
 class _Refused(LdtError):
     """A node refused its input; the sentence is the node's own."""
 
     exit_code = BadInput.exit_code
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
 
 
 @click.command("up")

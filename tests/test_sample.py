@@ -21,7 +21,7 @@ SAMPLE = BAGS / "rotor_drift"
 @pytest.fixture(scope="module")
 def summary() -> Summary:
     recorded = Summary()
-    recorded_summary(SAMPLE, "", recorded)
+    recorded_summary(SAMPLE, "", load_machine("rotor"), recorded)
     return recorded
 
 

@@ -12,11 +12,17 @@ from ldt_core.cli.options import json_option, parameters
 
 
 @click.command("run")
-@parameters("machine", "plant", "run", "model", "detector", "adaptor", "player", "pace", "recorder")
+@parameters(
+    *("machine", "plant", "run", "model", "detector", "adaptor"),
+    *("player", "pace", "twin", "recorder", "graph"),
+)
 @click.option("--no-bag", is_flag=True, help="Record nothing.")
 @json_option
 def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
     """Run the same loop as `ldt up` without ROS: same options, same numbers.
+
+    Several machines run one after the other; nothing is waited for, so that --adaptation-timeout
+    changes nothing.
 
     Example: ldt run --experiments 40 --seed 3 --model linear
     """
@@ -28,22 +34,27 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
 
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
-    if settings["play"]:
-        played = read_bag(settings["play"], settings["play_namespace"])
-        experiments, total = played.experiments(), None
-    else:
-        plant = Plant.from_settings(machine, settings)
-        total = settings["experiments"]
-        experiments = (plant.experiment(number) for number in range(1, total + 1))
-    bag = None if no_bag else settings["bag"] or session.new_recording(machine.name)
-    with RunProgress({machine.name: total}) as progress:
-        summary = session.run(
-            machine,
-            settings,
-            paced(experiments, rate),
-            bag,
-            partial(progress.show_step, machine.name),
-        )
-    if settings["play"]:
-        summary.note(*played.notes)
-    print_summaries([(machine.name, summary, str(bag or ""))], settings, as_json)
+    members = session.fleet(machine, settings)
+    total = None if settings["play"] else settings["experiments"]
+    runs = []
+    with RunProgress({member.name: total for member in members}) as progress:
+        for member in members:
+            own = member.settings
+            if own["play"]:
+                played = read_bag(own["play"], own["play_namespace"])
+                experiments = played.experiments()
+            else:
+                plant = Plant.from_settings(machine, own)
+                experiments = map(plant.experiment, range(1, own["experiments"] + 1))
+            summary = session.run(
+                machine,
+                own,
+                paced(experiments, rate),
+                None if no_bag else member.bag,
+                partial(progress.show_step, member.name),
+                member.namespace,
+            )
+            if own["play"]:
+                summary.note(*played.notes)
+            runs.append((member.name, summary, "" if no_bag else str(member.bag)))
+    print_summaries(runs, settings, as_json)
