@@ -133,6 +133,8 @@ def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary:
         machine: what could not be its experiment does not count.
         summary: gets the figures, and a note where the recording is damaged or cannot be read.
     """
+    if not Path(bag).exists():
+        return  # ended before anything was recorded
     try:
         opened = read_bag(bag, namespace or "/")
         adaptations = list(opened.records("adaptation"))

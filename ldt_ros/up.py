@@ -43,6 +43,7 @@ SETTLE = 3.0  # s that an interrupted run waits for the experiment under way
 SPIN = 0.05  # s
 NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?", re.ASCII)
 COUNTS = ("dropped", "adaptation time-outs", "unpaired")  # of a node's health, worth a note
+RIVALS = 5.0  # s after the start; what comes later is a warning, and does not end a long run
 STARTUP = 60.0  # s until all nodes must have found each other
 """Groups of parameters that `ldt up` offers and hands on to the nodes."""
 GROUPS = ("machine", "plant", "run", "model", "detector", "adaptor", "player", "pace", "twin")
@@ -208,6 +209,8 @@ class Graph:
         while not (stopped() or self._finished()):
             self.executor.spin_once(timeout_sec=SPIN)
             self._notice_deaths()
+            if time.monotonic() - began < RIVALS:
+                self._notice_rivals()
             if time.monotonic() - began > STARTUP and not all(m.health for m in self.monitors):
                 raise LdtError(f"the nodes did not start within {STARTUP:g} s")
         if stopped():
@@ -287,6 +290,17 @@ class Graph:
             raise LdtError(
                 f"{child.name} ended with code {code}: {words} (all output: {child.log.parent})"
             )
+
+    def _notice_rivals(self) -> None:
+        """Two graphs that start at the same moment see each other only after they have begun."""
+        for monitor in self.monitors:
+            for role, values in monitor.health.items():
+                if rivals := values.get("rivals"):
+                    raise BadInput(
+                        f"{monitor.resolve_topic_name(role)}, {rivals}",
+                        "one publisher (use another ROS_DOMAIN_ID or --namespace)",
+                        "more than one in this domain",
+                    )
 
     def _collect_notes(self) -> None:
         """What the nodes counted that a person should know, and what is missing."""

@@ -70,6 +70,9 @@ def run(command: click.Command, arguments: list[str] | None = None) -> int:
         return stop.exit_code
     except click.Abort:
         return _say("interrupted", 130)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        return 2
     except click.ClickException as error:
         return _say(error.format_message(), 2)
     except LdtError as error:

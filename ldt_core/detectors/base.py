@@ -38,9 +38,8 @@ class Detector(abc.ABC):
     #: Answer to the last experiment.
     signal: Level
 
-    @abc.abstractmethod
     def reset(self) -> None:
-        """Forget everything seen."""
+        """Forget everything seen; a detector with a state of its own calls this from its own."""
         self.signal = Level.NEGATIVE
 
     @abc.abstractmethod

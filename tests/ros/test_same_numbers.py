@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ldt_core.experiment import Experiment
 from ldt_core.machine import load_machine
 from ldt_core.plant import Plant
 from ldt_core.recording.bag import read_bag
+from ldt_core.recording.writer import BagWriter
 from ldt_core.session import run
 from ldt_core.settings import resolve
 
@@ -62,6 +64,39 @@ def test_graph_offline_run_and_replay_agree_bit_for_bit(name, domain, tmp_path):
     assert len(graph["adaptation"]) == settings["experiments"]
     assert graph == records(tmp_path / "offline")
     assert graph == records(tmp_path / "replay")
+
+
+def spoiled(folder: Path) -> Path:
+    """A recording with an impossible experiment, its correction, a repetition and a step back."""
+    machine = load_machine("rotor")
+    plant = Plant(machine, experiments=9, seed=2, start_time=1.0e9)
+    with BagWriter(folder, machine=machine.name) as writer:
+        for number in (1, -2, 2, 3, 3, 6, 5, 7, -8, 9):
+            good = plant.experiment(abs(number))
+            bad = Experiment(good.number, good.start, good.period, 10 * good.voltage, good.speed)
+            kept = good if number > 0 else bad
+            writer.write("experiment", kept, kept.end)
+    return folder
+
+
+def test_what_cannot_be_used_is_left_out_alike(domain, tmp_path):
+    """Graph and offline run judge, learn from, reject and sum up the same experiments."""
+    from ldt_ros.up import launch
+
+    played = spoiled(tmp_path / "spoiled")
+    settings = resolve({"model": "hybrid", "threshold": 1.0, "play": str(played)})
+    machine = load_machine("rotor")
+    (graph,) = launch({**settings, "bag": str(tmp_path / "graph")})
+    experiments = read_bag(played).experiments()
+    offline = run(machine, settings, experiments, tmp_path / "offline")
+    figures = [{k: v for k, v in s.as_dict().items() if k != "notes"} for s in
+               (graph.summary, offline)]  # fmt: skip
+    assert figures[0] == figures[1]
+    assert offline.experiments == 6
+    assert offline.rejected == 4
+    predicted = records(tmp_path / "graph")
+    for topic in ("prediction", "original_prediction", "signal", "model", "adaptation"):
+        assert predicted[topic] == records(tmp_path / "offline")[topic]
 
 
 def test_the_runs_compared_do_learn(tmp_path):

@@ -205,3 +205,37 @@ def test_real_time_paces_the_experiments(domain, tmp_path):
     gaps = [(b - a) / 1e9 for a, b in itertools.pairwise(stamps)]
     assert all(0.9 <= gap <= 1.5 for gap in gaps), gaps
     assert time.monotonic() - began > 3
+
+
+def test_the_caller_keeps_its_own_ros_and_its_environment(domain, tmp_path):
+    """`launch` from other code leaves the default context and the environment as they were."""
+    import rclpy
+
+    from ldt_ros.up import launch
+
+    rclpy.init()
+    before = dict(os.environ)
+    try:
+        (run,) = launch({"experiments": 2, "model": "physics", "bag": str(tmp_path / "run")})
+        assert run.summary.experiments == 2
+        assert rclpy.ok()
+        assert dict(os.environ) == before
+    finally:
+        rclpy.try_shutdown()
+
+
+def test_two_graphs_that_start_at_the_same_moment_do_not_merge(domain, tmp_path):
+    """Whichever goes on alone is right; one that shares its topics with another ends with 2."""
+    both = [
+        start("--experiments", "15", "--rate", "40", "--seed", str(k), "--bag", f"run_{k}", "--json",
+              cwd=tmp_path)
+        for k in (5, 6)
+    ]  # fmt: skip
+    ends = [finish(process) for process in both]
+    assert any(code == 2 for code, _, _ in ends), ends
+    for code, output, errors in ends:
+        if code == 2:
+            assert "ROS_DOMAIN_ID" in errors
+        else:
+            assert code == 0
+            assert json.loads(output)["runs"][0]["experiments"] == 15
