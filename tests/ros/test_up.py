@@ -226,11 +226,8 @@ def test_the_caller_keeps_its_own_ros_and_its_environment(domain, tmp_path):
 
 def test_two_graphs_that_start_at_the_same_moment_do_not_merge(domain, tmp_path):
     """Whichever goes on alone is right; one that shares its topics with another ends with 2."""
-    both = [
-        start("--experiments", "15", "--rate", "40", "--seed", str(k), "--bag", f"run_{k}", "--json",
-              cwd=tmp_path)
-        for k in (5, 6)
-    ]  # fmt: skip
+    common = ("--experiments", "15", "--rate", "40", "--json")
+    both = [start(*common, "--seed", k, "--bag", f"run_{k}", cwd=tmp_path) for k in ("5", "6")]
     ends = [finish(process) for process in both]
     assert any(code == 2 for code, _, _ in ends), ends
     for code, output, errors in ends:
