@@ -7,6 +7,7 @@ to decode them once more.
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -44,6 +45,7 @@ class Monitor(Node):
         self.health: dict[str, dict[str, str]] = {}
         self.last_experiment = 0
         self.last_step = 0
+        self.first_step_at: float | None = None
         self._signals: dict[int, Signal] = {}
         for topic, callback in (("signal", self._on_signal), ("adaptation", self._on_adaptation)):
             self.create_subscription(
@@ -80,7 +82,8 @@ class Monitor(Node):
                 if role in SOURCES and sent.isdecimal() and len(sent) < DIGITS:
                     self.last_experiment = max(self.last_experiment, int(sent))
                 if told.get(REFUSED) == str(self.last_experiment):
-                    self.last_step = max(self.last_step, self.last_experiment)
+                    self.first_step_at = self.first_step_at or time.monotonic()
+            self.last_step = max(self.last_step, self.last_experiment)
 
     def _on_signal(self, message: Any) -> None:
         with contextlib.suppress(LdtError):  # the nodes count it

@@ -150,8 +150,6 @@ class TwinNode(Node):
         status = DiagnosticStatus(name=self.full_name, hardware_id=self.machine.name)
         status.level, status.message = self._verdict(rivals)
         values = {"ready": _word(ready), "finished": _word(self.finished)}
-        if rivals:
-            values["rivals"] = ", ".join(rivals)
         values |= self.health()
         values |= {f"received {t}": n for t, n in self.counts.items()}
         values |= {f"rejected {kind}": n for kind, n in self.rejected.items()}

@@ -43,7 +43,7 @@ SETTLE = 3.0  # s that an interrupted run waits for the experiment under way
 SPIN = 0.05  # s
 NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?", re.ASCII)
 COUNTS = ("dropped", "adaptation time-outs", "unpaired")  # of a node's health, worth a note
-RIVALS = 5.0  # s after the start; what comes later is a warning, and does not end a long run
+RIVALS = 5.0  # s after the first step; what comes later is a warning that ends no long run
 STARTUP = 60.0  # s until all nodes must have found each other
 """Groups of parameters that `ldt up` offers and hands on to the nodes."""
 GROUPS = ("machine", "plant", "run", "model", "detector", "adaptor", "player", "pace", "twin")
@@ -209,8 +209,7 @@ class Graph:
         while not (stopped() or self._finished()):
             self.executor.spin_once(timeout_sec=SPIN)
             self._notice_deaths()
-            if time.monotonic() - began < RIVALS:
-                self._notice_rivals()
+            self._notice_rivals()
             if time.monotonic() - began > STARTUP and not all(m.health for m in self.monitors):
                 raise LdtError(f"the nodes did not start within {STARTUP:g} s")
         if stopped():
@@ -293,13 +292,17 @@ class Graph:
 
     def _notice_rivals(self) -> None:
         """Two graphs that start at the same moment see each other only after they have begun."""
+        first = [m.first_step_at for m in self.monitors if m.first_step_at is not None]
+        if first and time.monotonic() - min(first) > RIVALS:
+            return
         for monitor in self.monitors:
-            for role, values in monitor.health.items():
-                if rivals := values.get("rivals"):
+            for topic in msgs_config.topics():
+                count = monitor.count_publishers(topic)
+                if not topic.startswith("/") and count > 1:
                     raise BadInput(
-                        f"{monitor.resolve_topic_name(role)}, {rivals}",
+                        monitor.resolve_topic_name(topic),
                         "one publisher (use another ROS_DOMAIN_ID or --namespace)",
-                        "more than one in this domain",
+                        f"{count} in this domain",
                     )
 
     def _collect_notes(self) -> None:
