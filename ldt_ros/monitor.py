@@ -82,8 +82,7 @@ class Monitor(Node):
                 if role in SOURCES and sent.isdecimal() and len(sent) < DIGITS:
                     self.last_experiment = max(self.last_experiment, int(sent))
                 if told.get(REFUSED) == str(self.last_experiment):
-                    self.first_step_at = self.first_step_at or time.monotonic()
-            self.last_step = max(self.last_step, self.last_experiment)
+                    self.last_step = max(self.last_step, self.last_experiment)
 
     def _on_signal(self, message: Any) -> None:
         with contextlib.suppress(LdtError):  # the nodes count it
@@ -95,6 +94,7 @@ class Monitor(Node):
     def _on_adaptation(self, message: Any) -> None:
         with contextlib.suppress(LdtError):
             adaptation = from_message("adaptation", message)
+            self.first_step_at = self.first_step_at or time.monotonic()
             self.last_step = max(self.last_step, adaptation.experiment)
             signal = self._signals.pop(adaptation.experiment, None)
             if signal is not None:
