@@ -124,9 +124,8 @@ class TwinNode(Node):
         return True
 
     def _rivals(self) -> list[str]:
-        table = msgs_config.topics()
         shared = [t for t in (*self._outputs, *self._inputs) if not t.startswith("/")]
-        return [t for t in shared if self.count_publishers(t) > 1 and table[t]["publisher"]]
+        return [t for t in shared if self.count_publishers(t) > 1]
 
     def _tell(self) -> None:
         now = time.monotonic()

@@ -51,10 +51,6 @@ class RunProgress:
     def __exit__(self, *_: object) -> None:
         self._progress.stop()
 
-    def say(self, machine: str, words: str) -> None:
-        """What is happening, when it is no step."""
-        self._progress.update(self._tasks[machine], description=words)
-
     def show_step(self, machine: str, step: Step) -> None:
         """The step that is done."""
         self.show(machine, step.signal, step.adaptation)
