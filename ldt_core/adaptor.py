@@ -136,8 +136,7 @@ def held_back_errors(model: Model, pool: Sequence[Experiment], holdout: float) -
     for training in range(trainings):
         places = [(i + training * len(pool)) % blocks for i in range(len(pool))]
         held = [_block(e, place, blocks) for e, place in zip(pool, places, strict=True)]
-        rest = [part for e, block in zip(pool, held, strict=True) for part in _without(e, block)]
-        candidate = learner.fit(rest)
+        candidate = learner.fit_without(pool, held)
         learner = model.shaped_like(candidate)
         for e, block, old in zip(pool, held, present, strict=True):
             new = candidate.predict(e).residual(e)
@@ -151,12 +150,6 @@ def held_back_errors(model: Model, pool: Sequence[Experiment], holdout: float) -
 def _block(experiment: Experiment, place: int, blocks: int) -> slice:
     length = len(experiment)
     return slice(length * place // blocks, length * (place + 1) // blocks)
-
-
-def _without(experiment: Experiment, block: slice) -> list[Experiment]:
-    before = [experiment.part(0, block.start)] if block.start else []
-    after = [experiment.part(block.stop, len(experiment))] if block.stop < len(experiment) else []
-    return before + after
 
 
 def _same_period(one: Experiment, other: Experiment) -> bool:

@@ -103,15 +103,18 @@ class Twin:
     Args:
         machine: the machine as it is known beforehand.
         settings: parameters of the groups model, detector and adaptor (`parameters.yaml`).
+        judge: stage 2, where it is not the detector of the settings.
 
     Raises:
         OptionError: an unknown model or detector, or arguments that they refuse.
     """
 
-    def __init__(self, machine: Machine, settings: Mapping[str, Any]) -> None:
+    def __init__(
+        self, machine: Machine, settings: Mapping[str, Any], judge: Judge | None = None
+    ) -> None:
         model = build_model(settings["model"], machine, settings)
         self.predictor = Predictor(machine, model)
-        self.judge = build_judge(settings)
+        self.judge = judge or build_judge(settings)
         self.adaptor = build_adaptor(model, settings)
 
     @property

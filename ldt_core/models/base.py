@@ -73,6 +73,23 @@ class Model(abc.ABC):
             LdtError: the experiments do not determine a model; the sentence says why.
         """
 
+    def fit_without(self, experiments: Sequence[Experiment], held: Sequence[slice]) -> Self:
+        """As `fit`, without the samples of one block of each experiment.
+
+        Here each experiment is cut in two and both parts are learned from, each from its own first
+        sample. A model whose hidden states make the start of the second part unknown does better
+        to run through the block and not to look at it.
+
+        Args:
+            experiments: to learn from.
+            held: of each experiment, the samples that must not be looked at.
+        """
+        parts = []
+        for e, block in zip(experiments, held, strict=True):
+            ends = ((0, block.start), (block.stop, len(e)))
+            parts += [e.part(begin, stop) for begin, stop in ends if stop > begin]
+        return self.fit(parts)
+
     def shaped_like(self, other: Self) -> Self:
         """A model that, when it learns, takes over what `other` had to choose (an order, say).
 

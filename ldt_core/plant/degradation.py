@@ -8,6 +8,7 @@ staircase  rises in `steps` equal steps, each level held for a random number of 
 ramp       rises in every experiment, linearly
 abrupt     jumps once from `from` to `to`, in the middle half of the run
 repaired   a staircase that is back at `from` for the last part of the run
+recurring  jumps to `to` and back to `from`, `steps` times in all (a machine with two products)
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 from ldt_core.errors import MachineFileError, OptionError, did_you_mean
 from ldt_core.machine import Machine, real_number
 
-KINDS = ("none", "staircase", "ramp", "abrupt", "repaired")
+KINDS = ("none", "staircase", "ramp", "abrupt", "repaired", "recurring")
 KEYS = ("kind", "effect", "parameter", "from", "to", "steps")
 STEPS = 10  # of a staircase, unless the file says how many
 REPAIR = 0.75  # part of the run after which a `repaired` machine is as new
@@ -37,7 +38,8 @@ class Schedule:
         parameter: of that effect.
         begin: first value, in the parameter's unit.
         end: last (with `repaired`: worst) value.
-        steps: rises of a staircase; fewer when there are not enough experiments for all.
+        steps: changes of a staircase or of `recurring`; fewer when there are not enough
+            experiments for all.
         experiments: of the whole run.
         seed: decides when it changes.
     """
@@ -77,17 +79,18 @@ def _values(schedule: Schedule, random: np.random.Generator) -> tuple[float, ...
     if schedule.kind == "abrupt":
         first = int(random.integers(max(1, n // 4), max(2, 3 * n // 4 + 1)))
         return (begin,) * first + (schedule.end,) * (n - first)
-    worn = n if schedule.kind == "staircase" else max(2, round(REPAIR * n))
-    levels = _staircase(schedule, worn, random)
-    return levels + (begin,) * (n - worn)
+    worn = max(2, round(REPAIR * n)) if schedule.kind == "repaired" else n
+    steps = min(schedule.steps, worn - 1)
+    levels = np.linspace(begin, schedule.end, steps + 1)
+    if schedule.kind == "recurring":
+        levels = np.where(np.arange(steps + 1) % 2, schedule.end, begin)
+    return _stairs(levels, worn, random) + (begin,) * (n - worn)
 
 
-def _staircase(schedule: Schedule, n: int, random: np.random.Generator) -> tuple[float, ...]:
-    """Every choice of the experiments in which it rises is equally likely."""
-    steps = min(schedule.steps, n - 1)
-    rises = np.sort(random.choice(np.arange(1, n), size=steps, replace=False))
-    levels = np.linspace(schedule.begin, schedule.end, steps + 1)
-    return tuple(levels[np.searchsorted(rises, np.arange(n), side="right")].tolist())
+def _stairs(levels: np.ndarray, n: int, random: np.random.Generator) -> tuple[float, ...]:
+    """Level after level; every choice of the experiments where it changes is equally likely."""
+    changes = np.sort(random.choice(np.arange(1, n), size=levels.size - 1, replace=False))
+    return tuple(levels[np.searchsorted(changes, np.arange(n), side="right")].tolist())
 
 
 def schedule(

@@ -113,3 +113,10 @@ def test_a_missing_key_is_named():
     given = {k: v for k, v in WEAR.items() if k != "parameter"}
     with pytest.raises(MachineFileError, match="expected the key 'parameter'"):
         schedule(replace(ROTOR, simulation={"degradation": given}), 10, 0)
+
+
+def test_a_recurring_wear_goes_back_and_forth():
+    """Only the two ends occur, alternately, with as many changes as asked for."""
+    s = worn("recurring", 100, steps=5, begin=0.002, end=0.008)
+    levels = [s.values[0], *(s.value(i) for i in s.changes)]
+    assert levels == [0.002, 0.008, 0.002, 0.008, 0.002, 0.008]
