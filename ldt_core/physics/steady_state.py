@@ -3,11 +3,13 @@
 At constant speed the unbalance shakes the foundation as a turning force; the power that its dampers
 take comes from the shaft. T_e(omega; e) below is that mean torque, V(omega) the voltage that holds
 a speed. Where V falls with the speed no steady running is stable: at the folds dV/domega = 0 the
-speed jumps to the other branch (Sommerfeld effect).
+speed jumps to the other branch (Sommerfeld effect; V. O. Kononenko, "Vibrating Systems with a
+Limited Power Supply", 1969).
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -64,4 +66,43 @@ def folds(values: Values, highest: float) -> list[Fold]:
     for i in np.flatnonzero(rising[1:] != rising[:-1]):
         w = float(brentq(slope, grid[i], grid[i + 2]))
         found.append(Fold(w, float(steady_voltage(values, w)), bool(rising[i])))
+    return found
+
+
+def bands(values: Values, highest: float) -> list[tuple[float, float]]:
+    r"""The speeds of the Sommerfeld effect below `highest` [rad/s], one band a critical speed.
+
+    Between a fold where V has a maximum and the following one where it has a minimum no speed is
+    stable. Coming from below the rotor is captured well before: from the voltage of that minimum on
+    there are two stable speeds, and which of them it takes depends on how it got there. So a band
+    reaches from the lower of the two at that voltage to the end of the unstable branch:
+
+        V
+        |          o fold (captured until here, then a jump up)
+        |        /   \
+        |      /       \        /
+        |    +  -  -  -  o     /        V of the minimum
+        |  / |           | fold (coming down: a jump down)
+        +----[===========]-------- speed
+
+    Without folds (a small eccentricity, a machine without foundation) there is none. Where the
+    minimum lies above `highest`, that speed ends the band. Bands that touch become one.
+    """
+    if not values.get("e"):
+        return []
+    found: list[tuple[float, float]] = []
+    branch = 0.0  # speed at which the stable branch below the maximum begins
+    turning = folds(values, highest)
+    for top, bottom in itertools.zip_longest(turning[::2], turning[1::2]):
+        end = highest if bottom is None else bottom.speed
+        level = float(steady_voltage(values, end))
+        low = branch
+        if steady_voltage(values, branch) < level:
+            low = float(
+                brentq(lambda w, v=level: float(steady_voltage(values, w)) - v, branch, top.speed)
+            )
+        if found and low <= found[-1][1]:
+            low = found.pop()[0]
+        found.append((low, end))
+        branch = end
     return found
