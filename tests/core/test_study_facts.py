@@ -1,0 +1,143 @@
+"""Facts of a stream: what is detectable, and what the truth itself leaves."""
+
+from __future__ import annotations
+
+import dataclasses
+import doctest
+import json
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from ldt_core.machine import load_machine
+from ldt_core.plant import Plant
+from ldt_core.study import facts
+from ldt_core.study.case import Case
+from ldt_core.study.facts import (
+    Facts,
+    detectable_size,
+    energy_needed,
+    examine,
+    facts_of,
+    noise_peak,
+)
+
+SHORT = dataclasses.replace(load_machine("rotor"), duration=4.0)
+
+
+def examined(**options):
+    plant = Plant(SHORT, experiments=12, seed=2, **{"degradation": "abrupt", **options})
+    return examine(plant, map(plant.experiment, range(1, 13)), 2)
+
+
+@pytest.fixture(scope="module")
+def jump():
+    """One jump from 0 to 12 mm, 4 s an experiment."""
+    return examined()
+
+
+def test_the_true_model_leaves_the_noise_alone(jump):
+    """From rest, at 4 s: the floor is the maximum of the noise, and what the first sample adds."""
+    assert jump.noise_floor == pytest.approx(0.1 * 3.18, abs=0.01)
+    assert jump.noise_floor * 0.9 < jump.mme_floor < jump.noise_floor * 1.5
+
+
+def test_one_experiment_late_costs_the_drifts_first_experiment_alone(jump):
+    """All others are as the floor."""
+    (drift,) = jump.drifts
+    differs = [n for n, (a, b) in enumerate(zip(jump.floor, jump.late, strict=True), 1) if a != b]
+    assert differs == [drift.number]
+    assert jump.late[drift.number - 1] > 2.0
+    assert jump.mme_late > jump.mme_floor
+
+
+def test_a_drift_is_seen_by_what_it_does_to_the_speed(jump):
+    """12 mm show in every respect; the window ends four experiments later or with the run."""
+    (drift,) = jump.drifts
+    assert (drift.before, drift.after) == (0.0, 0.012)
+    assert drift.last == min(drift.number + 4, 12)
+    assert drift.detectable
+    assert drift.ideal
+    assert drift.twice
+    assert drift.largest > 2.0
+    assert jump.detectable == jump.twice == [drift.number]
+
+
+def test_a_drift_far_below_the_noise_cannot_be_found():
+    """12 mm again, but under a noise of 300 rad/s."""
+    (drift,) = examined(noise=300.0).drifts
+    assert (drift.detectable, drift.ideal, drift.twice) == (False, False, False)
+
+
+def test_without_noise_everything_shows():
+    """0.01 mm."""
+    (drift,) = examined(noise=0.0, degradation_to=1e-5).drifts
+    assert drift.energy == np.inf
+    assert drift.twice
+
+
+def test_a_window_ends_before_the_next_drift():
+    """With a drift in each experiment, a window holds just that one."""
+    assert all(d.last == d.number for d in examined(degradation="ramp").drifts)
+
+
+def test_facts_survive_json(jump):
+    """Plain values there and back."""
+    assert Facts.from_dict(json.loads(json.dumps(jump.to_dict()))) == jump
+
+
+def test_a_case_and_its_plant_have_the_same_facts():
+    """Settings of the case reach the plant."""
+    case = Case("linear", "threshold", 2, 3, settings={"degradation": "none", "noise": 0.2})
+    found = facts_of(case)
+    assert (found.drifts, found.noise, found.truth) == ((), 0.2, (0.0, 0.0, 0.0))
+    assert found.floor == found.late
+
+
+@pytest.mark.parametrize("samples", [50, 2000])
+def test_the_energy_test_keeps_its_promise(samples):
+    """Against simulation: one false alarm in 1000, nine in ten found, whatever the shape."""
+    random = np.random.default_rng(0)
+    noise = random.normal(size=(4000, samples))
+    limit = stats.chi2.isf(1e-3, samples)
+    assert np.mean((noise**2).sum(axis=1) > limit) < 3e-3
+    for shape in (np.ones(samples), np.eye(samples)[0]):
+        change = shape * np.sqrt(energy_needed(samples) / (shape @ shape))
+        assert np.mean(((noise + change) ** 2).sum(axis=1) > limit) == pytest.approx(0.9, abs=0.02)
+
+
+def test_the_peak_of_the_noise_is_what_simulation_gives():
+    """2000 samples of 0.1 rad/s."""
+    drawn = np.abs(np.random.default_rng(1).normal(0, 0.1, (2000, 2000))).max(axis=1).mean()
+    assert noise_peak(0.1, 2000) == pytest.approx(drawn, rel=5e-3)
+    assert noise_peak(0.0, 2000) == 0.0
+
+
+def test_the_detectable_size_is_one_that_is_just_detectable():
+    """Smaller where the rotor is already eccentric, since the effect grows with its square."""
+    plant = Plant(SHORT, experiments=12, seed=0)
+    first, later = (detectable_size(plant, e) for e in (0.0, 0.004))
+    assert 0 < later < first < 0.012
+    for factor, seen in ((0.7, False), (1.5, True)):
+        energies = []
+        for n in range(1, facts.TYPICAL + 1):
+            e = plant.experiment(n)
+            old, new = (facts.free_run(plant, e, with_e(plant, x)) for x in (0.0, first * factor))
+            energies.append(np.sum((new - old) ** 2) / plant.noise**2)
+        assert (np.median(energies) > energy_needed(len(e))) == seen
+
+
+def with_e(plant, e):
+    return [(effect, {**given, "e": e}) for effect, given in plant.acting(1)]
+
+
+def test_what_never_shows_has_no_detectable_size():
+    """Under a noise of 300 rad/s not even 12 mm show."""
+    assert detectable_size(Plant(SHORT, noise=300.0), 0.0) is None
+
+
+def test_examples_are_true():
+    """The docstrings' examples run as printed."""
+    result = doctest.testmod(facts)
+    assert (result.attempted > 0, result.failed) == (True, 0)
