@@ -20,6 +20,8 @@ ENVIRONMENT = HERE / ".venv"
 ROS = ["ros-jazzy-rclpy[fastrtps]==7.1.6", "ros-jazzy-common-interfaces==5.3.6"]
 TEST = [
     "colcon-common-extensions",
+    "dask>=2024.8",
+    "distributed>=2024.8",
     "hypothesis>=6.100",
     "import-linter>=2.0",
     "mcap-ros2-support>=0.5.5",
@@ -133,6 +135,7 @@ def build() -> None:
         extras_require={
             "ros": ROS,
             "plot": ["matplotlib>=3.9"],
+            "cluster": ["dask>=2024.8", "distributed>=2024.8"],
             "river": ["river>=0.21"],
             "test": TEST,
         },
@@ -152,6 +155,7 @@ def build() -> None:
                 "replay = ldt_core.cli.replay:command",
                 "run = ldt_core.cli.run:command",
                 "simulate = ldt_core.cli.simulate:command",
+                "study = ldt_core.cli.study:command",
                 "up = ldt_ros.up:command",
             ],
         },

@@ -1,0 +1,100 @@
+"""One run of a study: a case through the one loop, its figures written down."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection
+from typing import Any
+
+import numpy as np
+
+from ldt_core.errors import ExperimentError
+from ldt_core.experiment import Experiment, Level, Prediction, Samples, Signal, Step
+from ldt_core.machine import Machine, load_machine
+from ldt_core.study.case import Case, Result
+from ldt_core.study.region import region_rmse
+from ldt_core.study.stream import Stream, stream
+from ldt_core.twin import Judge, Twin
+
+DIGITS = 4  # of the series kept for a figure, which shows 0.1 mrad/s at the very best
+
+
+class Scripted(Judge):
+    """Stage 2 by a list: positive in these experiments and negative in all others.
+
+    Args:
+        name: in the signal.
+        alarms: numbers of experiments.
+    """
+
+    def __init__(self, name: str, alarms: Collection[int]) -> None:
+        self.name = name
+        self.alarms = frozenset(alarms)
+
+    def judge(self, experiment: Experiment, prediction: Prediction) -> Signal:
+        """The signal for one experiment; only its number is looked at."""
+        level = Level.POSITIVE if experiment.number in self.alarms else Level.NEGATIVE
+        error = prediction.max_error(experiment)
+        return Signal(experiment.number, level, self.name, prediction.model_version, error)
+
+
+def run_case(case: Case, machine: Machine | None = None) -> Result:
+    """Take the stream of a case through a twin.
+
+    Args:
+        case: what to run.
+        machine: that of the case, for a process that may not have the file.
+
+    Raises:
+        BadInput: a machine, model, detector or parameters that cannot be used.
+    """
+    machine = machine or load_machine(case.machine)
+    given = stream(case, machine)
+    judge = None if case.alarms is None else Scripted(case.detector, case.alarms)
+    begin = time.perf_counter()
+    twin = Twin(machine, case.resolved, judge)
+    steps = list(twin.steps(given.experiments, _refuse))
+    return _result(case, given, steps, time.perf_counter() - begin)
+
+
+def _refuse(error: ExperimentError) -> None:
+    raise error
+
+
+def _result(case: Case, given: Stream, steps: list[Step], seconds: float) -> Result:
+    learning = [s.prediction.residual(s.experiment) for s in steps]
+    original = [s.original.residual(s.experiment) for s in steps]
+    return Result(
+        case=case,
+        number=[s.experiment.number for s in steps],
+        truth=list(given.truth),
+        max_error=[s.signal.max_error for s in steps],
+        original=[s.original.max_error(s.experiment) for s in steps],
+        rmse=[_rms(r) for r in learning],
+        rmse_original=[_rms(r) for r in original],
+        level=[int(s.signal.level) for s in steps],
+        action=[str(s.adaptation.action) for s in steps],
+        learned_from=[0 if s.model is None else len(s.model.trained_on) for s in steps],
+        region_rmse=[region_rmse(r, m) for r, m in zip(learning, given.region, strict=True)],
+        region_rmse_original=[
+            region_rmse(r, m) for r, m in zip(original, given.region, strict=True)
+        ],
+        kept={s.experiment.number: _series(s) for s in steps if s.experiment.number in case.keep},
+        seconds=round(seconds, 3),
+    )
+
+
+def _rms(residual: Samples) -> float:
+    return float(np.sqrt(np.mean(residual**2)))
+
+
+def _series(step: Step) -> dict[str, list[float] | None]:
+    rows: dict[str, Any] = {
+        "time": step.experiment.time,
+        "voltage": step.experiment.voltage,
+        "speed": step.experiment.speed,
+        "prediction": step.prediction.speed,
+        "original": step.original.speed,
+        "speed_std": step.prediction.speed_std,
+    }
+    return {n: None if row is None else np.round(row, DIGITS).tolist() for n, row in rows.items()}
