@@ -15,21 +15,25 @@ Processing: Detection Theory", 1998, chapters 4 and 7.
 from __future__ import annotations
 
 import functools
+import hashlib
 import itertools
+import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from scipy import integrate, optimize, stats
 
+import msgs_config
 from ldt_core.experiment import Experiment, Samples
-from ldt_core.machine import load_machine
+from ldt_core.machine import Machine, load_machine
 from ldt_core.metrics import DETECTION_WINDOW, drifts_of
 from ldt_core.plant import Plant
 from ldt_core.plant.plant import EffectUse
 from ldt_core.study.case import Case
+from ldt_core.study.stream import GROUPS, stream
 
 FALSE_ALARM = 1e-3  # of the test that decides what is detectable, per experiment: one in 1000
 POWER = 0.9  # probability with which it has to find a drift in one experiment
@@ -112,37 +116,55 @@ class Facts:
         return [d.number for d in self.drifts if d.twice]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        return asdict(self)
+        """Plain values, for JSON, which knows no infinity."""
+        plain = asdict(self)
+        for drift in plain["drifts"]:
+            drift["energy"] = drift["energy"] if math.isfinite(drift["energy"]) else None
+        return plain
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> Facts:
         """The facts that `to_dict` gave, JSON in between or not."""
         rows = {n: tuple(plain[n]) for n in ("truth", "floor", "late")}
-        drifts = tuple(Drift(**d) for d in plain["drifts"])
-        return cls(**{**plain, **rows, "drifts": drifts})
+        drifts = []
+        for drift in plain["drifts"]:
+            energy = math.inf if drift["energy"] is None else drift["energy"]
+            drifts.append(Drift(**{**drift, "energy": energy}))
+        return cls(**{**plain, **rows, "drifts": tuple(drifts)})
 
 
-def facts_of(case: Case) -> Facts:
+def facts_of(case: Case, machine: Machine | None = None) -> Facts:
     """The facts of the stream that a case runs on.
+
+    Args:
+        case: whose seed, experiments and parameters of the plant count.
+        machine: that of the case, for a process that may not have the file.
 
     Raises:
         BadInput: a machine or settings that cannot be used.
     """
-    settings = case.resolved
-    plant = Plant.from_settings(load_machine(case.machine), settings)
-    return examine(plant, map(plant.experiment, range(1, case.experiments + 1)), case.seed)
+    machine = machine or load_machine(case.machine)
+    plant = Plant.from_settings(machine, case.resolved)
+    return examine(plant, stream(case, machine).experiments, case.seed)
 
 
-def examine(plant: Plant, stream: Iterable[Experiment], seed: int) -> Facts:
+def stream_key(case: Case) -> str:
+    """Name of the stream of a case: the same for all cases whose facts are the same."""
+    resolved = case.resolved
+    decisive = {name: resolved[name] for name in ("machine", *msgs_config.parameters(*GROUPS))}
+    del decisive["start_time"]
+    plain = json.dumps(decisive, sort_keys=True)
+    return hashlib.sha256(plain.encode()).hexdigest()[:20]
+
+
+def examine(plant: Plant, experiments: Sequence[Experiment], seed: int) -> Facts:
     """The facts of a plant's stream.
 
     Args:
         plant: that made the stream.
-        stream: all its experiments from number 1 on, as measured.
+        experiments: all of them from number 1 on, as measured.
         seed: of the stream.
     """
-    experiments = list(stream)
     truth = [plant.schedule.value(e.number) for e in experiments]
     numbers = drifts_of(truth)
     speeds = [free_run(plant, e, plant.acting(e.number)) for e in experiments]

@@ -28,7 +28,7 @@ SHORT = dataclasses.replace(load_machine("rotor"), duration=4.0)
 
 def examined(**options):
     plant = Plant(SHORT, experiments=12, seed=2, **{"degradation": "abrupt", **options})
-    return examine(plant, map(plant.experiment, range(1, 13)), 2)
+    return examine(plant, [plant.experiment(n) for n in range(1, 13)], 2)
 
 
 @pytest.fixture(scope="module")
@@ -83,8 +83,18 @@ def test_a_window_ends_before_the_next_drift():
 
 
 def test_facts_survive_json(jump):
-    """Plain values there and back."""
-    assert Facts.from_dict(json.loads(json.dumps(jump.to_dict()))) == jump
+    """Plain values there and back, also where the energy is infinite."""
+    for found in (jump, examined(noise=0.0)):
+        assert Facts.from_dict(json.loads(json.dumps(found.to_dict(), allow_nan=False))) == found
+
+
+def test_cases_on_one_stream_share_its_name():
+    """Model and detector do not count, seed and plant do."""
+    one = Case("linear", "threshold", 1, settings={"threshold": 5.0})
+    assert stream_key(one) == stream_key(Case("hybrid", "periodic", 1, alarms=(3,)))
+    others = [Case("linear", "threshold", 2), Case("linear", "threshold", 1, 100)]
+    others.append(Case("linear", "threshold", 1, settings={"noise": 0.2}))
+    assert len({stream_key(c) for c in [one, *others]}) == 4
 
 
 def test_a_case_and_its_plant_have_the_same_facts():
