@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from ldt_core.errors import OptionError, did_you_mean
 from ldt_core.study.baselines import never
 from ldt_core.study.case import Case, Result
+from ldt_core.study.facts import Facts, stream_key
 
 #: What a run is there for; one run may serve several groups.
 GROUPS = {
@@ -44,12 +45,14 @@ class Study:
     Args:
         settings: what was asked for: seeds, experiments, machine, groups, …
         entries: the runs, in the order of the plan.
+        facts: `stream_key` → the truth about that stream.
         missing: runs of the plan that are not there (an interrupted study).
         notes: sentences for the reader.
     """
 
     settings: dict[str, Any]
     entries: tuple[Entry, ...]
+    facts: Mapping[str, Facts] = field(default_factory=dict)
     missing: int = 0
     notes: tuple[str, ...] = field(default=())
 
@@ -72,6 +75,10 @@ class Study:
             raise OptionError("group of a study", did_you_mean(group, GROUPS), repr(group))
         found = [e.result for e in self.entries if group is None or group in e.groups]
         return [r for r in found if all(_is(r.case, n, v) for n, v in criteria.items())]
+
+    def facts_of(self, result: Result) -> Facts | None:
+        """The truth about the stream of a run; None in an interrupted study."""
+        return self.facts.get(stream_key(result.case))
 
     def baselines(self, result: Result) -> dict[str, Result]:
         """The runs to compare a run with: "never" always; "periodic" and "random" where planned.
