@@ -21,6 +21,7 @@ from ldt_core.study.facts import (
     examine,
     facts_of,
     noise_peak,
+    stream_key,
 )
 
 SHORT = dataclasses.replace(load_machine("rotor"), duration=4.0)
