@@ -83,7 +83,7 @@ def mean(values: Iterable[float | None], confidence: float = CONFIDENCE) -> Esti
     middle = float(known.mean())
     if known.size == 1:
         return Estimate(middle, -math.inf, math.inf, 1)
-    error = float(stats.sem(known))
+    error = float(known.std(ddof=1)) / math.sqrt(known.size)
     if error <= np.finfo(float).eps * abs(middle):
         return Estimate(middle, middle, middle, known.size)
     low, high = stats.t.interval(confidence, known.size - 1, middle, error)
