@@ -190,6 +190,13 @@ def harmless(side):
     return study(side, lambda m, detector, seed, d: {"positives": [11]}, truths=truths)
 
 
+def with_a_jump(m, detector, seed, d):
+    rows = [1.0] * ROWS
+    rows[9] = rows[19] = rows[29] = 9.0 + seed
+    hit = detector == "window" if d < 0 else detector != "window"
+    return {"max_error": rows, "positives": [10, 20, 30] if hit else [7, 17, 27]}
+
+
 CLAIMS = {
     "hybrid-mme-below-linear": lambda side: study(side, lower_for("hybrid")),
     "hybrid-adapts-less": lambda side: study(side, hybrid_count),
@@ -211,6 +218,7 @@ CLAIMS = {
     "precision-above-chance": lambda side: study(side, detecting),
     "quiet-while-e-is-small": lambda side: study(side, where),
     "busy-where-e-is-large": lambda side: study(side, where),
+    "active-more-alert": lambda side: study(side, with_a_jump),
     "window-follows-residence": lambda side: study(side, by_window(side)),
     "hybrid-better-at-every-threshold": lambda side: sweep(side, swept_mme),
     "smaller-threshold-adapts-more": lambda side: sweep(side, swept_count),
@@ -356,4 +364,5 @@ def test_an_aim_that_nobody_can_reach_says_so():
     )
     aim = one(aims(out_of_reach), "near-the-floor")
     assert aim.verdict == "missed"
-    assert "out of reach" in aim.evidence
+    assert "no learner can reach" in aim.evidence
+    assert "no learner" not in one(aims(AIMS["near-the-floor"](1)), "near-the-floor").evidence

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from ldt_core.experiment import Level
 from ldt_core.study.claims.claim import Claim, Part, Statement
 from ldt_core.study.claims.evidence import (
     ACTIVE,
@@ -21,6 +24,8 @@ ERROR_FIGURE = "figure of MME against e"
 COUNT_FIGURE = "figure of adaptations against e"
 CONCLUSION = "conclusion"
 NO_TREND = 0.3  # a rank correlation within this is commonly called none or weak
+JUMPS = 0.1  # share of the experiments, those with the largest growth of the error
+BEFORE = 5  # experiments whose mean error that growth is against
 MOST = 0.5  # "no adaptation while e is small" is true of more than half of the streams
 
 
@@ -182,6 +187,24 @@ def busy_where_e_is_large(evidence: Evidence) -> Claim:
     return statement.examined(parts)
 
 
+def active_more_alert(evidence: Evidence) -> Claim:
+    """Caption of the figure of adaptations."""
+    statement = Statement(
+        "active-more-alert",
+        "Threshold detector and LDDM answer an abrupt increase in error more often than the window "
+        f"detector: are positive in the {JUMPS:.0%} of the experiments whose error grew most "
+        f"against the mean of the {BEFORE} before.",
+        f"{COUNT_FIGURE}, caption",
+        "Share of those experiments with a positive, active minus window",
+    )
+    window = evidence.runs("hybrid", PASSIVE)
+    parts = []
+    for detector in ACTIVE:
+        runs = evidence.runs("hybrid", detector)
+        parts.append(Part(detector, difference(runs, window, _alertness), low=0.0))
+    return statement.examined(parts)
+
+
 def window_follows_residence(evidence: Evidence) -> Claim:
     """Figure of adaptations against e."""
     statement = Statement(
@@ -218,6 +241,17 @@ def _busier(run: Run) -> float:
     return 100 * (sum(large) / len(large) - sum(small) / len(small))
 
 
+def _alertness(run: Run) -> float | None:
+    error = np.array(run.result.max_error)
+    if error.size < 2 * BEFORE:
+        return None
+    before = np.convolve(error, np.full(BEFORE, 1 / BEFORE), "valid")[:-1]
+    growth = error[BEFORE:] - before
+    most = np.argsort(growth, kind="stable")[-max(1, round(JUMPS * growth.size)) :]
+    level = np.array(run.result.level)[BEFORE:]
+    return float(np.mean(level[most] == Level.POSITIVE))
+
+
 def _error_trend(run: Run) -> float | None:
     return rank_correlation(*run.by_level(run.result.max_error))
 
@@ -251,5 +285,6 @@ CLAIMS = (
     precision_above_chance,
     quiet_while_e_is_small,
     busy_where_e_is_large,
+    active_more_alert,
     window_follows_residence,
 )
