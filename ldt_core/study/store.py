@@ -1,8 +1,9 @@
-"""Results in a folder, one file a run, so that a study goes on where it was interrupted.
+"""Results in a folder, one file each, so that a study goes on where it was interrupted.
 
-`OUT/runs/KEY.json`, KEY naming the run (`Case.key`). A file counts only if it was computed by this
-version of LDT and of the libraries that decide its numbers, on the same machine file; anything else
-is computed anew. Nothing is unpickled: the files are JSON.
+`OUT/runs/KEY.json`, KEY naming the run (`Case.key`), and `OUT/facts/KEY.json`, KEY naming the
+stream. A file counts only if it was computed by this version of LDT and of the libraries that
+decide its numbers, on the same machine file; anything else is computed anew. Nothing is unpickled:
+the files are JSON.
 """
 
 from __future__ import annotations
@@ -11,16 +12,18 @@ import dataclasses
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from ldt_core.machine import Machine
 from ldt_core.study.case import Case, Result
+from ldt_core.study.facts import Facts, stream_key
 
-FORMAT = "ldt-study-run-1"
-FOLDER = "runs"
-COLUMNS = {f.name for f in dataclasses.fields(Result)} - {"case", "kept", "seconds"}
+FORMAT = "ldt-study-1"
+COLUMNS = sorted({f.name for f in dataclasses.fields(Result)} - {"case", "kept", "seconds"})
+
+Kind = TypeVar("Kind")
 
 
 class Store:
@@ -30,70 +33,84 @@ class Store:
         out: folder of the study.
         stamp: what computes now, see `stamp.py`.
         machine: on which it computes.
-
-    Attributes:
-        notes: why files were not taken, a sentence each.
+        any_origin: take what another version computed as well.
     """
 
-    def __init__(self, out: Path | str, stamp: Mapping[str, str], machine: Machine) -> None:
-        self.folder = Path(out) / FOLDER
+    def __init__(
+        self,
+        out: Path | str,
+        stamp: Mapping[str, str],
+        machine: Machine,
+        any_origin: bool = False,
+    ) -> None:
+        self.out = Path(out)
         plain = json.dumps(machine.as_dict(), sort_keys=True)
         self.origin = {**stamp, "machine": hashlib.sha256(plain.encode()).hexdigest()[:12]}
-        self.foreign = 0
-        self.damaged: list[str] = []
+        self.any_origin = any_origin
+        self._foreign = 0
+        self._damaged: list[str] = []
 
-    def path(self, case: Case) -> Path:
-        """The file of a case."""
-        return self.folder / f"{case.key}.json"
+    def result(self, case: Case) -> Result | None:
+        """The result of a case; None when it has to be computed."""
+        return self._read("runs", case.key, lambda plain: _result(case, plain))
 
-    def load(self, case: Case, any_origin: bool = False) -> Result | None:
-        """The result of a case; None when it has to be computed.
+    def facts(self, case: Case) -> Facts | None:
+        """The facts of the stream of a case; None when they have to be computed."""
+        return self._read("facts", stream_key(case), Facts.from_dict)
 
-        Args:
-            case: whose result.
-            any_origin: take what another version computed as well.
-        """
-        path = self.path(case)
-        try:
-            record = json.loads(path.read_text(encoding="utf-8"))
-            if record["format"] != FORMAT or record["key"] != case.key:
-                raise ValueError(f"format {record['format']!r}, key {record['key']!r}")
-            result = _result(case, record["result"])
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            self.damaged.append(path.name)
-            return None
-        if record.get("origin") != self.origin:
-            self.foreign += 1
-            return result if any_origin else None
-        return result
-
-    def save(self, result: Result) -> None:
+    def save_result(self, result: Result) -> None:
         """Write a result; a reader sees all of it or nothing."""
-        record = {
-            "format": FORMAT,
-            "key": result.case.key,
-            "origin": self.origin,
-            "case": dataclasses.asdict(result.case),
-            "result": _plain(result),
-        }
-        self.folder.mkdir(parents=True, exist_ok=True)
-        write(self.path(result.case), json.dumps(record, separators=(",", ":"), allow_nan=False))
+        plain = {name: getattr(result, name) for name in COLUMNS}
+        kept = {str(number): series for number, series in result.kept.items()}
+        plain |= {"kept": kept, "seconds": result.seconds}
+        self._write("runs", result.case, result.case.key, plain)
+
+    def save_facts(self, case: Case, facts: Facts) -> None:
+        """Write the facts of the stream of a case; a reader sees all of it or nothing."""
+        self._write("facts", case, stream_key(case), facts.to_dict())
 
     @property
     def notes(self) -> list[str]:
-        """What was not taken from the folder, a sentence each."""
+        """What in the folder is not as it should be, a sentence each."""
         notes = []
-        if self.damaged:
-            count, first = len(self.damaged), self.damaged[0]
-            notes.append(f"{_files(count)} in {self.folder} could not be read, first {first}")
-        if self.foreign:
+        done = "are shown all the same" if self.any_origin else "computed anew"
+        if self._damaged:
+            count, first = len(self._damaged), self._damaged[0]
+            rest = "left out" if self.any_origin else "computed anew"
+            notes.append(f"{_files(count)} could not be read and {rest}, the first being {first}")
+        if self._foreign:
             notes.append(
-                f"{_files(self.foreign)} in {self.folder} came from another version of LDT, its "
-                "libraries or the machine file"
+                f"{_files(self._foreign)} came from another version of LDT, of its libraries or of "
+                f"the machine file and {done}"
             )
         return notes
+
+    def _path(self, folder: str, key: str) -> Path:
+        return self.out / folder / f"{key}.json"
+
+    def _read(self, folder: str, key: str, parse: Callable[[Any], Kind]) -> Kind | None:
+        path = self._path(folder, key)
+        try:
+            record = json.loads(path.read_text(encoding="utf-8"))
+            if (record["format"], record["key"]) != (FORMAT, key):
+                raise ValueError("another file's content")
+            origin, found = record["origin"], parse(record["content"])
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            self._damaged.append(str(path))
+            return None
+        if origin != self.origin:
+            self._foreign += 1
+            return found if self.any_origin else None
+        return found
+
+    def _write(self, folder: str, case: Case, key: str, content: Mapping[str, Any]) -> None:
+        path = self._path(folder, key)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        record = {"format": FORMAT, "key": key, "origin": self.origin}
+        record |= {"case": dataclasses.asdict(case), "content": content}
+        write(path, json.dumps(record, separators=(",", ":"), allow_nan=False))
 
 
 def write(path: Path, text: str) -> None:
@@ -104,23 +121,6 @@ def write(path: Path, text: str) -> None:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
-
-
-def case_of(record: Mapping[str, Any]) -> Case:
-    """A case from its JSON (`dataclasses.asdict`).
-
-    Raises:
-        TypeError, KeyError: it is none.
-    """
-    alarms = record["alarms"]
-    own = {**record, "alarms": None if alarms is None else tuple(alarms)}
-    return Case(**{**own, "keep": tuple(record["keep"])})
-
-
-def _plain(result: Result) -> dict[str, Any]:
-    plain = {name: getattr(result, name) for name in COLUMNS}
-    kept = {str(number): series for number, series in result.kept.items()}
-    return {**plain, "kept": kept, "seconds": result.seconds}
 
 
 def _result(case: Case, plain: Mapping[str, Any]) -> Result:

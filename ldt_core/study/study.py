@@ -11,15 +11,8 @@ from ldt_core.errors import OptionError, did_you_mean
 from ldt_core.study.baselines import never
 from ldt_core.study.case import Case, Result
 from ldt_core.study.facts import Facts, stream_key
+from ldt_core.study.groups import GROUPS
 
-#: What a run is there for; one run may serve several groups.
-GROUPS = {
-    "paper": "the paper's table: linear and hybrid under each of its detectors, to the letter",
-    "sweep": "the paper's figure of thresholds: each model and detector over a range of them",
-    "baseline": "alarms by the calendar and by chance, as many as a run of `paper` or `better` had",
-    "better": "the learners and detectors that go beyond the paper, on the same streams",
-    "kinds": "drifts of other kinds than the paper's staircase, and an unknown start angle",
-}
 _CASE = tuple(f.name for f in dataclasses.fields(Case))
 
 

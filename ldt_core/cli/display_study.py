@@ -1,0 +1,109 @@
+"""What a study shows: a progress bar while it goes, the paper's Table 1 beside ours at the end."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Self
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from ldt_core.study.study import Study
+from ldt_core.study.tables import summary, table_rows
+
+#: Column of the table → figure, its factor, digits and unit.
+FIGURES = {
+    "MME, rad/s": ("mme", 1, 2, ""),
+    "of original": ("share", 100, 0, " %"),
+    "adaptations": ("adaptations", 1, 1, ""),
+    "precision": ("precision", 1, 2, ""),
+    "recall": ("recall", 1, 2, ""),
+}
+
+
+class StudyProgress:
+    """The progress bar of a study, on a terminal's standard error; nothing on a pipe.
+
+    Args:
+        out: folder of the study, named when the work is interrupted.
+    """
+
+    def __init__(self, out: str) -> None:
+        self._out, self._done, self._total = out, 0, 0
+        console = Console(stderr=True)
+        self._progress = Progress(
+            TextColumn("study"),
+            BarColumn(bar_width=40),
+            MofNCompleteColumn(),
+            TextColumn("results"),
+            TimeRemainingColumn(compact=True),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        self._task = self._progress.add_task("", total=None)
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._progress.stop()
+        if kind is KeyboardInterrupt:
+            kept = f"{self._done} of {self._total} results are kept in {self._out}"
+            print(f"{kept}; the same command goes on from there", file=sys.stderr)
+
+    def show(self, done: int, total: int) -> None:
+        """Results that are there, and how many there will be as far as is known."""
+        self._done, self._total = done, total
+        self._progress.update(self._task, completed=done, total=total)
+
+
+def print_study(study: Study, page: Path, as_json: bool) -> None:
+    """What a study ends with, on standard output.
+
+    Args:
+        study: what was run.
+        page: where it is shown.
+        as_json: one JSON object instead of the table.
+    """
+    rows = summary(study)
+    if as_json:
+        record = {"settings": study.settings, "runs": len(study.entries), "notes": study.notes}
+        record |= {"missing": study.missing, "summary": rows, "table": table_rows(study)}
+        print(json.dumps({**record, "page": str(page)}, allow_nan=False))
+        return
+    table = Table("model", "detector", title="mean over seeds ± its 95 % interval")
+    for name in FIGURES:
+        table.add_column(name, justify="right")
+    for (_, model), members in groupby(rows, key=lambda row: (row["group"], row["model"])):
+        for row in members:
+            table.add_row(model, row["detector"], *_cells(row))
+        if row["paper"]:
+            paper = {name: {"value": value} for name, value in row["paper"].items()}
+            table.add_row(model, "in the paper", *_cells(paper), style="dim")
+        table.add_section()
+    console = Console(soft_wrap=True)
+    console.print(table)
+    missing = [f"{study.missing} runs are missing"] if study.missing else []
+    for note in (*missing, *study.notes):
+        console.print(note, markup=False, highlight=False)
+    console.print(f"page: {page}", markup=False, highlight=False)
+
+
+def _cells(row: Mapping[str, Any]) -> list[str]:
+    return [_text(row[name], *how) for name, *how in FIGURES.values()]
+
+
+def _text(estimate: Mapping[str, Any], scale: float, digits: int, unit: str) -> str:
+    """A mean, and half the width of its interval where it has one."""
+    if (value := estimate["value"]) is None:
+        return "-"
+    low, high = estimate.get("low"), estimate.get("high")
+    known = low is not None and high is not None
+    spread = f" ± {scale * (high - low) / 2:.{digits}f}" if known else ""
+    return f"{scale * value:.{digits}f}{spread}{unit}"

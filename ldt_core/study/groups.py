@@ -1,0 +1,10 @@
+"""The parts of a study, each of which can be had alone."""
+
+#: What a run is there for; one run may serve several groups.
+GROUPS = {
+    "paper": "the paper's table: linear and hybrid under each of its detectors, to the letter",
+    "sweep": "the paper's figure of thresholds: each model and detector over a range of them",
+    "baseline": "alarms by the calendar and by chance, as many as a run of paper or better had",
+    "better": "the learners and detectors that go beyond the paper, on the same streams",
+    "kinds": "drifts of other kinds than the paper's staircase, and an unknown start angle",
+}

@@ -1,0 +1,170 @@
+"""Which runs make up a study."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ldt_core.study.baselines import baseline_cases
+from ldt_core.study.case import Case, Result
+from ldt_core.study.groups import GROUPS
+
+#: The paper to the letter: every new model is taken, S_w and the present experiment are learned
+#: from, f_d depends on the speed alone.
+PAPER = {"gate": "none", "data": "warning-set", "gp_inputs": ["speed"]}
+#: Learn from all that is still valid, and refuse a model that is worse on data held back.
+BETTER = {"gate": "holdout", "data": "evidence"}
+
+#: Paper's detector → the parameters of its row in the table. The paper prints no values; they are
+#: rad/s, levels in deviations, and experiments.
+TABLE: dict[str, dict[str, Any]] = {
+    "threshold": {"threshold": 3.0, "warning_threshold": 1.5},
+    "lddm": {"error_threshold": 1.0, "drift_level": 3.0, "warning_level": 2.0},
+    "window": {"window": 10},
+}
+PAPER_MODELS = ("linear", "hybrid")
+#: rad/s, about geometric; the table's own thresholds are among them.
+THRESHOLDS = (0.5, 1.0, 1.75, 3.0, 5.0, 8.0, 12.0, 20.0)
+SWEPT = ("threshold", "lddm")
+BEYOND = (
+    ("linear", "calibrated"),
+    ("hybrid", "calibrated"),
+    ("diagnosed", "calibrated"),
+    ("diagnosed", "threshold"),
+)
+OTHER_DRIFTS = ("abrupt", "ramp", "recurring", "repaired")
+FEW_SEEDS = 5  # for the sweep and other kinds of drift, whose figures need fewer
+
+#: Experiments kept for a figure, as parts of the stream: the first, the paper's 92nd of 200, and
+#: some in the part where the rotor is worn. Of the first seed alone: 80 kB an experiment.
+KEPT = (0.0, 0.46, 0.5, 0.56, 0.62, 0.68, 0.74, 0.8, 0.86, 0.92, 0.98, 1.0)
+
+# What a run costs relative to others, to begin the long ones first: a training of the linear model
+# takes the longest, and the threshold detector asks for the most of them.
+MODEL_COST = {"linear": 10.0, "hybrid": 3.0, "diagnosed": 5.0}
+DETECTOR_COST = {"threshold": 5.0, "window": 2.0}
+
+
+@dataclass(frozen=True)
+class Planned:
+    """One run of the plan, see `study.Entry`."""
+
+    case: Case
+    groups: tuple[str, ...]
+    beside: tuple[str, ...] = ()
+
+    @property
+    def order(self) -> tuple[int, float]:
+        """Seed by seed, so that streams are simulated once a process; the longest first in each."""
+        case = self.case
+        alarms = None if case.alarms is None else len(case.alarms) / case.experiments * 8
+        cost = DETECTOR_COST.get(case.detector, 1.0) if alarms is None else alarms
+        return case.seed, -cost * MODEL_COST.get(case.model, 1.0) * case.experiments
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a study consists of.
+
+    Args:
+        seeds: number of streams.
+        experiments: of each.
+        machine: name or file.
+        groups: names in `GROUPS`.
+        first_seed: of the seeds, which follow each other.
+    """
+
+    seeds: int = 20
+    experiments: int = 200
+    machine: str = "rotor"
+    groups: tuple[str, ...] = tuple(GROUPS)
+    first_seed: int = 0
+
+    def runs(self) -> list[Planned]:
+        """The runs that depend on no other, each once, in the order of groups and seeds."""
+        parts = {
+            "paper": self._paper(),
+            "sweep": self._sweep(),
+            "better": self._better(),
+            "kinds": self._kinds(),
+        }
+        found: dict[str, Planned] = {}
+        for group in GROUPS:
+            for case in parts.get(group, ()) if group in self.groups else ():
+                known = found.get(case.key, Planned(case, ()))
+                found[case.key] = replace(known, groups=(*known.groups, group))
+        return list(found.values())
+
+    def baselines(self, results: Iterable[tuple[Planned, Result]]) -> list[Planned]:
+        """The periodic and random runs beside those of the groups paper and better."""
+        if "baseline" not in self.groups:
+            return []
+        found: dict[str, Planned] = {}
+        for planned, result in results:
+            if not {"paper", "better"} & set(planned.groups):
+                continue
+            for case in baseline_cases(result):
+                known = found.get(case.key, Planned(case, ("baseline",)))
+                found[case.key] = replace(known, beside=(*known.beside, planned.case.key))
+        return list(found.values())
+
+    def case(self, model: str, detector: str, index: int, settings: Mapping[str, Any]) -> Case:
+        """One case of this study.
+
+        Args:
+            model: its name.
+            detector: its name.
+            index: of the seed, from 0; the first keeps experiments for figures.
+            settings: that differ from their defaults.
+        """
+        seed = self.first_seed + index
+        usual = not settings.keys() & {"degradation", "start"}
+        keep = self.kept if index == 0 and usual else ()
+        return Case(model, detector, seed, self.experiments, self.machine, settings, None, keep)
+
+    @property
+    def kept(self) -> tuple[int, ...]:
+        """Numbers of the experiments that are kept for figures."""
+        last = self.experiments
+        return tuple(sorted({min(max(1, round(part * last)), last) for part in KEPT}))
+
+    def _paper(self) -> Iterable[Case]:
+        for index in range(self.seeds):
+            for model in PAPER_MODELS:
+                for detector, values in TABLE.items():
+                    yield self.case(model, detector, index, {**PAPER, **values})
+
+    def _sweep(self) -> Iterable[Case]:
+        for index in range(min(self.seeds, FEW_SEEDS)):
+            for model in PAPER_MODELS:
+                for detector in SWEPT:
+                    for value in THRESHOLDS:
+                        values = at_threshold(detector, value)
+                        case = self.case(model, detector, index, {**PAPER, **values})
+                        yield case if values == TABLE[detector] else replace(case, keep=())
+
+    def _better(self) -> Iterable[Case]:
+        for index in range(self.seeds):
+            for model, detector in BEYOND:
+                yield self.case(model, detector, index, {**BETTER, **TABLE.get(detector, {})})
+
+    def _kinds(self) -> Iterable[Case]:
+        learners = (
+            ("diagnosed", "calibrated", BETTER),
+            ("hybrid", "calibrated", BETTER),
+            ("hybrid", "threshold", {**PAPER, **TABLE["threshold"]}),
+        )
+        for index in range(min(self.seeds, FEW_SEEDS)):
+            for model, detector, settings in learners:
+                for kind in ("", *OTHER_DRIFTS):  # "" is the machine file's own staircase
+                    drift = {"degradation": kind} if kind else {}
+                    yield self.case(model, detector, index, {**settings, **drift})
+            yield self.case("diagnosed", "calibrated", index, {**BETTER, "start": "random"})
+
+
+def at_threshold(detector: str, value: float) -> dict[str, Any]:
+    """The parameters of a swept detector at a threshold [rad/s]."""
+    if detector == "threshold":
+        return {"threshold": value, "warning_threshold": value / 2}
+    return {**TABLE["lddm"], "error_threshold": value}
