@@ -110,7 +110,10 @@ def build() -> None:
         maintainer_email="ldt@example.org",
         python_requires=">=3.11",
         packages=find_packages(include=["ldt_core*", "ldt_ros*", "msgs_config*"]),
-        package_data={"msgs_config": ["*.yaml", "*.xml", "machines/*.yaml"]},
+        package_data={
+            "ldt_core.study": ["templates/*"],
+            "msgs_config": ["*.yaml", "*.xml", "machines/*.yaml"],
+        },
         data_files=[
             ("share/ament_index/resource_index/packages", ["resource/ldt"]),
             ("share/ldt", ["package.xml"]),
@@ -119,6 +122,7 @@ def build() -> None:
         zip_safe=False,
         install_requires=[
             "click>=8.2",
+            "Jinja2>=3.1",
             "joblib>=1.4",
             "lz4>=4.3",
             "mcap>=1.5",

@@ -1,0 +1,157 @@
+"""What the page of a study is made of. The template draws each kind; nothing is computed there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from ldt_core.study.figures.style import NARROW, WIDE, Drawing, inline_svg
+from ldt_core.study.statistics import Estimate, number
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A verdict: a word, a shape and a colour.
+
+    Args:
+        word: the verdict.
+        tone: good, bad or open.
+    """
+
+    word: str
+    tone: str
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Two lines in a cell, the second in small print."""
+
+    text: str
+    small: str
+
+
+Value = str | Mark | Cell
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph; `kind` heading, missing or code sets it so."""
+
+    text: str
+    kind: str = "text"
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under a head.
+
+    Args:
+        caption: what it shows.
+        head: names of the columns.
+        rows: of cells, the first naming the row.
+        numbers: columns that are figures.
+        note: below it.
+        cards: on a phone each row becomes a card (for cells of whole sentences).
+    """
+
+    caption: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[Value]]
+    numbers: Sequence[int] = ()
+    note: str = ""
+    cards: bool = False
+    kind: str = "table"
+
+
+@dataclass(frozen=True)
+class Folded:
+    """A table that the reader opens."""
+
+    title: str
+    table: Table
+    kind: str = "folded"
+
+
+@dataclass(frozen=True)
+class Item:
+    """A point of a list."""
+
+    text: str
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Items:
+    """A list of points."""
+
+    items: Sequence[Item]
+    kind: str = "items"
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Names and values."""
+
+    pairs: Sequence[tuple[str, str]]
+    kind: str = "facts"
+
+
+@dataclass(frozen=True)
+class Links:
+    """Files beside the page."""
+
+    text: str
+    files: Sequence[str]
+    kind: str = "links"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A drawing in both layouts, as SVG of our own making."""
+
+    name: str
+    title: str
+    caption: str
+    alt: str
+    wide: str
+    narrow: str
+    kind: str = "figure"
+
+    @classmethod
+    def of(cls, drawing: Drawing) -> Figure:
+        """Draw it."""
+        svg = (inline_svg(drawing, layout) for layout in (WIDE, NARROW))
+        return cls(drawing.name, drawing.title, drawing.caption, drawing.alt, *svg)
+
+
+Block = Text | Table | Folded | Items | Pairs | Links | Figure
+
+
+@dataclass
+class Section:
+    """A part of the page.
+
+    Attributes:
+        id: to link to.
+        title: in the head and the list of sections.
+        blocks: in order.
+    """
+
+    id: str
+    title: str
+    blocks: list[Block] = field(default_factory=list)
+
+    def figure(self, drawing: Drawing | None, otherwise: str) -> None:
+        """Add a drawing, or say why there is none."""
+        self.blocks.append(Figure.of(drawing) if drawing else Text(otherwise, "missing"))
+
+
+def cell(estimate: Estimate, digits: int = 3, scale: float = 1.0) -> Value:
+    """A figure with its interval below it."""
+    if estimate.value is None:
+        return "–"
+    text = number(estimate.value * scale, digits)
+    if estimate.count < 2:
+        return Cell(text, "one seed")
+    low, high = number(estimate.low * scale, digits), number(estimate.high * scale, digits)
+    return Cell(text, f"{low} to {high}")

@@ -1,0 +1,44 @@
+"""The sections of the page of a study, a file each, in the order in which they are read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from ldt_core.study.blocks import Section
+from ldt_core.study.figures.reading import Reading
+from ldt_core.study.figures.style import Drawing
+from ldt_core.study.sections.beyond import beyond
+from ldt_core.study.sections.chance import chance
+from ldt_core.study.sections.method import deviations, methods, runs
+from ldt_core.study.sections.reproduction import reproduction
+from ldt_core.study.sections.summary import summary
+from ldt_core.study.stamp import stamp
+from ldt_core.study.study import Study
+
+Drawings = Mapping[str, Drawing | None]
+
+SECTIONS: tuple[Callable[[Reading, Drawings], Section], ...] = (
+    summary,
+    reproduction,
+    chance,
+    beyond,
+    deviations,
+    methods,
+    runs,
+)
+
+
+def lead(study: Study) -> str:
+    """The sentence under the title."""
+    seeds = len({r.case.seed for r in study.results()})
+    return (
+        "Every claim of “Towards learning digital twin” (Zhou, Walther, Verl, CIRP CMS 2024) "
+        f"examined on {seeds} random streams of a simulated rotor that wears, and how far a "
+        "learner goes that keeps the physics."
+    )
+
+
+def footer(study: Study) -> str:
+    """The last line."""
+    version = stamp()["ldt"]
+    return f"Made by LDT {version}. Everything on this page is computed from the study's runs."

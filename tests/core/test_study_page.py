@@ -1,0 +1,217 @@
+"""The page of a study and its figures: complete, self-contained, safe, and never without a word."""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from fake_study import fake_study
+
+from ldt_core.errors import LdtError
+from ldt_core.study.figures import FIGURES, drawings, style
+from ldt_core.study.figures.reading import Reading
+from ldt_core.study.page import write_figures, write_page
+from ldt_core.study.study import Study
+
+HOSTILE = "</code><script>alert(1)</script>\"' $x^2 & {{ 7*7 }}.yaml"
+LARGEST = 5_000_000  # bytes of a page
+
+
+class Elements(HTMLParser):
+    """All start tags with their attributes, and the text."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.text += data
+
+
+@pytest.fixture(scope="module")
+def study():
+    return fake_study(seeds=2, experiments=42)
+
+
+@pytest.fixture(scope="module")
+def page(study, tmp_path_factory):
+    return write_page(study, tmp_path_factory.mktemp("page")).read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Names of the figures whose drawing, which is slow, is left out."""
+    names = set(FIGURES)
+
+    def draw(drawing, layout):
+        return "<svg></svg>" if drawing.name in names else style.inline_svg(drawing, layout)
+
+    monkeypatch.setattr("ldt_core.study.blocks.inline_svg", draw)
+    return names
+
+
+def only(study: Study, *groups: str) -> Study:
+    """The runs of some groups alone."""
+    kept = tuple(replace(e, groups=g) for e in study.entries if (g := both(e.groups, groups)))
+    return replace(study, entries=kept)
+
+
+def named(study: Study, detector: str) -> Study:
+    """The same with another name for the calibrated detector."""
+
+    def renamed(entry):
+        case = entry.result.case
+        if case.detector != "calibrated":
+            return entry
+        return replace(entry, result=replace(entry.result, case=replace(case, detector=detector)))
+
+    return replace(study, entries=tuple(map(renamed, study.entries)))
+
+
+def both(first: tuple[str, ...], second: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(g for g in first if g in second)
+
+
+def test_the_page_needs_nothing_else(page):
+    """No script, no address to load from; links go to the page itself or to files beside it."""
+    tags = Elements(page).tags
+    assert not {t for t, _ in tags} & {"script", "link", "iframe", "object", "img", "base"}
+    for tag, attributes in tags:
+        for name in ("src", "href", "xlink:href", "action"):
+            target = attributes.get(name) or ""
+            assert not re.match(r"\w+:|//", target), (tag, target)
+    assert "@import" not in page
+    assert len(page.encode()) < LARGEST
+
+
+def test_every_figure_is_on_the_page_in_both_layouts(page, study):
+    """Wide and narrow, with a caption and words for those who cannot see it."""
+    figures = [a for t, a in Elements(page).tags if t == "figure"]
+    assert [a["id"] for a in figures] == list(FIGURES)
+    assert all(a["aria-label"] for a in figures)
+    pictures = re.findall(r'<div class="(wide|narrow)" role="img"', page)
+    assert pictures == ["wide", "narrow"] * len(FIGURES)
+
+
+def test_identifiers_are_unique(page):
+    """Two inlined drawings never refer to each other's parts."""
+    found = [a["id"] for _, a in Elements(page).tags if a.get("id")]
+    assert len(found) == len(set(found))
+    targets = re.findall(r"(?:url\(#|href=\"#)([^)\"]+)", page)
+    assert set(targets) <= set(found)
+
+
+def test_drawings_follow_the_readers_scheme(page):
+    """No fixed colour in an inlined drawing, and every variable has a dark value too."""
+    for svg in re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL):
+        assert not re.search(r"#[0-9a-fA-F]{6}\b", svg), re.search(r".{60}#[0-9a-fA-F]{6}", svg)
+    light, _, dark = (set(re.findall(r"(--\w+):", part)) for part in page.split("@media", 3)[:3])
+    assert set(style.VARIABLES.values()) <= light & dark
+
+
+def test_the_papers_figures_stand_beside_ours(page):
+    """Table 1, theirs and ours."""
+    text = Elements(page).text
+    for printed in ("8.86", "6.86", "10.09", "44", "25", "0.06", "0.12", "0.33"):
+        assert printed in text
+
+
+def test_verdicts_have_a_word_and_a_shape(page):
+    """Colour alone tells nothing."""
+    verdicts = re.findall(r'<span class="verdict (\w+)"><svg.*?</svg>([^<]+)</span>', page)
+    assert len(verdicts) > 20
+    assert {w for t, w in verdicts if t == "good"} <= {"confirmed", "met"}
+    assert {w for t, w in verdicts if t == "bad"} <= {"not confirmed", "missed"}
+
+
+def test_what_comes_from_outside_is_escaped(tmp_path, undrawn):
+    """A machine's name, a detector, a setting and a note are text, whatever is in them."""
+    undrawn.discard("shares")
+    whole = fake_study(2, 28, machine=HOSTILE, notes=(HOSTILE,))
+    study = only(named(whole, HOSTILE), "paper", "better")
+    page = write_page(study, tmp_path).read_text(encoding="utf-8")
+    elements = Elements(page)
+    assert "script" not in {t for t, _ in elements.tags}
+    assert elements.text.count(HOSTILE) >= 3
+    assert "49.yaml" not in page
+
+
+@pytest.mark.parametrize("groups", [(), ("paper",), ("sweep",), ("better",), ("kinds",)])
+def test_a_small_study_says_what_is_missing(study, groups, tmp_path, undrawn):
+    """A section without runs has a sentence in the place of its figures."""
+    part = only(study, *groups)
+    page = write_page(part, tmp_path).read_text(encoding="utf-8")
+    drawn = [n for n, d in drawings(Reading(part)).items() if d]
+    shown = [a["id"] for t, a in Elements(page).tags if t == "figure"]
+    assert shown == drawn
+    assert page.count('class="missing"') >= len(FIGURES) - len(drawn)
+
+
+def test_one_seed_is_enough(tmp_path, undrawn):
+    """Means without an interval are shown as such."""
+    undrawn.discard("thresholds")
+    study = only(fake_study(1, 28), "paper", "sweep")
+    assert "one seed" in write_page(study, tmp_path).read_text(encoding="utf-8")
+
+
+def test_captions_have_the_figures_of_this_study(study):
+    """Twice the error of the hybrid model, twice the figure in the words."""
+
+    def doubled(entry):
+        result = entry.result
+        if result.case.model != "hybrid":
+            return entry
+        return replace(entry, result=replace(result, max_error=[2 * e for e in result.max_error]))
+
+    other = replace(study, entries=tuple(map(doubled, study.entries)))
+    one, two = (drawings(Reading(s)) for s in (study, other))
+    for name in ("mme_by_level", "thresholds", "over_stream"):
+        assert one[name].caption != two[name].caption
+
+
+def test_files_of_the_figures_are_written_and_readable(study, tmp_path, monkeypatch):
+    """PNG and SVG of each; no letter below 9 points."""
+    some = ("sommerfeld", "thresholds", "shares")
+    monkeypatch.setattr("ldt_core.study.figures.FIGURES", {n: FIGURES[n] for n in some})
+    files = write_figures(study, tmp_path)
+    assert {f.name for f in files} == {f"{n}.{k}" for n in some for k in ("png", "svg")}
+    assert {f.parent for f in files} == {tmp_path / "figures"}
+    for file in files:
+        if file.suffix == ".svg":
+            tree = ElementTree.parse(file)
+            view = [float(v) for v in tree.getroot().get("viewBox").split()]
+            assert view[2] <= 1.02 * 600  # points: 800 pixels
+            sizes = {float(v) for v in re.findall(r"font-size: ([\d.]+)px", file.read_text())}
+            index = 0.7 * style.FONT  # of θ_c and θ_d
+            assert sizes
+            assert min(sizes - {index}) >= 9
+        else:
+            assert file.read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_learns_looks_the_same_everywhere():
+    """Models differ in colour, line and marker; so do detectors."""
+    for names in (("measured", "original", "linear", "hybrid", "diagnosed"),):
+        looks = [style.LOOKS[n] for n in names]
+        assert len({x.color for x in looks}) == len(looks)
+        assert len({x.marker for x in looks}) == len(looks)
+    lines = [str(style.LOOKS[n].line) for n in ("original", "linear", "hybrid", "diagnosed")]
+    assert len(set(lines)) == len(lines)
+
+
+def test_without_matplotlib_it_is_said_at_once(monkeypatch, study, tmp_path):
+    """One sentence that says what to install."""
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(LdtError, match="pip install 'ldt\\[plot\\]'"):
+        write_page(study, tmp_path)
+    assert not list(Path(tmp_path).iterdir())
