@@ -1,46 +1,62 @@
 """The adaptor: what to do with an experiment, by the detector's answer (paper, section "Adaptor").
 
-negative → nothing; warning → S_w ← S_w ∪ S_m; positive → a new model from S_w and the present
-experiment, then S_w ← ∅. The paper takes every new model; here it has to pass a gate first.
+negative → nothing; warning → S_w ← S_w ∪ S_m; positive → a new model, then S_w ← ∅. The paper
+learns from S_w and the present experiment and takes every new model. Here, unless the paper's way
+is asked for, the experiments are chosen by evidence and a new model has to pass a gate.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 
-from ldt_core.errors import LdtError
-from ldt_core.experiment import Action, Adaptation, Experiment, Level, Signal
+from ldt_core.errors import LdtError, OptionError
+from ldt_core.experiment import Action, Adaptation, Experiment, Level, ModelRecord, Signal
+from ldt_core.gate import Trial
 from ldt_core.memory import Memory
 from ldt_core.models.base import Model
 from ldt_core.settings import resolve
+from ldt_core.training_data import core, still_valid
 
-#: Fewest samples of a block held back: a single one would be a free run of no step at all when it
-#: is an experiment's first.
-LEAST_BLOCK = 2
+#: Models that were in force before and may be again, beside the very first.
+EARLIER = 8
+#: Older experiments join only if a model of them alone errs no more than this on the present one: 5 %
+#: is what the error of some 200 independent samples varies by anyway.
+HARM = 1.05
+
+
+@dataclass(frozen=True)
+class Offer:
+    """A model that may take the present one's place.
+
+    Args:
+        model: the next version.
+        origin: where it comes from, for a person.
+        details: figures behind it.
+    """
+
+    model: Model
+    origin: str
+    details: dict[str, float] = field(default_factory=dict)
 
 
 class Adaptor:
     """Keeps, stores, adapts or refuses, once per experiment.
 
-    The gate "holdout" cuts every experiment learned from into 1 / `holdout` blocks of time. Models
-    trained without some of the blocks predict them, and so does the present model; the new one is
-    adopted if its root mean square error over all blocks held back is the smaller. It is a fair
-    test, since
+    With the gate "holdout" a new model is adopted if it predicts samples that it has not learned
+    from better than the present one does, see `gate.Trial`; the model adopted is then trained on
+    everything, nothing held back. An earlier model, the very first included, comes into force again
+    if it does better still: a repaired machine is one that the twin knows already.
 
-    - neither model has learned from the samples it is judged by (the present one was trained
-      before), and the new one is judged with less data than it will have, which errs on the side
-      of what is proven;
-    - predictions are free runs from the experiment's first sample, exactly the twin's use, of which
-      only the block held back counts;
-    - the block's place rotates from experiment to experiment, and with fewer experiments than
-      blocks the training is repeated until each place in time has been held back once. So there
-      are as many trainings as necessary (four with one experiment at a share of 0.25, one with four
-      or more), and their cost stays about that of the final one.
-
-    The model adopted is trained on everything, nothing held back.
+    With the data "evidence" a new model learns from the present experiment, from as many of the
+    last ones as it takes to have seen the range in which the machine runs, and from the recent ones
+    that are still valid, see `training_data`; these are left out without a gate, which is where
+    that is judged. With "warning-set" it learns from S_w and the present experiment, as in the
+    paper.
 
     After a positive S_w is emptied, as in the paper, also when the new model was worse: what it
     holds stems from a machine that has gone on wearing since. (Kept for the next attempt instead,
@@ -50,22 +66,31 @@ class Adaptor:
 
     Args:
         model: the model to begin with.
-        memory: S_w.
+        memory: S_w and the recent experiments.
         gate: "holdout", or "none", which takes every model that could be trained, as in the paper.
-        holdout: share of every experiment held back.
+        holdout: share of an experiment held back at a time.
+        data: "evidence" or "warning-set".
 
     Raises:
         OptionError: an argument outside its range (`parameters.yaml`).
     """
 
     def __init__(
-        self, model: Model, memory: Memory, gate: str = "holdout", holdout: float = 0.25
+        self,
+        model: Model,
+        memory: Memory,
+        gate: str = "holdout",
+        holdout: float = 0.25,
+        data: str = "evidence",
     ) -> None:
-        settings = resolve({"gate": gate, "holdout": holdout}, "adaptor")
+        settings = resolve({"gate": gate, "holdout": holdout, "data": data}, "adaptor")
         self.model = model
         self.memory = memory
         self.gate: str = settings["gate"]
         self.holdout: float = settings["holdout"]
+        self.data: str = settings["data"]
+        #: Models that were in force before, the very first one first.
+        self.earlier: list[Model] = []
 
     def step(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
         """Deal with one experiment; (what was done, the model that goes on)."""
@@ -78,85 +103,133 @@ class Adaptor:
             reason = f"warning, {_count(len(self.memory))} in the warning set"
         else:
             action, reason, details = self._learn(experiment)
+        self.memory.remember(experiment)
         details["warning_set"] = len(self.memory)
         version = self.model.version
         return Adaptation(experiment.number, action, version, reason, details), self.model
 
     def _learn(self, experiment: Experiment) -> tuple[Action, str, dict[str, float]]:
-        # One model has one sample period: a machine whose period has changed is learned anew.
-        pool = [e for e in self.memory.union(experiment) if _same_period(e, experiment)]
-        details: dict[str, float] = {"experiments": len(pool)}
         stays = f"version {self.model.version} stays"
         if not self.model.adaptive:
             self.memory.clear()
-            return Action.REFUSED, f"a {self.model.kind} model does not learn; {stays}", details
+            return Action.REFUSED, f"a {self.model.kind} model does not learn; {stays}", {}
+        pool = self._pool(experiment)
         try:
-            if self.gate == "holdout":
-                details |= held_back_errors(self.model, pool, self.holdout)
-                if not details["candidate_rmse"] < details["present_rmse"]:
-                    self.memory.clear()
-                    reason = f"no better on data held back: {_figures(details)}; {stays}"
-                    return Action.REFUSED, reason, details
-            self.model = self.model.fit(pool)
+            offer = self._offer(pool) if self.gate == "holdout" else self._untried(pool)
         except (LdtError, np.linalg.LinAlgError, ArithmeticError) as error:
             self.memory.store(experiment)
-            return Action.REFUSED, f"no model could be trained: {error}; {stays}", details
+            reason = f"no model could be trained: {error}; {stays}"
+            return Action.REFUSED, reason, {"experiments": len(pool)}
         self.memory.clear()
-        reason = f"version {self.model.version} learned from {_count(len(pool))}"
-        if self.gate == "holdout":
-            reason += f"; on data held back {_figures(details)}"
-        return Action.ADAPTED, reason, details
+        figures = _figures(offer.details)
+        if offer.model is self.model:
+            reason = f"no better on data held back: {figures}; {stays}"
+            return Action.REFUSED, reason, offer.details
+        self.earlier = [*self.earlier[:1], *self.earlier[1:][-EARLIER + 1 :], self.model]
+        self.model = offer.model
+        reason = f"version {self.model.version} {offer.origin}"
+        if figures:
+            reason += f"; on data held back {figures}"
+        return Action.ADAPTED, reason, offer.details
+
+    def _pool(self, experiment: Experiment) -> list[Experiment]:
+        """What to learn from at least, the present experiment last."""
+        if self.data == "warning-set":
+            pool = self.memory.union(experiment)
+        else:
+            pool = core(experiment, self._recent(experiment))
+        # One model has one sample period: a machine whose period has changed is learned anew.
+        return [e for e in pool if e.same_period(experiment)]
+
+    def _recent(self, experiment: Experiment) -> list[Experiment]:
+        return [e for e in self.memory.recent if e.same_period(experiment)]
+
+    def _untried(self, pool: list[Experiment]) -> Offer:
+        model = self.model.fit(pool)
+        return Offer(model, f"learned from {_count(len(pool))}", {"experiments": len(pool)})
+
+    def _offer(self, pool: list[Experiment]) -> Offer:
+        """The best of a new model, the earlier ones and the present one, by the gate."""
+        # Judged by what neither the present model nor an earlier one can have learned from: an
+        # experiment leaves S_w before it is learned from, but stays among the recent ones.
+        judged = pool if self.data == "warning-set" else pool[-1:]
+        trial = Trial(judged, self.holdout)
+        present = trial.rmse(self.model)
+        rmse, learner = trial.candidate(self.model, pool[: -len(judged)])
+        if self.data == "evidence":
+            others = [e for e in self._recent(judged[-1]) if all(e is not p for p in pool)]
+            pool = [*_valid(trial, rmse, learner, pool, others), *pool]
+        errors = [_rmse(trial, model) for model in self.earlier]
+        known = min(errors, default=math.inf)
+        details = {
+            "experiments": len(pool),
+            "candidate_rmse": min(rmse, known),
+            "present_rmse": present,
+            "held_back": trial.samples,
+            "trainings": len(trial.held),
+        }
+        if not details["candidate_rmse"] < present:
+            return Offer(self.model, "", details)
+        if known <= rmse:
+            best = self.earlier[errors.index(known)]
+            again = best.again(self.model.version + 1)
+            return Offer(again, f"is version {best.version} again", details)
+        return Offer(self.model.fit(pool), f"learned from {_count(len(pool))}", details)
+
+    def state(self) -> dict[str, Any]:
+        """All that changes but the present model, in JSON types; `restore` takes it back."""
+        return {
+            "memory": self.memory.state(),
+            "earlier": [asdict(model.record()) for model in self.earlier],
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state saved by an adaptor of the same kind of model.
+
+        Raises:
+            OptionError: the state is not an adaptor's; the adaptor is then as it was before.
+            ModelError: an earlier model that cannot be this machine's.
+        """
+        try:
+            records = [ModelRecord(**record) for record in state["earlier"]]
+            memory = state["memory"]
+        except (KeyError, TypeError) as error:
+            got = f"{type(error).__name__}: {error}"
+            raise OptionError("state of the adaptor", "memory and earlier", got) from error
+        present = self.model
+        earlier = [
+            type(present).from_record(record, present.machine, **present.options)
+            for record in records
+        ]
+        self.memory.restore(memory)
+        self.earlier = earlier
 
 
-def held_back_errors(model: Model, pool: Sequence[Experiment], holdout: float) -> dict[str, float]:
-    """Compare a model with what it would become, on samples that neither has learned from.
+def _rmse(trial: Trial, model: Model) -> float:
+    """The error of a model that was left long ago, and may be unable to predict by now."""
+    try:
+        return trial.rmse(model)
+    except LdtError:
+        return math.inf
 
-    Args:
-        model: the present model, not trained on the pool.
-        pool: experiments to learn from.
-        holdout: share of every experiment held back, 0.5 at most.
 
-    Returns:
-        candidate_rmse and present_rmse [rad/s] over held_back samples, in so many trainings.
+def _valid(
+    trial: Trial, rmse: float, learner: Model, pool: list[Experiment], others: list[Experiment]
+) -> list[Experiment]:
+    """Those other experiments that are still valid, where the judged ones confirm it.
 
-    Raises:
-        LdtError: an experiment is too short to hold anything back, or training failed.
+    What is alike to a model of the present machine is learned from alone, and has to predict the
+    present experiment as well as that experiment's own samples did.
     """
-    blocks = round(1 / holdout)
-    shortest = min(len(e) for e in pool)
-    if shortest < LEAST_BLOCK * blocks:
-        raise LdtError(
-            f"an experiment of {shortest} samples is too short to hold back one in {blocks} blocks"
-        )
-    trainings = math.ceil(blocks / len(pool))
-    present = [model.predict(e).residual(e) for e in pool]
-    squares = {"candidate": 0.0, "present": 0.0}
-    held_back = 0
-    learner = model
-    for training in range(trainings):
-        places = [(i + training * len(pool)) % blocks for i in range(len(pool))]
-        held = [_block(e, place, blocks) for e, place in zip(pool, places, strict=True)]
-        candidate = learner.fit_without(pool, held)
-        learner = model.shaped_like(candidate)
-        for e, block, old in zip(pool, held, present, strict=True):
-            new = candidate.predict(e).residual(e)
-            squares["candidate"] += float(np.sum(new[block] ** 2))
-            squares["present"] += float(np.sum(old[block] ** 2))
-            held_back += block.stop - block.start
-    rmse = {f"{name}_rmse": math.sqrt(total / held_back) for name, total in squares.items()}
-    return {**rmse, "held_back": held_back, "trainings": trainings}
-
-
-def _block(experiment: Experiment, place: int, blocks: int) -> slice:
-    length = len(experiment)
-    return slice(length * place // blocks, length * (place + 1) // blocks)
-
-
-def _same_period(one: Experiment, other: Experiment) -> bool:
-    return math.isclose(one.period, other.period, rel_tol=1e-6)
+    valid = still_valid(learner.fit(pool), rmse, others) if others else []
+    if not valid or trial.rmse(learner.fit(valid)) > HARM * rmse:
+        return []
+    return valid
 
 
 def _figures(details: dict[str, float]) -> str:
+    if "candidate_rmse" not in details:
+        return ""
     return f"RMSE {details['candidate_rmse']:.4g} against {details['present_rmse']:.4g} rad/s"
 
 

@@ -22,6 +22,9 @@ Samples = NDArray[np.float64]
 #: Unit of each channel of a recording (CONTRACT: SI units everywhere).
 CHANNEL_UNITS = {"voltage": "V", "speed": "rad/s", "current": "A", "speed_std": "rad/s"}
 
+#: Relative difference of two sample periods that is rounding, of clocks and of text files.
+SAME_PERIOD = 1e-6
+
 
 def _samples(where: str, values: ArrayLike, length: int | None = None) -> Samples:
     array = np.array(values, dtype=np.float64)
@@ -105,6 +108,10 @@ class Experiment:
     def end(self) -> float:
         """When the experiment was finished [s since the epoch]."""
         return self.start + self.duration
+
+    def same_period(self, other: Experiment) -> bool:
+        """Whether the two were sampled alike."""
+        return math.isclose(self.period, other.period, rel_tol=SAME_PERIOD)
 
     def part(self, begin: int, stop: int) -> Experiment:
         """Samples begin to stop as an experiment of the same number, starting where they start."""

@@ -164,5 +164,6 @@ def build_judge(settings: Mapping[str, Any]) -> Judge:
 
 def build_adaptor(model: Model, settings: Mapping[str, Any]) -> Adaptor:
     """Stage 3 from the parameters of the group adaptor."""
-    memory = Memory(settings["memory_limit"])
-    return Adaptor(model, memory, gate=settings["gate"], holdout=settings["holdout"])
+    memory = Memory(settings["memory_limit"], settings["history"])
+    how = {name: settings[name] for name in ("gate", "holdout", "data")}
+    return Adaptor(model, memory, **how)

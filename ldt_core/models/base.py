@@ -103,6 +103,10 @@ class Model(abc.ABC):
         numbers = tuple(e.number for e in experiments)
         return type(self)(self.machine, plain, self.version + 1, numbers, **self.options)
 
+    def again(self, version: int) -> Self:
+        """This model as a later version: in force again."""
+        return type(self)(self.machine, self.parameters, version, self.trained_on, **self.options)
+
     def record(self) -> ModelRecord:
         """The model as it is sent and stored."""
         return ModelRecord(self.version, self.kind, self.trained_on, self.parameters)

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.adaptor import Adaptor, held_back_errors
+from ldt_core.adaptor import EARLIER, Adaptor
 from ldt_core.detectors.window import Window
 from ldt_core.errors import LdtError, OptionError
 from ldt_core.experiment import Action, Experiment, Level, Prediction, Signal
+from ldt_core.gate import Trial
 from ldt_core.memory import Memory
 from ldt_core.models.base import Model
 
@@ -115,7 +116,7 @@ def actions(steps):
 
 def test_the_paper_s_rules():
     """Negative does nothing, warning stores, positive learns from S_w and the present one."""
-    adaptor = Adaptor(Gain(None), Memory(), gate="none")
+    adaptor = Adaptor(Gain(None), Memory(), gate="none", data="warning-set")
     steps = run(adaptor, "-0-0+-")
     assert actions(steps) == ["kept", "stored", "kept", "stored", "adapted", "kept"]
     assert [len(steps[i][1].trained_on) for i in (3, 4)] == [0, 3]
@@ -164,7 +165,7 @@ def test_without_a_gate_it_is_taken():
 
 def test_a_model_that_is_worse_empties_the_warning_set_all_the_same():
     """The machine goes on wearing: what was stored does not describe it for ever."""
-    adaptor = Adaptor(Memoriser(None), Memory(), holdout=0.5)
+    adaptor = Adaptor(Memoriser(None), Memory(), holdout=0.5, data="warning-set")
     steps = run(adaptor, "0+0+", gain=1.0)
     assert actions(steps) == ["stored", "refused", "stored", "refused"]
     assert [adaptation.details["experiments"] for adaptation, _ in steps[1::2]] == [2, 2]
@@ -174,7 +175,7 @@ def test_a_model_that_is_worse_empties_the_warning_set_all_the_same():
 def test_a_training_that_failed_keeps_its_experiments_for_the_next():
     """Nothing speaks against the data but that there were too few of them."""
     still = Experiment(1, 0.0, 0.1, np.zeros(LENGTH), np.zeros(LENGTH))
-    adaptor = Adaptor(Gain(None), Memory())
+    adaptor = Adaptor(Gain(None), Memory(), data="warning-set")
     adaptor.step(still, signal(1, Level.POSITIVE))
     assert [e.number for e in adaptor.memory.experiments] == [1]
     adaptation, model = adaptor.step(experiment(2, 2.0), signal(2, Level.POSITIVE))
@@ -242,7 +243,8 @@ def test_what_is_held_back(count, holdout, length):
     Spy.trainings.clear()
     blocks = round(1 / holdout)
     pool = [experiment(i, 2.0, length=length) for i in range(1, count + 1)]
-    figures = held_back_errors(Spy(None), pool, holdout)
+    trial = Trial(pool, holdout)
+    trial.candidate(Spy(None))
     places = set()
     left_out = 0
     for parts in Spy.trainings:
@@ -258,23 +260,23 @@ def test_what_is_held_back(count, holdout, length):
             assert length // blocks <= gap.size <= length // blocks + 1
             places.add(round(gap[0] * blocks / length))
             left_out += gap.size
-    assert figures["held_back"] == left_out
-    assert figures["trainings"] == len(Spy.trainings) == -(-blocks // count)
+    assert trial.samples == left_out
+    assert len(trial.held) == len(Spy.trainings) == -(-blocks // count)
     assert places == set(range(blocks))
 
 
 def test_the_present_model_is_judged_on_the_same_samples():
     """With one experiment all samples are held back in turn: the present RMSE is the plain one."""
     pool = [experiment(1, 2.0)]
-    figures = held_back_errors(Gain(None), pool, 0.25)
+    trial = Trial(pool, 0.25)
     residual = Gain(None).predict(pool[0]).residual(pool[0])
-    assert figures["held_back"] == LENGTH
-    assert figures["present_rmse"] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-12)
+    assert trial.samples == LENGTH
+    assert trial.rmse(Gain(None)) == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-12)
 
 
 def test_the_window_detector_trains_on_the_window():
     """Its warnings fill S_w, so that every positive learns from just the last W experiments."""
-    detector, adaptor = Window(4), Adaptor(Gain(None), Memory(), gate="none")
+    detector, adaptor = Window(4), Adaptor(Gain(None), Memory(), "none", data="warning-set")
     trained = []
     for i in range(1, 13):
         now = experiment(i, 2.0)
@@ -287,14 +289,14 @@ def test_the_window_detector_trains_on_the_window():
 
 @given(st.text(alphabet="-0+", max_size=12), st.integers(0, 12))
 def test_a_restart_changes_nothing(plan, cut):
-    """Model record and S_w through JSON in the middle: the same adaptations and models follow."""
-    whole = Adaptor(Gain(None), Memory(3))
-    parts = Adaptor(Gain(None), Memory(3))
+    """Model record and state through JSON in the middle: the same adaptations and models follow."""
+    whole = Adaptor(Gain(None), Memory(3, 3))
+    parts = Adaptor(Gain(None), Memory(3, 3))
     for i, sign in enumerate(plan):
         if i == cut:
-            memory = Memory(3)
-            memory.restore(json.loads(json.dumps(parts.memory.state())))
-            parts = Adaptor(Gain.from_record(parts.model.record(), None), memory)
+            state = json.loads(json.dumps(parts.state()))
+            parts = Adaptor(Gain.from_record(parts.model.record(), None), Memory(3, 3))
+            parts.restore(state)
         level = signal(i + 1, Level("-0+".index(sign) - 1))
         now = experiment(i + 1, 1.0 + 0.1 * i)
         one, other = whole.step(now, level), parts.step(now, level)
@@ -310,3 +312,82 @@ def test_bad_arguments_are_named(arguments, words):
     """The sentence names the argument and its range."""
     with pytest.raises(OptionError, match=words):
         Adaptor(Gain(None), Memory(), **arguments)
+
+
+def step(adaptor, now, sign="+"):
+    return adaptor.step(now, signal(now.number, Level("-0+".index(sign) - 1)))
+
+
+def test_by_evidence_it_learns_from_what_is_still_valid():
+    """Of eight recent experiments the four since the gain has changed are learned from, no other.
+
+    Whatever their signals were: the change was noticed late.
+    """
+    adaptor = Adaptor(Gain(None), Memory())
+    for i in range(1, 11):
+        step(adaptor, experiment(i, 1.0 if i <= 6 else 2.0), "-")
+    adaptation, model = step(adaptor, experiment(11, 2.0))
+    assert adaptation.action is Action.ADAPTED
+    assert model.trained_on == (7, 8, 9, 10, 11)
+    assert adaptation.details["experiments"] == 5
+
+
+def test_by_evidence_nothing_from_before_an_abrupt_change_is_learned():
+    """The warnings in S_w stem from the old machine; the paper would learn from them."""
+    trained = {}
+    for data in ("evidence", "warning-set"):
+        adaptor = Adaptor(Gain(None), Memory(), data=data)
+        for i in (1, 2, 3):
+            step(adaptor, experiment(i, 1.0), "0")
+        trained[data] = step(adaptor, experiment(4, 2.0))[1]
+    assert trained["evidence"].trained_on == (4,)
+    assert trained["evidence"].gain == pytest.approx(2.0, abs=0.01)
+    assert trained["warning-set"].gain < 1.5
+
+
+def flat(number, level, gain):
+    """An experiment that stands still at one voltage, but for a ripple."""
+    voltage = level + 0.01 * np.sin(np.arange(LENGTH))
+    speed = gain * voltage + 0.01 * np.random.default_rng(number).standard_normal(LENGTH)
+    return Experiment(number, float(number), 0.1, voltage, speed)
+
+
+def test_an_experiment_that_stood_still_is_not_learned_from_alone():
+    """The last ones that cover the usual range join it."""
+    adaptor = Adaptor(Gain(None), Memory())
+    for i in (1, 2, 3):
+        step(adaptor, experiment(i, 2.0), "-")
+    _, model = step(adaptor, flat(4, 0.5, 2.0))
+    assert model.trained_on == (1, 2, 3, 4)
+
+
+def test_a_repaired_machine_gets_its_first_model_back():
+    """The untrained model is exact for the machine as it was; no training can be better."""
+    adaptor = Adaptor(Gain(None), Memory())
+    _, worn = step(adaptor, experiment(1, 2.0))
+    adaptation, repaired = step(adaptor, experiment(2, 1.0))
+    assert adaptation.action is Action.ADAPTED
+    assert (repaired.version, repaired.gain) == (2, 1.0)
+    assert "version 2 is version 0 again" in adaptation.reason
+    _, again = step(adaptor, experiment(3, 2.0))
+    assert again.gain == pytest.approx(worn.gain, abs=0.01)
+
+
+def test_the_models_that_may_come_back_are_few_and_the_first_is_among_them():
+    """However often it adapts."""
+    adaptor = Adaptor(Gain(None), Memory())
+    for i in range(1, 30):
+        step(adaptor, experiment(i, 1.0 + i))
+    assert len(adaptor.earlier) == EARLIER + 1
+    assert adaptor.earlier[0].version == 0
+
+
+@pytest.mark.parametrize("state", [{}, {"memory": {}, "earlier": []}, {"earlier": [{"x": 1}]}, 3])
+def test_a_foreign_state_is_refused(state):
+    """And the adaptor goes on as it was."""
+    adaptor = Adaptor(Gain(None), Memory())
+    step(adaptor, experiment(1, 2.0), "0")
+    before = adaptor.state()
+    with pytest.raises(OptionError, match="state of the"):
+        adaptor.restore(state)
+    assert adaptor.state() == before
