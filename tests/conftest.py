@@ -6,7 +6,10 @@ import os
 from pathlib import Path
 
 import pytest
+import yaml
 from hypothesis import HealthCheck, settings
+
+import msgs_config
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 MEASURED = REPOSITORY.parent / "shared" / "data"
@@ -22,6 +25,16 @@ def measured() -> Path:
     if not MEASURED.is_dir():
         pytest.skip(f"no measured data at {MEASURED}")
     return MEASURED
+
+
+@pytest.fixture(scope="session")
+def short_rotor(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Machine file of the rotor with experiments of 200 samples, which are quick to learn from."""
+    data = yaml.safe_load(msgs_config.machine_text("rotor"))
+    data["experiment"] = {"duration": 4, "sample_period": 0.02}
+    file = tmp_path_factory.mktemp("machine") / "short_rotor.yaml"
+    file.write_text(yaml.safe_dump(data))
+    return str(file)
 
 
 @pytest.fixture

@@ -73,7 +73,7 @@ class Store:
     def notes(self) -> list[str]:
         """What in the folder is not as it should be, a sentence each."""
         notes = []
-        done = "are shown all the same" if self.any_origin else "computed anew"
+        done = "are shown all the same" if self.any_origin else "were computed anew"
         if self._damaged:
             count, first = len(self._damaged), self._damaged[0]
             rest = "left out" if self.any_origin else "computed anew"
