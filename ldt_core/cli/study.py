@@ -70,17 +70,19 @@ def command(
 ) -> None:
     """Test the paper's claims and what goes beyond them, over many random streams.
 
-    Writes study.html with all figures, table.csv and runs.csv. Whatever has been computed is kept:
-    the same command goes on where an earlier one was interrupted.
+    Writes study.html, its figures as PNG and SVG, table.csv and runs.csv. Whatever has been
+    computed is kept: the same command goes on where an earlier one was interrupted.
 
     Example: ldt study --seeds 20 --out study
     """
     from ldt_core.cli.display_study import StudyProgress, print_study
     from ldt_core.study.engine import conduct, load_study
-    from ldt_core.study.page import write_page
+    from ldt_core.study.figures import style
+    from ldt_core.study.page import write_figures, write_page
     from ldt_core.study.plan import Plan
     from ldt_core.study.tables import write_tables
 
+    style.require()
     if page_only:
         study = load_study(out)
     else:
@@ -95,5 +97,5 @@ def command(
             options = {"jobs": jobs, "scheduler": scheduler, "fresh": fresh}
             study = conduct(plan, out, **options, progress=progress.show)
     write_tables(out, study)
-    page = write_page(out, study)
-    print_study(study, page, as_json)
+    write_figures(study, out)
+    print_study(study, write_page(study, out), as_json)

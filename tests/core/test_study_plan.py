@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -104,7 +105,7 @@ def test_a_baseline_has_as_many_alarms_as_it_is_asked_for(experiments, data):
         assert list(alarms) == sorted(alarms)
         assert all(1 <= n <= experiments for n in alarms)
     even = periodic(count, experiments)
-    gaps = [b - a for a, b in zip(even, even[1:], strict=False)]
+    gaps = [b - a for a, b in pairwise(even)]
     assert not gaps or max(gaps) - min(gaps) <= 1
 
 
