@@ -12,10 +12,10 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ldt_core.errors import LdtError
 from ldt_core.gaussian_process.kernel import Array, Kernel
+from ldt_core.threads import one_thread
 
 MOST_CELLS = 256  # 256³ operations a step: about 0.3 s for the whole search
 POINTS_PER_CELL = 4  # on average at least: the scatter within cells has to be an estimate
@@ -103,7 +103,7 @@ def fit_hyperparameters(x: Array, y: Array, shortest: Array | float = 0.0) -> Ke
         prior, alpha=noise, n_restarts_optimizer=RESTARTS, random_state=0
     )
     # One thread: more would be slower on small matrices, and the bits would depend on their number.
-    with warnings.catch_warnings(), threadpool_limits(1):
+    with warnings.catch_warnings(), one_thread():
         # A parameter on its bound is an answer here: a straight line, or nothing but noise.
         warnings.simplefilter("ignore", ConvergenceWarning)
         regressor.fit(inputs / span, targets / size)

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ldt_core.errors import LdtError
 from ldt_core.gaussian_process.compiled import FreeRun, compile_run
@@ -27,6 +26,7 @@ from ldt_core.gaussian_process.observer import (
     one_step,
 )
 from ldt_core.gaussian_process.sparse import SparsePosterior, choose_inducing, condition
+from ldt_core.threads import one_thread
 
 FEWEST_BLOCKS = 40  # less determines neither the kernel nor the noise
 # Length of a block in time constants of the motor. The noise of a mean of n differences falls as
@@ -80,7 +80,7 @@ def learn(runs: Sequence[Run], inputs: Sequence[str], most: int) -> Learned:
     Raises:
         LdtError: too few samples, an input that hardly varies, or numbers that overflow.
     """
-    with threadpool_limits(1), np.errstate(all="ignore"):  # judged at the end, by isfinite
+    with one_thread(), np.errstate(all="ignore"):  # judged at the end, by isfinite
         try:
             learned = _learn(runs, tuple(inputs), most)
         except (np.linalg.LinAlgError, ValueError) as error:

@@ -7,14 +7,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from ldt_core.errors import ExperimentError, LdtError, OptionError
 from ldt_core.experiment import Experiment
 from ldt_core.identification import order as order_choice
-from ldt_core.identification import schwarz, subspace
-from ldt_core.identification.output_error import MOST_STEPS, Linear, OutputError
+from ldt_core.identification import schwarz
+from ldt_core.identification.minima import minima
+from ldt_core.identification.output_error import Linear, OutputError
 from ldt_core.identification.state_space import StateSpace
+from ldt_core.threads import one_thread
 
 Array = NDArray[np.float64]
 
@@ -32,19 +33,8 @@ LEAST_EXCITATION = 1e-7
 LEAST_F = 10.0
 #: Recorded periods are rounded; a model over 1000 time constants does not feel a millionth.
 PERIOD_TOLERANCE = 1e-6
-#: Start values per order that are followed, and how far before only the best one is.
-SEARCHES = 2
-RACE_STEPS = 4
-#: [per sample] Where a fast pole begins, e^−1 within a sample.
-ADDED_FAST_POLE = 1.0
-#: A slower pole than the data can show must lower the mean square error by this factor: friction
-#: and load make drifts worth a tenth, a truly slow machine one worth far more.
-DRIFT_GAIN = 1.5
 #: Poles and order are first sought on so many samples, then the chosen model is fitted to all.
 ROUGH_SAMPLES = 6_000
-ROUGH_STEPS = 10
-#: Start values besides the subspace ones: added real poles, in time constants per experiment.
-ADDED_POLES = (3.0, 30.0, 300.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +58,16 @@ class Identified(StateSpace):
 
 
 def identify(
-    experiments: Sequence[Experiment], order: int | None = None, *, feedthrough: bool = False
+    experiments: Sequence[Experiment],
+    order: int | None = None,
+    *,
+    feedthrough: bool = False,
+    offset: bool = True,
 ) -> Identified:
     """The linear model whose free run from the voltage is nearest to the measured speed.
 
-    Continuous time; stable by construction; the start state of each experiment and the output's
-    offset are estimated. State 1 is the speed without the offset: C = [1, 0, …]. The result is the
+    Continuous time; stable by construction; the start state of each experiment is estimated, and
+    the output's offset. State 1 is the speed without the offset: C = [1, 0, …]. The result is the
     same to the last bit for the same experiments on the same machine.
 
     Args:
@@ -81,6 +75,7 @@ def identify(
         order: number of states; None or 0 chooses from 1 to 4 on held-out samples (see `order`), or
             takes 1 where no experiment is long enough for that.
         feedthrough: whether the speed may follow the voltage at once (D ≠ 0). A motor's cannot.
+        offset: whether the speed may have an offset, that of a constant load or sensor bias.
 
     Raises:
         OptionError: an order that is none.
@@ -91,29 +86,44 @@ def identify(
         raise OptionError("order", f"a whole number from 0 to {MOST_ORDER}", repr(order))
     orders = range(1, int(order) + 1) if order else TRIED_ORDERS
     experiments = list(experiments)
-    period = _check(experiments, orders[-1] if order else orders[0], feedthrough)
-    scale = _Scale(experiments)
+    period = _check(experiments, orders[-1] if order else orders[0], feedthrough, offset)
+    scale = _Scale(experiments, offset)
     inputs = [(e.voltage - scale.voltage_mean) / scale.voltage for e in experiments]
     outputs = [(e.speed - scale.speed_mean) / scale.speed for e in experiments]
     sigma = schwarz.slowest(max(len(e) for e in experiments))
-    search = OutputError(inputs, outputs, sigma, feedthrough)
+    flags = {"feedthrough": feedthrough, "offset": offset}
+    search = rough = OutputError(inputs, outputs, sigma, **flags)
     few = _spread(search.lengths)
-    rough = OutputError([inputs[i] for i in few], [outputs[i] for i in few], sigma, feedthrough)
-    with threadpool_limits(1):  # threads split sums by their number: other last bits elsewhere
+    if len(few) < len(experiments):
+        rough = OutputError([inputs[i] for i in few], [outputs[i] for i in few], sigma, **flags)
+    with one_thread():
         try:
             orders = _possible(orders, rough, experiments)
         except LdtError:  # these few may say nothing where all together do
+            if rough is search:
+                raise
             rough, orders = search, _possible(orders, search, experiments)
-        fits = _fit(rough, orders, choosing=not order)
-        held_out: dict[int, float] = {}
-        chosen = orders[-1] if order else orders[0]
-        if len(fits) > 1 and not order and rough.longest >= order_choice.LEAST_LENGTH:
-            chosen, held_out = order_choice.choose(rough, fits)
-        theta = fits[chosen]
-        if not order or rough.count < search.count:
+        theta, held_out = _fit(rough, orders, choosing=not order)
+        if not order or rough is not search:
             theta, _ = search.minimise(theta)
         _refuse_chance(experiments, search, theta)
         return _model(search, theta, scale, period, held_out)
+
+
+def _fit(search: OutputError, orders: range, choosing: bool) -> tuple[Array, dict[int, float]]:
+    """θ, of the last order or of the one chosen, and held-out error of each order tried."""
+    scored = choosing and len(orders) > 1 and search.longest >= order_choice.LEAST_LENGTH
+    fits: dict[int, Array] = {}
+    scores: dict[int, Array] = {}
+    chosen = orders[0] if choosing else orders[-1]
+    for n, theta in minima(search, orders if scored or not choosing else orders[:1], choosing):
+        fits[n] = theta
+        if scored:
+            scores[n] = order_choice.scores(search, theta)
+            chosen = order_choice.choose(scores)
+            if n - chosen >= order_choice.PATIENCE:
+                break
+    return fits[chosen], {n: float(np.sqrt(s.mean())) for n, s in scores.items()}
 
 
 def _spread(lengths: list[int]) -> list[int]:
@@ -125,14 +135,16 @@ def _spread(lengths: list[int]) -> list[int]:
 class _Scale:
     """Centre and size of input and output: a fit in units of its own data is free of units."""
 
-    def __init__(self, experiments: list[Experiment]) -> None:
+    def __init__(self, experiments: list[Experiment], offset: bool) -> None:
         voltage = np.concatenate([e.voltage for e in experiments])
         speed = np.concatenate([e.speed for e in experiments])
         self.voltage_mean, self.voltage = float(voltage.mean()), float(voltage.std())
         self.speed_mean, self.speed = float(speed.mean()), float(speed.std())
+        if not offset:  # zero is where the machine's is
+            self.voltage_mean = self.speed_mean = 0.0
 
 
-def _check(experiments: list[Experiment], order: int, feedthrough: bool) -> float:
+def _check(experiments: list[Experiment], order: int, feedthrough: bool, offset: bool) -> float:
     """The common sample period; refuses what cannot be identified before any work is done."""
     if not experiments:
         raise ExperimentError("identification", "at least one experiment", "none")
@@ -144,7 +156,7 @@ def _check(experiments: list[Experiment], order: int, feedthrough: bool) -> floa
                 f"{first.period:g} s as in experiment {first.number} (one model, one period)",
                 f"{e.period:g} s",
             )
-    unknowns = _unknowns(order, len(experiments), feedthrough)
+    unknowns = _unknowns(order, len(experiments), feedthrough + offset)
     samples = sum(len(e) for e in experiments)
     if samples < SAMPLES_PER_UNKNOWN * unknowns:
         raise LdtError(
@@ -162,9 +174,9 @@ def _check(experiments: list[Experiment], order: int, feedthrough: bool) -> floa
     return first.period
 
 
-def _unknowns(order: int, experiments: int, feedthrough: bool) -> int:
-    """Poles, c, offset, perhaps D, and a start state for each experiment."""
-    return 2 * order + 1 + feedthrough + order * experiments
+def _unknowns(order: int, experiments: int, others: int) -> int:
+    """Poles, c, perhaps offset and D, and a start state for each experiment."""
+    return 2 * order + others + order * experiments
 
 
 def _possible(orders: range, search: OutputError, experiments: list[Experiment]) -> range:
@@ -175,7 +187,7 @@ def _possible(orders: range, search: OutputError, experiments: list[Experiment])
     """
     asked, most = orders[-1] if orders is not TRIED_ORDERS else orders[0], 0
     for n in orders:
-        unknowns = _unknowns(n, len(search.lengths), search.feedthrough)
+        unknowns = _unknowns(n, len(search.lengths), search.feedthrough + search.offset)
         if search.count < SAMPLES_PER_UNKNOWN * unknowns or search.excitation(n) < LEAST_EXCITATION:
             break
         most = n
@@ -193,43 +205,11 @@ def _named(experiments: list[Experiment]) -> str:
     return f"{len(experiments)} experiments ({experiments[0].number} to {experiments[-1].number})"
 
 
-def _fit(search: OutputError, orders: range, choosing: bool) -> dict[int, Array]:
-    """Order → θ of the best minimum found. Each order also begins from the one below.
-
-    The best start values run a few steps each and the winner runs on; an order that only serves as
-    a start for the next one stops there. A pole that is a drift rather than a decay must be worth
-    it, or gives way to the best minimum without one.
-    """
-    candidates = subspace.starts(*search.pieces(), orders, search.sigma)
-    fits: dict[int, Array] = {}
-    for n in orders:
-        before = schwarz.poles_of(fits[n - 1], search.sigma) if n > 1 else np.zeros(0)
-        wanted = choosing or n == orders[-1]
-        tried = list(candidates[n])
-        if wanted or not tried:
-            added = [np.append(before, -p / search.longest) for p in ADDED_POLES]
-            tried += [schwarz.from_poles(poles, search.sigma) for poles in added]
-        losses = [search.loss(theta) for theta in tried]
-        best = np.argsort(losses, kind="stable")[: SEARCHES if wanted else 1]
-        raced = [search.minimise(tried[i], RACE_STEPS) for i in best]
-        fits[n] = min(raced, key=lambda minimum: minimum[1])[0]
-        if wanted:
-            fits[n] = search.minimise(fits[n], ROUGH_STEPS if choosing else MOST_STEPS)[0]
-        if n > 1 and schwarz.drifts(fits[n], search.sigma):
-            fast = schwarz.from_poles(np.append(before, -ADDED_FAST_POLE), search.sigma)
-            others = [search.minimise(theta, ROUGH_STEPS) for theta in [fast, *candidates[n]]]
-            settled = [o for o in others if not schwarz.drifts(o[0], search.sigma)]
-            theta, loss = min(settled, key=lambda o: o[1], default=(fits[n], np.inf))
-            if loss < DRIFT_GAIN * search.loss(fits[n]):
-                fits[n] = theta
-    return fits
-
-
 def _refuse_chance(experiments: list[Experiment], search: OutputError, theta: Array) -> None:
     """An F test of the model against one in which the voltage does nothing."""
     with_input, without = search.loss(theta), search.without_input(theta)
     n = theta.size
-    rest = search.count - _unknowns(n, len(search.lengths), search.feedthrough)
+    rest = search.count - _unknowns(n, len(search.lengths), search.feedthrough + search.offset)
     gained, left = (without - with_input) / n, with_input / rest
     if gained < LEAST_F * left:
         raise LdtError(
@@ -255,7 +235,7 @@ def _model(
     steady = -np.linalg.solve(A, B) * scale.voltage_mean
     offset = linear.offset * scale.speed + scale.speed_mean
     offset -= float(C @ steady) + D * scale.voltage_mean
-    unknowns = _unknowns(theta.size, len(search.lengths), search.feedthrough)
+    unknowns = _unknowns(theta.size, len(search.lengths), search.feedthrough + search.offset)
     squares = float(residual @ residual)
     spread = float(((search.y - search.y.mean()) ** 2).sum())
     return Identified(

@@ -4,12 +4,19 @@ Every experiment is cut into blocks of equal length. One fold leaves out every t
 rest, and scores the free run, which goes through the gaps since it needs the voltage alone. The
 first block of an experiment is never left out: it fixes the start state.
 
+A fold begins at the minimum of all samples, of which it lacks a third, so one step of Gauss and
+Newton leads to its own; where that step does not lower the error, the data do not determine the
+order, and the fold stays where it begins.
+
 Parsimony: with mean square errors per block, the smallest order wins whose mean excess over the
 best order is within two standard errors of that excess, and whose root mean square error is at most
 1.2 times the best. The excess is paired by block, so that blocks that are hard for every order do
 not count. The second condition is for data with a single transient: its block alone makes the
 standard error large. Whole blocks are left out and compared, not samples, since neighbouring
 residuals depend on each other.
+
+Orders are tried upwards, until the two last ones have not paid: a pair of complex poles may need
+both of its states to show.
 
 Reference: L. Breiman et al., "Classification and Regression Trees" (1984), whose rule has one
 standard error; by chance alone that takes a larger order in one comparison of six, two in one of
@@ -35,50 +42,39 @@ STANDARD_ERRORS = 2.0  # see above, as the next
 MOST_EXCESS = 1.2
 #: Outputs are scaled to deviation 1; errors below this are rounding, and no evidence for an order.
 ROUNDING = 1e-7
-#: A fold begins at the minimum of all samples and needs few steps; one that creeps shows an order
-#: that the data do not determine.
-REFIT_STEPS = 5
+#: Orders above the present choice that are tried before the search for an order ends.
+PATIENCE = 2
 
 
-def choose(search: OutputError, fits: Mapping[int, Array]) -> tuple[int, dict[int, float]]:
-    """(order, held-out root mean square error of each order, in deviations of the output).
+def scores(search: OutputError, theta: Array) -> Array:
+    """(blocks left out in any fold, of all experiments,) mean square errors of that order.
 
     Args:
         search: over all samples; one experiment at least has `LEAST_LENGTH` of them.
-        fits: order → θ, the minimum of each on all samples, where the folds' searches begin.
+        theta: the minimum of the order on all samples.
     """
-    scores = {n: _held_out(search, theta) for n, theta in fits.items()}
-    means = {n: float(s.mean()) for n, s in scores.items()}
+    blocks = search.cut(BLOCKS)
+    sizes = np.diff(blocks.cuts)
+    block = np.arange(sizes.size) % BLOCKS - 1
+    short = np.repeat(np.array(search.lengths) < LEAST_LENGTH, BLOCKS)
+    parts = [(block < 0) | (block % FOLDS != fold) | short for fold in range(FOLDS)]
+    left_out = blocks.refitted(theta, parts)
+    each = zip(left_out, parts, strict=True)
+    return np.concatenate([squares[~kept] / sizes[~kept] for squares, kept in each])
+
+
+def choose(found: Mapping[int, Array]) -> int:
+    """The order.
+
+    Args:
+        found: order → its `scores`, errors in deviations of the output.
+    """
+    means = {n: float(s.mean()) for n, s in found.items()}
     best = min(means, key=lambda n: (means[n], n))
-    for n in sorted(scores):
-        excess = scores[n] - scores[best]
+    for n in sorted(found):
+        excess = found[n] - found[best]
         error = excess.std(ddof=1) / np.sqrt(excess.size)
         chance = excess.mean() <= STANDARD_ERRORS * error
         if means[n] < ROUNDING**2 or (chance and means[n] <= MOST_EXCESS**2 * means[best]):
             break
-    return n, {k: float(np.sqrt(m)) for k, m in means.items()}
-
-
-def _held_out(search: OutputError, theta: Array) -> Array:
-    """(blocks left out in any fold, of all experiments,) mean square errors."""
-    scores = []
-    for fold in range(FOLDS):
-        part = search.refit({n: _kept(n, fold) for n in set(search.lengths)})
-        found, _ = part.minimise(theta, REFIT_STEPS)
-        error = (search.y - search.outputs(found, part.solve(found))) ** 2
-        for begin, length in zip(search.begins, search.lengths, strict=False):
-            blocks, own = _blocks(length), error[begin : begin + length]
-            left_out = range(fold, BLOCKS - 1, FOLDS)
-            scores += [own[blocks == b].mean() for b in left_out if length >= LEAST_LENGTH]
-    return np.array(scores)
-
-
-def _kept(length: int, fold: int) -> NDArray[np.bool_]:
-    """(length,) whether a sample is fitted in that fold."""
-    blocks = _blocks(length)
-    return (blocks < 0) | (blocks % FOLDS != fold) | (length < LEAST_LENGTH)
-
-
-def _blocks(length: int) -> NDArray[np.int64]:
-    """(length,) number of each sample's block, −1 for the first block."""
-    return np.arange(length) * BLOCKS // length - 1
+    return n

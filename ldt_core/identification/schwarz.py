@@ -24,8 +24,10 @@ discrete time systems", Int. J. Control 23 (1976) 1–16.
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import expm
+
+from ldt_core.identification.exponential import exponential
 
 Array = NDArray[np.float64]
 
@@ -50,45 +52,47 @@ def bounds(order: int, sigma: float) -> tuple[Array, Array]:
     return np.full(order, np.log(LEAST * sigma)), np.full(order, np.log(FASTEST))
 
 
-def matrices(theta: Array, sigma: float) -> tuple[Array, Array]:
+@njit(cache=True, fastmath=False)
+def matrices(theta, sigma):
     """(A, b) of θ."""
-    values = np.exp(theta)
-    A = np.diag(np.full(theta.size, -sigma))
-    A[0, 0] -= values[0]
-    for i in range(1, theta.size):
-        A[i - 1, i], A[i, i - 1] = values[i], -values[i]
-    b = np.zeros(theta.size)
-    b[0] = np.sqrt(2 * values[0])
+    order = theta.size
+    A, b = np.zeros((order, order)), np.zeros(order)
+    for i in range(order):
+        A[i, i] = -sigma
+        value = np.exp(theta[i])
+        if i:
+            A[i - 1, i], A[i, i - 1] = value, -value
+        else:
+            A[0, 0] -= value
+            b[0] = np.sqrt(2 * value)
     return A, b
 
 
-def discrete(theta: Array, sigma: float) -> tuple[Array, Array, Array]:
+@njit(cache=True, fastmath=False)
+def discrete(theta, sigma):
     """(A_d, b_d, b): one sample of a held input, exactly."""
     order = theta.size
     A, b = matrices(theta, sigma)
-    moved = expm(_block(A, b))
+    moved, _ = exponential(_block(A, b), np.zeros((0, order + 1, order + 1)))
     return moved[:order, :order].copy(), moved[:order, order].copy(), b
 
 
-def discrete_slopes(theta: Array, sigma: float) -> tuple[Array, Array, Array]:
+@njit(cache=True, fastmath=False)
+def discrete_slopes(theta, sigma):
     """Derivatives of (A_d, b_d, b) by θ: (n, n, n), (n, n), (n, n), the parameter first."""
     order = theta.size
-    size = order + 1
     A, b = matrices(theta, sigma)
-    slopes = np.zeros((order, size, size))
+    slopes = np.zeros((order, order + 1, order + 1))
     slopes[0, 0, 0], slopes[0, 0, order] = -np.exp(theta[0]), b[0] / 2
     for i in range(1, order):
         slopes[i, i - 1, i], slopes[i, i, i - 1] = A[i - 1, i], A[i, i - 1]
-    # exp of [[M, dM], [0, M]] has the derivative of exp(M) in its corner (Van Loan 1978)
-    block = np.zeros((order, 2 * size, 2 * size))
-    block[:, :size, :size] = block[:, size:, size:] = _block(A, b)
-    block[:, :size, size:] = slopes
-    corner = expm(block)[:, :size, size:]
-    along = np.ascontiguousarray(slopes[:, :order, order])
-    return corner[:, :order, :order].copy(), corner[:, :order, order].copy(), along
+    _, change = exponential(_block(A, b), slopes)
+    along = slopes[:, :order, order].copy()
+    return change[:, :order, :order].copy(), change[:, :order, order].copy(), along
 
 
-def _block(A: Array, b: Array) -> Array:
+@njit(cache=True, fastmath=False)
+def _block(A, b):
     """[[A, b], [0, 0]]: its exponential is the system with a held input."""
     order = b.size
     block = np.zeros((order + 1, order + 1))

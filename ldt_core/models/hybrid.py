@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ldt_core.errors import LdtError, OptionError, did_you_mean
 from ldt_core.experiment import Experiment, Prediction
@@ -20,6 +19,7 @@ from ldt_core.gaussian_process.sparse import SparsePosterior
 from ldt_core.machine import Machine
 from ldt_core.models.base import Model
 from ldt_core.models.physics import PhysicsModel
+from ldt_core.threads import one_thread
 
 
 class HybridModel(Model):
@@ -94,7 +94,7 @@ class HybridModel(Model):
         record = self.parameters["gaussian_process"]
         self.learned = None if record is None else _from_json(record)
         posterior = self.learned.posterior if self.learned else None
-        with threadpool_limits(1):  # the same bits whatever else the process computes with
+        with one_thread():  # the same bits whatever else the process computes with
             self.run = compile_run(posterior, record["inputs"] if record else ("speed",))
 
     def predict(self, experiment: Experiment) -> Prediction:
