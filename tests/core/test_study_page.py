@@ -111,6 +111,13 @@ def test_identifiers_are_unique(page):
     assert set(targets) <= set(found)
 
 
+def test_no_mark_up_of_formulas_shows(page):
+    """What matplotlib would have set as a formula is not left over as its source."""
+    text = Elements(page).text
+    assert "mathdefault" not in text
+    assert "$" not in text
+
+
 def test_drawings_follow_the_readers_scheme(page):
     """No fixed colour in an inlined drawing, and every variable has a dark value too."""
     for svg in re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL):

@@ -11,7 +11,17 @@ from ldt_core.study.case import Result
 from ldt_core.study.figures.dots import Dots, Panel, dot_plot, key_to_marks
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.figures.series import first_seed, of_seed
-from ldt_core.study.figures.style import FAINT, INK, Drawing, Layout, legend, look, pair, panels
+from ldt_core.study.figures.style import (
+    FAINT,
+    INK,
+    Drawing,
+    Layout,
+    legend,
+    look,
+    pair,
+    panels,
+    power,
+)
 from ldt_core.study.statistics import Estimate, mean, number
 
 if TYPE_CHECKING:
@@ -89,7 +99,7 @@ def over_stream(reading: Reading) -> Drawing | None:
                 sample.number, facts.floor, color=INK, lw=0.8, ls=":", label="floor: true model"
             )
         axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.yaxis.set_major_formatter(power)
         axes.set_xlim(sample.number[0] - 0.5, sample.number[-1] + 0.5)
         axes.set_xlabel("experiment")
         axes.set_ylabel("maximum error [rad/s]")

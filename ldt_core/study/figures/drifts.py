@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ldt_core.metrics import detection
 from ldt_core.study.case import Result
 from ldt_core.study.facts import Drift, energy_needed, energy_needed_knowing_the_shape
-from ldt_core.study.figures.dots import Dots, Panel, dot_plot, key_to_marks
+from ldt_core.study.figures.dots import DASHES, Dots, Panel, dot_plot, key_to_marks
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.figures.series import wear
 from ldt_core.study.figures.style import (
@@ -19,12 +19,12 @@ from ldt_core.study.figures.style import (
     legend,
     pair,
     panels,
+    power,
 )
 from ldt_core.study.statistics import number, rate
 from ldt_core.study.study import Study
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 #: Samples an experiment has when the study kept none to count.
@@ -63,11 +63,15 @@ def detectable(reading: Reading) -> Drawing | None:
             y = [min(max(d.energy, LEAST_ENERGY), 1e12) for d in chosen]
             axes.plot(x, y, marker, color=color, mfc="none", label=label, mew=1.3)
         axes.set_yscale("log")
-        _line(axes, needed, "detectable from here on")
-        _line(axes, ideal, "by who knows the shape")
-        axes.set_xlabel(f"{quantity.label}, after the drift")
+        axes.yaxis.set_major_formatter(power)
+        for value, label, dashes in (
+            (needed, "detectable from here on", DASHES[1]),
+            (ideal, "by who knows the shape of Δy", DASHES[0]),
+        ):
+            axes.axhline(value, color=INK, lw=1.2, ls=dashes, zorder=1, label=label)
+        axes.set_xlabel(quantity.label)
         axes.set_ylabel("energy of the drift |Δy|² / σ²")
-        legend(figure, [axes], layout)
+        legend(figure, [axes], layout, 4)
         return figure
 
     return Drawing(
@@ -75,7 +79,8 @@ def detectable(reading: Reading) -> Drawing | None:
         "Which drifts can be found, and which were",
         f"{pair(*best)} detector: {sum(visible)} of {len(visible)} "
         f"detectable drifts detected, and {sum(hidden)} of the {len(hidden)} that one experiment "
-        "of a drift does not show above the noise (by chance, or over several experiments).",
+        "of a drift does not show above the noise (by chance, or over several experiments). "
+        f"Each drift stands at the value of {quantity.symbol} that it leads to.",
         "Energy of each drift on a logarithmic scale against the eccentricity after it, marked by "
         "whether it was detected, with the limit above which it is detectable.",
         draw,
@@ -211,14 +216,3 @@ def _samples(results: list[Result]) -> int:
 
 def _every(per_experiment: float) -> str:
     return number(1 / per_experiment) if per_experiment > 0 else "∞"
-
-
-def _line(axes: Axes, value: float, label: str) -> None:
-    axes.axhline(value, color=INK, lw=1, ls=(0, (4, 2)), zorder=1)
-    axes.annotate(
-        f"{label} ({value:.0f})",
-        (0, value),
-        xycoords=axes.get_yaxis_transform(),
-        xytext=(4, 3),
-        textcoords="offset points",
-    )

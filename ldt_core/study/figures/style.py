@@ -8,6 +8,7 @@ follows the reader's light or dark scheme: each colour is written as a CSS varia
 from __future__ import annotations
 
 import io
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -211,6 +212,18 @@ def legend(figure: Figure, axes: list[Axes], layout: Layout, columns: int = 5) -
             loc="outside upper left",
             ncols=2 if layout.narrow else columns,
         )
+
+
+def power(value: float, _place: int = 0) -> str:
+    """A tick of a logarithmic axis.
+
+    >>> power(0.1), power(1.0), power(1e5)
+    ('0.1', '1', '10⁵')
+    """
+    exponent = round(math.log10(value))
+    if -3 < exponent < 4:
+        return f"{value:g}"
+    return "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 def drawn(drawing: Drawing, layout: Layout) -> Figure:

@@ -169,9 +169,12 @@ def runs(reading: Reading, drawings: Mapping[str, Drawing | None]) -> Section:
 def command(study: Study) -> str:
     """The command that makes this study."""
     words = ["ldt", "study"]
-    for name in ("seeds", "experiments", "machine"):
+    for name in ("seeds", "first_seed", "experiments", "machine"):
         if name in study.settings:
-            words += [f"--{name}", str(study.settings[name])]
+            words += [f"--{name.replace('_', '-')}", str(study.settings[name])]
+    groups = study.settings.get("groups", tuple(GROUPS))
+    for group in groups if set(groups) != set(GROUPS) else ():
+        words += ["--only", str(group)]
     return shlex.join([*words, "--out", "my_study"])
 
 
