@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from ldt_core.study import statistics
-from ldt_core.study.statistics import UNKNOWN, mean, number, proportion, rank_correlation, rate
+from ldt_core.study.statistics import (
+    UNKNOWN,
+    geometric_mean,
+    mean,
+    number,
+    proportion,
+    rank_correlation,
+    rate,
+)
 from ldt_core.study.statistics import trend as trend_of
 
 
@@ -41,6 +49,17 @@ def test_equal_values_have_an_interval_of_no_width():
     """Rounding in 0.1 + 0.1 + 0.1 is no spread."""
     found = mean([0.1] * 7)
     assert found.low == found.high == found.value == pytest.approx(0.1)
+
+
+def test_ratios_stand_one_failure_that_differences_do_not():
+    """5 against 4 on 19 streams and 50 against 4 on one: better on each, and so by the ratio."""
+    others = [5.0] * 19 + [50.0]
+    assert mean([o - 4.0 for o in others]).low < 0
+    share = geometric_mean([4.0 / o for o in others])
+    assert share.value == pytest.approx(0.8 * 0.1 ** (1 / 20))
+    assert share.high < 1
+    assert geometric_mean([None, 0.0]) == UNKNOWN
+    assert geometric_mean([1e-200, 1e200]).high == math.inf
 
 
 def test_shares_and_rates_of_nothing_seen():

@@ -15,8 +15,11 @@ from ldt_core.study.claims.evidence import (
     Run,
     adaptations,
     difference,
+    left,
     mme,
     over,
+    ratio,
+    shares,
 )
 from ldt_core.study.statistics import mean, number, proportion, rank_correlation
 
@@ -49,22 +52,13 @@ def every_detector_beats_never(evidence: Evidence) -> Claim:
         "every-detector-beats-never",
         "With each detector the hybrid model has a smaller MME than without adaptation.",
         ERROR_FIGURE,
-        "MME, never adapted minus adapted",
+        "MME, adapted / never adapted",
     )
-    return statement.examined(
-        [
-            Part(
-                d,
-                over(
-                    evidence.runs("hybrid", d).values(),
-                    lambda r: r.score.mme_original - r.score.mme,
-                ),
-                low=0.0,
-                unit="rad/s",
-            )
-            for d in PAPER_DETECTORS
-        ]
-    )
+    parts = []
+    for detector in PAPER_DETECTORS:
+        runs = evidence.runs("hybrid", detector)
+        parts.append(Part(detector, shares(runs.values(), left), high=1.0))
+    return statement.examined(parts)
 
 
 def active_beats_window(evidence: Evidence) -> Claim:
@@ -73,7 +67,7 @@ def active_beats_window(evidence: Evidence) -> Claim:
         "active-beats-window",
         "Threshold detector and LDDM reach a smaller MME than the window detector (hybrid model).",
         f"{ERROR_FIGURE}; {CONCLUSION}",
-        "MME, window minus active",
+        "MME, active / window",
     )
     window = evidence.runs("hybrid", PASSIVE)
     spent = over(window.values(), adaptations).value
@@ -82,9 +76,7 @@ def active_beats_window(evidence: Evidence) -> Claim:
         runs = evidence.runs("hybrid", detector)
         own = over(runs.values(), adaptations).value
         note = f"adaptations {_one(own)} against {_one(spent)}"
-        parts.append(
-            Part(detector, difference(window, runs, mme), low=0.0, unit="rad/s", note=note)
-        )
+        parts.append(Part(detector, ratio(runs, window, mme), high=1.0, note=note))
     return statement.examined(parts)
 
 
@@ -113,14 +105,14 @@ def _beats(evidence: Evidence, name: str, identifier: str, text: str) -> Claim:
         identifier,
         text,
         f"{CONCLUSION}, at equal numbers (our condition)",
-        f"MME, {name} minus active",
+        f"MME, active / {name}",
     )
     parts = []
     for model in PAPER_MODELS:
         for detector in ACTIVE:
             runs = evidence.runs(model, detector)
-            gain = difference(evidence.baseline(runs, name), runs, mme)
-            parts.append(Part(f"{model}, {detector}", gain, low=0.0, unit="rad/s"))
+            share = ratio(runs, evidence.baseline(runs, name), mme)
+            parts.append(Part(f"{model}, {detector}", share, high=1.0))
     return statement.examined(parts)
 
 

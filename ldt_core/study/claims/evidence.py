@@ -12,7 +12,7 @@ import numpy as np
 from ldt_core.study.case import Result
 from ldt_core.study.facts import Facts
 from ldt_core.study.scores import Score, score
-from ldt_core.study.statistics import Estimate, mean
+from ldt_core.study.statistics import Estimate, geometric_mean, mean
 from ldt_core.study.study import Study
 
 #: Detector → the parameter that is its threshold.
@@ -118,6 +118,25 @@ def difference(first: BySeed, second: BySeed, figure: Callable[[Run], float | No
         one, other = figure(first[seed]), figure(second[seed])
         values.append(None if one is None or other is None else one - other)
     return mean(values)
+
+
+def ratio(first: BySeed, second: BySeed, figure: Callable[[Run], float | None]) -> Estimate:
+    """Geometric mean and interval of first / second, paired by seed: for errors."""
+    values = []
+    for seed in sorted(first.keys() & second.keys()):
+        one, other = figure(first[seed]), figure(second[seed])
+        values.append(one / other if one is not None and other else None)
+    return geometric_mean(values)
+
+
+def shares(runs: Iterable[Run], figure: Callable[[Run], float | None]) -> Estimate:
+    """Geometric mean and interval over seeds of a share that each run has."""
+    return geometric_mean(figure(r) for r in runs)
+
+
+def left(run: Run) -> float | None:
+    """What the learning twin leaves of the original's MME."""
+    return run.score.share
 
 
 def mme(run: Run) -> float:

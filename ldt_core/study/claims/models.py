@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -11,12 +11,16 @@ from ldt_core.study.claims.evidence import (
     ACTIVE,
     PAPER_DETECTORS,
     PAPER_MODELS,
+    BySeed,
     Evidence,
     Run,
     adaptations,
     difference,
+    left,
     mme,
     over,
+    ratio,
+    shares,
 )
 from ldt_core.study.facts import Drift
 from ldt_core.study.scores import delays
@@ -34,10 +38,10 @@ def hybrid_mme_below_linear(evidence: Evidence) -> Claim:
         "hybrid-mme-below-linear",
         "Under the same detector the hybrid model has a smaller MME than the linear one.",
         TABLE,
-        "MME, linear minus hybrid",
+        "MME, hybrid / linear",
         {"linear": 8.86, "hybrid": 6.86},
     )
-    return statement.examined(_linear_minus_hybrid(evidence, mme, PAPER_DETECTORS, "rad/s"))
+    return statement.examined(_hybrid_over_linear(evidence, mme))
 
 
 def hybrid_adapts_less(evidence: Evidence) -> Claim:
@@ -49,7 +53,12 @@ def hybrid_adapts_less(evidence: Evidence) -> Claim:
         "Adaptations, linear minus hybrid",
         {"linear": 44, "hybrid": 25},
     )
-    return statement.examined(_linear_minus_hybrid(evidence, adaptations, ACTIVE, ""))
+    parts = []
+    for detector in ACTIVE:
+        linear, hybrid = (evidence.runs(m, detector) for m in PAPER_MODELS)
+        gain = difference(linear, hybrid, adaptations)
+        parts.append(Part(detector, gain, low=0.0, note=_means(linear, hybrid, adaptations)))
+    return statement.examined(parts)
 
 
 def linear_below_original(evidence: Evidence) -> Claim:
@@ -67,16 +76,15 @@ def _below_original(evidence: Evidence, model: str, printed: float) -> Claim:
         f"{model}-below-original",
         f"The learning {model} model has a smaller MME than the original model.",
         TABLE,
-        "MME, original minus learning",
+        "MME, learning / original",
         {model: printed, "original": 10.09},
     )
     parts = []
     for detector in ACTIVE:
         runs = evidence.runs(model, detector)
-        gain = over(runs.values(), lambda r: r.score.mme_original - r.score.mme)
-        left = over(runs.values(), lambda r: r.score.share).value
-        note = f"{number(100 * left)} % left; paper {100 * printed / 10.09:.0f} %" if left else ""
-        parts.append(Part(f"{detector}", gain, low=0.0, unit="rad/s", note=note))
+        means = [over(runs.values(), f).value for f in (mme, lambda r: r.score.mme_original)]
+        note = " and ".join(f"{number(m)} rad/s" for m in means if m is not None)
+        parts.append(Part(detector, shares(runs.values(), left), high=1.0, note=note))
     return statement.examined(parts)
 
 
@@ -174,7 +182,7 @@ def linear_misses_the_region(evidence: Evidence) -> Claim:
     )
     return statement.examined(
         [
-            Part(d, over(evidence.runs("linear", d).values(), region_share), low=FOLLOWS)
+            Part(d, shares(evidence.runs("linear", d).values(), region_share), low=FOLLOWS)
             for d in PAPER_DETECTORS
         ]
     )
@@ -191,7 +199,7 @@ def hybrid_follows_the_region(evidence: Evidence) -> Claim:
     )
     return statement.examined(
         [
-            Part(d, over(evidence.runs("hybrid", d).values(), region_share), high=FOLLOWS)
+            Part(d, shares(evidence.runs("hybrid", d).values(), region_share), high=FOLLOWS)
             for d in PAPER_DETECTORS
         ]
     )
@@ -203,11 +211,9 @@ def hybrid_better_in_the_region(evidence: Evidence) -> Claim:
         "hybrid-better-in-the-region",
         "In the Sommerfeld region the hybrid model is closer to the machine than the linear one.",
         "figure of experiment 92",
-        "Root mean square error in the region, linear minus hybrid",
+        "Root mean square error in the region, hybrid / linear",
     )
-    return statement.examined(
-        _linear_minus_hybrid(evidence, region_error, PAPER_DETECTORS, "rad/s")
-    )
+    return statement.examined(_hybrid_over_linear(evidence, region_error))
 
 
 def region_error(run: Run) -> float | None:
@@ -232,20 +238,20 @@ def _recall(run: Run) -> float | None:
     return run.score.recall
 
 
-def _linear_minus_hybrid(
-    evidence: Evidence,
-    figure: Callable[[Run], float | None],
-    detectors: Sequence[str],
-    unit: str,
-) -> list[Part]:
+def _hybrid_over_linear(evidence: Evidence, error: Callable[[Run], float | None]) -> list[Part]:
     parts = []
-    for detector in detectors:
+    for detector in PAPER_DETECTORS:
         linear, hybrid = (evidence.runs(m, detector) for m in PAPER_MODELS)
-        means = [over(runs.values(), figure).value for runs in (linear, hybrid)]
-        note = " and ".join(number(m) for m in means if m is not None)
-        gain = difference(linear, hybrid, figure)
-        parts.append(Part(detector, gain, low=0.0, unit=unit, note=note))
+        note = _means(hybrid, linear, error, " rad/s")
+        parts.append(Part(detector, ratio(hybrid, linear, error), high=1.0, note=note))
     return parts
+
+
+def _means(
+    first: BySeed, second: BySeed, figure: Callable[[Run], float | None], unit: str = ""
+) -> str:
+    means = [over(runs.values(), figure).value for runs in (first, second)]
+    return " and ".join(f"{number(m)}{unit}" for m in means if m is not None)
 
 
 def _both(evidence: Evidence, detector: str, figure: str) -> str:

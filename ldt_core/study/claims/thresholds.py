@@ -14,10 +14,10 @@ from ldt_core.study.claims.evidence import (
     Evidence,
     Run,
     adaptations,
-    difference,
     mme,
+    ratio,
 )
-from ldt_core.study.statistics import mean, number, trend
+from ldt_core.study.statistics import geometric_mean, mean, number, trend
 
 FIGURE = "figure of the threshold"
 NO_TREND = 0.3  # a rank correlation within this is commonly called none or weak
@@ -34,7 +34,7 @@ def hybrid_better_at_every_threshold(evidence: Evidence) -> Claim:
         "hybrid-better-at-every-threshold",
         "The hybrid model has a smaller MME than the linear one at every threshold.",
         f"{FIGURE}, panels a and b",
-        "MME, linear minus hybrid",
+        "MME, hybrid / linear",
     )
     parts, idle = [], []
     for detector in ACTIVE:
@@ -44,8 +44,7 @@ def hybrid_better_at_every_threshold(evidence: Evidence) -> Claim:
             if not any(_adapted(sweep[value]) for sweep in (linear, hybrid)):
                 idle.append(label)
                 continue
-            gain = difference(linear[value], hybrid[value], mme)
-            parts.append(Part(label, gain, low=0.0, unit="rad/s"))
+            parts.append(Part(label, ratio(hybrid[value], linear[value], mme), high=1.0))
     remark = f"Neither model adapted at {', '.join(idle)}." if idle else ""
     return statement.examined(parts, remark)
 
@@ -95,7 +94,7 @@ def best_threshold_in_the_middle(evidence: Evidence) -> Claim:
         "The hybrid model under the threshold detector has its least MME in the middle of the "
         "range: too large a threshold is blind, too small a one trains poorly.",
         f"{FIGURE}, panel a",
-        "MME at an end of the range minus MME at the best threshold between",
+        "MME, at the end of the range / at the best threshold between",
     )
     curves = [c for c in _curves(evidence.sweep("hybrid", "threshold"), mme) if len(c[0]) > 2]
     if len({tuple(x) for x, _ in curves}) > 1:  # seeds of an interrupted study
@@ -103,15 +102,15 @@ def best_threshold_in_the_middle(evidence: Evidence) -> Claim:
         curves = [c for c in curves if c[0] == longest]
     if len(curves) < 2:
         return statement.examined([])
-    values, table = curves[0][0], np.array([y for _, y in curves])
+    values, table = curves[0][0], np.log([y for _, y in curves])
     others = (table.sum(axis=0) - table) / (len(table) - 1)
     best = 1 + others[:, 1:-1].argmin(axis=1)
     least = table[np.arange(len(table)), best]
     parts = []
     for end, word in ((0, "smallest"), (-1, "largest")):
-        gain = mean((table[:, end] - least).tolist())
+        gain = geometric_mean(np.exp(table[:, end] - least).tolist())
         label = f"{word}, {values[end]:g} rad/s"
-        parts.append(Part(label, gain, low=0.0, unit="rad/s"))
+        parts.append(Part(label, gain, low=1.0))
     overall = values[int(table.mean(axis=0).argmin())]
     return statement.examined(parts, f"The least mean MME is at {overall:g} rad/s.")
 
