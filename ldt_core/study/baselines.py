@@ -27,6 +27,7 @@ def never(result: Result) -> Result:
         region_rmse=result.region_rmse_original,
         kept={},
         seconds=0.0,
+        estimate=[],
     )
 
 

@@ -77,6 +77,8 @@ class Result:
         kept: number → {"time", "voltage", "speed", "prediction", "original", "speed_std"}, each
             (L,) or None, for the experiments to keep.
         seconds: that the loop took, without the simulation of the machine.
+        estimate: what the model that predicted the experiment took `truth` to be; None where it has
+            no opinion. An empty row means that it never has.
     """
 
     case: Case
@@ -93,6 +95,11 @@ class Result:
     region_rmse_original: list[float | None]
     kept: dict[int, dict[str, list[float] | None]]
     seconds: float
+    estimate: list[float | None] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        if not self.estimate:
+            object.__setattr__(self, "estimate", [None] * len(self.number))
 
     @property
     def positives(self) -> list[int]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ldt_core.errors import ExperimentError
-from ldt_core.experiment import Experiment, Level, Prediction, Samples, Signal, Step
+from ldt_core.experiment import Experiment, Level, ModelRecord, Prediction, Samples, Signal, Step
 from ldt_core.machine import Machine, load_machine
 from ldt_core.study.case import Case, Result
 from ldt_core.study.region import region_rmse
@@ -53,15 +53,35 @@ def run_case(case: Case, machine: Machine | None = None) -> Result:
     judge = None if case.alarms is None else Scripted(case.detector, case.alarms)
     begin = time.perf_counter()
     twin = Twin(machine, case.resolved, judge)
+    first = twin.model.record()
     steps = list(twin.steps(given.experiments, _refuse))
-    return _result(case, given, steps, time.perf_counter() - begin)
+    seconds = time.perf_counter() - begin
+    return _result(case, given, steps, seconds, _estimates(machine, first, steps))
 
 
 def _refuse(error: ExperimentError) -> None:
     raise error
 
 
-def _result(case: Case, given: Stream, steps: list[Step], seconds: float) -> Result:
+def _estimates(machine: Machine, first: ModelRecord, steps: list[Step]) -> list[float | None]:
+    """What wears, by the model that predicted each experiment, where it names a cause."""
+    wear = machine.simulation.get("degradation") or {}
+    present, found = first, []
+    for step in steps:
+        cause = present.parameters.get("cause") or {}
+        same = cause.get("effect") == wear.get("effect")
+        found.append(cause["parameters"].get(wear.get("parameter")) if cause and same else None)
+        present = step.model or present
+    return found
+
+
+def _result(
+    case: Case,
+    given: Stream,
+    steps: list[Step],
+    seconds: float,
+    estimate: list[float | None],
+) -> Result:
     learning = [s.prediction.residual(s.experiment) for s in steps]
     original = [s.original.residual(s.experiment) for s in steps]
     return Result(
@@ -81,6 +101,7 @@ def _result(case: Case, given: Stream, steps: list[Step], seconds: float) -> Res
         ],
         kept={s.experiment.number: _series(s) for s in steps if s.experiment.number in case.keep},
         seconds=round(seconds, 3),
+        estimate=estimate,
     )
 
 
