@@ -39,10 +39,6 @@ class Estimate:
     high: float
     count: int
 
-    def within(self, low: float, high: float) -> bool:
-        """Whether the whole interval lies strictly between two bounds."""
-        return self.value is not None and low < self.low and self.high < high
-
     def text(self, unit: str = "", digits: int = 3) -> str:
         """As "6.86 rad/s [6.10, 7.62]", with so many significant digits."""
         if self.value is None:

@@ -364,5 +364,5 @@ def test_an_aim_that_nobody_can_reach_says_so():
     )
     aim = one(aims(out_of_reach), "near-the-floor")
     assert aim.verdict == "missed"
-    assert "no learner can reach" in aim.evidence
-    assert "no learner" not in one(aims(AIMS["near-the-floor"](1)), "near-the-floor").evidence
+    assert "does not foresee" in aim.evidence
+    assert "does not foresee" not in one(aims(AIMS["near-the-floor"](1)), "near-the-floor").evidence

@@ -166,7 +166,8 @@ def _unprepared(runs: BySeed, against: str, of: str, aim: float) -> str:
         "Who predicts before learning meets each drift once unprepared: the true model, one "
         f"experiment late, has {bound.text()} {of}."
     )
-    return f"{remark} So no learner can reach this aim here." if bound.low > aim else remark
+    beyond = "So the aim is beyond a learner that does not foresee drifts."
+    return f"{remark} {beyond}" if bound.low > aim else remark
 
 
 def _surplus(run: Run) -> float | None:
