@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import doctest
 import json
 
 import pytest
 from study_results import made_up
 
-from ldt_core.study.claims import aims, claims
+from ldt_core.study.claims import aims, claim, claims, thresholds
 from ldt_core.study.facts import Drift, Facts, stream_key
 from ldt_core.study.study import Entry, Study
 
@@ -366,3 +367,10 @@ def test_an_aim_that_nobody_can_reach_says_so():
     assert aim.verdict == "missed"
     assert "does not foresee" in aim.evidence
     assert "does not foresee" not in one(aims(AIMS["near-the-floor"](1)), "near-the-floor").evidence
+
+
+@pytest.mark.parametrize("module", [claim, thresholds])
+def test_examples_are_true(module):
+    """The docstrings' examples run as printed."""
+    result = doctest.testmod(module)
+    assert (result.attempted > 0, result.failed) == (True, 0)
