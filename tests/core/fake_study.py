@@ -49,6 +49,7 @@ def fake_result(case: Case) -> Result:
         region_rmse_original=outside,
         kept={n: _kept(n, SHARE[case.model]) for n in case.keep},
         seconds=1.5,
+        estimate=[truth[max(0, n - 2)] for n in range(count)] if case.model == "diagnosed" else [],
     )
 
 

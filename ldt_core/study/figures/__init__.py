@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ldt_core.study.figures import beyond, detectors, drifts, levels, models, stream, thresholds
+from ldt_core.study.figures import (
+    beyond,
+    detectors,
+    drifts,
+    estimate,
+    levels,
+    models,
+    stream,
+    thresholds,
+)
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.figures.style import Drawing
 
@@ -19,6 +28,7 @@ FIGURES: dict[str, Callable[[Reading], Drawing | None]] = {
     "detectors": detectors.beside_chance,
     "shares": beyond.shares,
     "over_stream": beyond.over_stream,
+    "estimate": estimate.over_stream,
     "detectable": drifts.detectable,
     "false_alarms": drifts.false_alarms,
     "kinds": drifts.kinds,

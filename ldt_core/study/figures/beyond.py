@@ -96,7 +96,7 @@ def over_stream(reading: Reading) -> Drawing | None:
             axes.plot(result.number, result.max_error, **look(model).plot(lw=1.3))
         if facts is not None:
             axes.plot(
-                sample.number, facts.floor, color=INK, lw=0.8, ls=":", label="floor: true model"
+                sample.number, facts.floor, color=INK, lw=1.2, ls=":", label="floor: true model"
             )
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter(power)

@@ -66,7 +66,7 @@ def detectable(reading: Reading) -> Drawing | None:
         axes.yaxis.set_major_formatter(power)
         for value, label, dashes in (
             (needed, "detectable from here on", DASHES[1]),
-            (ideal, "by who knows the shape of Δy", DASHES[0]),
+            (ideal, "by its known shape", DASHES[0]),
         ):
             axes.axhline(value, color=INK, lw=1.2, ls=dashes, zorder=1, label=label)
         axes.set_xlabel(quantity.label)
@@ -109,7 +109,7 @@ def false_alarms(reading: Reading) -> Drawing | None:
                 f"{'holds' if inside else 'does not hold'} what was stated."
             )
     lines = [("stated", value) for value in sorted(stated)]
-    panel = Panel("rate", "false alarms an experiment, no drift", None, lines)
+    panel = Panel("rate", "false alarms an experiment", None, lines)
 
     def draw(layout: Layout) -> Figure:
         figure = dot_plot(layout, rows, [panel], columns=1)

@@ -9,7 +9,7 @@ import numpy as np
 from ldt_core.metrics import drifts_of
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.figures.series import first_seed, of_seed, wear
-from ldt_core.study.figures.style import FAINT, INK, VERMILION, Drawing, Layout, look, panels
+from ldt_core.study.figures.style import GREY, INK, VERMILION, Drawing, Layout, look, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,7 +66,7 @@ def staircase(reading: Reading) -> Drawing | None:
         for index, other in enumerate(others):
             label = f"the other {len(others)} seeds" if index == 0 else None
             values = quantity.scaled(other.truth)
-            axes.step(other.number, values, where="post", color=FAINT, lw=1, label=label)
+            axes.step(other.number, values, where="post", color=GREY, alpha=0.45, lw=1, label=label)
         values = quantity.scaled(shown.truth)
         axes.step(shown.number, values, where="post", color=VERMILION, label=f"seed {seed}", lw=2)
         axes.set_xlabel("experiment")

@@ -26,6 +26,10 @@ def beyond(reading: Reading, drawings: Mapping[str, Drawing | None]) -> Section:
     )
     section.figure(drawings["shares"], f"What is left of the error: {BETTER}")
     section.figure(drawings["over_stream"], f"The error over one stream: {BETTER}")
+    section.figure(
+        drawings["estimate"],
+        "The cause as the twin sees it: this study has no model that names one (group better).",
+    )
     section.figure(drawings["detectable"], f"Which drifts can be found: {BETTER}")
     section.figure(
         drawings["false_alarms"],

@@ -204,5 +204,5 @@ def _row(reading: Reading, label: str, results: Sequence[Result]) -> list[Value]
 def _parameters(results: Sequence[Result]) -> str:
     case = results[0].case
     resolved = case.resolved
-    names = OWN.get(case.detector, ())
+    names = [n for n in OWN.get(case.detector, ()) if resolved[n] >= 0]
     return ", ".join(f"{name.replace('_', ' ')} {resolved[name]:g}" for name in names) or "–"
