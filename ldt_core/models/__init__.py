@@ -20,6 +20,7 @@ MODELS = Registry(
         "physics": "ldt_core.models.physics:PhysicsModel",
         "linear": "ldt_core.models.linear:LinearModel",
         "hybrid": "ldt_core.models.hybrid:HybridModel",
+        "diagnosed": "ldt_core.models.diagnosed:DiagnosedModel",
     },
     "ldt.model",
 )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ldt_core.physics.integrate import Constants, integrate, propagate
+from ldt_core.physics.integrate import MAX_STEP, Constants, integrate, propagate
 from ldt_core.physics.parameter import Parameter
 
 if TYPE_CHECKING:
@@ -78,6 +78,17 @@ class Physics(abc.ABC):
         state[2] = values["b"] * speed / values["K_t"] if current is None else current
         return state
 
+    def running_state(
+        self, values: Values, speed: float, angle: float, current: float | None = None
+    ) -> Array:
+        """(n,) state of a machine that has run at this speed [rad/s] for long, at this angle [rad].
+
+        As `initial_state`, but for what such a machine shakes.
+        """
+        state = self.initial_state(values, speed, current)
+        state[0] = angle
+        return state
+
     def simulate(
         self,
         values: Values,
@@ -85,6 +96,7 @@ class Physics(abc.ABC):
         period: float,
         initial: ArrayLike,
         effects: Effects = (),
+        max_step: float = MAX_STEP,
     ) -> Array:
         """Free run: the states at the samples.
 
@@ -97,6 +109,7 @@ class Physics(abc.ABC):
             initial: (n,) state at the first sample, with the effects' own states behind it where a
                 simulation goes on from an earlier one.
             effects: acting effects; those on the measurement are ignored here, see `measure`.
+            max_step: longest Runge-Kutta step [s]: a search may do with a longer one.
 
         Returns:
             (L, n) states; states of effects that have any follow in further columns.
@@ -118,7 +131,7 @@ class Physics(abc.ABC):
         if on_grid and not terms and self.is_linear(values):
             ad, bd = _discretise(self, tuple(values[p.name] for p in self.parameters), period)
             return propagate(ad, bd, switches[1], state[: len(self.states)])
-        return integrate(self, values, times, switches, state, terms)
+        return integrate(self, values, times, switches, state, terms, max_step)
 
     def _switches(
         self, values: Values, times: Array, volts: Array, state: Array, effects: Effects

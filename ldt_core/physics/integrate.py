@@ -311,6 +311,8 @@ def integrate(
 
 def _edges(times: Array, at: Array, levels: Array) -> tuple[Array, Array, NDArray[np.int64]]:
     """Edges of the intervals of constant voltage, their levels, the sample at each edge or -1."""
+    if np.array_equal(at, times):
+        return times, levels[:-1], np.arange(times.size, dtype=np.int64)
     inside = at[(at > 0) & (at < times[-1])]
     edges = np.union1d(times, inside)
     volts = levels[np.searchsorted(at, edges[:-1], side="right") - 1]

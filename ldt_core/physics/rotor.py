@@ -13,6 +13,8 @@ Non-ideal Rotor System" (2020).
 
 from __future__ import annotations
 
+import cmath
+
 from ldt_core.physics.base import Array, Physics, Values
 from ldt_core.physics.integrate import Constants
 from ldt_core.physics.motor import MOTOR_PARAMETERS, fastest_root, motor_rate, motor_system
@@ -71,6 +73,19 @@ class Rotor(Physics):
             a[i + 1, i] = -values[f"K_{axis}"] / mass
             a[i + 1, i + 1] = -values[f"R_{axis}"] / mass
         return a, drive
+
+    def running_state(
+        self, values: Values, speed: float, angle: float, current: float | None = None
+    ) -> Array:
+        """The foundation moves as the unbalance force of a constant speed makes it move."""
+        state = super().running_state(values, speed, angle, current)
+        mass, turn = values["M"] + values["m"], cmath.exp(1j * angle)
+        for axis, i, phase in (("x", 3, 1), ("y", 5, -1j)):
+            stiffness = values[f"K_{axis}"] - mass * speed**2 + 1j * values[f"R_{axis}"] * speed
+            if stiffness != 0:  # without damping, at the critical speed itself, there is no limit
+                motion = phase * turn * values["m"] * values["e"] * speed**2 / stiffness
+                state[i], state[i + 1] = motion.real, (1j * speed * motion).real
+        return state
 
 
 ROTOR = Rotor()

@@ -1,0 +1,134 @@
+"""The newest experiment's cause, and with it all free runs that were made on the way."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ldt_core.cause.descent import Descent, Minimum, Seen
+from ldt_core.cause.free_run import Array, Cause, white_noise
+from ldt_core.cause.scan import Point, Scan
+from ldt_core.errors import LdtError
+from ldt_core.experiment import Experiment
+
+TRIES = (1, 2)  # descents: from the scan's best point, then from the best of a closer look
+BEGINNINGS = (0.5, 0.25, 0.125)  # of an experiment that is fitted step by step
+FOLLOWING = 8  # steps from there to its end
+WIDTH, ALONG = 4.0, 33  # deviations either way, points: what is looked through where a step fails
+NOISE_LIKE = 1.3  # times the white noise: a residual below this is nothing but noise
+LEAST_NOISE = 1e-6  # of the speed's size: noise-free simulations must not divide by 0
+LEAST_GAIN = 1e-9  # difference of a scan's scores below which the effect shows in nothing
+
+
+class Search:
+    """The effect's parameters and the start state that explain one experiment.
+
+    The scan is made once; the fit to a part of the experiment is chosen from the same free runs.
+
+    Args:
+        cause: machine and effect.
+        experiment: measured.
+        seeds: coordinates and start angles to try beside the scan's own.
+
+    Raises:
+        LdtError: the effect does not show in this experiment.
+    """
+
+    def __init__(self, cause: Cause, experiment: Experiment, seeds: Sequence[Point]) -> None:
+        self.cause, self.experiment = cause, experiment
+        size = float(np.sqrt(np.mean(experiment.speed**2))) or 1.0
+        self.noise = max(white_noise([experiment]), LEAST_NOISE * size)
+        self.start = cause.start(experiment, self.noise, seeds[0][0])
+        #: Free runs by experiment, coordinates and start, for all who fit the same experiments.
+        self.runs: dict[Any, Array] = {}
+        self._scan = Scan(cause, experiment, self.start, self.noise, seeds)
+        self.best = self._whole()
+
+    def descent(self, keep: Array) -> Descent:
+        """The fit of these samples (L,) of the experiment."""
+        seen = Seen(self.experiment, self.start, keep)
+        return Descent(self.cause, [seen], self.noise, memory=self.runs)
+
+    def part(self, keep: Array) -> Minimum:
+        """The best fit of some samples (L,).
+
+        The fit of all of them is a point to descend from like those of the scan; what comes of it
+        is judged by the part alone.
+        """
+        if keep.all():
+            return self.best
+        descent = self.descent(keep)
+        starts = [self.best.q]
+        z, angle = next(self._scan.best(keep))
+        point = descent.point(z, [angle])
+        whole = self._scan.score(descent.rest(self.best.q, 0), keep)
+        if self._scan.score(descent.rest(point, 0), keep) < whole:
+            starts.append(point)
+        return min((descent.run(q) for q in starts), key=lambda m: m.rms)
+
+    def _whole(self) -> Minimum:
+        keep = np.ones(len(self.experiment), dtype=bool)
+        if not float(np.ptp(self._scan.scores(keep))) > LEAST_GAIN:
+            raise LdtError(
+                f"diagnosed model: experiment {self.experiment.number} says nothing about "
+                f"{self.cause.effect.name}: its speed is the same with and without"
+            )
+        descent = self.descent(keep)
+        found: list[Minimum] = []
+        looks = (lambda: None, lambda: self._scan.look_closer(keep))
+        for look, tries in zip(looks, TRIES, strict=True):
+            look()
+            for z, angle in itertools.islice(self._scan.best(keep), tries):
+                found.append(descent.run(descent.point(z, [angle])))
+                if self._noise_like(found[-1]):
+                    return found[-1]
+        found += self._step_by_step()
+        if not self._noise_like(found[-1]):
+            self._scan.refine()
+            for z, angle in itertools.islice(self._scan.best(keep), TRIES[-1]):
+                found.append(descent.run(descent.point(z, [angle])))
+        return min(found, key=lambda m: m.rms)
+
+    def _noise_like(self, minimum: Minimum) -> bool:
+        return minimum.rms < NOISE_LIKE * self.noise
+
+    def _step_by_step(self) -> list[Minimum]:
+        """Fit the beginning, then more and more of the experiment.
+
+        There are experiments in which 0.005 % of the unbalance decides on which side of a resonance
+        the rotor ends. No scan hits that, but what comes before tells the unbalance nearly as well.
+        """
+        length = len(self.experiment)
+        for part in BEGINNINGS:
+            keep = np.arange(length) < length * part
+            descent = self.descent(keep)
+            for z, angle in itertools.islice(self._scan.best(keep), TRIES[-1]):
+                minimum = descent.run(descent.point(z, [angle]))
+                if self._noise_like(minimum):
+                    return [self._followed(minimum, int(keep.sum()))]
+        return [self.descent(np.ones(length, dtype=bool)).run(descent.point(z, [angle]))]
+
+    def _followed(self, minimum: Minimum, begin: int) -> Minimum:
+        length = len(self.experiment)
+        for end in np.linspace(begin, length, FOLLOWING + 1)[1:].round().astype(int):
+            keep = np.arange(length) < end
+            descent = self.descent(keep)
+            further = descent.run(minimum.q)
+            if not self._noise_like(further):
+                rows = self._along(minimum)
+                scores = [self._scan.score(descent.rest(q, 0), keep) for q in rows]
+                tried = descent.run(rows[int(np.argmin(scores))])
+                further = min(further, tried, key=lambda m: m.rms)
+            minimum = further
+        return minimum
+
+    def _along(self, minimum: Minimum) -> list[Array]:
+        """Points along the direction that is known least, as far as it is unknown."""
+        deviations = np.sqrt(np.diag(minimum.covariance))
+        values, vectors = np.linalg.eigh(minimum.covariance / np.outer(deviations, deviations))
+        axis = vectors[:, -1] * math.sqrt(max(float(values[-1]), 0.0)) * deviations
+        return [minimum.q + t * axis for t in np.linspace(-WIDTH, WIDTH, ALONG)]

@@ -1,0 +1,264 @@
+"""The diagnosed model: the machine's physics plus the one effect that explains its changes."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
+
+import numpy as np
+
+from ldt_core.cause.angle import Seen, believe
+from ldt_core.cause.free_run import ANGLE, Cause, Start
+from ldt_core.cause.learn import Learned, Learner
+from ldt_core.cause.members import Member
+from ldt_core.cause.search import Search
+from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.errors import LdtError, OptionError
+from ldt_core.experiment import Experiment, Prediction, Samples
+from ldt_core.machine import Machine
+from ldt_core.models.base import Model
+from ldt_core.models.physics import PhysicsModel
+
+MEMBER_STEP = 1e-3  # s, longest integration step of the spread; worst relative error 1e-3
+# Start angles that stand for any, a row each, with the signs of the other start states' deviations:
+# every pair of states has all four combinations of signs equally often.
+SIGNS = np.array(
+    [[(-1.0) ** (i & j).bit_count() for j in range(8)] for i in range(8)], dtype=np.float64
+)
+LEAST_WEIGHT = 0.02  # of a hypothesis about the start angle: below, its runs are not made
+
+_cached_effect = functools.lru_cache(maxsize=32)(get_effect)
+
+
+class DiagnosedModel(Model):
+    """Free run of the whole physics with one effect, whose parameters are what is learned.
+
+    `fit` finds them by free runs from the start of each experiment (`ldt_core.cause`). The physics
+    stays as it is, so that few numbers have to be learned, one experiment is enough, and what was
+    learned says what has happened to the machine. If something else has happened, the model cannot
+    follow: then the adaptor's gate refuses it, or the residual stays.
+
+    Nothing has to be told beforehand:
+
+    - The noise is what the fit leaves; the deviation of every prediction contains it.
+    - A machine whose first sample is within 4 deviations of the noise from 0 stood still. Its shaft
+      angle is estimated, and the angles of all experiments learned from tell whether it is the same
+      every time. If so, predictions start there; if not, they are the median over all angles, which
+      had the least expected maximum error of the point predictions tried (mean, best single angle).
+    - A running machine starts at its first measured speed, its foundation as after a long run at
+      that speed, at any angle.
+
+    `parameters`: `machine`, the physics parameters, and `cause`: `effect`, its `parameters` and
+    their `std`; once learned also `noise_std` [rad/s], `memory` (samples in which the residual
+    forgets itself), `start` with `turn` (an angle that makes no difference, 0 where none does),
+    `same_angle` (probability), `angle`, `angle_std` [rad] and `seen` ([experiment, angle, std]
+    each), and `members`: [weight, start angle, value of each parameter], the best one first.
+
+    Args:
+        machine: the machine as it is known beforehand.
+        parameters: all that makes the model, in JSON types; None for the untrained model.
+        version: 0 when untrained.
+        trained_on: numbers of the experiments it learned from.
+        cause: name of the effect, or file.py:NAME.
+
+    Raises:
+        OptionError: no such effect, or one that this machine cannot have.
+        ModelError: parameters that cannot be this model's.
+    """
+
+    kind = "diagnosed"
+
+    def __init__(
+        self,
+        machine: Machine,
+        parameters: Mapping[str, Any] | None = None,
+        version: int = 0,
+        trained_on: Sequence[int] = (),
+        *,
+        cause: str = "unbalance",
+    ) -> None:
+        _require(machine, cause)
+        # Of the last experiment learned from: the gate asks again and again, with other blocks held
+        # back and other experiments beside it.
+        self._search: Search | None = None
+        super().__init__(machine, parameters, version, trained_on, cause=cause)
+
+    def untrained(self) -> dict[str, Any]:
+        """The machine file's physics and an effect that changes nothing."""
+        name = self.options["cause"]
+        neutral = _cached_effect(name).neutral
+        cause = {"effect": name, "parameters": neutral, "std": None, "noise_std": None}
+        return {"machine": dict(self.machine.parameters), "cause": cause}
+
+    def build(self) -> None:
+        """Check the parameters."""
+        self.physics = PhysicsModel(self.machine, {"machine": self.parameters["machine"]})
+        record = self.parameters["cause"]
+        name = record["effect"]
+        if name != self.options["cause"] and name not in EFFECTS.names():
+            raise ValueError(f"effect {name!r}, which is not known")  # a record names no files
+        self.effect = _cached_effect(name)
+        self.effect.require(self.machine.model)
+        self.cause = Cause(self.machine, self.physics.values, self.effect)
+        self.given = self._checked(record["parameters"])
+        self.noise_std: float | None = None
+        self.seen: list[Seen] = []
+        if record["noise_std"] is not None:
+            self._build_learned(record)
+
+    def _build_learned(self, record: Mapping[str, Any]) -> None:
+        self.noise_std = _number(record["noise_std"], 0.0)
+        start = record["start"]
+        self.turn = _number(start["turn"], 0.0)
+        self.same = _number(start["same_angle"], 0.0, 1.0)
+        self.seen = [Seen(int(n), _number(a), _number(s, 1e-9)) for n, a, s in start["seen"]]
+        self.members = []
+        for weight, angle, *values in record["members"]:
+            if len(values) != len(self.cause.names):
+                raise ValueError(f"a member with {len(values)} parameters")
+            given = self._checked(dict(zip(self.cause.names, values, strict=True)))
+            z = self.cause.coordinates(given)
+            self.members.append(Member(_number(weight, 0.0, 1.0), z, _number(angle)))
+        if not math.isclose(sum(m.weight for m in self.members), 1.0, rel_tol=1e-6):
+            raise ValueError("members whose weights do not sum to 1")
+
+    def _checked(self, given: Mapping[str, Any]) -> dict[str, float]:
+        if set(given) != set(self.cause.names):
+            raise ValueError(f"parameters {sorted(given)} of {self.effect.name}")
+        return self.effect.check({n: float(v) for n, v in given.items()})
+
+    def predict(self, experiment: Experiment) -> Prediction:
+        """Free run from the start state that is known or likeliest.
+
+        `speed_std` is the deviation of the measured speed: the noise, and the spread of the free
+        runs of all `members`. None while untrained.
+
+        Raises:
+            LdtError: the simulated state of the untrained model grows without bound.
+        """
+        about = (experiment.number, experiment.start, experiment.period, self.version)
+        if self.noise_std is None:
+            return Prediction(*about, self.physics.predict(experiment).speed)
+        best = self.members[0]
+        start = self.cause.start(experiment, self.noise_std, best.z, best.z)
+        same = self.same if start.rest else 0.0
+        runs, weights = self._runs(experiment, start, same)
+        if same >= 0.5 or (start.rest and self.turn == 0):
+            offset = self.cause.offset(best.angle)
+            speed = self.cause.speed(experiment, best.z, offset, start.rest)
+        else:
+            speed = _median(runs, weights)
+        variance = self.noise_std**2 + weights @ (runs - speed) ** 2
+        return Prediction(*about, speed, np.sqrt(variance))
+
+    def _runs(
+        self, experiment: Experiment, start: Start, same: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Free runs of machines that may be the real one (n, L), and their weights (n,)."""
+        chosen = []
+        if start.rest and (self.turn == 0 or same > LEAST_WEIGHT):
+            weight = 1.0 if self.turn == 0 else same
+            chosen += [(weight * m.weight, m.z, self.cause.offset(m.angle)) for m in self.members]
+        if not start.rest or (self.turn > 0 and 1 - same > LEAST_WEIGHT):
+            for i, signs in enumerate(SIGNS):
+                offset = signs[: start.spread.size] * start.spread
+                offset[ANGLE] = self.turn * i / len(SIGNS)
+                z = self.members[i % len(self.members)].z
+                chosen.append(((1 - same) / len(SIGNS), z, offset))
+        runs = [
+            self.cause.speed(experiment, z, offset, start.rest, MEMBER_STEP)
+            for _, z, offset in chosen
+        ]
+        weights = np.array([c[0] for c in chosen])
+        return np.array(runs), weights / weights.sum()
+
+    def fit(self, experiments: Sequence[Experiment]) -> Self:
+        """Find the effect's parameters; the physics stays as it is.
+
+        Of several experiments those count which the machine of the newest one can have made;
+        `trained_on` names them. Start angles that earlier versions found are kept, and weighed
+        with the new ones.
+
+        Raises:
+            LdtError: no or too few samples, or experiments that say nothing about this effect.
+        """
+        return self._taught(experiments, None)
+
+    def fit_without(self, experiments: Sequence[Experiment], held: Sequence[slice]) -> Self:
+        """As `fit`, running through the blocks held back without looking at them."""
+        return self._taught(experiments, held)
+
+    def _taught(self, experiments: Sequence[Experiment], held: Sequence[slice] | None) -> Self:
+        if not experiments:
+            raise LdtError("diagnosed model: expected experiments to learn from, got none")
+        newest = max(experiments, key=lambda e: (e.number, e.start))
+        if self._search is None or self._search.experiment is not newest:
+            angle = believe(self.seen, self.cause.turn).angle if self.seen else None
+            here = self.cause.coordinates(self.given), angle or 0.0
+            self._search = Search(self.cause, newest, [here])
+        learned = Learner(self._search, experiments, self.seen).learn(held)
+        return self.successor(self._record(learned), learned.used)
+
+    def _record(self, learned: Learned) -> dict[str, Any]:
+        cause = self.cause
+        z = np.array([m.z for m in learned.members])
+        weights = np.array([m.weight for m in learned.members])
+        std = np.sqrt(weights @ (z - learned.z) ** 2) * cause.scale
+        belief = believe(learned.angles, cause.turn) if cause.turn > 0 else learned.belief
+        seen = [[s.number, s.angle, s.std] for s in learned.angles]
+        start = {
+            "turn": cause.turn,
+            "same_angle": belief.same,
+            "angle": learned.members[0].angle,
+            "angle_std": belief.std,
+            "seen": seen,
+        }
+        members = [
+            [m.weight, m.angle, *(cause.given(m.z)[n] for n in cause.names)]
+            for m in learned.members
+        ]
+        found = {
+            "effect": self.parameters["cause"]["effect"],
+            "parameters": cause.given(learned.z),
+            "std": dict(zip(cause.names, std.tolist(), strict=True)),
+            "noise_std": learned.noise,
+            "memory": learned.memory,
+            "start": start,
+            "members": members,
+        }
+        return {"machine": self.parameters["machine"], "cause": found}
+
+
+def _require(machine: Machine, name: str) -> None:
+    effect = _cached_effect(name)
+    try:
+        effect.require(machine.model)
+    except OptionError as error:
+        able = [n for n in EFFECTS.names() if _possible(n, machine)]
+        expected = f"an effect that machine {machine.name!r} can have: one of {', '.join(able)}"
+        raise OptionError("cause", expected, f"{name!r}, which needs {error.expected}") from None
+
+
+def _possible(name: str, machine: Machine) -> bool:
+    try:
+        _cached_effect(name).require(machine.model)
+    except OptionError:
+        return False
+    return True
+
+
+def _number(value: Any, low: float = -math.inf, high: float = math.inf) -> float:
+    number = float(value)
+    if not (math.isfinite(number) and low <= number <= high):
+        raise ValueError(f"{value} where {low:g} to {high:g} is possible")
+    return number
+
+
+def _median(runs: Samples, weights: Samples) -> Samples:
+    """Weighted median of each column."""
+    order = np.argsort(runs, axis=0)
+    total = np.cumsum(weights[order], axis=0)
+    place = np.argmax(total >= 0.5 * total[-1], axis=0)
+    return np.take_along_axis(runs, np.take_along_axis(order, place[None], 0), 0)[0]
