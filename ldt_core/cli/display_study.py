@@ -9,6 +9,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, Self
 
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -16,6 +17,7 @@ from rich.table import Table
 from ldt_core.study.study import Study
 from ldt_core.study.tables import summary, table_rows
 
+WIDTH = 100  # characters of the table in a file or pipe
 #: Column of the table → figure, its factor, digits and unit.
 FIGURES = {
     "MME, rad/s": ("mme", 1, 2, ""),
@@ -77,7 +79,7 @@ def print_study(study: Study, page: Path, as_json: bool) -> None:
         record |= {"missing": study.missing, "summary": rows, "table": table_rows(study)}
         print(json.dumps({**record, "page": str(page)}, allow_nan=False))
         return
-    table = Table("model", "detector", title="mean over seeds ± its 95 % interval")
+    table = Table("model", "detector", box=SIMPLE, title="mean over seeds ± its 95 % interval")
     for name in FIGURES:
         table.add_column(name, justify="right")
     for (_, model), members in groupby(rows, key=lambda row: (row["group"], row["model"])):
@@ -88,6 +90,8 @@ def print_study(study: Study, page: Path, as_json: bool) -> None:
             table.add_row(model, "in the paper", *_cells(paper), style="dim")
         table.add_section()
     console = Console(soft_wrap=True)
+    if not console.is_terminal:
+        console.width = WIDTH
     console.print(table)
     missing = [f"{study.missing} runs are missing"] if study.missing else []
     for note in (*missing, *study.notes):

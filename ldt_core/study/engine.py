@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from ldt_core.detectors import DETECTORS
+from ldt_core.detectors import build_detector
 from ldt_core.errors import BadInput, LdtError
 from ldt_core.machine import Machine, load_machine
-from ldt_core.models import MODELS
+from ldt_core.models import build_model
 from ldt_core.parallel import Workers
 from ldt_core.plant import Plant
 from ldt_core.study.case import Case, Result
@@ -98,11 +98,11 @@ def check(plan: Plan, runs: Iterable[Planned], machine: Machine) -> None:
     cases = [p.case for p in runs]
     if not cases:
         raise BadInput("groups of a study", "paper or better beside baseline", plan.groups)
-    for case in {(c.model, c.detector): c for c in cases}.values():
-        MODELS.require(case.model)
-        DETECTORS.require(case.detector)
     for case in {stream_key(c): c for c in cases}.values():
         Plant.from_settings(machine, case.resolved)
+    for case in {(c.model, c.detector): c for c in cases}.values():
+        build_model(case.model, machine, case.resolved)
+        build_detector(case.detector, case.resolved)
 
 
 def work(task: Task) -> Result | Facts:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ldt_core.machine import load_machine
 from ldt_core.study.baselines import baseline_cases
 from ldt_core.study.case import Case, Result
 from ldt_core.study.groups import GROUPS
@@ -121,6 +123,8 @@ class Plan:
         seed = self.first_seed + index
         usual = not settings.keys() & {"degradation", "start"}
         keep = self.kept if index == 0 and usual else ()
+        if model == "diagnosed":
+            settings = {**settings, **self._cause}
         return Case(model, detector, seed, self.experiments, self.machine, settings, None, keep)
 
     @property
@@ -128,6 +132,12 @@ class Plan:
         """Numbers of the experiments that are kept for figures."""
         last = self.experiments
         return tuple(sorted({min(max(1, round(part * last)), last) for part in KEPT}))
+
+    @functools.cached_property
+    def _cause(self) -> dict[str, str]:
+        """What the diagnosed model is told: the kind of the wear, not its size or when it grows."""
+        wear = load_machine(self.machine).simulation.get("degradation", {})
+        return {"cause": wear["effect"]} if "effect" in wear else {}
 
     def _paper(self) -> Iterable[Case]:
         for index in range(self.seeds):

@@ -94,15 +94,14 @@ class Store:
             record = json.loads(path.read_text(encoding="utf-8"))
             if (record["format"], record["key"]) != (FORMAT, key):
                 raise ValueError("another file's content")
-            origin, found = record["origin"], parse(record["content"])
+            foreign = record["origin"] != self.origin
+            found = None if foreign and not self.any_origin else parse(record["content"])
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             self._damaged.append(str(path))
             return None
-        if origin != self.origin:
-            self._foreign += 1
-            return found if self.any_origin else None
+        self._foreign += foreign
         return found
 
     def _write(self, folder: str, case: Case, key: str, content: Mapping[str, Any]) -> None:

@@ -69,6 +69,15 @@ def test_other_drifts_are_learned_on_fewer_seeds():
     assert {c.model for c in cases if c.resolved["start"] == "random"} == {"diagnosed"}
 
 
+@pytest.mark.parametrize(
+    ("machine", "cause"), [("rotor", "unbalance"), ("dc_motor", "coulomb_friction")]
+)
+def test_the_diagnosed_model_is_told_what_kind_of_wear_to_expect(machine, cause):
+    """That of the machine file, and no more."""
+    cases = [c for c in in_group(Plan(1, machine=machine), "better") if c.model == "diagnosed"]
+    assert {c.resolved["cause"] for c in cases} == {cause}
+
+
 def test_only_the_groups_asked_for_are_run():
     """And a part of a study has the same runs as the whole, so that one completes the other."""
     whole = {p.case.key for p in Plan(seeds=2).runs()}
