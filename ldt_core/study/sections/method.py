@@ -137,7 +137,7 @@ def deviations(reading: Reading, drawings: Mapping[str, Drawing | None]) -> Sect
 def methods(reading: Reading, drawings: Mapping[str, Drawing | None]) -> Section:
     """Formulas in words, and how to do it again."""
     section = Section("methods", "Methods")
-    settings = [(name, str(value)) for name, value in reading.study.settings.items()]
+    settings = [(name, in_words(value)) for name, value in reading.study.settings.items()]
     section.blocks += [
         Items([Item(text, name) for name, text in METHODS]),
         Text("To reproduce", "heading"),
@@ -176,6 +176,11 @@ def command(study: Study) -> str:
     for group in groups if set(groups) != set(GROUPS) else ():
         words += ["--only", str(group)]
     return shlex.join([*words, "--out", "my_study"])
+
+
+def in_words(value: object) -> str:
+    """A setting for people: the members of a list with commas between."""
+    return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
 
 def _alike(study: Study, group: str) -> list[tuple[str, list[Result]]]:

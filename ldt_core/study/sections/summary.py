@@ -8,6 +8,7 @@ from ldt_core.study.blocks import Item, Items, Mark, Pairs, Section, Table, Text
 from ldt_core.study.claims import Claim, Verdict, aims, claims
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.figures.style import Drawing
+from ldt_core.study.sections.method import in_words
 from ldt_core.study.stamp import stamp
 from ldt_core.study.statistics import number
 
@@ -58,7 +59,7 @@ def what_was_run(reading: Reading) -> list[tuple[str, str]]:
         ("version", ", ".join(f"{name} {version}" for name, version in stamp().items())),
     ]
     known = {"seeds", "experiments", "machine", "groups", "first_seed"}
-    return pairs + [(n, str(v)) for n, v in study.settings.items() if n not in known]
+    return pairs + [(n, in_words(v)) for n, v in study.settings.items() if n not in known]
 
 
 def duration(seconds: float) -> str:
