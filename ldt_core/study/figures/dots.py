@@ -114,13 +114,14 @@ def _panel(axes: Axes, rows: Sequence[Dots], panel: Panel) -> None:
         for name, estimates in row.beside.items():
             if panel.key in estimates and name in CHANCE:
                 marker, shift = CHANCE[name]
-                _dot(axes, place + shift, estimates[panel.key], GREY, marker, size=5)
+                _dot(axes, place + shift, estimates[panel.key], GREY, marker, 5, None, panel.limits)
         if panel.key in row.values:
             style = look(row.key)
             face = PAPER if row.hollow else style.color
             shift = -ABOVE if row.beside else 0.0
             marker = style.marker or "o"
-            _dot(axes, place + shift, row.values[panel.key], style.color, marker, 6, face)
+            estimate = row.values[panel.key]
+            _dot(axes, place + shift, estimate, style.color, marker, 6, face, panel.limits)
     for (label, value), dashes in zip(panel.lines, DASHES, strict=False):
         axes.axvline(value, color=INK, lw=1.2, ls=dashes, zorder=1, label=label)
     axes.set_ylim(len(rows) - 0.4, -0.6)
@@ -142,9 +143,16 @@ def _dot(
     color: str,
     marker: str,
     size: float,
-    face: str | None = None,
+    face: str | None,
+    limits: tuple[float, float] | None,
 ) -> None:
     if estimate.value is None:
+        return
+    if limits and estimate.value > limits[1]:  # an arrow at the edge, with its figure
+        axes.plot(limits[1], place, ">", color=color, ms=size, clip_on=False)
+        axes.text(
+            limits[1], place, f"{estimate.value:.3g}   ", ha="right", va="center", color=color
+        )
         return
     if math.isfinite(estimate.low) and math.isfinite(estimate.high):
         axes.plot([estimate.low, estimate.high], [place, place], color=color, lw=1.4)
