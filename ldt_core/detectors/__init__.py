@@ -23,6 +23,7 @@ DETECTORS = Registry(
         "lddm": "ldt_core.detectors.lddm:LDDM",
         "window": "ldt_core.detectors.window:Window",
         "never": "ldt_core.detectors.never:Never",
+        "calibrated": "ldt_core.detectors.calibrated:Calibrated",
         "river": "ldt_core.detectors.river_adapter:River",
     },
     "ldt.detector",

@@ -35,12 +35,18 @@ class Detector(abc.ABC):
     warns: ClassVar[bool] = True
     #: Whether the order of the samples inside an experiment does not matter to it.
     order_free: ClassVar[bool] = False
+    #: Whether what it learned of the machine in control outlasts a positive (`restart`).
+    lifelong: ClassVar[bool] = False
     #: Answer to the last experiment.
     signal: Level
 
     def reset(self) -> None:
         """Forget everything seen; a detector with a state of its own calls this from its own."""
         self.signal = Level.NEGATIVE
+
+    def restart(self) -> None:
+        """Start anew after a positive; a `lifelong` detector keeps here what it may keep."""
+        self.reset()
 
     @abc.abstractmethod
     def judge(self, residual: Samples, deviation: Samples | None) -> Level:
@@ -71,7 +77,7 @@ class Detector(abc.ABC):
         if spread is not None and spread.shape != row.shape:
             raise ValueError(f"deviation: expected shape {row.shape}, got {spread.shape}")
         if self.signal is Level.POSITIVE:
-            self.reset()
+            self.restart()
         self.signal = Level(self.judge(row, spread))
 
     @property
