@@ -18,6 +18,7 @@ from ldt_core.experiment import Experiment
 TRIES = (1, 2)  # descents: from the scan's best point, then from the best of a closer look
 BEGINNINGS = (0.5, 0.25, 0.125)  # of an experiment that is fitted step by step
 FOLLOWING = 8  # steps from there to its end
+SAME = 1e-3  # scales of the first parameter, part of the residual: two minima that are one
 WIDTH, ALONG = 4.0, 33  # deviations either way, points: what is looked through where a step fails
 NOISE_LIKE = 1.3  # times the white noise: a residual below this is nothing but noise
 LEAST_NOISE = 1e-6  # of the speed's size: noise-free simulations must not divide by 0
@@ -84,7 +85,7 @@ class Search:
             look()
             for z, angle in itertools.islice(self._scan.best(keep), tries):
                 found.append(descent.run(descent.point(z, [angle])))
-                if self._noise_like(found[-1]):
+                if self._noise_like(found[-1]) or _twice(found):
                     return found[-1]
         found += self._step_by_step()
         if not self._noise_like(found[-1]):
@@ -132,3 +133,12 @@ class Search:
         values, vectors = np.linalg.eigh(minimum.covariance / np.outer(deviations, deviations))
         axis = vectors[:, -1] * math.sqrt(max(float(values[-1]), 0.0)) * deviations
         return [minimum.q + t * axis for t in np.linspace(-WIDTH, WIDTH, ALONG)]
+
+
+def _twice(found: Sequence[Minimum]) -> bool:
+    """Whether two descents from different points ended in the same: a rest that is no noise."""
+    last = found[-1]
+    return any(
+        float(np.abs(m.q - last.q)[0]) < SAME and abs(m.rms / last.rms - 1) < SAME
+        for m in found[:-1]
+    )
