@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +77,8 @@ def sommerfeld(reading: Reading) -> Drawing | None:
     return Drawing(
         "sommerfeld",
         "Where the models part: the Sommerfeld region",
-        f"Experiment {shown.number} of seed {hybrid.case.seed}, {worn}. Root mean square error "
+        f"Experiment {shown.number} of seed {hybrid.case.seed}, {worn}, "
+        f"{look(hybrid.case.detector).label} detector. Root mean square error "
         f"{where} [rad/s]: {errors}. Of the {len(candidates)} experiments kept it is the one in "
         f"which linear and hybrid differ most; {_typical(study)}",
         "Speed over time: measured, original, linear and hybrid model, the Sommerfeld region "
@@ -87,15 +88,20 @@ def sommerfeld(reading: Reading) -> Drawing | None:
 
 
 def _candidates(study: Study) -> list[Shown]:
-    found = []
-    pairs: dict[tuple[Any, ...], dict[str, Result]] = {}
+    """The experiments kept of both models, under the first detector of the plan that has some."""
+    pairs: dict[str, dict[int, dict[str, Result]]] = {}
     for result in study.results("paper"):
-        pairs.setdefault((result.case.seed, result.case.detector), {})[result.case.model] = result
-    for models in pairs.values():
-        if {"linear", "hybrid"} <= set(models):
-            both = set(models["linear"].kept) & set(models["hybrid"].kept)
-            found += [_shown(models, number) for number in sorted(both)]
-    return found
+        case = result.case
+        pairs.setdefault(case.detector, {}).setdefault(case.seed, {})[case.model] = result
+    for by_seed in pairs.values():
+        found = []
+        for models in by_seed.values():
+            if {"linear", "hybrid"} <= set(models):
+                both = set(models["linear"].kept) & set(models["hybrid"].kept)
+                found += [_shown(models, number) for number in sorted(both)]
+        if found:
+            return found
+    return []
 
 
 def _shown(models: dict[str, Result], number: int) -> Shown:

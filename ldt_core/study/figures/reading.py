@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterable, Sequence
 
 from ldt_core.study.case import Result
@@ -21,20 +20,31 @@ class Reading:
     def __init__(self, study: Study) -> None:
         self.study = study
 
-    @functools.cached_property
-    def scores(self) -> dict[str, Score]:
-        """`Case.key` → score, of every run."""
-        return {r.case.key: score(r, self.study.facts_of(r)) for r in self.study.results()}
+        self._scores: dict[int, Score] = {}
+        self._beside: dict[int, dict[str, Score]] = {}
+
+    def score(self, result: Result) -> Score:
+        """The figures of a run of the study, worked out once."""
+        # By identity: the study holds its results, and naming a case costs more than scoring it.
+        if id(result) not in self._scores:
+            self._scores[id(result)] = score(result, self.study.facts_of(result))
+        return self._scores[id(result)]
 
     def of(self, results: Iterable[Result], figure: str) -> Estimate:
         """Mean and interval over seeds of one figure of `Score`."""
-        return mean(getattr(self.scores[r.case.key], figure) for r in results)
+        return mean(getattr(self.score(r), figure) for r in results)
 
     def beside(self, results: Sequence[Result], figure: str) -> dict[str, Estimate]:
         """Baseline → the same figure of it, on the same streams."""
         values: dict[str, list[float | None]] = {}
         for result in results:
-            for name, other in self.study.baselines(result).items():
-                found = score(other, self.study.facts_of(result))
+            for name, found in self._baselines(result).items():
                 values.setdefault(name, []).append(getattr(found, figure))
         return {name: mean(v) for name, v in values.items()}
+
+    def _baselines(self, result: Result) -> dict[str, Score]:
+        if id(result) not in self._beside:
+            facts = self.study.facts_of(result)
+            others = self.study.baselines(result)
+            self._beside[id(result)] = {n: score(r, facts) for n, r in others.items()}
+        return self._beside[id(result)]
