@@ -76,7 +76,7 @@ class Store:
         done = "are shown all the same" if self.any_origin else "were computed anew"
         if self._damaged:
             count, first = len(self._damaged), self._damaged[0]
-            rest = "left out" if self.any_origin else "computed anew"
+            rest = "were left out" if self.any_origin else "were computed anew"
             notes.append(f"{_files(count)} could not be read and {rest}, the first being {first}")
         if self._foreign:
             notes.append(
