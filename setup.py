@@ -160,6 +160,7 @@ def build() -> None:
                 "run = ldt_core.cli.run:command",
                 "simulate = ldt_core.cli.simulate:command",
                 "study = ldt_core.cli.study:command",
+                "tune = ldt_core.cli.tune:command",
                 "up = ldt_ros.up:command",
             ],
         },

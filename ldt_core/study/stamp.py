@@ -10,7 +10,10 @@ from importlib.resources.abc import Traversable
 
 LIBRARIES = ("numba", "numpy", "scikit-learn", "scipy")
 #: Parts of `ldt_core` that show, store or fetch numbers and decide none.
-SHOWING = ("calibration", "cli", "figures.py", "parallel.py", "recording", "session.py", "study")
+SHOWING = (
+    *("calibration", "cli", "figures.py", "parallel.py", "recording", "session.py"),
+    *("study", "tuning"),
+)
 #: What of `ldt_core.study` decides numbers after all.
 DECIDING = ("region.py", "run.py", "stream.py")
 

@@ -1,0 +1,184 @@
+"""`ldt tune`: detector and threshold for a stated budget, chosen from a recording."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any, Self
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from ldt_core.cli.options import json_option, namespace_option, parameters
+
+if TYPE_CHECKING:
+    from ldt_core.tuning.procedure import Tuning
+
+#: As `ldt_core.tuning.setting.TUNED`, whose import takes a second.
+DETECTORS = ("threshold", "lddm", "window", "calibrated")
+
+
+@click.command("tune")
+@click.argument("recording")
+@click.option(
+    "--adaptations",
+    type=click.IntRange(1, 1_000_000),
+    help="Budget: at most so many adaptations over this recording.",
+)
+@click.option(
+    "--false-alarms-every",
+    type=click.FloatRange(2.0, 1e9),
+    help="Budget: at most one false alarm in so many experiments in control.",
+)
+@click.option(
+    "--in-control",
+    default="",
+    metavar="RANGES",
+    help="Experiments in which the machine had not changed, as 1:20 or 1:20,60:80; without, the "
+    "longest stretch that the calibrated detector accepts as unchanged.",
+)
+@click.option(
+    "--detector",
+    "detectors",
+    type=click.Choice(DETECTORS),
+    multiple=True,
+    help="Detector to choose from; may be given several times; without, all of them.",
+)
+@click.option(
+    "--try",
+    "tries",
+    multiple=True,
+    metavar="DETECTOR:PARAMETER=VALUE,…",
+    help="Settings to try beside them, of any detector, yours included.",
+)
+@click.option(
+    "--values",
+    type=click.IntRange(2, 1000),
+    default=8,
+    show_default=True,
+    help="Values of each detector that are tried at first; a second round refines the best.",
+)
+@click.option("--out", required=True, help="Folder of the result; an earlier one goes on there.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(0, 10_000),
+    default=0,
+    help="Processes on this machine; by default as many as there are cores.",
+)
+@click.option(
+    "--scheduler",
+    default="",
+    help="Address of a Dask scheduler (tcp://host:port) whose workers compute instead.",
+)
+@click.option("--fresh", is_flag=True, help="Try anew what an earlier call has left there.")
+@namespace_option
+@json_option
+@parameters("machine", "model", "adaptor")
+def command(
+    settings: dict[str, Any],
+    recording: str,
+    adaptations: int | None,
+    false_alarms_every: float | None,
+    in_control: str,
+    detectors: tuple[str, ...],
+    tries: tuple[str, ...],
+    values: int,
+    out: str,
+    jobs: int,
+    scheduler: str,
+    fresh: bool,
+    namespace: str,
+    as_json: bool,
+) -> None:
+    """Choose the detector and its threshold for RECORDING within a stated budget.
+
+    Plays the recording through the twin with many settings, and takes the one with the least error
+    among those that keep to the budget. Writes tune.json (which other commands take by
+    --settings), tune.csv, and the trade-off as tradeoff.png and .svg. The same command goes on
+    where an earlier one was interrupted.
+
+    Example: ldt tune my_run --adaptations 20 --model linear --out tuned
+    """
+    from ldt_core.errors import LdtError
+    from ldt_core.machine import load_machine
+    from ldt_core.recording.bag import read_bag
+    from ldt_core.settings import resolve
+    from ldt_core.study.figures import style
+    from ldt_core.tuning.choice import Budget
+    from ldt_core.tuning.figure import write_figure
+    from ldt_core.tuning.procedure import tune
+    from ldt_core.tuning.result import as_dict, write_results
+    from ldt_core.tuning.setting import parse_try
+    from ldt_core.tuning.words import sentence
+
+    style.require()
+    budget = Budget(adaptations, false_alarms_every)
+    extra = [setting for entry in tries for setting in parse_try(entry)]
+    bag = read_bag(recording, namespace)
+    with TuneProgress() as progress:
+        found = tune(
+            load_machine(settings["machine"]),
+            resolve(settings),
+            bag.experiments(),
+            budget,
+            out,
+            in_control=in_control,
+            detectors=detectors or DETECTORS,
+            extra=extra,
+            values=values,
+            jobs=jobs,
+            scheduler=scheduler,
+            fresh=fresh,
+            progress=progress.show,
+        )
+    write_results(found, out)
+    pictures = write_figure(found, out)
+    for note in (*bag.notes, *found.notes):
+        click.echo(note, err=True)
+    if as_json:
+        record = {**as_dict(found), "out": out, "figure": str(pictures[0])}
+        click.echo(json.dumps(record, allow_nan=False))
+    if found.choice.chosen is None:
+        raise LdtError(sentence(found))
+    if not as_json:
+        _print(found, out)
+
+
+class TuneProgress:
+    """The progress bar of a tuning, on a terminal's standard error; nothing on a pipe."""
+
+    def __init__(self) -> None:
+        console = Console(stderr=True)
+        self._progress = Progress(
+            TextColumn("tuning"),
+            BarColumn(bar_width=40),
+            MofNCompleteColumn(),
+            TextColumn("settings"),
+            TimeRemainingColumn(compact=True),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        self._task = self._progress.add_task("", total=None)
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def show(self, done: int, total: int) -> None:
+        """Settings tried, and to try as far as is known."""
+        self._progress.update(self._task, completed=done, total=total)
+
+
+def _print(found: Tuning, out: str) -> None:
+    from ldt_core.tuning.words import sentence, why
+
+    assert found.choice.chosen is not None
+    click.echo(sentence(found))
+    for reason in why(found):
+        click.echo(f"- {reason}")
+    click.echo(f"options: {found.choice.chosen.setting.options}")
+    click.echo(f"for other commands: --settings {out}/tune.json")
+    click.echo(f"all that was tried: {out}/tune.csv, {out}/tradeoff.png")

@@ -1,0 +1,1 @@
+"""Which detector, and with which threshold: chosen from a recording for a stated budget."""

@@ -1,0 +1,147 @@
+"""Why: the sentences that explain a choice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ldt_core.study.statistics import number
+from ldt_core.tuning.alarms import LENGTH, STREAMS, most, needed
+from ldt_core.tuning.choice import PARTS, SAME, best_of, count
+from ldt_core.tuning.procedure import Tuning
+from ldt_core.tuning.setting import NEVER
+from ldt_core.tuning.trial import Tried
+
+
+def sentence(found: Tuning) -> str:
+    """The choice in a sentence, or that there is none."""
+    choice, budget = found.choice, found.budget.text
+    acting = len(found.tried) - 1
+    if choice.chosen is None:
+        assert choice.nearest is not None
+        near = choice.nearest
+        return (
+            f"none of the {acting} settings tried keeps to {budget}; the nearest is {near.setting} "
+            f"({near.setting.options}): {_figures(near)}{_rate(near)}"
+        )
+    best, kept = choice.chosen, len(choice.kept)
+    least = min(t.mme for t in choice.tied)
+    if best.mme == least:
+        reason = f"least MME ({number(least)} rad/s, {count(best.adaptations, 'adaptation')})"
+    else:
+        reason = (
+            f"{count(best.adaptations, 'adaptation')}, fewest among {len(choice.tied)} settings "
+            f"whose MME ({number(best.mme)} rad/s) is within {SAME:.0%} of the least"
+        )
+    some = f"the {kept} of {acting} settings tried" if kept > 1 else f"the only one of {acting}"
+    verb = "keep" if kept > 1 else "keeps"
+    return f"{best.setting}: {reason}, of {some} that {verb} to {budget}"
+
+
+def why(found: Tuning) -> list[str]:
+    """What else there is to know of the choice, a sentence each."""
+    return [s for part in (_rivals, _never, _alarms, _checked, _edges) for s in part(found)]
+
+
+def _rivals(found: Tuning) -> Iterator[str]:
+    """The other detectors, and what the budget costs."""
+    chosen = found.choice.chosen
+    own = chosen.setting.detector if chosen else ""
+    names = dict.fromkeys(t.setting.detector for t in found.tried if t.setting != NEVER)
+    for name in (n for n in names if n != own):
+        best = best_of(found.choice.kept, lambda t, n=name: t.setting.detector == n)
+        if best is not None:
+            yield f"{name}: at best {_figures(best)} ({_value(best)})"
+        elif chosen is not None:
+            yield f"{name}: no setting keeps to the budget"
+    free = best_of(found.tried, lambda t: t.setting != NEVER)
+    if chosen is not None and free is not None and free.mme < chosen.mme * (1 - SAME):
+        yield f"without the budget: {free.setting}, {_figures(free)}{_rate(free)}"
+
+
+def _never(found: Tuning) -> Iterator[str]:
+    best, never = found.choice.chosen, found.never.mme
+    if best is None:
+        return
+    left = f"without learning the MME is {number(never)} rad/s"
+    if best.mme < never * (1 - SAME):
+        yield f"{left}: {100 * best.mme / never:.0f} % of it is left"
+    else:
+        yield f"{left}: on this recording learning gained nothing, so that any choice is as good"
+
+
+def _alarms(found: Tuning) -> Iterator[str]:
+    control, best = found.control, found.choice.chosen
+    if control is None:
+        yield "no experiments are known to be in control: the rate of false alarms is unknown"
+        return
+    size = len(control.numbers)
+    source = "as given" if control.given else "as the calibrated detector judges"
+    model = "models of the other half" if control.learned else "the untrained model"
+    yield (
+        f"in control: {count(size, 'experiment')} ({control.text}, {source}), predicted by "
+        f"{model}; they alone can show at most one false alarm in {1 / most(0.0, size):.3g}"
+    )
+    if best is None or best.false_alarms is None:
+        return
+    alarms, every = best.false_alarms, found.budget.every
+    drawn = f"in {STREAMS} streams of {LENGTH} experiments drawn from these"
+    interval = f"95 % interval {_per(alarms.low)} to {_per(alarms.high)}"
+    if alarms.low == alarms.high == alarms.law:
+        yield f"false alarms of the choice: {_per(alarms.rate)}, {alarms.how}"
+    else:
+        yield f"false alarms of the choice {drawn}: {_per(alarms.rate)} ({interval})"
+        if every is not None and not alarms.shown(every):
+            yield (
+                f"one in {every:g} is more than they can show: it is extrapolated {alarms.how}; "
+                f"{needed(every)} experiments in control without an alarm would show it"
+            )
+
+
+def _checked(found: Tuning) -> Iterator[str]:
+    choice = found.choice
+    if choice.chosen is None or choice.checked is None:
+        return
+    gap = choice.checked - choice.chosen.mme
+    more = f"{number(abs(gap))} rad/s {'more' if gap > 0 else 'less'}" if gap else "the same"
+    yield (
+        f"chosen and judged on the same recording, the MME flatters: with each of {PARTS} parts of "
+        f"the recording judged by what the other parts choose it is {number(choice.checked)} rad/s "
+        f"({more}); {choice.agreed} of {PARTS} choose the same, or as good"
+    )
+
+
+def _edges(found: Tuning) -> Iterator[str]:
+    best = found.choice.chosen
+    if best is None or not best.setting.parameter:
+        return
+    setting = best.setting
+    same = (setting.detector, setting.parameter)
+    values = [
+        t.setting.value for t in found.tried if (t.setting.detector, t.setting.parameter) == same
+    ]
+    if len(values) > 1 and setting.value in (min(values), max(values)):
+        end = "least" if setting.value == min(values) else "largest"
+        yield f"{setting.value:g} is the {end} value of {setting.parameter} that was tried"
+
+
+def _figures(tried: Tried) -> str:
+    return f"MME {number(tried.mme)} rad/s with {count(tried.adaptations, 'adaptation')}"
+
+
+def _value(tried: Tried) -> str:
+    return f"{tried.setting.parameter} {tried.setting.value:g}"
+
+
+def _rate(tried: Tried) -> str:
+    if tried.false_alarms is None:
+        return ""
+    return f", false alarms in control {_per(tried.false_alarms.rate)}"
+
+
+def _per(rate: float) -> str:
+    """A rate for people.
+
+    >>> _per(0.0), _per(0.001), _per(1.0)
+    ('none', 'one in 1000', 'one in 1')
+    """
+    return f"one in {1 / rate:.3g}" if rate > 0 else "none"
