@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import click
+import yaml
 
 import msgs_config
+from ldt_core.errors import BadInput, OptionError, did_you_mean
 from ldt_core.settings import check
 
 _TYPES = {"integer": click.INT, "double": click.FLOAT, "string": click.STRING}
@@ -41,9 +44,51 @@ def parameters(*groups: str) -> Callable:
 
         for name, declaration in reversed(declared.items()):
             _option(name, declaration)(call)
-        return call
+        return _settings_option(call)
 
     return decorate
+
+
+def _settings_option(function: Callable) -> Callable:
+    return click.option(
+        "--settings",
+        "settings_file",
+        default="",
+        metavar="FILE",
+        is_eager=True,
+        expose_value=False,
+        callback=_take_settings,
+        help="File of parameters, such as the tune.json of ldt tune, that take the place of the "
+        "defaults; options go before it.",
+    )(function)
+
+
+def _take_settings(context: click.Context, _parameter: click.Parameter, file: str) -> None:
+    if file:
+        context.default_map = {**(context.default_map or {}), **read_settings(file)}
+
+
+def read_settings(file: str) -> dict[str, Any]:
+    """Parameters by name from a YAML or JSON file; those under its key `settings` if it has one.
+
+    Raises:
+        BadInput: the file cannot be read or is no such mapping.
+        OptionError: a parameter that does not exist, or a value out of its range.
+    """
+    try:
+        found = yaml.safe_load(Path(file).read_text(encoding="utf-8"))
+    except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
+        got = getattr(error, "strerror", None) or "neither YAML nor JSON"
+        raise BadInput(file, "a readable file of parameters", got) from error
+    if isinstance(found, dict) and "settings" in found:
+        found = found["settings"]
+    if not isinstance(found, dict):
+        raise BadInput(file, "parameters with values", type(found).__name__)
+    declared = msgs_config.parameters()
+    for name in found:
+        if name not in declared:
+            raise OptionError(f"{file}, parameter", did_you_mean(str(name), declared), repr(name))
+    return {n: check(f"{file}, {n}", value, declared[n]) for n, value in found.items()}
 
 
 def _option(name: str, declaration: Mapping[str, Any]) -> Callable:
