@@ -14,11 +14,10 @@ from ldt_core.cause.descent import Descent, Minimum, Seen
 from ldt_core.cause.free_run import ANGLE, Array, Start
 from ldt_core.cause.members import Member, spread_out
 from ldt_core.cause.search import Search
-from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
 
-LEAST_SAMPLES = 20  # of an experiment; a free run of fewer says nothing about a machine
 AGREEING = 1.5  # times the newest experiment's residual: an older one below this still holds
+CONTRADICTION = 25.0  # squared deviations by which a common start angle may fit less well
 TURNED = 4  # parts of a turn in which the start angle of an older experiment is looked for
 
 
@@ -55,21 +54,12 @@ class Learner:
         search: of the newest experiment.
         experiments: to learn from, in any order, the newest among them.
         angles: start angles found in earlier experiments.
-
-    Raises:
-        LdtError: an experiment is too short.
     """
 
     def __init__(
         self, search: Search, experiments: Sequence[Experiment], angles: Sequence[SeenAngle] = ()
     ) -> None:
         self.search, self.cause = search, search.cause
-        for e in experiments:
-            if len(e) < LEAST_SAMPLES:
-                raise LdtError(
-                    f"diagnosed model: expected {LEAST_SAMPLES} samples or more of an experiment, "
-                    f"got {len(e)}"
-                )
         self.experiments = list(experiments)
         self._angles = list(angles)
         best = search.best.q[: len(self.cause.names)]
@@ -100,8 +90,12 @@ class Learner:
         if self._alike(belief, seen):
             known = believe(self._before, self.cause.turn) if self._before else None
             prior = (known.angle, known.std) if known and known.angle is not None else None
-            descent = self._descent(seen, True, prior)
-            minimum = descent.run(descent.point(minimum.q[:d], [belief.angle or 0.0]))
+            alike = self._descent(seen, True, prior)
+            same = alike.run(alike.point(self._z_at(descent, minimum, belief), [belief.angle]))
+            # One angle for all must not cost what chance cannot explain.
+            worse = sum(r.size for r in same.rests) * (same.rms**2 / minimum.rms**2 - 1)
+            if worse < CONTRADICTION * minimum.memory:
+                descent, minimum = alike, same
         members = spread_out(descent, minimum, belief, held is None)
         used = [s.experiment for s in seen]
         return Learned(minimum.q[:d], members, minimum.rms, minimum.memory, angles, belief, used)
@@ -164,6 +158,16 @@ class Learner:
                 new.append(SeenAngle(seen.experiment.number, float(minimum.q[place]), std))
         angles = together(self._angles, new, self.cause.turn)
         return believe(angles, self.cause.turn), angles
+
+    def _z_at(self, descent: Descent, minimum: Minimum, belief: Belief) -> Array:
+        """The coordinates that go with the common start angle: the two make up for each other."""
+        d = len(self.cause.names)
+        places = [p for p in map(descent.angle, range(len(descent.seen))) if p is not None]
+        off = (belief.angle or 0.0) - minimum.q[places]
+        off -= self.cause.turn * np.round(off / self.cause.turn)
+        cross = minimum.covariance[:d][:, places]
+        move = cross @ np.linalg.solve(minimum.covariance[np.ix_(places, places)], off)
+        return np.clip(minimum.q[:d] + move, self.cause.low, self.cause.high)
 
     def _alike(self, belief: Belief, seen: Sequence[Seen]) -> bool:
         """Whether the experiments are to be fitted with one start angle for all."""

@@ -18,6 +18,7 @@ from ldt_core.cause.descent import Descent, Minimum
 from ldt_core.cause.free_run import Array
 
 RISE = 3.0  # squared deviations at a sigma point: then two a direction have the normal's moments
+UNLIKELY = 5.0  # deviations from the angle at which the machine always starts
 TOLERANCE = 2.0  # factor by which the rise may miss that
 ROUNDS = 4  # corrections of a sigma point's distance
 
@@ -49,7 +50,7 @@ def spread_out(descent: Descent, minimum: Minimum, belief: Belief, spread: bool)
     d = len(descent.cause.names)
     places, angle = list(range(d)), belief.angle or 0.0
     one = descent.angle(0) if descent.shared or len(descent.seen) == 1 else None
-    if one is not None and descent.seen[0].start.rest:
+    if one is not None and _likely(float(minimum.q[one]), descent, belief):
         places.append(one)
         angle = float(minimum.q[one])
     best = Member(1.0, minimum.q[:d], angle)
@@ -72,6 +73,17 @@ def spread_out(descent: Descent, minimum: Minimum, belief: Belief, spread: bool)
             turned = angle + float(move[one]) if one is not None and len(at) > d else angle
             members.append(Member(weight, q, turned))
     return members
+
+
+def _likely(angle: float, descent: Descent, belief: Belief) -> bool:
+    """Whether the next experiment may start where this one did."""
+    if not descent.seen[0].start.rest:
+        return False
+    if belief.angle is None or belief.same < 0.5:
+        return True
+    turn = descent.cause.turn
+    off = (angle - belief.angle + turn / 2) % turn - turn / 2
+    return abs(off) < UNLIKELY * belief.std
 
 
 def _moved(descent: Descent, minimum: Minimum, move: Array) -> Array:

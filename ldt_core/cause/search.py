@@ -20,7 +20,9 @@ BEGINNINGS = (0.5, 0.25, 0.125)  # of an experiment that is fitted step by step
 FOLLOWING = 8  # steps from there to its end
 SAME = 1e-3  # scales of the first parameter, part of the residual: two minima that are one
 WIDTH, ALONG = 4.0, 33  # deviations either way, points: what is looked through where a step fails
-NOISE_LIKE = 1.3  # times the white noise: a residual below this is nothing but noise
+NOISE_LIKE = 1.3  # times the white noise: a residual above this is more than noise
+BLOCK = 20  # samples: means of so many are as small as white noise makes them,
+WHITE = 6.0  # to so many deviations. A neighbouring minimum shows there long before the first test
 LEAST_NOISE = 1e-6  # of the speed's size: noise-free simulations must not divide by 0
 LEAST_GAIN = 1e-9  # difference of a scan's scores below which the effect shows in nothing
 
@@ -81,11 +83,14 @@ class Search:
         descent = self.descent(keep)
         found: list[Minimum] = []
         looks = (lambda: None, lambda: self._scan.look_closer(keep))
+        tried: set[tuple[bytes, float]] = set()
         for look, tries in zip(looks, TRIES, strict=True):
             look()
-            for z, angle in itertools.islice(self._scan.best(keep), tries):
+            fresh = (p for p in self._scan.best(keep) if (p[0].tobytes(), p[1]) not in tried)
+            for z, angle in itertools.islice(fresh, tries):
+                tried.add((z.tobytes(), angle))
                 found.append(descent.run(descent.point(z, [angle])))
-                if self._noise_like(found[-1]) or _twice(found):
+                if self._noise_like(found[-1]) or self._twice(found):
                     return found[-1]
         found += self._step_by_step()
         if not self._noise_like(found[-1]):
@@ -95,7 +100,14 @@ class Search:
         return min(found, key=lambda m: m.rms)
 
     def _noise_like(self, minimum: Minimum) -> bool:
-        return minimum.rms < NOISE_LIKE * self.noise
+        """Whether nothing is left but noise, as large as it should be and white."""
+        rest = minimum.rests[0]
+        if rest.size < 2 * BLOCK:
+            return minimum.rms < NOISE_LIKE * self.noise
+        blocks = rest[: rest.size // BLOCK * BLOCK].reshape(-1, BLOCK)
+        smooth = BLOCK * float(np.mean(blocks.mean(axis=1) ** 2)) / float(np.mean(blocks**2))
+        limit = 1 + WHITE * math.sqrt(2 / len(blocks))
+        return minimum.rms < NOISE_LIKE * self.noise and smooth < limit
 
     def _step_by_step(self) -> list[Minimum]:
         """Fit the beginning, then more and more of the experiment.
@@ -134,11 +146,10 @@ class Search:
         axis = vectors[:, -1] * math.sqrt(max(float(values[-1]), 0.0)) * deviations
         return [minimum.q + t * axis for t in np.linspace(-WIDTH, WIDTH, ALONG)]
 
-
-def _twice(found: Sequence[Minimum]) -> bool:
-    """Whether two descents from different points ended in the same: a rest that is no noise."""
-    last = found[-1]
-    return any(
-        float(np.abs(m.q - last.q)[0]) < SAME and abs(m.rms / last.rms - 1) < SAME
-        for m in found[:-1]
-    )
+    def _twice(self, found: Sequence[Minimum]) -> bool:
+        """Whether two descents ended in the same, with a rest that is far more than noise."""
+        last = found[-1]
+        return last.rms > NOISE_LIKE * self.noise and any(
+            float(np.abs(m.q - last.q)[0]) < SAME and abs(m.rms / last.rms - 1) < SAME
+            for m in found[:-1]
+        )

@@ -27,6 +27,7 @@ MEMBER_STEP = 1e-3  # s, longest integration step of the spread; worst relative 
 SIGNS = np.array(
     [[(-1.0) ** (i & j).bit_count() for j in range(8)] for i in range(8)], dtype=np.float64
 )
+LEAST_SAMPLES = 20  # of an experiment; a free run of fewer says nothing about a machine
 LEAST_WEIGHT = 0.02  # of a hypothesis about the start angle: below, its runs are not made
 
 _cached_effect = functools.lru_cache(maxsize=32)(get_effect)
@@ -193,6 +194,10 @@ class DiagnosedModel(Model):
     def _taught(self, experiments: Sequence[Experiment], held: Sequence[slice] | None) -> Self:
         if not experiments:
             raise LdtError("diagnosed model: expected experiments to learn from, got none")
+        for e in experiments:
+            if len(e) < LEAST_SAMPLES:
+                where = f"diagnosed model: experiment {e.number}"
+                raise LdtError(f"{where}: expected {LEAST_SAMPLES} samples or more, got {len(e)}")
         newest = max(experiments, key=lambda e: (e.number, e.start))
         if self._search is None or self._search.experiment is not newest:
             angle = believe(self.seen, self.cause.turn).angle if self.seen else None
