@@ -253,6 +253,21 @@ def test_a_running_start_is_no_obstacle():
         assert np.sqrt(np.mean((ours.residual(e) / ours.speed_std) ** 2)) < 2
 
 
+def test_a_rotor_that_has_run_for_long_shakes_its_foundation_evenly():
+    """From the running state the foundation has no transient; from a still one it has."""
+    values = {**ROTOR.parameters, "e": 0.002}
+    model = ROTOR.model
+    steady, still = model.running_state(values, 40.0, 1.0), model.initial_state(values, 40.0)
+    volts = np.full(1000, values["R"] * steady[2] + values["K_t"] * 40.0)
+
+    def unevenness(start):
+        x = np.abs(model.simulate(values, volts, 0.005, start)[:, 3])
+        return abs(x[:200].max() / x[-200:].max() - 1)
+
+    assert unevenness(steady) < 0.02
+    assert unevenness(still) > 0.2
+
+
 def test_which_angle_makes_no_difference_is_found_by_the_machine_itself():
     """Vertical shaft: half a turn; gravity: a whole one; no eccentricity: any angle."""
 
