@@ -78,9 +78,9 @@ def over_stream(reading: Reading) -> Drawing | None:
     seed = first_seed(results)
     chosen: dict[str, Result] = {}
     for result in of_seed(results, seed):
-        model = result.case.model
-        if model not in chosen or _mme(result) < _mme(chosen[model]):
-            chosen[model] = result
+        case = result.case
+        if reading.best(case.model) == (case.model, case.detector):
+            chosen[case.model] = result
     sample = next(iter(chosen.values()))
     drifts = drifts_of(sample.truth, sample.number[0])
     facts = reading.study.facts_of(sample)
@@ -113,8 +113,8 @@ def over_stream(reading: Reading) -> Drawing | None:
     return Drawing(
         "over_stream",
         "The error over one stream",
-        f"Seed {seed}; of each model the run with the detector that served it best. MME [rad/s]: "
-        f"original {number(float(np.mean(sample.original)))}, {words}.",
+        f"Seed {seed}; each model with the detector that serves it best over all seeds. "
+        f"MME [rad/s]: original {number(float(np.mean(sample.original)))}, {words}.",
         "Maximum error over the experiments on a logarithmic scale, for the original model and "
         "the learners, with the drifts marked.",
         draw,

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 ROW, TALL_ROW = 0.27, 0.36  # inches; tall where baselines are in it
 FRAME = 0.75  # inches that title and labels of a panel take
 ABOVE = 0.22  # rows that a run lies above the middle of its row, its baselines below it
+ROOM = 1.5  # times the largest figure, at most, is the end of an axis
 DASHES = ((0, (1, 1.5)), (0, (5, 2)), (0, (6, 1.5, 1.2, 1.5)))  # of lines across
 
 #: What a run is compared with → its marker and where it lies in the row.
@@ -49,7 +50,8 @@ class Panel:
     Attributes:
         key: in `Dots.values`.
         label: with its unit.
-        limits: of the axis; None lets the data decide, from 0.
+        limits: of the axis; None lets the runs decide, from 0. Baselines, and intervals much wider
+            than all figures, do not widen it: what lies beyond is an arrow at the edge.
         lines: (label, value) to draw across.
     """
 
@@ -57,6 +59,16 @@ class Panel:
     label: str
     limits: tuple[float, float] | None = None
     lines: Sequence[tuple[str, float]] = ()
+
+
+def limits(rows: Sequence[Dots], panel: Panel) -> tuple[float, float]:
+    """Of the axis of a panel."""
+    if panel.limits:
+        return panel.limits
+    known = [e for row in rows if (e := row.values.get(panel.key)) and e.value is not None]
+    highest = max([e.value or 0 for e in known] + [value for _, value in panel.lines], default=1)
+    ends = [e.high for e in known if math.isfinite(e.high)]
+    return 0, 1.05 * min(max([highest, *ends]), ROOM * highest) or 1
 
 
 def dot_plot(layout: Layout, rows: Sequence[Dots], axes: Sequence[Panel], columns: int) -> Figure:
@@ -109,31 +121,27 @@ def key_to_marks(
 
 
 def _panel(axes: Axes, rows: Sequence[Dots], panel: Panel) -> None:
-    places = range(len(rows))
-    for place, row in zip(places, rows, strict=True):
+    low, high = limits(rows, panel)
+    for place, row in enumerate(rows):
         for name, estimates in row.beside.items():
             if panel.key in estimates and name in CHANCE:
                 marker, shift = CHANCE[name]
-                _dot(axes, place + shift, estimates[panel.key], GREY, marker, 5, None, panel.limits)
+                _dot(axes, place + shift, estimates[panel.key], GREY, marker, 5, None, high)
         if panel.key in row.values:
             style = look(row.key)
             face = PAPER if row.hollow else style.color
             shift = -ABOVE if row.beside else 0.0
             marker = style.marker or "o"
-            estimate = row.values[panel.key]
-            _dot(axes, place + shift, estimate, style.color, marker, 6, face, panel.limits)
+            _dot(axes, place + shift, row.values[panel.key], style.color, marker, 6, face, high)
     for (label, value), dashes in zip(panel.lines, DASHES, strict=False):
         axes.axvline(value, color=INK, lw=1.2, ls=dashes, zorder=1, label=label)
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
     axes.spines["left"].set_visible(False)
     axes.set_xlabel(panel.label)
-    if panel.limits:
-        axes.set_xlim(*panel.limits)
-        if panel.limits == (0, 1):
-            axes.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
-    else:
-        axes.set_xlim(left=0)
+    axes.set_xlim(low, high)
+    if panel.limits == (0, 1):
+        axes.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
 
 
 def _dot(
@@ -144,14 +152,19 @@ def _dot(
     marker: str,
     size: float,
     face: str | None,
-    limits: tuple[float, float] | None,
+    edge: float,
 ) -> None:
     if estimate.value is None:
         return
-    if limits and estimate.value > limits[1]:  # an arrow at the edge, with its figure
-        axes.plot(limits[1], place, ">", color=color, ms=size, clip_on=False)
-        axes.text(
-            limits[1], place, f"{estimate.value:.3g}   ", ha="right", va="center", color=color
+    if estimate.value > edge:  # an arrow there, with its figure
+        axes.plot(edge, place, ">", color=color, ms=5, clip_on=False)
+        axes.annotate(
+            f"{estimate.value:.3g}",
+            (edge, place),
+            xytext=(-7, 0),
+            textcoords="offset points",
+            ha="right",
+            va="center",
         )
         return
     if math.isfinite(estimate.low) and math.isfinite(estimate.high):

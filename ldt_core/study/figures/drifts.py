@@ -35,7 +35,7 @@ STATED = "false_alarm_every"  # parameter of a detector that states its rate
 
 def detectable(reading: Reading) -> Drawing | None:
     """Energy of each drift against what wears; None without facts or runs beyond the paper."""
-    best = best_pair(reading)
+    best = reading.best()
     if best is None:
         return None
     results = reading.study.results("better", model=best[0], detector=best[1])
@@ -109,7 +109,8 @@ def false_alarms(reading: Reading) -> Drawing | None:
                 f"{'holds' if inside else 'does not hold'} what was stated."
             )
     lines = [("stated", value) for value in sorted(stated)]
-    panel = Panel("rate", "false alarms an experiment", None, lines)
+    highest = max([r.values["rate"].high for r in rows] + [value for _, value in lines])
+    panel = Panel("rate", "false alarms an experiment", (0, 1.05 * highest), lines)
 
     def draw(layout: Layout) -> Figure:
         figure = dot_plot(layout, rows, [panel], columns=1)
@@ -183,17 +184,6 @@ def by_kind(study: Study) -> dict[str, list[Result]]:
         label = f"{kind}, start {start}" if start else kind
         found.setdefault(label, []).append(result)
     return found
-
-
-def best_pair(reading: Reading) -> tuple[str, str] | None:
-    """The pair beyond the paper with the least MME."""
-    found: list[tuple[float, tuple[str, str]]] = []
-    for model, detector in reading.study.pairs("better"):
-        results = reading.study.results("better", model=model, detector=detector)
-        mme = reading.of(results, "mme").value
-        if mme is not None:
-            found.append((mme, (model, detector)))
-    return min(found)[1] if found else None
 
 
 def alarms(results: list[Result]) -> tuple[int, int]:

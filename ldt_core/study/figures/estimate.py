@@ -17,13 +17,14 @@ if TYPE_CHECKING:
 
 
 def over_stream(reading: Reading) -> Drawing | None:
-    """Estimate and truth over one stream; None without a model that names a cause."""
-    runs = [r for r in reading.study.results("better") if any(e is not None for e in r.estimate)]
-    if not runs:
+    """Estimate and truth over one stream; None without the diagnosed model."""
+    best = reading.best("diagnosed")
+    if best is None:
         return None
-    detectors = {r.case.detector for r in runs}
-    chosen = "calibrated" if "calibrated" in detectors else runs[0].case.detector
-    alike = [r for r in runs if r.case.detector == chosen]
+    model, detector = best
+    alike = reading.study.results("better", model=model, detector=detector)
+    if not any(e is not None for r in alike for e in r.estimate):
+        return None
     shown = of_seed(alike, first_seed(alike))[0]
     quantity = wear(shown)
     truth = quantity.scaled(shown.truth)
@@ -36,8 +37,8 @@ def over_stream(reading: Reading) -> Drawing | None:
         figure.set_figheight(4.4)
         style = look("measured").plot(lw=2.4, label="true")
         upper.step(shown.number, truth, where="mid", **style)
-        name = f"estimate, {shown.case.model} model"
-        style = look(shown.case.model).plot(label=name)
+        name = f"estimate, {model} model"
+        style = look(model).plot(label=name)
         upper.step(shown.number, estimate, where="mid", **style)
         upper.set_ylabel(quantity.label)
         style.pop("label")
@@ -52,7 +53,7 @@ def over_stream(reading: Reading) -> Drawing | None:
     return Drawing(
         "estimate",
         "The cause as the twin sees it",
-        f"{pair(shown.case.model, chosen)}, seed {shown.case.seed}: the value of {quantity.symbol} "
+        f"{pair(model, detector)} detector, seed {shown.case.seed}: the value of {quantity.symbol} "
         "in the model that predicts each experiment, beside the true one. "
         f"{_finding(alike, quantity.scale, quantity.unit)}",
         "Two staircases over the experiments, the true eccentricity and the estimated one, and "

@@ -34,23 +34,33 @@ class Shown:
     rows: dict[str, NDArray[np.float64]]
     mask: NDArray[np.bool_]
 
-    def rmse(self, name: str) -> float:
-        """Of a model inside the region, or over all where the experiment does not touch it."""
-        mask = self.mask if self.mask.any() else np.ones_like(self.mask)
-        return float(np.sqrt(np.mean((self.rows["measured"] - self.rows[name])[mask] ** 2)))
+    def rmse(self, name: str, inside: bool = True) -> float:
+        """Of a model inside or outside the region; 0 where the experiment has no such part."""
+        mask = self.mask if inside else ~self.mask
+        square = (self.rows["measured"] - self.rows[name])[mask] ** 2
+        return float(np.sqrt(square.mean())) if mask.any() else 0.0
+
+    @property
+    def contrast(self) -> float:
+        """How much more the linear model's error grows in the region than the hybrid one's."""
+        linear, hybrid = (
+            self.rmse(name) - self.rmse(name, inside=False) for name in ("linear", "hybrid")
+        )
+        return linear - hybrid
 
 
 def sommerfeld(reading: Reading) -> Drawing | None:
     """One experiment, measured and as the three models predict it.
 
-    Of the experiments that the study kept of both models, that in which the linear one is worst
-    against the hybrid one inside the region. None where no experiment was kept of both.
+    Of the experiments kept of both that touch the region, the one with the greatest
+    `Shown.contrast`. None where no experiment was kept of both.
     """
     study = reading.study
     candidates = _candidates(study)
+    candidates = [c for c in candidates if c.mask.any()] or candidates
     if not candidates:
         return None
-    shown = max(candidates, key=lambda s: s.rmse("linear") - s.rmse("hybrid"))
+    shown = max(candidates, key=lambda s: s.contrast)
     hybrid = shown.results["hybrid"]
     worn = wear(hybrid).text(hybrid.truth[hybrid.number.index(shown.number)])
     spans = intervals(shown.mask)
@@ -72,15 +82,18 @@ def sommerfeld(reading: Reading) -> Drawing | None:
         legend(figure, axes[:1], layout)
         return figure
 
-    where = "inside the region" if spans else "over the experiment"
-    errors = ", ".join(f"{n} {shown.rmse(n):.2f}" for n in ("original", "linear", "hybrid"))
+    errors = ", ".join(
+        f"{n} {shown.rmse(n):.2f} and {shown.rmse(n, inside=False):.2f}"
+        for n in ("original", "linear", "hybrid")
+    )
     return Drawing(
         "sommerfeld",
         "Where the models part: the Sommerfeld region",
         f"Experiment {shown.number} of seed {hybrid.case.seed}, {worn}, "
-        f"{look(hybrid.case.detector).label} detector. Root mean square error "
-        f"{where} [rad/s]: {errors}. Of the {len(candidates)} experiments kept it is the one in "
-        f"which linear and hybrid differ most; {_typical(study)}",
+        f"{look(hybrid.case.detector).label} detector. Root mean square error inside "
+        f"and outside the region [rad/s]: {errors}. Of the {len(candidates)} experiments kept "
+        "that touch the region it is the one in which the linear model's error grows most there "
+        f"against the hybrid one's; {_typical(study)}",
         "Speed over time: measured, original, linear and hybrid model, the Sommerfeld region "
         "shaded, and the stretch in which they differ most once more, enlarged.",
         draw,

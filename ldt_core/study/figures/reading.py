@@ -42,6 +42,21 @@ class Reading:
                 values.setdefault(name, []).append(getattr(found, figure))
         return {name: mean(v) for name, v in values.items()}
 
+    def best(self, model: str | None = None) -> tuple[str, str] | None:
+        """(model, detector) beyond the paper with the least MME over the seeds.
+
+        Args:
+            model: whose detectors to choose from; None: of all.
+        """
+        found: list[tuple[float, tuple[str, str]]] = []
+        for pair in self.study.pairs("better"):
+            if model is None or pair[0] == model:
+                results = self.study.results("better", model=pair[0], detector=pair[1])
+                mme = self.of(results, "mme").value
+                if mme is not None:
+                    found.append((mme, pair))
+        return min(found)[1] if found else None
+
     def _baselines(self, result: Result) -> dict[str, Score]:
         if id(result) not in self._beside:
             facts = self.study.facts_of(result)

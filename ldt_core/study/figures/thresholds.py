@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 SWEPT = {"threshold": ("threshold", r"$\theta_c$"), "lddm": ("error_threshold", r"$\theta_d$")}
 TITLES = {"threshold": "threshold detector", "lddm": "LDDM"}
 MODELS = ("linear", "hybrid")
+TICKS = 8  # labels at most on a panel
 Sweep = dict[tuple[str, str], tuple[Curve, Curve]]
 
 
@@ -94,7 +95,7 @@ def _ticks(axes: object, values: list[float]) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
     assert isinstance(axes, Axes)
-    chosen = values if len(values) <= 6 else values[:: -(-len(values) // 6)]
+    chosen = values if len(values) <= TICKS else values[:: -(-len(values) // TICKS)]
     axes.xaxis.set_major_locator(FixedLocator(chosen))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
