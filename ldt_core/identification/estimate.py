@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,14 @@ from ldt_core.errors import ExperimentError, LdtError, OptionError
 from ldt_core.experiment import Experiment
 from ldt_core.identification import order as order_choice
 from ldt_core.identification import schwarz
+from ldt_core.identification.alternatives import (
+    alternatives,
+    correlation_time,
+    residual_deviation,
+)
 from ldt_core.identification.minima import minima
 from ldt_core.identification.output_error import Linear, OutputError
+from ldt_core.identification.start import Start, misses, principal_deviations, settled, usual
 from ldt_core.identification.state_space import StateSpace
 from ldt_core.threads import one_thread
 
@@ -43,16 +50,22 @@ class Identified(StateSpace):
 
     Args:
         starts: (experiments, n) estimated state at the first sample of each experiment.
+        start: in which state a new run starts, see `start`.
+        others: (model, start, weight) of other models that the data allow, see `alternatives`.
         period: sample period of the data [s].
         noise_std: standard deviation of the free run's residual [rad/s], the unknowns deducted.
+        correlation_time: of that residual [s], one sample period if it is white.
         fit_percent: 100 (1 − |y − ŷ| / |y − ȳ|) over all samples, as MATLAB's `compare`.
         held_out: order → root mean square error on samples left out [rad/s]; empty when the order
             was given.
     """
 
     starts: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    start: Start | None = None
+    others: list[tuple[StateSpace, Start, float]] = field(default_factory=list)
     period: float = float("nan")
     noise_std: float = float("nan")
+    correlation_time: float = float("nan")
     fit_percent: float = float("nan")
     held_out: dict[int, float] = field(default_factory=dict)
 
@@ -86,7 +99,7 @@ def identify(
         raise OptionError("order", f"a whole number from 0 to {MOST_ORDER}", repr(order))
     orders = range(1, int(order) + 1) if order else TRIED_ORDERS
     experiments = list(experiments)
-    period = _check(experiments, orders[-1] if order else orders[0], feedthrough, offset)
+    _check(experiments, orders[-1] if order else orders[0], feedthrough, offset)
     scale = _Scale(experiments, offset)
     inputs = [(e.voltage - scale.voltage_mean) / scale.voltage for e in experiments]
     outputs = [(e.speed - scale.speed_mean) / scale.speed for e in experiments]
@@ -107,7 +120,7 @@ def identify(
         if not order or rough is not search:
             theta, _ = search.minimise(theta)
         _refuse_chance(experiments, search, theta)
-        return _model(search, theta, scale, period, held_out)
+        return _model(search, theta, scale, experiments, held_out)
 
 
 def _fit(search: OutputError, orders: range, choosing: bool) -> tuple[Array, dict[int, float]]:
@@ -144,8 +157,8 @@ class _Scale:
             self.voltage_mean = self.speed_mean = 0.0
 
 
-def _check(experiments: list[Experiment], order: int, feedthrough: bool, offset: bool) -> float:
-    """The common sample period; refuses what cannot be identified before any work is done."""
+def _check(experiments: list[Experiment], order: int, feedthrough: bool, offset: bool) -> None:
+    """Refuse what cannot be identified before any work is done."""
     if not experiments:
         raise ExperimentError("identification", "at least one experiment", "none")
     first = experiments[0]
@@ -171,7 +184,6 @@ def _check(experiments: list[Experiment], order: int, feedthrough: bool, offset:
                 f"{_named(experiments)} cannot determine a linear model: "
                 f"the {name} is {values[0]:g} {unit} throughout"
             )
-    return first.period
 
 
 def _unknowns(order: int, experiments: int, others: int) -> int:
@@ -219,11 +231,50 @@ def _refuse_chance(experiments: list[Experiment], search: OutputError, theta: Ar
 
 
 def _model(
-    search: OutputError, theta: Array, scale: _Scale, period: float, held_out: dict[int, float]
+    search: OutputError,
+    theta: Array,
+    scale: _Scale,
+    experiments: list[Experiment],
+    held_out: dict[int, float],
 ) -> Identified:
-    """Back to SI units, in the dual (observer) form whose first state is the output."""
-    linear: Linear = search.solve(theta)
+    period, linear = experiments[0].period, search.solve(theta)
     residual = search.y - search.outputs(theta, linear)
+    squares = float(residual @ residual)
+    time = correlation_time(np.split(residual, search.begins[1:-1]))
+    unknowns = _unknowns(theta.size, len(search.lengths), search.feedthrough + search.offset)
+    deviation = residual_deviation(squares, search.count, unknowns, time)
+    around = float(((search.y - search.y.mean()) ** 2).sum())
+    model, starts = _physical(search, theta, linear, scale, period)
+    few = _spread(search.lengths)
+    seen = [experiments[i] for i in few]
+    rules = [usual(model, starts[few], seen), settled(model)]
+    start = min((r for r in rules if r), key=lambda r: misses(model, r, seen))
+    others = []
+    for a in alternatives(search, theta, linear, deviation * np.sqrt(time)):
+        other, begins = _physical(search, a.theta, a.linear, scale, period)
+        rule = settled(other) if start is rules[1] else usual(other, begins[few], seen)
+        if rule is not None:
+            others.append((other, rule, a.weight))
+    noise_std = scale.speed * deviation
+    moved = [start.per_speed * noise_std, *principal_deviations(start.spread)]
+    others += [(model, replace(start, state=start.state + m), 1.0) for m in moved]
+    return Identified(
+        **_fields(model),
+        starts=starts,
+        start=start,
+        others=others,
+        period=period,
+        noise_std=noise_std,
+        correlation_time=time * period,
+        fit_percent=100 * (1 - float(np.sqrt(squares / around))),
+        held_out={n: scale.speed * error for n, error in held_out.items()},
+    )
+
+
+def _physical(
+    search: OutputError, theta: Array, linear: Linear, scale: _Scale, period: float
+) -> tuple[StateSpace, Array]:
+    """Model and start states in SI units, in the dual (observer) form: state 1 is the output."""
     A, b = schwarz.matrices(theta, search.sigma)
     # the dual system has the same output: cᵀ exp(A t) b = bᵀ exp(Aᵀ t) c, and v is its start state
     gain = b[0] * scale.speed
@@ -235,18 +286,8 @@ def _model(
     steady = -np.linalg.solve(A, B) * scale.voltage_mean
     offset = linear.offset * scale.speed + scale.speed_mean
     offset -= float(C @ steady) + D * scale.voltage_mean
-    unknowns = _unknowns(theta.size, len(search.lengths), search.feedthrough + search.offset)
-    squares = float(residual @ residual)
-    spread = float(((search.y - search.y.mean()) ** 2).sum())
-    return Identified(
-        A=A,
-        B=B,
-        C=C,
-        D=D,
-        offset=offset,
-        starts=linear.v * gain + steady,
-        period=period,
-        noise_std=scale.speed * float(np.sqrt(squares / (search.count - unknowns))),
-        fit_percent=100 * (1 - float(np.sqrt(squares / spread))),
-        held_out={n: scale.speed * error for n, error in held_out.items()},
-    )
+    return StateSpace(A, B, C, D, offset), linear.v * gain + steady
+
+
+def _fields(model: StateSpace) -> dict[str, Any]:
+    return {name: getattr(model, name) for name in ("A", "B", "C", "D", "offset")}

@@ -39,6 +39,7 @@ from ldt_core.identification.descent import (
     solved,
     tangent,
 )
+from ldt_core.identification.normal_equations import eliminate
 
 Array = NDArray[np.float64]
 
@@ -132,6 +133,22 @@ class OutputError:
         segments = (self.begins, self.cuts, self.kept, self.owners)
         return (self.sigma, self.u, self.y, *segments, *flags)
 
+    def information(self, theta: Array) -> tuple[Array, Array, Array]:
+        """What the samples say of the parameters at the minimum, the start states left free.
+
+        Returns:
+            (n, n) curvature of the sum of squares over θ, all linear parameters refitted; (p, p)
+            the same over c, D and offset at this θ; (experiments, n, p) what start states take of
+            those.
+        """
+        linear, v, _ = linear_part(theta, *self._data)
+        sigma, *data = self._data
+        grams = tangent(theta, sigma, linear, v, *data)
+        how = (self.kept, self.owners, len(self.lengths), theta.size)
+        products, p = eliminate(grams, *how)[0], linear.size
+        rest, states = solved(grams, *how)
+        return rest[p:-1, p:-1], products[:p, :p], states[:, :, :p]
+
     def descent(self, theta: Array) -> Array:
         """(n,) minus half the derivative of `loss`."""
         linear, v, _ = linear_part(theta, *self._data)
@@ -168,6 +185,12 @@ class OutputError:
     def solve(self, theta: Array) -> Linear:
         """The linear parameters at θ."""
         return _At(self, theta).solve()
+
+    def solve_quickly(self, theta: Array) -> Linear:
+        """The same in one pass, to about 1e-8."""
+        weights, v, _ = linear_part(theta, *self._data)
+        D = float(weights[theta.size]) if self.feedthrough else 0.0
+        return Linear(weights[: theta.size], D, v, float(weights[-1]) if self.offset else 0.0)
 
     def outputs(self, theta: Array, linear: Linear) -> Array:
         """(all samples,) the free run of every experiment, one after the other."""

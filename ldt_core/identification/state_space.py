@@ -12,7 +12,7 @@ from scipy.linalg import expm
 
 Array = NDArray[np.float64]
 
-KEPT_DISCRETISATIONS = 128  # a few models at one sample period each; a matrix is some bytes
+KEPT_DISCRETISATIONS = 512  # a few models with their alternatives; a matrix is some bytes
 
 
 @dataclass(frozen=True, eq=False)

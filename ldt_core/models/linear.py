@@ -6,13 +6,19 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldt_core.errors import OptionError
 from ldt_core.experiment import Experiment, Prediction
 from ldt_core.identification import StateSpace, identify
+from ldt_core.identification.alternatives import squared_distances
 from ldt_core.identification.estimate import MOST_ORDER
+from ldt_core.identification.start import Start
+from ldt_core.identification.state_space import discretise
 from ldt_core.machine import Machine
 from ldt_core.models.base import Model
+
+Array = NDArray[np.float64]
 
 
 class LinearModel(Model):
@@ -25,10 +31,14 @@ class LinearModel(Model):
     `parameters`: `A` (n × n) [1/s], `B` (n), `C` (n), `D`, `offset` [rad/s], `order`, `noise_std`
     (standard deviation of the residual of the fit [rad/s], null when untrained), `fit_percent`
     (MATLAB's, null when untrained), `held_out` (order → error on samples left out [rad/s], when the
-    order was chosen), `states` (names of the states, where they are physical).
+    order was chosen), `states` (names of the states, where they are physical), `start` (`state` and
+    `per_speed`, see `identification.start`) and `others`, models that the data allow as well, for
+    the deviation (`A`, `B`, `offset`, their `state` and `per_speed`, `weight`).
 
     Args:
         order: number of states of the identified model, 0 to choose it on held-out samples.
+        offset: whether the identified model may have an offset. The paper's has none, and so has a
+            steady speed of 0 at 0 V; one that is to stand for friction or load needs it.
 
     Raises:
         OptionError: an order that is none.
@@ -45,10 +55,12 @@ class LinearModel(Model):
         trained_on: Sequence[int] = (),
         *,
         order: int = 0,
+        offset: bool = True,
     ) -> None:
         if int(order) != order or not 0 <= order <= MOST_ORDER:
             raise OptionError("order", f"a whole number from 0 to {MOST_ORDER}", repr(order))
-        super().__init__(machine, parameters, version, trained_on, order=int(order))
+        options = {"order": int(order), "offset": bool(offset)}
+        super().__init__(machine, parameters, version, trained_on, **options)
 
     def untrained(self) -> dict[str, Any]:
         """The machine file's physics, linear: the motor."""
@@ -64,37 +76,35 @@ class LinearModel(Model):
             raise ValueError(f"an unstable A with poles {self.state_space.poles}")
         if p["order"] != self.state_space.order:
             raise ValueError(f"order {p['order']} and {self.state_space.order} states in A")
-        noise = p["noise_std"]
-        self.noise_std = None if noise is None else float(noise)
-        if self.noise_std is not None and self.noise_std < 0:
-            raise ValueError(f"noise_std {noise}")
         self.states = list(p.get("states", ()))
+        self.learned = None if p["noise_std"] is None else _Learned(self.state_space, p)
 
     def predict(self, experiment: Experiment) -> Prediction:
-        """Free run over the voltage from the steady state whose output is the first speed.
+        """Free run over the voltage from the first speed.
 
-        One speed does not determine n states. Steady running does, is exact for an experiment that
-        begins at rest or settled, and is what the physics assumes as well. A measured first current
-        is used where the current is a state (untrained).
+        Untrained it starts in the steady state that has this speed, as the physics does, and from
+        the measured first current where there is one. Trained it starts by the rule that served
+        the experiments learned from better (`identification.start`).
 
-        `speed_std` is the deviation of the residuals of the fit, the same at every sample; None
-        when untrained.
+        `speed_std` is that of the residuals of the fit, together with what the parameters and the
+        start may be off (`identification.alternatives`); None when untrained.
         """
-        start = self.state_space.equilibrium(
-            float(experiment.speed[0]), float(experiment.voltage[0])
-        )
-        if experiment.current is not None and "current" in self.states:
-            start[self.states.index("current")] = experiment.current[0]
-        speed = self.state_space.simulate(experiment.voltage, experiment.period, start)
-        std = None if self.noise_std is None else np.full(speed.size, self.noise_std)
-        return Prediction(
-            experiment.number, experiment.start, experiment.period, self.version, speed, std
-        )
+        first, period = float(experiment.speed[0]), experiment.period
+        if self.learned is not None:
+            speed, std = self.learned.run(experiment)
+        else:
+            std = None
+            start = self.state_space.equilibrium(first, float(experiment.voltage[0]))
+            if experiment.current is not None and "current" in self.states:
+                start[self.states.index("current")] = experiment.current[0]
+            speed = self.state_space.simulate(experiment.voltage, period, start)
+        about = (experiment.number, experiment.start, period, self.version)
+        return Prediction(*about, speed, std)
 
     def shaped_like(self, other: Self) -> Self:
         """The same model, with the order that `other` has."""
-        order = other.state_space.order
-        return type(self)(self.machine, self.parameters, self.version, self.trained_on, order=order)
+        options = {**self.options, "order": other.state_space.order}
+        return type(self)(self.machine, self.parameters, self.version, self.trained_on, **options)
 
     def fit(self, experiments: Sequence[Experiment]) -> Self:
         """Identified again from these experiments alone, version + 1.
@@ -103,13 +113,57 @@ class LinearModel(Model):
             ExperimentError: no experiments, or of different sample periods.
             LdtError: the experiments do not determine a model; the sentence says why.
         """
-        found = identify(experiments, self.options["order"])
+        found = identify(experiments, self.options["order"], offset=self.options["offset"])
+        others = [
+            {"A": m.A.tolist(), "B": m.B.tolist(), "offset": m.offset, "weight": w, **_rule(start)}
+            for m, start, w in found.others
+        ]
         learned = {
             "noise_std": found.noise_std,
             "fit_percent": found.fit_percent,
             "held_out": {str(n): error for n, error in found.held_out.items()},
+            "start": _rule(found.start),
+            "others": others,
         }
         return self.successor({**_plain(found), **learned}, experiments)
+
+
+class _Learned:
+    """A model with its start and the others that the data allow, ready to run."""
+
+    def __init__(self, model: StateSpace, parameters: Mapping[str, Any]) -> None:
+        """Raises ValueError, KeyError or TypeError on parameters that are none."""
+        self.model, self.noise_std = model, float(parameters["noise_std"])
+        if not np.array_equal(model.C, np.eye(1, model.order)[0]) or model.D:
+            raise ValueError("a learned model whose first state is not the speed")
+        mine, others = parameters["start"], parameters["others"]
+        self.models = [model]
+        self.models += [StateSpace(o["A"], o["B"], model.C, 0.0, o["offset"]) for o in others]
+        self.weights = np.array([0.0, *(o["weight"] for o in others)], dtype=np.float64)
+        rules = [(r["state"], r["per_speed"]) for r in (mine, *others)]
+        self.state, self.per_speed = np.array(rules, dtype=np.float64).transpose(1, 0, 2).copy()
+        if any(m.order != model.order for m in self.models) or (self.state.shape[1] != model.order):
+            raise ValueError(f"models or starts of another order than {model.order}")
+        numbers = (self.weights, self.state, self.per_speed, self.noise_std)
+        if not all(np.isfinite(n).all() for n in numbers):
+            raise ValueError("a start, weight or noise_std that is not finite")
+        if self.noise_std < 0 or self.weights.min() < 0:
+            raise ValueError(f"noise_std {self.noise_std} or a weight below 0")
+        self.offsets = np.array([m.offset for m in self.models])
+
+    def run(self, experiment: Experiment) -> tuple[Array, Array]:
+        """Speed (L,) [rad/s] and its deviation."""
+        starts = self.state + self.per_speed * experiment.speed[0]
+        voltage, period = np.ascontiguousarray(experiment.voltage), experiment.period
+        speed = self.model.simulate(voltage, period, starts[0])
+        discrete = [discretise(m.A, m.B, period) for m in self.models]
+        steps, drives = (np.stack(arrays) for arrays in zip(*discrete, strict=True))
+        distances = squared_distances(steps, drives, self.offsets, starts, self.weights, voltage)
+        return speed, np.sqrt(self.noise_std**2 + distances)
+
+
+def _rule(start: Start) -> dict[str, Any]:
+    return {"state": start.state.tolist(), "per_speed": start.per_speed.tolist()}
 
 
 def _plain(model: StateSpace) -> dict[str, Any]:

@@ -13,8 +13,8 @@ from ldt_core.study.case import Case, Result
 from ldt_core.study.groups import GROUPS
 
 #: The paper to the letter: every new model is taken, S_w and the present experiment are learned
-#: from, f_d depends on the speed alone.
-PAPER = {"gate": "none", "data": "warning-set", "gp_inputs": ["speed"]}
+#: from, f_d depends on the speed alone, and the linear model has no offset.
+PAPER = {"gate": "none", "data": "warning-set", "gp_inputs": ["speed"], "offset": False}
 #: Learn from all that is still valid, and refuse a model that is worse on data held back.
 BETTER = {"gate": "holdout", "data": "evidence"}
 

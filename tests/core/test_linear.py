@@ -20,14 +20,28 @@ def motor() -> Machine:
     return load_machine("dc_motor")
 
 
-def measure(machine: Machine, number: int, noise: float = 0.1, offset: float = 0.0) -> Experiment:
+def measure(
+    machine: Machine,
+    number: int,
+    noise: float = 0.1,
+    offset: float = 0.0,
+    *,
+    colour: float = 0.0,
+    low: float = 4.0,
+    high: float = 12.0,
+    start: float | None = None,
+) -> Experiment:
     """1000 samples of the machine's own physics under a random voltage, from a random speed."""
     rng = np.random.default_rng(number)
-    voltage = np.repeat(rng.uniform(4, 12, 40), 25)
+    voltage = np.repeat(rng.uniform(low, high, 40), 25)
     values = machine.parameters
-    start = machine.model.initial_state(values, rng.uniform(0, 100))
-    speed = machine.model.simulate(values, voltage, 0.01, start)[:, 1] + offset
-    return Experiment(number, 0.0, 0.01, voltage, speed + noise * rng.normal(size=1000))
+    begin = rng.uniform(0, 100)
+    state = machine.model.initial_state(values, begin if start is None else start)
+    speed = machine.model.simulate(values, voltage, 0.01, state)[:, 1] + offset
+    error = rng.normal(size=1000)
+    for k in range(1, 1000):
+        error[k] = colour * error[k - 1] + np.sqrt(1 - colour**2) * error[k]
+    return Experiment(number, 0.0, 0.01, voltage, speed + noise * error)
 
 
 def rmse(model: LinearModel, e: Experiment) -> float:
@@ -69,12 +83,73 @@ def test_learning_follows_a_changed_machine(motor):
     assert before.version == 0
 
 
-def test_deviation_is_the_noise(motor):
-    """speed_std is constant and within 5 % of the noise of 0.5 rad/s."""
+def normalised(model: LinearModel, es: list[Experiment]) -> float:
+    """Root mean square of the residual over its stated deviation."""
+    predictions = [(model.predict(e), e) for e in es]
+    return float(np.sqrt(np.mean([(p.residual(e) / p.speed_std) ** 2 for p, e in predictions])))
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.9])
+@pytest.mark.parametrize("order", [0, 2])
+def test_stated_deviation_is_the_real_one(motor, colour, order):
+    """Learned from one experiment under noise of 1 rad/s, white or autoregressive: on new ones the
+    residual over its stated deviation has a root mean square of 0.85 to 1.15 (six machines)."""
+    found = []
+    for n in range(6):
+        es = [measure(motor, 10 * n + k, noise=1.0, colour=colour) for k in range(1, 5)]
+        found.append(normalised(LinearModel(motor, order=order).fit(es[:1]), es[1:]))
+    assert 0.85 < np.sqrt(np.mean(np.square(found))) < 1.15
+
+
+def test_well_determined_it_deviates_by_the_noise(motor):
+    """Within 5 % of the noise of 0.5 rad/s, once the run's start is forgotten."""
     learned = LinearModel(motor, order=2).fit([measure(motor, n, noise=0.5) for n in (1, 2)])
     std = learned.predict(measure(motor, 3)).speed_std
-    assert np.ptp(std) == 0
-    assert std[0] == pytest.approx(0.5, rel=0.05)
+    assert std[200:] == pytest.approx(0.5, rel=0.05)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_poor_data_are_owned_up_to(motor, order):
+    """Learned around 8 V ± 0.1 V, the errors at 2 to 22 V are many times the noise: the deviation
+    says so, to a factor of two, and says that all is well at 8 V."""
+    found, inside = [], []
+    for n in range(8):
+        near = [measure(motor, 10 * n + k, low=7.9, high=8.1, start=80.0) for k in (1, 2)]
+        far = measure(motor, 10 * n + 3, low=2.0, high=22.0)
+        learned = LinearModel(motor, order=order).fit(near[:1])
+        found.append(normalised(learned, [far]))
+        inside.append(learned.predict(near[1]).speed_std.mean())
+        outside = learned.predict(far).speed_std
+        assert outside.max() > 3 * inside[-1]
+    assert 0.5 < np.sqrt(np.mean(np.square(found))) < 2
+    assert np.median(inside) < 0.2
+
+
+def test_a_makeshift_starts_as_its_data_did():
+    """A machine that is no linear one: where the model's steady running is absurd (its speed hardly
+    depends on the voltage), a run from rest is not off by more than the speeds that occur."""
+    rng = np.random.default_rng(5)
+    rotor = load_machine("rotor").with_parameters(e=0.011)
+    worst = []
+    for n in range(1, 6):
+        pair = []
+        for k in (1, 2):
+            voltage = np.repeat(rng.uniform(6, 16, 20), 100)
+            state = rotor.model.initial_state(rotor.parameters, 0.0)
+            speed = rotor.model.simulate(rotor.parameters, voltage, 0.01, state)[:, 1]
+            pair.append(Experiment(2 * n + k, 0.0, 0.01, voltage, speed + rng.normal(0, 0.1, 2000)))
+        learned = LinearModel(rotor, order=2).fit(pair[:1])
+        worst.append(learned.predict(pair[1]).max_error(pair[1]))
+    assert max(worst) < 50
+
+
+def test_the_papers_model_has_no_offset(motor):
+    """Asked for none, the steady speed at 0 V is 0, and the gain is recovered within 1 %."""
+    learned = LinearModel(motor, order=2, offset=False).fit([measure(motor, 1)])
+    truth = LinearModel(motor).state_space.dc_gain
+    assert learned.parameters["offset"] == 0
+    assert learned.state_space.dc_gain == pytest.approx(truth, rel=0.01)
+    assert learned.fit([measure(motor, 2, offset=5.0)]).parameters["offset"] == 0
 
 
 def test_learning_forgets_what_it_is_not_given(motor):
@@ -123,7 +198,7 @@ def test_order_is_an_option(motor):
     es = [measure(motor, 1)]
     learned = build_model("linear", motor, {"model": "linear", "order": 3, "gate": "none"}).fit(es)
     assert learned.parameters["order"] == learned.fit(es).parameters["order"] == 3
-    assert LinearModel(motor).fit(es).parameters["held_out"].keys() == {"1", "2", "3", "4"}
+    assert {"1", "2", "3"} <= LinearModel(motor).fit(es).parameters["held_out"].keys()
     with pytest.raises(OptionError, match="0 to 10"):
         LinearModel(motor, order=11)
 
@@ -139,6 +214,25 @@ WRONG = {
     "noise": {"noise_std": -1.0},
     "list for D": {"D": [0.0, 1.0]},
 }
+
+WRONG_LEARNED = {
+    "no start": {"start": None},
+    "start of another order": {"start": {"state": [0.0] * 3, "per_speed": [1.0] * 3}},
+    "no others": {"others": None},
+    "other model": {"others": [{}]},
+    "C": {"C": [2.0, 0.0]},
+    "noise": {"noise_std": -1.0},
+    "not finite": {"start": {"state": [0.0, float("nan")], "per_speed": [1.0, 0.0]}},
+}
+
+
+@pytest.mark.parametrize("change", WRONG_LEARNED.values(), ids=WRONG_LEARNED)
+def test_learned_record_that_is_no_model_is_refused(motor, change):
+    """What a learned model has besides its matrices is looked at as well."""
+    good = LinearModel(motor, order=2).fit([measure(motor, 1)]).parameters
+    LinearModel.from_record(ModelRecord(4, "linear", (), good), motor)
+    with pytest.raises(ModelError, match="model version 4"):
+        LinearModel.from_record(ModelRecord(4, "linear", (), {**good, **change}), motor)
 
 
 @pytest.mark.parametrize("change", WRONG.values(), ids=WRONG)
