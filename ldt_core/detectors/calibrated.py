@@ -157,8 +157,10 @@ class Calibrated(Detector):
             self.suspects.append(score)
             return Level.WARNING
         self._take([score], least)
+        if unusual <= ALLOWANCE:
+            self.attempts = 0
         if self.risen == 0:
-            self.attempts, self.rise = 0, [0.0, 0.0]
+            self.rise = [0.0, 0.0]
             self._take(self.suspects, least)
             self.suspects = []
         return Level.NEGATIVE

@@ -15,6 +15,8 @@ from scipy.special import ndtr, ndtri, stdtr, stdtrit
 #: believed beforehand: the logarithm (0) most. -0.5 has a longer upper tail than the lognormal
 #: law, 1/3 to 1/2 fits gamma and chi-square laws, 1 is the normal law itself.
 POWERS = np.linspace(-0.5, 1.0, 7)
+LOGARITHM = POWERS == 0
+DIVISORS = np.where(LOGARITHM, 1.0, POWERS)
 BELIEF = -0.5 * (POWERS / 0.5) ** 2
 #: The upper tail is the law's this share, and has a weight of its own, as if so many values of a
 #: normal tail had been seen.
@@ -128,9 +130,8 @@ class Reference:
         # The mixture's quantile lies between those of its parts.
         _, spread = self._standardised(self.origin, least)
         parts = self.mean - side * spread * -stdtrit(self.freedom, chance)
-        slopes = 1 + POWERS * parts
-        powers = np.where(POWERS == 0, 1.0, POWERS)
-        ends = np.where(POWERS == 0, parts, np.log(np.maximum(slopes, 1e-300)) / powers)
+        slopes = np.maximum(1 + POWERS * parts, LEAST_CHANCE)
+        ends = np.where(LOGARITHM, parts, np.log(slopes) / DIVISORS)
         ends = np.clip(ends, -FURTHEST, FURTHEST) + self.origin
         low, high = float(ends.min()) - 1e-6, float(ends.max()) + 1e-6
         if excess(low) * excess(high) >= 0:
@@ -159,8 +160,7 @@ class Reference:
 
     def _transformed(self, value: float) -> NDArray[np.float64]:
         log = self._relative(value)
-        powers = np.where(POWERS == 0, 1.0, POWERS)
-        return np.where(POWERS == 0, log, np.expm1(powers * log) / powers)
+        return np.where(LOGARITHM, log, np.expm1(POWERS * log) / DIVISORS)
 
     def state(self) -> dict[str, Any]:
         """All that was learned, in JSON types."""
