@@ -76,7 +76,7 @@ class Result:
         region_rmse_original: the same of the original model.
         kept: number → {"time", "voltage", "speed", "prediction", "original", "speed_std"}, each
             (L,) or None, for the experiments to keep.
-        seconds: that the loop took, without the simulation of the machine.
+        seconds: of processor time that the loop took, without the simulation of the machine.
         estimate: what the model that predicted the experiment took `truth` to be; None where it has
             no opinion. An empty row means that it never has.
     """
