@@ -45,7 +45,7 @@ LONGEST = 16  # letters of a name in a label; names of users' own parts are path
 PIXELS = 96  # per inch, CSS
 PNG_DPI = 144
 
-RC: dict[str, Any] = {
+RC: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": FONT,
@@ -214,7 +214,7 @@ def legend(figure: Figure, axes: list[Axes], layout: Layout, columns: int = 5) -
         )
 
 
-def power(value: float, _place: int = 0) -> str:
+def power(value: float, _place: float = 0) -> str:
     """A tick of a logarithmic axis.
 
     >>> power(0.1), power(1.0), power(1e5)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from ldt_core.study.blocks import Item, Items, Mark, Pairs, Section, Table, Text
 from ldt_core.study.claims import Claim, Verdict, aims, claims
+from ldt_core.study.claims.claim import percent
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.figures.style import Drawing
 from ldt_core.study.sections.method import in_words
@@ -80,19 +81,17 @@ def _lines(reading: Reading, of_paper: Sequence[Claim], of_ours: Sequence[Claim]
         found = []
         for model, detector in reading.study.pairs(group):
             results = reading.study.results(group, model=model, detector=detector)
-            share = reading.of(results, "share")
-            if share.value is not None:
-                found.append((share.value, model, detector, results))
-        if found:
-            _, model, detector, results = min(found, key=lambda f: f[0])
-            share = reading.of(results, "share")
-            count = reading.of(results, "adaptations")
-            lines.append(
-                f"{words}, the {model} model with the {detector} detector leaves the least of the "
-                f"original model's MME: {number(100 * share.value)} % "
-                f"({number(100 * share.low)} to {number(100 * share.high)} %), "
-                f"with {number(count.value)} adaptations a run."
-            )
+            share, count = (reading.of(results, f) for f in ("share", "adaptations"))
+            if share.value is not None and count.value is not None:
+                low, high = percent(share.low), percent(share.high)
+                range_ = f"{low} to {high}" if share.count > 1 else "one seed"
+                text = (
+                    f"{words}, the {model} model with the {detector} detector leaves the least of "
+                    f"the original model's MME: {percent(share.value)} ({range_}), with "
+                    f"{number(count.value)} adaptations a run."
+                )
+                found.append((share.value, text))
+        lines += [min(found)[1]] if found else []
     lines += _floor(reading)
     if of_ours:
         lines.append(f"Of {len(of_ours)} aims beyond the paper: {_counted(of_ours)}.")
