@@ -1,23 +1,30 @@
-"""Kernel parameters by marginal likelihood: scikit-learn on a bounded set of cells.
+"""Kernel parameters by marginal likelihood, on a bounded set of cells.
 
 Marginal likelihood costs the cube of the number of points, so it is not taken on all the data. A
 machine spends most of its time in steady running, where a random subset would pile up. Cells around
 centres that lie as far apart as possible fill the space instead, along whatever path the inputs
 keep to, and the mean over a cell carries the information of all its points, with a noise variance
 known from the scatter within cells. Nothing is thrown away but detail finer than a cell.
+
+The search is that of scikit-learn's GaussianProcessRegressor (L-BFGS-B over the logarithms, from
+one start and some random ones) and finds the same; without its kernel objects a step takes a fifth
+of the time, and a process that trains saves the second of its import.
+
+Reference: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning" (2006),
+equations 2.30 and 5.9.
 """
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+from scipy.optimize import minimize
 
 from ldt_core.errors import LdtError
 from ldt_core.gaussian_process.kernel import Array, Kernel
 from ldt_core.threads import one_thread
 
-MOST_CELLS = 256  # 256³ operations a step: about 0.3 s for the whole search
+MOST_CELLS = 256  # 256³ operations a step: about 0.1 s for the whole search
 POINTS_PER_CELL = 4  # on average at least: the scatter within cells has to be an estimate
 RESTARTS = 2  # with the default bounds and no restart the search was seen to get stuck
 # Longest length scale, in spans of the input: a straight line. The shortest is two cells, since
@@ -26,6 +33,8 @@ LONGEST = 3.0
 # Bounds of the prior deviation, of the root mean square of the targets. The function may hide in
 # the noise, or lie mostly outside of the data.
 SIGNAL_RANGE = (1e-2, 1e1)
+LEAST_NOISE = 1e-8  # of the targets' variance: also the jitter of exact data
+FAR = 1e25  # minus log likelihood where there is none: the search turns back
 
 
 def cells(x: Array, y: Array, most: int = MOST_CELLS) -> tuple[Array, Array, Array, Array]:
@@ -83,30 +92,60 @@ def fit_hyperparameters(x: Array, y: Array, shortest: Array | float = 0.0) -> Ke
     Raises:
         LdtError: inputs that do not vary, or numbers that overflow.
     """
-    # A second to import, and only needed here: a node that predicts never pays it.
-    from sklearn.exceptions import ConvergenceWarning
-    from sklearn.gaussian_process import GaussianProcessRegressor
-    from sklearn.gaussian_process.kernels import RBF, ConstantKernel
-
     inputs, targets, variance, width = cells(x, y)
     size = max(float(np.sqrt(np.mean(y**2))), np.finfo(float).tiny ** 0.25)
     span = np.ptp(x, axis=0)
     low = np.maximum(2 * width, shortest) / span
     high = np.maximum(LONGEST, 2 * low)
     # In units of the spans and of the targets' size: the search is then the same in any unit.
-    start = np.clip(np.sqrt(low * 0.5), low, high)
-    prior = ConstantKernel(0.5, tuple(s**2 for s in SIGNAL_RANGE)) * RBF(
-        start, np.column_stack([low, high])
-    )
-    noise = np.maximum(variance / size**2, 1e-8)  # also the jitter of exact data
-    regressor = GaussianProcessRegressor(
-        prior, alpha=noise, n_restarts_optimizer=RESTARTS, random_state=0
-    )
-    # One thread: more would be slower on small matrices, and the bits would depend on their number.
-    with warnings.catch_warnings(), one_thread():
-        # A parameter on its bound is an answer here: a straight line, or nothing but noise.
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        regressor.fit(inputs / span, targets / size)
-    found = regressor.kernel_
-    lengths = np.atleast_1d(found.k2.length_scale) * span
-    return Kernel(size * float(np.sqrt(found.k1.constant_value)), tuple(lengths))
+    scaled = inputs / span
+    squares = np.array([np.subtract.outer(column, column) ** 2 for column in scaled.T])
+    noise = np.maximum(variance / size**2, LEAST_NOISE)
+    bounds = np.log([[s**2 for s in SIGNAL_RANGE], *np.column_stack([low, high])])
+    start = np.log([0.5, *np.clip(np.sqrt(low * 0.5), low, high)])
+    random = np.random.RandomState(0)
+    starts = [start, *(random.uniform(*bounds.T) for _ in range(RESTARTS))]
+    with one_thread():  # more would be slower on small matrices, and decide on the last bits
+        found = [
+            minimize(
+                minus_log_likelihood,
+                begin,
+                args=(squares, targets / size, noise),
+                jac=True,
+                method="L-BFGS-B",
+                bounds=bounds,
+            )
+            for begin in starts
+        ]
+    variance, *lengths = np.exp(min(found, key=lambda result: result.fun).x)
+    return Kernel(size * float(np.sqrt(variance)), tuple(np.array(lengths) * span))
+
+
+def minus_log_likelihood(
+    theta: Array, squares: Array, targets: Array, noise: Array
+) -> tuple[float, Array]:
+    """The negative log marginal likelihood, without its constant, and its derivative (1 + d,).
+
+    Args:
+        theta: logarithms of the prior variance and of the d length scales.
+        squares: squared differences of the inputs (d, n, n).
+        targets: (n,).
+        noise: variance of each target (n,).
+    """
+    weights = np.exp(-2 * theta[1:])
+    covariance = np.exp(theta[0] - 0.5 * np.tensordot(weights, squares, 1))
+    noisy = covariance.copy()
+    noisy[np.diag_indices(len(targets))] += noise
+    factor, failed = dpotrf(noisy, lower=1, clean=0, overwrite_a=1)
+    if failed:  # not positive by rounding
+        return FAR, np.zeros(len(theta))
+    solved, _ = dpotrs(factor, targets, lower=1)
+    value = 0.5 * float(targets @ solved) + float(np.log(factor.diagonal()).sum())
+    inverse, _ = dpotri(factor, lower=1, overwrite_c=1)
+    # Both are symmetric: the lower triangle of the inverse counts twice, its diagonal once.
+    inverse = np.tril(inverse)
+    twice = 2 * inverse
+    twice[np.diag_indices(len(targets))] = inverse.diagonal()
+    change = (np.outer(solved, solved) - twice) * covariance
+    slopes = [change.sum(), *(weights * np.tensordot(squares, change, 2))]
+    return value, -0.5 * np.array(slopes)

@@ -10,7 +10,11 @@ from hypothesis import strategies as st
 from ldt_core.errors import LdtError
 from ldt_core.gaussian_process.compiled import compile_run, tabulate
 from ldt_core.gaussian_process.free_run import spread
-from ldt_core.gaussian_process.hyperparameters import cells, fit_hyperparameters
+from ldt_core.gaussian_process.hyperparameters import (
+    cells,
+    fit_hyperparameters,
+    minus_log_likelihood,
+)
 from ldt_core.gaussian_process.kernel import Kernel
 from ldt_core.gaussian_process.observer import Run, estimate_noise, filter_columns, filtered
 from ldt_core.gaussian_process.sparse import SparsePosterior, choose_inducing, condition
@@ -254,3 +258,46 @@ def test_an_unstable_stretch_does_not_overflow():
     for variance in spread(AD, GD, slopes, np.ones(5000), 0.5):
         assert np.isfinite(variance).all()
         assert variance.min() >= 0
+
+
+@pytest.mark.parametrize("inputs", [1, 2])
+def test_kernel_is_the_one_that_scikit_learn_finds(inputs):
+    """The same data, bounds and starts give the same parameters, to 1e-3."""
+    process = pytest.importorskip("sklearn.gaussian_process")
+    kernels = process.kernels
+    rng = np.random.default_rng(3)
+    x = rng.uniform(-3, 3, (300, inputs))
+    y = np.sin((2 if inputs == 1 else 0.7) * x).sum(axis=1) + 0.1 * rng.standard_normal(300)
+    ours = fit_hyperparameters(x, y)
+    means, targets, variance, width = cells(x, y)
+    span, size = np.ptp(x, axis=0), np.sqrt(np.mean(y**2))
+    bounds = [(2 * w / s, 3.0) for w, s in zip(width, span, strict=True)]
+    first = [np.sqrt(low / 2) for low, _ in bounds]
+    prior = kernels.ConstantKernel(0.5, (1e-4, 1e2)) * kernels.RBF(first, bounds)
+    theirs = process.GaussianProcessRegressor(
+        prior, alpha=variance / size**2, n_restarts_optimizer=2, random_state=0
+    ).fit(means / span, targets / size)
+    lengths = np.atleast_1d(theirs.kernel_.k2.length_scale) * span
+    assert ours.length_scales == pytest.approx(lengths, rel=1e-3)
+    assert ours.signal_std == pytest.approx(
+        size * np.sqrt(theirs.kernel_.k1.constant_value), rel=1e-3
+    )
+
+
+def test_derivative_of_the_likelihood_is_its_derivative():
+    """Against central differences, two inputs."""
+    rng = np.random.default_rng(4)
+    x, y = rng.standard_normal((30, 2)), rng.standard_normal(30)
+    squares = np.array([np.subtract.outer(c, c) ** 2 for c in x.T])
+    theta, noise = np.array([0.3, -0.2, 0.4]), np.full(30, 0.1)
+    _, slope = minus_log_likelihood(theta, squares, y, noise)
+    h = 1e-6
+    differences = [
+        (
+            minus_log_likelihood(theta + h * d, squares, y, noise)[0]
+            - minus_log_likelihood(theta - h * d, squares, y, noise)[0]
+        )
+        / (2 * h)
+        for d in np.eye(3)
+    ]
+    assert slope == pytest.approx(differences, rel=1e-6, abs=1e-6)
