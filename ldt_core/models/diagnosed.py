@@ -28,6 +28,7 @@ SIGNS = np.array(
     [[(-1.0) ** (i & j).bit_count() for j in range(8)] for i in range(8)], dtype=np.float64
 )
 LEAST_SAMPLES = 20  # of an experiment; a free run of fewer says nothing about a machine
+CONTRADICTED = 4.0  # deviations by which a new noise differs from the old one by more than chance
 LEAST_WEIGHT = 0.02  # of a hypothesis about the start angle: below, its runs are not made
 
 _cached_effect = functools.lru_cache(maxsize=32)(get_effect)
@@ -52,8 +53,9 @@ class DiagnosedModel(Model):
       that speed, at any angle.
 
     `parameters`: `machine`, the physics parameters, and `cause`: `effect`, its `parameters` and
-    their `std`; once learned also `noise_std` [rad/s], `memory` (samples in which the residual
-    forgets itself), `start` with `turn` (an angle that makes no difference, 0 where none does),
+    their `std`; once learned also `noise_std` [rad/s] and `noise_samples` (independent ones that it
+    is known from, earlier versions included), `memory` (samples in which the residual forgets
+    itself), `start` with `turn` (an angle that makes no difference, 0 where none does),
     `same_angle` (probability), `angle`, `angle_std` [rad] and `seen` ([experiment, angle, std]
     each), and `members`: [weight, start angle, value of each parameter], the best one first.
 
@@ -105,12 +107,14 @@ class DiagnosedModel(Model):
         self.cause = Cause(self.machine, self.physics.values, self.effect)
         self.given = self._checked(record["parameters"])
         self.noise_std: float | None = None
+        self.noise_samples = 0.0
         self.seen: list[Seen] = []
         if record["noise_std"] is not None:
             self._build_learned(record)
 
     def _build_learned(self, record: Mapping[str, Any]) -> None:
         self.noise_std = _number(record["noise_std"], 0.0)
+        self.noise_samples = _number(record["noise_samples"], 0.0)
         start = record["start"]
         self.turn = _number(start["turn"], 0.0)
         self.same = _number(start["same_angle"], 0.0, 1.0)
@@ -206,6 +210,23 @@ class DiagnosedModel(Model):
         learned = Learner(self._search, experiments, self.seen).learn(held)
         return self.successor(self._record(learned), learned.used)
 
+    def _noise(self, learned: Learned) -> tuple[float, float]:
+        """Noise and the independent samples that it is known from.
+
+        A cause that changes does not change the sensor. So what earlier versions found counts as
+        well, unless the residual contradicts it: the deviation of a prediction would otherwise vary
+        from version to version with one experiment's noise, and be no yardstick over a life.
+        """
+        new = sum(len(e) for e in learned.used) / learned.memory
+        old = self.noise_samples
+        if not (self.noise_std and learned.noise and old):
+            return learned.noise, new
+        doubt = math.sqrt(0.5 / new + 0.5 / old)  # of the logarithm of the two deviations' ratio
+        if abs(math.log(learned.noise / self.noise_std)) > CONTRADICTED * doubt:
+            return learned.noise, new
+        square = (new * learned.noise**2 + old * self.noise_std**2) / (new + old)
+        return math.sqrt(square), new + old
+
     def _record(self, learned: Learned) -> dict[str, Any]:
         cause = self.cause
         z = np.array([m.z for m in learned.members])
@@ -224,11 +245,13 @@ class DiagnosedModel(Model):
             [m.weight, m.angle, *(cause.given(m.z)[n] for n in cause.names)]
             for m in learned.members
         ]
+        noise, samples = self._noise(learned)
         found = {
             "effect": self.parameters["cause"]["effect"],
             "parameters": cause.given(learned.z),
             "std": dict(zip(cause.names, std.tolist(), strict=True)),
-            "noise_std": learned.noise,
+            "noise_std": noise,
+            "noise_samples": samples,
             "memory": learned.memory,
             "start": start,
             "members": members,

@@ -156,6 +156,22 @@ def test_experiments_of_one_machine_are_learned_from_together():
     assert {int(n) for n, _, _ in learned(model)["start"]["seen"]} == {2, 3}
 
 
+def test_the_noise_is_known_better_from_version_to_version_and_given_up_when_it_changes():
+    """Two experiments weigh alike; a sensor with twice the noise is believed at once."""
+    first = trained()
+    one, two = worn(0.006).experiment(1), worn(0.008).experiment(2)
+    alone = learned(DiagnosedModel(SHORT).fit([two]))
+    both = learned(first.fit([two]))
+    weights = learned(first)["noise_samples"], alone["noise_samples"]
+    squares = learned(first)["noise_std"] ** 2, alone["noise_std"] ** 2
+    assert both["noise_samples"] == pytest.approx(sum(weights), rel=1e-3)
+    assert both["noise_std"] ** 2 == pytest.approx(np.average(squares, weights=weights), rel=1e-3)
+    loud = worn(0.008, noise=2 * NOISE).experiment(2)
+    changed = learned(first.fit([loud]))
+    assert changed["noise_std"] == pytest.approx(2 * NOISE, rel=0.1)
+    assert changed["noise_samples"] < 1.5 * len(one)
+
+
 def test_a_block_held_back_is_not_looked_at():
     """What stands in it does not move the result by more than a tenth of its deviation."""
     e = worn(0.006).experiment(1)
