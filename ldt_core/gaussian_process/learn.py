@@ -3,7 +3,7 @@
 1. means over short blocks of the one-step targets, and from them the kernel (`hyperparameters`);
 2. noise of sensor and process, with the function that the cells alone give (`observer`);
 3. one sparse solve on all samples, as innovations at the filtered states (`sparse`);
-4. what the free runs of the result still miss, as a disturbance (`free_run`).
+4. what free runs still miss where they have not learned from, as a disturbance (`free_run`).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldt_core.errors import LdtError
 from ldt_core.gaussian_process.compiled import FreeRun, compile_run
@@ -25,7 +26,12 @@ from ldt_core.gaussian_process.observer import (
     filtered,
     one_step,
 )
-from ldt_core.gaussian_process.sparse import SparsePosterior, choose_inducing, condition
+from ldt_core.gaussian_process.sparse import (
+    SparsePosterior,
+    choose_inducing,
+    condition,
+    condition_in_parts,
+)
 from ldt_core.threads import one_thread
 
 FEWEST_BLOCKS = 40  # less determines neither the kernel nor the noise
@@ -45,6 +51,10 @@ CANDIDATES = 4000  # for inducing points; beyond, blocks are thinned evenly, as 
 # switches or a resonance is passed do not count. The second number is the quantile of a standard
 # normal one.
 QUANTILE, NORMAL = 0.9, 1.6448536269514722
+# The disturbance is measured where the function has not learned from: in so many parts, each of so
+# many stretches of every experiment.
+PARTS = 4
+STRETCHES = 3
 BISECTIONS = 60  # halvings of an interval of logarithms: down to rounding
 
 
@@ -115,16 +125,26 @@ def _learn(runs: Sequence[Run], inputs: tuple[str, ...], most: int) -> Learned:
     noise = estimate_noise(runs, forces)
     innovation_std = max(noise.std, LEAST_NOISE * span)
 
+    parts = _parts(runs)
+
     def observations():
-        for run, force in zip(runs, forces, strict=True):
+        for run, force, part in zip(runs, forces, parts, strict=True):
             _, states, _ = filtered(run, force, noise.ratio)
             known = {"current": states[:, 0], "speed": states[:, 1], "voltage": run.voltage}
             at = np.column_stack([known[name] for name in inputs])
             target, _, _ = filtered(run, np.zeros(len(run.speed)), noise.ratio)
-            yield filter_columns(run, kernel(at, inducing), noise.ratio), target
+            yield filter_columns(run, kernel(at, inducing), noise.ratio), target, part[1:]
 
-    posterior = condition(kernel, inducing, observations(), innovation_std)
-    return _disturbance(runs, inputs, posterior, noise_std, span, lengths, steps, raw)
+    found = condition_in_parts(kernel, inducing, observations(), innovation_std, PARTS)
+    return _disturbance(runs, inputs, found, parts, noise_std, span, lengths, steps, raw)
+
+
+def _parts(runs: Sequence[Run]) -> list[NDArray[np.int64]]:
+    """For each run (L,) the part of the data that a sample belongs to, in alternating stretches."""
+    return [
+        (np.arange(len(run.speed)) * PARTS * STRETCHES // len(run.speed) + index) % PARTS
+        for index, run in enumerate(runs)
+    ]
 
 
 def _block_lengths(runs: Sequence[Run]) -> list[int]:
@@ -188,13 +208,14 @@ def _from_cells(kernel: Kernel, inducing: Array, x: Array, y: Array) -> SparsePo
     return condition(kernel, inducing, [(rows, targets / std)], 1.0)
 
 
-def _disturbance(runs, inputs, posterior, noise_std, span, lengths, steps, raw) -> Learned:
-    """What the free runs over the training data miss beyond noise and the function's own spread.
+def _disturbance(runs, inputs, found, parts, noise_std, span, lengths, steps, raw) -> Learned:
+    """What free runs miss beyond noise and the function's own spread.
 
-    Its memory is that of the block means of the equation error; its size is the one that makes
-    the training residuals over their predicted deviations have unit mean square.
+    Its memory is that of the block means of the equation error; its size is the one that makes the
+    residuals over their predicted deviations have unit mean square, in each part of the data for
+    the function that was learned without that part: to its own data a function fits too well.
     """
-    compiled: FreeRun = compile_run(posterior, inputs)
+    posterior, *others = found
     above = below = 0.0
     for (lacking, _), at, n in zip(steps, raw, lengths, strict=True):
         rest = _means(lacking - posterior.mean(at[:-1]), n)
@@ -202,16 +223,20 @@ def _disturbance(runs, inputs, posterior, noise_std, span, lengths, steps, raw) 
     block = float(np.mean([n * run.period for n, run in zip(lengths, runs, strict=True)]))
     correlation = min(above / below, 0.99) if below > 0 else 0.0
     memory = -block / np.log(correlation) if correlation > 0.01 else 0.0
+    errors = np.concatenate([r.speed - _run(compile_run(posterior, inputs), r)[0] for r in runs])
     squares, known, unit = [], [], []
-    for run in runs:
-        start = np.array([run.current, run.speed[0]])
-        speed, slopes, deviation = compiled(run.ad, run.bd, run.gd, run.voltage, start)
-        function, first, drift = spread(
-            run.ad, run.gd, slopes, deviation, persistence(memory, run.period)
-        )
-        squares.append((run.speed - speed)[1:] ** 2)
-        known.append((function + noise_std**2 * (1 + first))[1:])
-        unit.append(drift[1:])
+    for index, other in enumerate(others):
+        compiled = compile_run(other, inputs)
+        for run, part in zip(runs, parts, strict=True):
+            speed, slopes, deviation = _run(compiled, run)
+            function, first, drift = spread(
+                run.ad, run.gd, slopes, deviation, persistence(memory, run.period)
+            )
+            own = part == index
+            own[0] = False  # the run begins there
+            squares.append((run.speed - speed)[own] ** 2)
+            known.append((function + noise_std**2 * (1 + first))[own])
+            unit.append(drift[own])
     r2, base, per = (np.concatenate(a) for a in (squares, known, unit))
     size = 0.0
     if np.mean(r2 / base) > 1:
@@ -223,8 +248,13 @@ def _disturbance(runs, inputs, posterior, noise_std, span, lengths, steps, raw) 
             else:
                 high = middle
         size = float(np.exp((low + high) / 4))
-    rmse = float(np.sqrt(r2.mean()))
+    rmse = float(np.sqrt(np.mean(errors**2)))
     return Learned(posterior, noise_std, size, memory, span, rmse)
+
+
+def _run(compiled: FreeRun, run: Run) -> tuple[Array, Array, Array]:
+    start = np.array([run.current, run.speed[0]])
+    return compiled(run.ad, run.bd, run.gd, run.voltage, start)
 
 
 def persistence(memory: float, period: float) -> float:

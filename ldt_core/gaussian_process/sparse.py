@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from ldt_core.gaussian_process.kernel import Array, Kernel
@@ -98,21 +99,54 @@ def condition(
     Raises:
         numpy.linalg.LinAlgError: numbers that overflow.
     """
+    together = ((rows, y, np.zeros(len(y), dtype=np.int64)) for rows, y in observations)
+    return condition_in_parts(kernel, inducing, together, noise_std, 1)[0]
+
+
+def condition_in_parts(
+    kernel: Kernel,
+    inducing: Array,
+    observations: Iterable[tuple[Array, Array, NDArray[np.int64]]],
+    noise_std: float,
+    parts: int,
+) -> list[SparsePosterior]:
+    """The posterior given all observations, then those without each part of them.
+
+    Args:
+        kernel, inducing, noise_std: as for `condition`.
+        observations: as there, and for each row the part that it belongs to (n,), from 0.
+        parts: how many there are; with 1 nothing is left out.
+
+    Raises:
+        numpy.linalg.LinAlgError: numbers that overflow.
+    """
     points = len(inducing)
     prior = kernel(inducing, inducing)
     # The residual share bounds the eigenvalues from below; this only covers their rounding errors.
     prior[np.diag_indices(points)] *= 1.0 + 1e-10
     lower = cholesky(prior, lower=True)
-    gram, right = np.eye(points), np.zeros(points)
-    for rows, y in observations:
+    gram, right = np.zeros((parts, points, points)), np.zeros((parts, points))
+    for rows, y, part in observations:
         white = solve_triangular(lower, rows.T, lower=True) / noise_std
-        gram += white @ white.T
-        right += white @ (y / noise_std)
+        for p in range(parts):
+            own = white if parts == 1 else white[:, part == p]
+            gram[p] += own @ own.T
+            right[p] += own @ ((y if parts == 1 else y[part == p]) / noise_std)
+    whole = (gram.sum(axis=0), right.sum(axis=0))
+    sums = [whole]
+    if parts > 1:
+        sums += [(whole[0] - gram[p], whole[1] - right[p]) for p in range(parts)]
+    return [_posterior(kernel, inducing, lower, g + np.eye(points), r) for g, r in sums]
+
+
+def _posterior(
+    kernel: Kernel, inducing: Array, lower: Array, gram: Array, right: Array
+) -> SparsePosterior:
     factor = cholesky(gram, lower=True)
     weights = solve_triangular(lower, cho_solve((factor, True), right), lower=True, trans="T")
     # Both factors of a leading block are the leading blocks of the factors, so the posterior that
     # has only the first points comes without another pass through the data.
-    p = min(points, DEVIATION_POINTS)
+    p = min(len(inducing), DEVIATION_POINTS)
     inverse = solve_triangular(lower[:p, :p], np.eye(p), lower=True)
     shrunk = solve_triangular(factor[:p, :p], inverse, lower=True)
     explained = inverse.T @ inverse - shrunk.T @ shrunk

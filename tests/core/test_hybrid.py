@@ -303,6 +303,27 @@ def test_the_real_rotor_is_predicted_better_than_by_physics():
     assert ours < original * 5 / 6
 
 
+def test_the_deviation_is_honest_where_the_class_is_wrong():
+    """e = 6 mm, learned from one experiment: the next ones' residual over its stated deviation has
+    a root mean square of 0.8 to 1.2 (six machines). Judged by the data learned from it was 1.21 and
+    more on the stream, since to those a function fits too well."""
+    plant = MACHINE.with_parameters(e=0.006)
+
+    def measured(number):
+        rng = np.random.default_rng([6, number])
+        voltage = np.repeat(rng.uniform(6, 16, 20), 100)
+        start = plant.model.initial_state(plant.parameters, 0.0)
+        states = plant.model.simulate(plant.parameters, voltage, 0.01, start)
+        speed = states[:, 1] + NOISE * rng.standard_normal(2000)
+        return Experiment(number, 0.0, 0.01, voltage, speed)
+
+    found = []
+    for trial in range(6):
+        first, *others = (measured(20 * trial + k) for k in range(1, 5))
+        found.append(spread(HybridModel(MACHINE).fit([first]), others))
+    assert 0.8 < np.sqrt(np.mean(np.square(found))) < 1.2
+
+
 STEADY = experiments(count=1, low=10.0, high=10.0)[0].part(500, 1000)
 
 
