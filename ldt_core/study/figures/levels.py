@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.study.case import Result
+from ldt_core.study.figures.dots import ROOM
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.figures.series import Curve, by_level, wear
 from ldt_core.study.figures.style import Drawing, Layout, legend, look, panels
@@ -107,13 +108,20 @@ def _drawing(
             band(axes, quantity.scaled(list(curve.x)), curve, key)
         axes.set_xlabel(quantity.label)
         axes.set_ylabel(label)
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0, top(curves.values()))
         legend(figure, [axes], layout)
         return figure
 
     note = f" Mean over {seeds} seeds, band: 95 % confidence interval." if seeds > 1 else ""
     alt = f"Curves over {quantity.label}: {label}, for {', '.join(look(n).label for n in curves)}."
     return Drawing(name, title, caption + note, alt, draw)
+
+
+def top(curves: Iterable[Curve]) -> float:
+    """Of an axis that shows all means, and of intervals that are wider than all means a part."""
+    rows = list(curves)
+    highest = max(float(c.mean.max()) for c in rows)
+    return 1.05 * min(max(float(c.high.max()) for c in rows), ROOM * highest) or 1.0
 
 
 def band(axes: Axes, x: NDArray[np.float64], curve: Curve, key: str) -> None:

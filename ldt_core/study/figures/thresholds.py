@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ldt_core.study.case import Result
-from ldt_core.study.figures.levels import band
+from ldt_core.study.figures.levels import band, top
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.figures.series import Curve
 from ldt_core.study.figures.style import Drawing, Layout, legend, panels
@@ -49,7 +49,7 @@ def influence(reading: Reading) -> Drawing | None:
             one.set_title(f"({'abcd'[index]}) {TITLES[detector]}")
             one.set_xlabel(f"threshold {SWEPT[detector][1]} [rad/s]", parse_math=True)
             one.set_ylabel("MME [rad/s]" if row == 0 else "adaptations a run")
-            one.set_ylim(bottom=0)
+            one.set_ylim(0, top(c[row] for k, c in sweeps.items() if k[1] == detector))
         legend(figure, axes, layout)
         return figure
 
