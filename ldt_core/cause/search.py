@@ -17,6 +17,7 @@ from ldt_core.experiment import Experiment
 
 TRIES = (1, 2)  # descents: from the scan's best point, then from the best of a closer look
 BEGINNINGS = (0.5, 0.25, 0.125)  # of an experiment that is fitted step by step
+BEGINNING_TRIES = 3  # descents for each
 FOLLOWING = 8  # steps from there to its end
 SAME = 1e-3  # scales of the first parameter, part of the residual: two minima that are one
 WIDTH, ALONG = 4.0, 33  # deviations either way, points: what is looked through where a step fails
@@ -90,10 +91,12 @@ class Search:
             for z, angle in itertools.islice(fresh, tries):
                 tried.add((z.tobytes(), angle))
                 found.append(descent.run(descent.point(z, [angle])))
-                if self._noise_like(found[-1]) or self._twice(found):
+                if self._noise_like(found[-1]):
                     return found[-1]
-        found += self._step_by_step()
-        if not self._noise_like(found[-1]):
+        followed = self._step_by_step()
+        if followed is not None:
+            return followed
+        if not _twice(found):
             self._scan.refine()
             for z, angle in itertools.islice(self._scan.best(keep), TRIES[-1]):
                 found.append(descent.run(descent.point(z, [angle])))
@@ -109,35 +112,44 @@ class Search:
         limit = 1 + WHITE * math.sqrt(2 / len(blocks))
         return minimum.rms < NOISE_LIKE * self.noise and smooth < limit
 
-    def _step_by_step(self) -> list[Minimum]:
-        """Fit the beginning, then more and more of the experiment.
+    def _step_by_step(self) -> Minimum | None:
+        """Fit the beginning, then more and more of the experiment; None if that leads nowhere.
 
         There are experiments in which 0.005 % of the unbalance decides on which side of a resonance
         the rotor ends. No scan hits that, but what comes before tells the unbalance nearly as well.
         """
         length = len(self.experiment)
         for part in BEGINNINGS:
-            keep = np.arange(length) < length * part
-            descent = self.descent(keep)
-            for z, angle in itertools.islice(self._scan.best(keep), TRIES[-1]):
+            end = round(length * part)
+            descent = self._beginning(end)
+            points = self._scan.best(np.arange(length) < end)
+            for z, angle in itertools.islice(points, BEGINNING_TRIES):
                 minimum = descent.run(descent.point(z, [angle]))
                 if self._noise_like(minimum):
-                    return [self._followed(minimum, int(keep.sum()))]
-        return [self.descent(np.ones(length, dtype=bool)).run(descent.point(z, [angle]))]
+                    followed = self._followed(minimum, end)
+                    if followed is not None:
+                        return followed
+        return None
 
-    def _followed(self, minimum: Minimum, begin: int) -> Minimum:
+    def _followed(self, minimum: Minimum, begin: int) -> Minimum | None:
         length = len(self.experiment)
         for end in np.linspace(begin, length, FOLLOWING + 1)[1:].round().astype(int):
-            keep = np.arange(length) < end
-            descent = self.descent(keep)
+            descent = self._beginning(int(end))
             further = descent.run(minimum.q)
             if not self._noise_like(further):
+                keep = np.ones(end, dtype=bool)
                 rows = self._along(minimum)
                 scores = [self._scan.score(descent.rest(q, 0), keep) for q in rows]
                 tried = descent.run(rows[int(np.argmin(scores))])
                 further = min(further, tried, key=lambda m: m.rms)
+            if further.rms > NOISE_LIKE * self.noise:
+                return None
             minimum = further
         return minimum
+
+    def _beginning(self, end: int) -> Descent:
+        seen = Seen(self.experiment.part(0, end), self.start, np.ones(end, dtype=bool))
+        return Descent(self.cause, [seen], self.noise, memory=self.runs)
 
     def _along(self, minimum: Minimum) -> list[Array]:
         """Points along the direction that is known least, as far as it is unknown."""
@@ -146,10 +158,10 @@ class Search:
         axis = vectors[:, -1] * math.sqrt(max(float(values[-1]), 0.0)) * deviations
         return [minimum.q + t * axis for t in np.linspace(-WIDTH, WIDTH, ALONG)]
 
-    def _twice(self, found: Sequence[Minimum]) -> bool:
-        """Whether two descents ended in the same, with a rest that is far more than noise."""
-        last = found[-1]
-        return last.rms > NOISE_LIKE * self.noise and any(
-            float(np.abs(m.q - last.q)[0]) < SAME and abs(m.rms / last.rms - 1) < SAME
-            for m in found[:-1]
-        )
+
+def _twice(found: Sequence[Minimum]) -> bool:
+    """Whether two descents ended in the same, so that a finer scan would hardly find another."""
+    return any(
+        float(np.abs(one.q - other.q)[0]) < SAME and abs(one.rms / other.rms - 1) < SAME
+        for one, other in itertools.combinations(found, 2)
+    )
