@@ -115,7 +115,7 @@ def command(
     budget = Budget(adaptations, false_alarms_every)
     extra = [setting for entry in tries for setting in parse_try(entry)]
     bag = read_bag(recording, namespace)
-    with TuneProgress() as progress:
+    with TuneProgress(out) as progress:
         found = tune(
             load_machine(settings["machine"]),
             resolve(settings),
@@ -129,6 +129,7 @@ def command(
             jobs=jobs,
             scheduler=scheduler,
             fresh=fresh,
+            source=recording,
             progress=progress.show,
         )
     write_results(found, out)
@@ -145,9 +146,14 @@ def command(
 
 
 class TuneProgress:
-    """The progress bar of a tuning, on a terminal's standard error; nothing on a pipe."""
+    """The progress bar of a tuning, on a terminal's standard error; nothing on a pipe.
 
-    def __init__(self) -> None:
+    Args:
+        out: folder of the tuning, named when the work is interrupted.
+    """
+
+    def __init__(self, out: str) -> None:
+        self._out, self._done, self._total = out, 0, 0
         console = Console(stderr=True)
         self._progress = Progress(
             TextColumn("tuning"),
@@ -164,11 +170,15 @@ class TuneProgress:
         self._progress.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._progress.stop()
+        if kind is KeyboardInterrupt:
+            kept = f"{self._done} of {self._total} settings are kept in {self._out}"
+            click.echo(f"{kept}; the same command goes on from there", err=True)
 
     def show(self, done: int, total: int) -> None:
         """Settings tried, and to try as far as is known."""
+        self._done, self._total = done, total
         self._progress.update(self._task, completed=done, total=total)
 
 

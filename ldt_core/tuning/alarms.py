@@ -20,7 +20,7 @@ from ldt_core.tuning.control import Row
 
 CONFIDENCE = 0.95
 #: Streams, each from another set of experiments that the machine might have made, and their length.
-STREAMS, LENGTH = 40, 200
+STREAMS, LENGTH = 40, 100
 STREAM = (0, 5)  # of random numbers: the same for every detector, apart from the plant's
 #: The largest error of an experiment scatters at least so much, relative to itself: a few
 #: experiments whose largest errors agree better do so by chance.
@@ -49,12 +49,11 @@ class FalseAlarms:
     def keep(self, every: float) -> bool:
         """Whether there is at most one alarm in so many experiments.
 
-        By the interval if that can show it; otherwise by the law, unless the interval speaks
-        against it.
+        By the interval if that shows it; otherwise by the law, if the streams had no more either.
         """
-        if self.high * every <= 1:
+        if self.shown(every):
             return True
-        return self.law is not None and self.law * every <= 1 + 1e-9 and self.low * every <= 1
+        return self.law is not None and max(self.law, self.rate) * every <= 1 + 1e-9
 
     def shown(self, every: float) -> bool:
         """Whether the experiments in control themselves show that, without a law."""

@@ -53,8 +53,10 @@ class Budget:
             far += max(0.0, math.log(tried.adaptations / self.adaptations))
         alarms = tried.false_alarms
         if self.every is not None and alarms is not None and not alarms.keep(self.every):
-            least = alarms.high if alarms.law is None else min(alarms.high, alarms.law)
-            far += max(0.0, math.log(max(least, alarms.low) * self.every))
+            least = alarms.high
+            if alarms.law is not None:
+                least = min(least, max(alarms.law, alarms.rate))
+            far += max(0.0, math.log(least * self.every))
         return far
 
     @property

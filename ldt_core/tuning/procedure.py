@@ -92,6 +92,7 @@ def tune(
     jobs: int = 0,
     scheduler: str = "",
     fresh: bool = False,
+    source: str = "recording",
     progress: Progress = lambda done, total: None,
 ) -> Tuning:
     """Choose a detector and its threshold.
@@ -110,6 +111,7 @@ def tune(
         jobs: processes; 0 takes one a core.
         scheduler: address of a Dask scheduler to compute on instead.
         fresh: try everything anew.
+        source: what the recording is called in messages.
         progress: told before the first and after each setting.
 
     Raises:
@@ -127,7 +129,7 @@ def tune(
     usable, rows, notes = _usable(machine, model, experiments)
     if len(usable) < LEAST_EXPERIMENTS:
         expected = f"at least {LEAST_EXPERIMENTS} experiments to choose from"
-        raise RecordingError("recording", expected, "; ".join([str(len(usable)), *notes]))
+        raise RecordingError(source, expected, "; ".join([str(len(usable)), *notes]))
     numbers = tuple(e.number for e in usable)
     indices = chosen(wanted, numbers) if wanted else judged(rows)
     if not indices and budget.every is not None:

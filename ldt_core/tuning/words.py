@@ -52,10 +52,18 @@ def _rivals(found: Tuning) -> Iterator[str]:
         if best is not None:
             yield f"{name}: at best {_figures(best)} ({_value(best)})"
         elif chosen is not None:
-            yield f"{name}: no setting keeps to the budget"
+            yield f"{name}: no setting keeps to the budget{_unproven(found, name)}"
     free = best_of(found.tried, lambda t: t.setting != NEVER)
     if chosen is not None and free is not None and free.mme < chosen.mme * (1 - SAME):
         yield f"without the budget: {free.setting}, {_figures(free)}{_rate(free)}"
+
+
+def _unproven(found: Tuning, name: str) -> str:
+    """Whether a rate of false alarms is too low for the experiments to show, and has no law."""
+    runs = [t.false_alarms for t in found.tried if t.setting.detector == name and t.false_alarms]
+    if found.budget.every is None or not any(a.rate == 0 and a.law is None for a in runs):
+        return ""
+    return " (it has no law by which to extrapolate what the experiments in control cannot show)"
 
 
 def _never(found: Tuning) -> Iterator[str]:
@@ -81,6 +89,11 @@ def _alarms(found: Tuning) -> Iterator[str]:
         f"in control: {count(size, 'experiment')} ({control.text}, {source}), predicted by "
         f"{model}; they alone can show at most one false alarm in {1 / most(0.0, size):.3g}"
     )
+    if not control.given:
+        yield (
+            "a stretch that was judged to be in control may hold drifts too small to find, which "
+            "make false alarms look more frequent: --in-control says which experiments it truly are"
+        )
     if best is None or best.false_alarms is None:
         return
     alarms, every = best.false_alarms, found.budget.every
@@ -104,9 +117,9 @@ def _checked(found: Tuning) -> Iterator[str]:
     gap = choice.checked - choice.chosen.mme
     more = f"{number(abs(gap))} rad/s {'more' if gap > 0 else 'less'}" if gap else "the same"
     yield (
-        f"chosen and judged on the same recording, the MME flatters: with each of {PARTS} parts of "
-        f"the recording judged by what the other parts choose it is {number(choice.checked)} rad/s "
-        f"({more}); {choice.agreed} of {PARTS} choose the same, or as good"
+        f"an MME on the recording that it was chosen from flatters: with each of {PARTS} parts of "
+        f"it judged by what the other parts choose, it is {number(choice.checked)} rad/s ({more}); "
+        f"{choice.agreed} of {PARTS} times that is this setting, or one as good"
     )
 
 

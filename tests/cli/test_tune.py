@@ -1,0 +1,155 @@
+"""`ldt tune`: a recording and a budget in, a detector and its threshold out."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from ldt_core.cli import replay, run
+from ldt_core.cli import simulate as simulation
+from ldt_core.cli.tune import DETECTORS, command
+from ldt_core.tuning.setting import TUNED
+
+pytest.importorskip("matplotlib")
+
+SAMPLE = Path(__file__).resolve().parents[2] / "bags" / "rotor_drift"
+#: A model that is quick to learn, few settings, and this process alone.
+QUICK = ["--model", "linear", "--order", "1", "--values", "2", "--jobs", "1"]
+
+
+def call(*arguments):
+    return run(command, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory, short_rotor):
+    """Two dozen short experiments of a rotor that wears."""
+    out = tmp_path_factory.mktemp("bag") / "bag"
+    words = f"--machine {short_rotor} --experiments 24 --seed 4 --degradation ramp --out {out}"
+    assert run(simulation.command, words.split()) == 0
+    return out
+
+
+def test_the_commands_and_the_core_know_the_same_detectors():
+    assert tuple(TUNED) == DETECTORS
+
+
+def test_the_sample_recording_is_tuned_end_to_end(tmp_path, capsys):
+    """The budget is kept; the options it prints and the file it writes give just that run."""
+    out = tmp_path / "tuned"
+    detectors = ["--detector", "threshold", "--detector", "window"]
+    assert call(SAMPLE, *QUICK, *detectors, "--adaptations", "6", "--out", out, "--json") == 0
+    shown = capsys.readouterr()
+    assert shown.err == ""
+    record = json.loads(shown.out)
+    assert record["adaptations"] <= 6
+    assert record["mme"] < record["mme_never"]
+    assert {"tune.json", "tune.csv", "tradeoff.png", "tradeoff.svg"} <= {
+        f.name for f in out.iterdir()
+    }
+    for index, options in enumerate(
+        (["--settings", str(out / "tune.json")], [*QUICK[:4], *record["options"].split()])
+    ):
+        target = tmp_path / f"again{index}"
+        assert run(replay.command, [str(SAMPLE), *options, "--out", str(target), "--json"]) == 0
+        again = json.loads(capsys.readouterr().out)["runs"][0]
+        assert again["adaptations"] == record["adaptations"]
+        assert again["mme"] == pytest.approx(record["mme"], rel=1e-12)
+
+
+def test_it_says_why(bag, short_rotor, tmp_path, capsys):
+    """Sentence first, then the reasons, then what to paste."""
+    words = ["--machine", short_rotor, *QUICK, "--detector", "window"]
+    assert call(bag, *words, "--adaptations", "4", "--out", tmp_path / "out") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("window with window ")
+    assert "at most 4 adaptations" in lines[0]
+    assert any(line.startswith("- without learning") for line in lines)
+    assert any(line.startswith("options: --detector window --window ") for line in lines)
+
+
+def test_a_budget_that_nothing_keeps_is_said_with_the_nearest(bag, short_rotor, tmp_path, capsys):
+    """Exit code 1, one sentence, and all that was tried is there to look at."""
+    words = ["--machine", short_rotor, *QUICK, "--detector", "lddm", "--in-control", "1:6"]
+    out = tmp_path / "out"
+    assert call(bag, *words, "--false-alarms-every", "1e6", "--out", out) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    assert "none of the" in said.err
+    assert "--detector lddm --error-threshold" in said.err
+    assert json.loads((out / "tune.json").read_text())["settings"] is None
+    assert (out / "tradeoff.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ([], "--adaptations N"),
+        (["--adaptations", "0"], "--adaptations"),
+        (["--false-alarms-every", "100", "--in-control", "1:99"], "1 to 24"),
+        (["--false-alarms-every", "100", "--in-control", "1:3"], "at least 5"),
+        (["--adaptations", "5", "--in-control", "one"], "1:20,60:80"),
+        (["--adaptations", "5", "--try", "lddm"], "DETECTOR:PARAMETER=VALUE"),
+        (["--adaptations", "5", "--detector", "ldm"], "lddm"),
+        (["--adaptations", "5", "--namespace", "nobody"], "nobody"),
+        (["--adaptations", "5", "--model", "lineer"], "did you mean 'linear'"),
+    ],
+)
+def test_what_is_wrong_gets_one_sentence(bag, short_rotor, tmp_path, capsys, arguments, sentence):
+    out = tmp_path / "out"
+    assert call(bag, "--machine", short_rotor, *arguments, "--out", out) == 2
+    said = capsys.readouterr().err
+    assert sentence in said
+    assert said.count("\n") == 1
+    assert not out.exists()
+
+
+def test_a_recording_too_short_is_named(short_rotor, tmp_path, capsys):
+    short = tmp_path / "short"
+    words = f"--machine {short_rotor} --experiments 5 --out {short}"
+    assert run(simulation.command, words.split()) == 0
+    capsys.readouterr()
+    arguments = ["--machine", short_rotor, "--adaptations", "3", "--out", tmp_path / "out"]
+    assert call(short, *arguments) == 2
+    said = capsys.readouterr().err
+    assert str(short) in said
+    assert "at least 10 experiments" in said
+
+
+# ---- parameters from a file
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("{", "neither YAML nor JSON"),
+        ("[1, 2]", "parameters with values"),
+        ("{thresold: 2}", "did you mean 'threshold'"),
+        ("{settings: {threshold: high}}", "threshold"),
+        ("settings: null", "parameters with values"),
+    ],
+)
+def test_a_bad_file_of_parameters_gets_one_sentence(bag, tmp_path, capsys, text, sentence):
+    file = tmp_path / "bad.json"
+    file.write_text(text)
+    arguments = [str(bag), "--settings", str(file), "--out", str(tmp_path / "out")]
+    assert run(replay.command, arguments) == 2
+    said = capsys.readouterr().err
+    assert sentence in said
+    assert said.count("\n") == 1
+
+
+def test_options_go_before_a_file_of_parameters(bag, short_rotor, tmp_path, capsys):
+    file = tmp_path / "mine.yaml"
+    file.write_text(
+        f"machine: {short_rotor}\nmodel: physics\ndetector: window\nwindow: 3\nseed: 5\n"
+    )
+    arguments = [str(bag), "--settings", str(file), "--window", "4", "--json", "--out"]
+    assert run(replay.command, [*arguments, str(tmp_path / "out")]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["settings"]["window"] == 4
+    assert record["settings"]["model"] == "physics"
+    assert record["runs"][0]["positives"] == 6
