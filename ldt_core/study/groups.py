@@ -6,5 +6,6 @@ GROUPS = {
     "sweep": "the paper's figure of thresholds: each model and detector over a range of them",
     "baseline": "alarms by the calendar and by chance, as many as a run of paper or better had",
     "better": "the learners and detectors that go beyond the paper, on the same streams",
+    "control": "many streams on which nothing drifts: how often an alarm is false",
     "kinds": "drifts of other kinds than the paper's staircase, and an unknown start angle",
 }

@@ -36,6 +36,9 @@ BEYOND = (
     ("diagnosed", "threshold"),
 )
 OTHER_DRIFTS = ("abrupt", "ramp", "recurring", "repaired")
+#: Streams without drift a seed: false alarms are rare, and their rate needs many experiments.
+CONTROL_STREAMS, OTHERWISE_STREAMS = 10, 2
+OTHERWISE = 5 / 12  # of the way that the machine wears; the rotor: e = 5 mm
 FEW_SEEDS = 5  # for the sweep and other kinds of drift, whose figures need fewer
 
 #: Experiments kept for a figure, as parts of the stream: the first, the paper's 92nd of 200, and
@@ -89,6 +92,7 @@ class Plan:
             "paper": self._paper(),
             "sweep": self._sweep(),
             "better": self._better(),
+            "control": self._control(),
             "kinds": self._kinds(),
         }
         found: dict[str, Planned] = {}
@@ -136,8 +140,12 @@ class Plan:
     @functools.cached_property
     def _cause(self) -> dict[str, str]:
         """What the diagnosed model is told: the kind of the wear, not its size or when it grows."""
-        wear = load_machine(self.machine).simulation.get("degradation", {})
-        return {"cause": wear["effect"]} if "effect" in wear else {}
+        return {"cause": self._wear["effect"]} if "effect" in self._wear else {}
+
+    @property
+    def _wear(self) -> Mapping[str, Any]:
+        """What the machine file says of the wear."""
+        return load_machine(self.machine).simulation.get("degradation", {})
 
     def _paper(self) -> Iterable[Case]:
         for index in range(self.seeds):
@@ -158,6 +166,24 @@ class Plan:
         for index in range(self.seeds):
             for model, detector in BEYOND:
                 yield self.case(model, detector, index, {**BETTER, **TABLE.get(detector, {})})
+
+    def _control(self) -> Iterable[Case]:
+        """Nothing drifts: a machine as its file says, and one that is otherwise from the start.
+
+        The second leaves residuals that hang together in time and depend on the voltage, with a
+        model that cannot learn, so that they stay.
+        """
+        usual = {**BETTER, "degradation": "none"}
+        for index in range(self.seeds * CONTROL_STREAMS):
+            yield self.case("diagnosed", "calibrated", index, usual)
+        wear = self._wear
+        if "effect" not in wear:
+            return
+        begin, end = float(wear.get("from", 0.0)), float(wear["to"])
+        value = begin + OTHERWISE * (end - begin)
+        worn = {**usual, "effect": [f"{wear['effect']}:{wear['parameter']}={value:g}"]}
+        for index in range(self.seeds * OTHERWISE_STREAMS):
+            yield self.case("physics", "calibrated", index, worn)
 
     def _kinds(self) -> Iterable[Case]:
         learners = (

@@ -69,6 +69,16 @@ def test_other_drifts_are_learned_on_fewer_seeds():
     assert {c.model for c in cases if c.resolved["start"] == "random"} == {"diagnosed"}
 
 
+def test_streams_without_drift_are_many():
+    """200 of a machine as its file says, 40 of one that differs from it throughout."""
+    cases = in_group(Plan(seeds=20), "control")
+    assert {c.resolved["degradation"] for c in cases} == {"none"}
+    assert sum(c.model == "diagnosed" and not c.resolved["effect"] for c in cases) == 200
+    otherwise = [c for c in cases if c.model == "physics"]
+    assert {tuple(c.resolved["effect"]) for c in otherwise} == {("unbalance:e=0.005",)}
+    assert len(otherwise) == 40
+
+
 @pytest.mark.parametrize(
     ("machine", "cause"), [("rotor", "unbalance"), ("dc_motor", "coulomb_friction")]
 )
@@ -81,7 +91,7 @@ def test_the_diagnosed_model_is_told_what_kind_of_wear_to_expect(machine, cause)
 def test_only_the_groups_asked_for_are_run():
     """And a part of a study has the same runs as the whole, so that one completes the other."""
     whole = {p.case.key for p in Plan(seeds=2).runs()}
-    for group in ("paper", "sweep", "better", "kinds"):
+    for group in ("paper", "sweep", "better", "control", "kinds"):
         part = Plan(seeds=2, groups=(group,)).runs()
         assert {p.groups for p in part} == {(group,)}
         assert {p.case.key for p in part} < whole
