@@ -91,7 +91,9 @@ def alternatives(
         linear: likewise.
         deviation: s √τ, in the unit of the outputs.
     """
-    found = []
+    found: list[Alternative] = []
+    if not deviation > 0:
+        return found  # exact data
     low, high = schwarz.bounds(theta.size, search.sigma)
     curvature, products, states = search.information(theta)
     least = search.loss(theta) * search.count
@@ -120,10 +122,13 @@ def alternatives(
 
 def _deviations(information: Array, deviation: float) -> Array:
     """(directions, parameters): one standard deviation along each principal axis."""
-    size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    most = float(np.diag(information).max())
+    if not most > 0:
+        return np.zeros((0, len(information)))
+    # what the data say nothing of is known as little as rounding lets one tell
+    size = np.sqrt(np.maximum(np.diag(information), ROUNDING * most))
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
-    values = np.maximum(values, ROUNDING * values[-1])
-    return (vectors * (deviation / np.sqrt(values))).T / size
+    return (vectors * (deviation / np.sqrt(np.maximum(values, ROUNDING)))).T / size
 
 
 @njit(cache=True, fastmath=False)

@@ -99,7 +99,7 @@ def left_over(grams, owners, rest, states, count):
         for i in range(size):
             for j in range(size):
                 squares[s] += weights[i] * weights[j] * grams[s, min(i, j), max(i, j)]
-    return squares
+    return np.maximum(squares, 0.0)  # rounding
 
 
 @njit(cache=True, fastmath=False)

@@ -125,7 +125,7 @@ class OutputError:
 
     def loss(self, theta: Array) -> float:
         """Mean square residual at θ, all linear parameters at their best."""
-        return linear_part(theta, *self._data)[2] / self.count
+        return max(float(linear_part(theta, *self._data)[2]), 0.0) / self.count  # rounding
 
     @property
     def _data(self) -> tuple:

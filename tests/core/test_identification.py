@@ -274,8 +274,9 @@ def test_friction_is_not_mistaken_for_a_drift(order):
     samples=st.integers(60, 400),
     kind=st.sampled_from(["walk", "unstable", "noise", "spikes", "inverse"]),
     order=st.integers(1, 4),
+    offset=st.booleans(),
 )
-def test_model_is_stable_whatever_the_data(seed, samples, kind, order):
+def test_model_is_stable_whatever_the_data(seed, samples, kind, order, offset):
     """Random walks, growing speeds, spikes: the result is stable, or there is none and a reason."""
     rng = np.random.default_rng(seed)
     voltage = np.repeat(rng.normal(size=samples // 5 + 1), 5)[:samples]
@@ -287,7 +288,7 @@ def test_model_is_stable_whatever_the_data(seed, samples, kind, order):
         "inverse": -voltage.cumsum() + np.roll(voltage, 3),
     }[kind]
     try:
-        found = identify([Experiment(1, 0.0, 0.02, voltage, speed)], order)
+        found = identify([Experiment(1, 0.0, 0.02, voltage, speed)], order, offset=offset)
     except LdtError as error:
         reason = str(error)
     else:
