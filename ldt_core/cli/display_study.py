@@ -17,7 +17,7 @@ from rich.table import Table
 from ldt_core.study.study import Study
 from ldt_core.study.tables import summary, table_rows
 
-WIDTH = 100  # characters of the table in a file or pipe
+WIDTH = 110  # characters of the table in a file or pipe
 #: Column of the table → figure, its factor, digits and unit.
 FIGURES = {
     "MME, rad/s": ("mme", 1, 2, ""),

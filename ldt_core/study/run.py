@@ -55,7 +55,7 @@ def run_case(case: Case, machine: Machine | None = None) -> Result:
     twin = Twin(machine, case.resolved, judge)
     first = twin.model.record()
     steps = list(twin.steps(given.experiments, _refuse))
-    seconds = time.perf_counter() - begin
+    seconds = time.thread_time() - begin
     return _result(case, given, steps, seconds, _estimates(machine, first, steps))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -121,3 +122,10 @@ def test_an_unknown_model_is_refused(short_rotor):
     """By name."""
     with pytest.raises(OptionError, match="lineer"):
         run_case(case(short_rotor, model="lineer"))
+
+
+def test_a_run_takes_no_more_time_than_passes(short_rotor):
+    """And some."""
+    begin = time.perf_counter()
+    result = run_case(case(short_rotor))
+    assert 0 < result.seconds <= time.perf_counter() - begin
