@@ -3,6 +3,7 @@
 #: What a run is there for; one run may serve several groups.
 GROUPS = {
     "paper": "the paper's table: linear and hybrid under each of its detectors, to the letter",
+    "variants": "the same with choices that the paper does not print, or does not make",
     "sweep": "the paper's figure of thresholds: each model and detector over a range of them",
     "baseline": "alarms by the calendar and by chance, as many as a run of paper or better had",
     "better": "the learners and detectors that go beyond the paper, on the same streams",

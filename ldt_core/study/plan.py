@@ -26,6 +26,13 @@ TABLE: dict[str, dict[str, Any]] = {
     "window": {"window": 10},
 }
 PAPER_MODELS = ("linear", "hybrid")
+#: Of which the paper says nothing (an order, an offset) or does nothing (a gate).
+VARIANTS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("linear", {"order": 2}),
+    ("linear", {"offset": True}),
+    ("linear", {"gate": "holdout"}),
+    ("hybrid", {"gate": "holdout"}),
+)
 #: rad/s, about geometric; the table's own thresholds are among them.
 THRESHOLDS = (0.5, 1.0, 1.75, 3.0, 5.0, 8.0, 12.0, 20.0)
 SWEPT = ("threshold", "lddm")
@@ -90,6 +97,7 @@ class Plan:
         """The runs that depend on no other, each once, in the order of groups and seeds."""
         parts = {
             "paper": self._paper(),
+            "variants": self._variants(),
             "sweep": self._sweep(),
             "better": self._better(),
             "control": self._control(),
@@ -152,6 +160,12 @@ class Plan:
             for model in PAPER_MODELS:
                 for detector, values in TABLE.items():
                     yield self.case(model, detector, index, {**PAPER, **values})
+
+    def _variants(self) -> Iterable[Case]:
+        for index in range(min(self.seeds, FEW_SEEDS)):
+            for model, other in VARIANTS:
+                settings = {**PAPER, **TABLE["threshold"], **other}
+                yield self.case(model, "threshold", index, settings)
 
     def _sweep(self) -> Iterable[Case]:
         for index in range(min(self.seeds, FEW_SEEDS)):

@@ -69,6 +69,14 @@ def test_other_drifts_are_learned_on_fewer_seeds():
     assert {c.model for c in cases if c.resolved["start"] == "random"} == {"diagnosed"}
 
 
+def test_each_variant_differs_from_the_table_in_one_choice():
+    """So that its figure says what the choice does."""
+    table = {c.model: c for c in in_group(Plan(1), "paper") if c.detector == "threshold"}
+    for case in in_group(Plan(1), "variants"):
+        base = table[case.model].resolved
+        assert len([n for n, v in case.resolved.items() if v != base[n]]) == 1
+
+
 def test_streams_without_drift_are_many():
     """200 of a machine as its file says, 40 of one that differs from it throughout."""
     cases = in_group(Plan(seeds=20), "control")
@@ -91,7 +99,7 @@ def test_the_diagnosed_model_is_told_what_kind_of_wear_to_expect(machine, cause)
 def test_only_the_groups_asked_for_are_run():
     """And a part of a study has the same runs as the whole, so that one completes the other."""
     whole = {p.case.key for p in Plan(seeds=2).runs()}
-    for group in ("paper", "sweep", "better", "control", "kinds"):
+    for group in ("paper", "variants", "sweep", "better", "control", "kinds"):
         part = Plan(seeds=2, groups=(group,)).runs()
         assert {p.groups for p in part} == {(group,)}
         assert {p.case.key for p in part} < whole

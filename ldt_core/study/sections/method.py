@@ -151,12 +151,22 @@ def methods(reading: Reading, drawings: Mapping[str, Drawing | None]) -> Section
     return section
 
 
+#: Group → the settings in which its runs differ; how to say them; which of them go without saying.
+VARIED = {
+    "sweep": THRESHOLDS[:2],
+    "kinds": ("degradation", "start"),
+    "variants": ("order", "offset", "gate"),
+}
+VARIANT = {"order": "order {}", "offset": "offset: {}", "gate": "gate {}"}
+EMPTY = ("", None, 0, False)
+
+
 def runs(reading: Reading, drawings: Mapping[str, Drawing | None]) -> Section:
     """Means of all runs, by group."""
     section = Section("runs", "All runs")
     section.blocks.append(Links("The figures of every run, for your own analysis:", FILES))
     for group, what in GROUPS.items():
-        rows = [_row(reading, label, found) for label, found in _alike(reading.study, group)]
+        rows = [_row(reading, label, found) for label, found in alike(reading.study, group)]
         if rows:
             numbers = range(1, 1 + len(COLUMNS))
             table = Table(f"{group}: {what}", ("run", *COLUMNS), rows, numbers)
@@ -183,15 +193,15 @@ def in_words(value: object) -> str:
     return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
 
-def _alike(study: Study, group: str) -> list[tuple[str, list[Result]]]:
-    """Runs of a group that differ in their seed alone, with what sets them apart."""
+def alike(study: Study, group: str) -> list[tuple[str, list[Result]]]:
+    """(what sets them apart, results) of a group's runs that differ in their seed alone."""
     found: dict[str, list[Result]] = {}
-    varied = {"sweep": THRESHOLDS[:2], "kinds": ("degradation", "start")}.get(group, ())
+    varied = VARIED.get(group, ())
     for result in study.results(group):
         case = result.case
         resolved = case.resolved if varied else {}
-        own = [n for n in varied if group == "kinds" or n in OWN.get(case.detector, ())]
-        extra = [f"{resolved[n]}" for n in own if resolved[n] not in ("", None)]
+        own = [n for n in varied if group != "sweep" or n in OWN.get(case.detector, ())]
+        extra = [VARIANT.get(n, "{}").format(resolved[n]) for n in own if resolved[n] not in EMPTY]
         label = ", ".join([case.model, look(case.detector).label, *extra])
         found.setdefault(label, []).append(result)
     return list(found.items())
