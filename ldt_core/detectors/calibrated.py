@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 
 from ldt_core.detectors.base import Detector, declared
 from ldt_core.detectors.control_chart import ALLOWANCE, limits, warning_limits
@@ -16,25 +17,42 @@ from ldt_core.experiment import Level, Samples
 
 #: Warnings (and positives) in as many experiments as there is one false alarm in.
 WARNINGS = 10
+#: Numbers in as many that are not learned from until the suspicion is over. With more, what is high
+#: but usual would be missing too often: at 10 there were 15 % too many false alarms.
+SUSPICIOUS = 3
 #: So many times rarer than a false alarm, and the level has changed for certain.
 CERTAIN = 100
 #: Positives that follow the first before the present level is taken for the new normal.
 RETRIES = 2
 #: A false alarm of the sum has values of mean 1 (twice the allowance) and deviation 1; one whose
 #: mean is so many standard errors above that is none.
-STEEP = 2.0
+STEEP = 2.5
+#: The number of an uncertain positive is learned from as at most so many deviations above the mean:
+#: of few numbers, one far out is not certain, but would make everything usual.
+FAR = 3.3
 #: After a positive the level is known as from so many experiments: the model may be another.
 CARRIED = 10.0
-#: Before anything is learned, an error of so many yardsticks is no control [1]. Noise that has a
-#: memory reaches 4 times what its third differences show at an autocorrelation of 0.9, and 13 times
-#: at 0.99; a rotor that has 8 mm of eccentricity instead of none is at 30.
+#: Before anything is learned, an error of so many yardsticks is out of control. Noise that has a
+#: memory reaches 3.5 times what its roughness shows at an autocorrelation of 0.9, 11 times at 0.99;
+#: a rotor that has 5, 8, 12 mm of eccentricity instead of none is at 11, 30, 70.
 GROSS = 20.0
-#: Fewer samples than this have no third differences worth the name.
-LEAST_SAMPLES = 8
-#: Sum of the squares of the coefficients of a third difference.
-THIRD_DIFFERENCE = 20.0
-#: A residual that is smoother than so many yardsticks is told from none.
+#: What is left of 11 neighbouring samples at their middle, without the polynomial of fifth degree
+#: that fits them best (Savitzky, Golay 1964): of white noise a known share, of a wave of 30 rad/s,
+#: sampled at 100 Hz, 3e-4 of its height.
+ROUGH = -np.array([18, -45, -10, 60, 120, 143 - 429, 120, 60, -10, -45, 18]) / 429
+#: Fewer samples than this do not show how rough they are.
+LEAST_SAMPLES = 20
+#: Lowest logarithm of a ratio to the white noise that is told from lower ones.
+ROUGHEST = -2.0
+#: Spread of a score, times the root of the number of samples, that there is at least: when
+#: residuals repeat themselves exactly. White noise has 0.6.
+LEAST_SPREAD = 0.1
+#: Largest ratio to the white noise, and largest limit.
 LARGEST = 1e6
+#: Furthest logarithm of a ratio: its exponential is still a number.
+MOST_LOG = 700.0
+#: Least mean square: it must not vanish when its yardsticks differ by more than numbers can.
+LEAST_SQUARE = 1e-300
 
 
 class Calibrated(Detector):
@@ -42,28 +60,36 @@ class Calibrated(Detector):
 
     Each experiment gives one number, its root mean square residual in yardsticks. The yardstick is
     the model's own predictive deviation, sample by sample, where it has one. Otherwise it is the
-    white noise in the residual itself, by third differences: noise that nobody could predict is no
-    reason to learn again, and a voltage that shakes the machine more does not count as drift. As
-    one number stands for the experiment, it does not matter how the samples within it hang
-    together; in control, experiments are taken to be alike in law, and independent.
+    white noise in the residual itself, by its roughness: noise that nobody could predict is no
+    reason to learn again. As one number stands for the experiment, it does not matter how the
+    samples within it hang together, nor that one voltage shakes the machine more than another; in
+    control, experiments are taken to be alike in law and independent of each other.
 
     Which numbers are usual is learned from those seen so far (`reference.Reference`), which turns
     the next one into a value z that is standard normal in control, from the fourth experiment on.
-    A chart with exact limits (`control_chart`) tests each z, for what is sudden, and their
-    cumulative sum, for what is small and stays. Nothing is forgotten by age, so that a machine that
-    wears slowly moves away from what was learned.
+    A chart with computed limits (`control_chart`) tests each z, for what is sudden, and their
+    cumulative sum, for what is small and stays. Nothing is forgotten by age: a machine that wears
+    slowly moves away from what was learned.
 
-    - In the first three experiments only an error of more than 20 yardsticks is positive.
-    - After a positive the level may be another, since the model may be: it counts as known from ten
-      experiments only. What was learned stays otherwise. The score of a positive that is certain
-      (a hundred times rarer than a false alarm) is not learned from.
-    - When two more positives follow and no unsuspicious experiment in between, learning did not
-      help. Then the present level is the new normal, and is learned from the beginning.
-    - When the error has fallen for certain, the new level is learned, too.
-    - Warnings: one experiment in `false_alarm_every` / 10 in control (one in five at most).
+    - In the first three experiments only an error of more than 20 yardsticks is positive, and
+      there are wide limits in the next ones: what is unknown cannot be unusual.
+    - Warnings, and positives, come in one experiment of `false_alarm_every` / 10 in control (in one
+      of five at most). The number of a warning is learned from when the sum is back at 0. That of
+      a positive is at once, unless it is certain: a hundred times rarer than a false alarm, or
+      steeper than the sum rises by chance. Left out, false alarms would make the usual look
+      narrower than it is, and bring the next one sooner.
+    - After a positive the model may be another: its level counts as known from ten experiments
+      only, the sum begins at half its limit, all else stays. When two more certain positives follow
+      before an experiment no worse than usual, learning did not help: then the present level is the
+      new normal, and everything is learned from the beginning. So it is when the error has fallen
+      for certain, and when the model begins, or ceases, to state a deviation.
 
-    What it cannot know: scores whose law has a far longer tail than learned from what it has seen,
-    and what changes slowly from experiment to experiment in control (a season), which is a drift.
+    Measured (`ldt_core.study.false_alarms`): MEASURED
+
+    What it cannot know: a law with a far longer tail than what was seen suggests; errors that
+    become more erratic with wear while the model is right (a start state that matters more and
+    more, in a model that states no deviation); and what changes from experiment to experiment in
+    control (a season), which is a drift to it.
 
     Args:
         false_alarm_every: mean number of experiments in control from one positive to the next.
@@ -78,13 +104,15 @@ class Calibrated(Detector):
         >>> from ldt_core.detectors.calibrated import Calibrated
         >>> rng, wave = np.random.default_rng(1), np.sin(np.linspace(0, 20, 500))
         >>> detector = Calibrated(false_alarm_every=1000)
-        >>> for i in range(1, 43):
+        >>> for i in range(1, 42):
         ...     detector.update(rng.normal(size=500) + (wave if i > 40 else 0))
         ...     if i in (3, 40, 41):
-        ...         print(i, detector.signal.word, round(detector.statistics["relative_error"], 3))
-        3 negative 0.969
-        40 negative 0.959
-        41 positive 1.243
+        ...         got = detector.statistics
+        ...         words = [f"{n} {got[n]:.3f}" for n in ("relative_error", "drift_limit")]
+        ...         print(i, detector.signal.word, *words)
+        3 negative relative_error 0.959 drift_limit 20.000
+        40 negative relative_error 1.018 drift_limit 1.125
+        41 positive relative_error 1.245 drift_limit 1.125
     """
 
     name = "calibrated"
@@ -94,8 +122,9 @@ class Calibrated(Detector):
         self.false_alarm_every = declared("false_alarm_every", false_alarm_every)
         self._limits = limits(self.false_alarm_every)
         self._sure = limits(CERTAIN * self.false_alarm_every)
-        share = WARNINGS / self.false_alarm_every
-        self._warning_limits = warning_limits(self.false_alarm_every, share)
+        every = self.false_alarm_every
+        self._warning_limits = warning_limits(every, WARNINGS / every)
+        self._suspicion = warning_limits(every, SUSPICIOUS / every)
         self.reset()
 
     def reset(self) -> None:
@@ -123,70 +152,72 @@ class Calibrated(Detector):
         if not residual.any():
             self.last = {"relative_error": 0.0}
             return Level.NEGATIVE
-        yardstick, score = log_relative_error(residual, deviation)
+        yardstick, ratio = log_relative_error(residual, deviation)
         if yardstick != self.yardstick:
             self.yardstick, self.accepted, self.attempts = yardstick, False, 0
             self._learn_anew()
-        # No root mean square of L samples is known better than that of white noise.
-        least = 1 / math.sqrt(2 * residual.size)
-        self.last = self._limits_now(least)
-        self.last["relative_error"] = math.exp(score)
-        if not self.reference.known:
-            if math.exp(score) > self.last["drift_limit"]:
-                return Level.POSITIVE
-            self.reference.take(score, least)
-            return Level.NEGATIVE
-        return self._judge(score, least)
+        score, least = symmetric(ratio, yardstick), LEAST_SPREAD / math.sqrt(residual.size)
+        self.last = {"relative_error": math.exp(ratio), **self._limits_now(least)}
+        if self.reference.known:
+            return self._judge(score, least)
+        if math.exp(ratio) > self.last.get("drift_limit", math.inf):
+            return Level.POSITIVE
+        self.reference.take(score, least)
+        return Level.NEGATIVE
 
     def _judge(self, score: float, least: float) -> Level:
         unusual = self.reference.unusual(score, least)
-        single, total = self._limits
         self.risen = max(0.0, self.risen + unusual - ALLOWANCE)
         self.fallen = max(0.0, self.fallen - unusual - ALLOWANCE)
         self.rise = [self.rise[0] + 1, self.rise[1] + unusual]
         self.last |= {"unusual": unusual, "sum": self.risen}
-        if unusual > single or self.risen > total:
+        if self._above(self._limits, unusual):
             if not self._certain(unusual):
                 self.attempts = -1
-                self._take([*self.suspects, score], least)
+                self._take(self.suspects, least)
+                self.reference.take(score, least, FAR)
             self.suspects = []
             return Level.POSITIVE
         if unusual < -self._sure[0] or self.fallen > self._sure[1]:
             self._learn_anew()
-        if unusual > self._warning_limits[0] or self.risen > self._warning_limits[1]:
+        if self._above(self._suspicion, unusual):
             self.suspects.append(score)
-            return Level.WARNING
-        self._take([score], least)
+        else:
+            self._take([score], least)
         if unusual <= ALLOWANCE:
             self.attempts = 0
         if self.risen == 0:
             self.rise = [0.0, 0.0]
             self._take(self.suspects, least)
             self.suspects = []
-        return Level.NEGATIVE
+        return Level.WARNING if self._above(self._warning_limits, unusual) else Level.NEGATIVE
+
+    def _above(self, pair: tuple[float, float], unusual: float) -> bool:
+        return unusual > pair[0] or self.risen > pair[1]
 
     def _certain(self, unusual: float) -> bool:
         """Whether a positive is none of the false ones."""
+        if unusual > self._limits[0]:
+            return unusual > self._sure[0]
         values, total = self.rise
-        steep = (total / values - 2 * ALLOWANCE) * math.sqrt(values) > STEEP
-        return unusual > self._sure[0] or steep
+        return (total / values - 2 * ALLOWANCE) * math.sqrt(values) > STEEP
 
     def _take(self, scores: list[float], least: float) -> None:
         for score in scores:
             self.reference.take(score, least)
 
     def _limits_now(self, least: float) -> dict[str, float]:
-        """Relative errors above which this experiment is a warning and a positive."""
+        """Relative errors above which this experiment is a warning and a positive, if known."""
+        pairs = {"warning_limit": self._warning_limits, "drift_limit": self._limits}
         if not self.reference.known:
-            first = LARGEST if self.accepted or self.yardstick == "none" else GROSS
-            return {"warning_limit": first, "drift_limit": first}
-        found = {}
-        for name, (single, total) in (
-            ("warning_limit", self._warning_limits),
-            ("drift_limit", self._limits),
-        ):
+            absolute = self.accepted or self.yardstick == "none"
+            return {} if absolute else dict.fromkeys(pairs, GROSS)
+        found, most = {}, math.log(LARGEST)
+        for name, (single, total) in pairs.items():
             unusual = min(single, total + ALLOWANCE - self.risen)
-            found[name] = math.exp(self.reference.quantile(unusual, least))
+            score = self.reference.quantile(unusual, least)
+            if score < symmetric(most, self.yardstick):
+                found[name] = math.exp(_ratio(score, self.yardstick))
         return found
 
     def _learn_anew(self) -> None:
@@ -197,16 +228,16 @@ class Calibrated(Detector):
 
     @property
     def statistics(self) -> dict[str, float]:
-        """relative_error, warning_limit, drift_limit [yardsticks]; unusual, sum [deviations]."""
+        """relative_error and its warning_limit and drift_limit [yardsticks]; unusual (z) and sum.
+
+        The limits hold for this experiment, those of the sum included: it is positive just when its
+        relative error is above the drift_limit. A limit is left out as long as there is none.
+        """
         return dict(self.last)
 
     def state(self) -> dict[str, Any]:
         """All that changes, in JSON types; `restore` takes it back."""
-        reference, self.reference = self.reference, None
-        try:
-            return super().state() | {"reference": reference.state()}
-        finally:
-            self.reference = reference
+        return super().state() | {"reference": self.reference.state()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a state saved earlier by a detector with the same arguments.
@@ -218,6 +249,9 @@ class Calibrated(Detector):
         try:
             self.reference = Reference.from_state(state["reference"])
             self.last = {str(name): float(value) for name, value in self.last.items()}
+            self.suspects = [float(score) for score in self.suspects]
+            values, total = self.rise
+            self.rise = [float(values), float(total)]
         except (TypeError, ValueError) as error:
             self.reset()
             raise OptionError(f"state of detector {self.name}", "its own", str(error)) from error
@@ -231,17 +265,44 @@ def log_relative_error(residual: Samples, deviation: Samples | None) -> tuple[st
         deviation: (L,) the model's own predictive standard deviation [rad/s], or None.
 
     Returns:
-        "deviation" and the ratio to it; "white noise" and the ratio to the white noise in the
-        residual, at most `LARGEST`; with fewer than `LEAST_SAMPLES` samples "none" and [rad/s].
+        "deviation" and the ratio to it, where it is above 0 throughout; "white noise" and the ratio
+        to the white noise in the residual, at most `LARGEST`; with fewer than `LEAST_SAMPLES`
+        samples "none" and [rad/s].
     """
-    if deviation is not None and (deviation > 0).all():
-        residual = residual / deviation
     scale = float(np.abs(residual).max())
     row = residual / scale  # no overflow in the squares
-    square = float(np.mean(row**2))
     if deviation is not None and (deviation > 0).all():
-        return "deviation", math.log(scale) + 0.5 * math.log(square)
+        least = float(deviation.min())
+        square = max(float(np.mean((row * (least / deviation)) ** 2)), LEAST_SQUARE)
+        ratio = math.log(scale) - math.log(least) + 0.5 * math.log(square)
+        return "deviation", min(max(ratio, -MOST_LOG), MOST_LOG)
+    square = float(np.mean(row**2))
     if residual.size < LEAST_SAMPLES:
         return "none", math.log(scale) + 0.5 * math.log(square)
-    white = float(np.mean(np.diff(row, 3) ** 2)) / THIRD_DIFFERENCE
+    rough = np.convolve(row, ROUGH, "valid")
+    white = float(np.mean(rough**2)) / float(np.sum(ROUGH**2))
     return "white noise", 0.5 * math.log(square / max(white, square / LARGEST**2))
+
+
+def symmetric(ratio: float, yardstick: str) -> float:
+    """The number that an experiment gives, from the logarithm of its relative error.
+
+    It is the logarithm itself, except for a ratio to the white noise. In a residual that is little
+    else than that, the noise's share 1 / R^2 is symmetric, and the logarithm of R askew: there were
+    1.3 times the false alarms stated. This is -1 / R^2 up to the second order there, and half of
+    the logarithm, which has no effect on what is unusual, where R is large.
+    """
+    if yardstick != "white noise":
+        return ratio
+    ratio = max(ratio, ROUGHEST)
+    return 0.5 * ratio - math.expm1(-4 * ratio) / 8
+
+
+def _ratio(score: float, yardstick: str) -> float:
+    """Inverse of `symmetric`."""
+    if yardstick != "white noise":
+        return score
+    low, high = ROUGHEST, math.log(LARGEST)
+    if score <= symmetric(low, yardstick):
+        return low
+    return float(brentq(lambda ratio: symmetric(ratio, yardstick) - score, low, high, xtol=1e-9))

@@ -12,9 +12,9 @@ from scipy.optimize import brentq
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 #: Powers λ of the Box-Cox transform that are weighed against each other, and how much each is
-#: believed beforehand: the logarithm (0) most. -0.5 has a longer upper tail than the lognormal
+#: believed beforehand: the logarithm (0) most. -0.25 has a longer upper tail than the lognormal
 #: law, 1/3 to 1/2 fits gamma and chi-square laws, 1 is the normal law itself.
-POWERS = np.linspace(-0.5, 1.0, 7)
+POWERS = np.linspace(-0.25, 1.0, 6)
 LOGARITHM = POWERS == 0
 DIVISORS = np.where(LOGARITHM, 1.0, POWERS)
 BELIEF = -0.5 * (POWERS / 0.5) ** 2
@@ -76,23 +76,26 @@ class Reference:
         """Believe the level only as if it were known from so many numbers; the spread stays."""
         self.count = min(self.count, count)
 
-    def take(self, value: float, least: float) -> None:
+    def take(self, value: float, least: float, deviations: float = math.inf) -> None:
         """Learn from one number.
 
         Args:
             value: its logarithm.
             least: standard deviation of the logarithm that there is at least.
+            deviations: level and spread take it for so many above the mean at most.
         """
         if self.count == 0:
             self.origin = value
+        if self.known:
+            if (chance := self._chance(value, least)) < TAIL:
+                self.tail = [self.tail[0] + 1, self.tail[1] + math.log(TAIL / chance)]
+            value = min(value, self._far(deviations))
         if self.freedom >= 1:
             off, spread = self._standardised(value, least)
             n = self.freedom
             density = -(n + 1) / 2 * np.log1p(off**2 / n) - np.log(spread)
             self.evidence = self.evidence + density + POWERS * self._relative(value)
             self.evidence = self.evidence - self.evidence.max()
-        if self.known and (chance := self._chance(value, least)) < TAIL:
-            self.tail = [self.tail[0] + 1, self.tail[1] + math.log(TAIL / chance)]
         off = self._transformed(value) - self.mean
         self.mean = self.mean + off / (self.count + 1)
         self.squares = self.squares + off**2 * (self.count / (self.count + 1))
@@ -137,6 +140,11 @@ class Reference:
         if excess(low) * excess(high) >= 0:
             return high if upper else low
         return float(brentq(excess, low, high, xtol=1e-7))
+
+    def _far(self, deviations: float) -> float:
+        at = int(np.argmax(LOGARITHM))
+        spread = math.sqrt(self.squares[at] / self.freedom)
+        return float(self.origin + self.mean[at] + deviations * spread) if spread else math.inf
 
     def _chance(self, value: float, least: float, side: int = -1) -> float:
         """Probability of a larger number (side -1) or of a smaller one (1), by the fitted law."""
