@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 NAME = "tradeoff"
 HEIGHT = 2.7  # of a row [inches]
 MARGIN = 0.08  # of the range of the error, above and below it
-FEW = 2.0  # adaptations up to which the axis is linear
+FEW = 1.0  # adaptations up to which the axis is linear
 LINEAR = 1.0  # false alarms in 100 experiments below which the axis is linear, to reach none
 Quantity = Callable[[Tried], float]
 

@@ -11,6 +11,9 @@ from ldt_core.tuning.procedure import Tuning
 from ldt_core.tuning.setting import NEVER
 from ldt_core.tuning.trial import Tried
 
+#: The next values of the same parameter have an error larger by so much: the choice is a lucky one.
+LUCKY = 0.05
+
 
 def sentence(found: Tuning) -> str:
     """The choice in a sentence, or that there is none."""
@@ -39,7 +42,7 @@ def sentence(found: Tuning) -> str:
 
 def why(found: Tuning) -> list[str]:
     """What else there is to know of the choice, a sentence each."""
-    return [s for part in (_rivals, _never, _alarms, _checked, _edges) for s in part(found)]
+    return [s for part in (_rivals, _never, _alarms, _checked, _neighbours) for s in part(found)]
 
 
 def _rivals(found: Tuning) -> Iterator[str]:
@@ -123,18 +126,25 @@ def _checked(found: Tuning) -> Iterator[str]:
     )
 
 
-def _edges(found: Tuning) -> Iterator[str]:
+def _neighbours(found: Tuning) -> Iterator[str]:
+    """Whether the choice stands on a plateau, and whether it is the last value tried."""
     best = found.choice.chosen
-    if best is None or not best.setting.parameter:
+    if best is None:
         return
-    setting = best.setting
-    same = (setting.detector, setting.parameter)
-    values = [
-        t.setting.value for t in found.tried if (t.setting.detector, t.setting.parameter) == same
-    ]
-    if len(values) > 1 and setting.value in (min(values), max(values)):
-        end = "least" if setting.value == min(values) else "largest"
-        yield f"{setting.value:g} is the {end} value of {setting.parameter} that was tried"
+    own = (best.setting.detector, best.setting.parameter)
+    runs = [t for t in found.tried if (t.setting.detector, t.setting.parameter) == own]
+    runs.sort(key=lambda t: t.setting.value)
+    at = runs.index(best)
+    near = [t for t in runs[max(0, at - 1) : at + 2] if t is not best]
+    if near and min(t.mme for t in near) > best.mme * (1 + LUCKY):
+        beside = " and ".join(f"{number(t.mme)} rad/s at {t.setting.value:g}" for t in near)
+        yield (
+            f"beside it the MME is {beside}: part of its own is luck in when it adapted, which no "
+            "part of one recording can take out; a longer recording, or several, would"
+        )
+    if len(runs) > 1 and at in (0, len(runs) - 1):
+        end = "largest" if at else "least"
+        yield f"{best.setting.value:g} is the {end} {best.setting.parameter} that was tried"
 
 
 def _figures(tried: Tried) -> str:

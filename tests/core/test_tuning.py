@@ -366,6 +366,17 @@ def test_the_reasons_name_what_was_given_up(tmp_path):
     assert sentence(none).startswith("none of the")
 
 
+def test_a_choice_that_stands_alone_is_called_lucky(tmp_path):
+    """Neighbours that are far worse are named; on a plateau nothing is said."""
+    found = tuned(tmp_path, Budget(adaptations=60), detectors=("window",), values=2)
+    runs = [made(value=v, errors=(e,) * 60) for v, e in ((1, 3.0), (2, 1.0), (3, 2.0))]
+    alone = replace(found, tried=(found.never, *runs), choice=choose(runs, found.budget))
+    assert any("3.00 rad/s at 1 and 2.00 rad/s at 3" in s for s in why(alone))
+    runs[0] = made(value=1, errors=(1.02,) * 60)
+    plateau = replace(found, tried=(found.never, *runs), choice=choose(runs, found.budget))
+    assert not any("luck" in s for s in why(plateau))
+
+
 def test_the_picture_is_drawn(tmp_path):
     pytest.importorskip("matplotlib")
     from ldt_core.tuning.figure import write_figure
