@@ -74,19 +74,24 @@ class Calibrated(Detector):
     - In the first three experiments only an error of more than 20 yardsticks is positive, and
       there are wide limits in the next ones: what is unknown cannot be unusual.
     - Warnings, and positives, come in one experiment of `false_alarm_every` / 10 in control (in one
-      of five at most). The number of a warning is learned from when the sum is back at 0. That of
-      a positive is at once, unless it is certain: a hundred times rarer than a false alarm, or
-      steeper than the sum rises by chance. Left out, false alarms would make the usual look
-      narrower than it is, and bring the next one sooner.
+      of five at most). The most suspicious are learned from only when the sum is back at 0. The
+      number of a positive is learned from at once, limited in size, unless the positive is certain:
+      a hundred times rarer than a false alarm, or steeper than the sum rises by chance. Left out,
+      false alarms would make the usual look narrower than it is, and bring the next one sooner.
     - After a positive the model may be another: its level counts as known from ten experiments
       only, the sum begins at half its limit, all else stays. When two more certain positives follow
       before an experiment no worse than usual, learning did not help: then the present level is the
       new normal, and everything is learned from the beginning. So it is when the error has fallen
       for certain, and when the model begins, or ceases, to state a deviation.
 
-    Measured (`ldt_core.study.false_alarms`): MEASURED
+    Measured, `ldt_core.study.false_alarms` counts anew: with a lognormal error (streams of 200
+    experiments without a drift) there were 1.05 ± 0.05 times the false alarms stated at one in 100
+    and 0.91 ± 0.11 times at one in 1000. On the wearing rotor (10 streams, 120 drifts, noise
+    0.1 rad/s), with a learner that knows the new eccentricity after each positive, recall was 1.00
+    and precision 1.00 at one in 1000, 0.98 at one in 200, 0.92 at one in 100.
 
-    What it cannot know: a law with a far longer tail than what was seen suggests; errors that
+    What it cannot know: a law with a far longer tail than what was seen suggests (Student's with 3
+    degrees of freedom, for the logarithm, gives several times the false alarms stated); errors that
     become more erratic with wear while the model is right (a start state that matters more and
     more, in a model that states no deviation); and what changes from experiment to experiment in
     control (a season), which is a drift to it.

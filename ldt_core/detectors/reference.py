@@ -82,14 +82,14 @@ class Reference:
         Args:
             value: its logarithm.
             least: standard deviation of the logarithm that there is at least.
-            deviations: level and spread take it for so many above the mean at most.
+            deviations: it is taken for so many above the mean at most.
         """
         if self.count == 0:
             self.origin = value
         if self.known:
+            value = min(value, self._far(deviations))
             if (chance := self._chance(value, least)) < TAIL:
                 self.tail = [self.tail[0] + 1, self.tail[1] + math.log(TAIL / chance)]
-            value = min(value, self._far(deviations))
         if self.freedom >= 1:
             off, spread = self._standardised(value, least)
             n = self.freedom
