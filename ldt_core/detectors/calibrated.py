@@ -86,9 +86,10 @@ class Calibrated(Detector):
 
     Measured, `ldt_core.study.false_alarms` counts anew: with a lognormal error (streams of 200
     experiments without a drift) there were 1.05 times the false alarms stated at one in 100
-    (standard error 0.05) and 0.91 times (0.11) at one in 1000. On the wearing rotor (10 streams, 120 drifts, noise
-    0.1 rad/s), with a learner that knows the start and, after each positive, the new eccentricity,
-    recall was 1.00 and precision 1.00 at one in 1000, 0.98 at one in 200, 0.92 at one in 100.
+    (standard error 0.05) and 0.91 times (0.11) at one in 1000. On the wearing rotor (10 streams,
+    120 drifts, noise 0.1 rad/s), with a learner that knows the start and, after each positive, the
+    new eccentricity, recall was 1.00 and precision 1.00 at one in 1000, 0.98 at one in 200, 0.92 at
+    one in 100.
 
     What it cannot know: a law with a far longer tail than what was seen suggests (Student's with 3
     degrees of freedom, for the logarithm, gives several times the false alarms stated); errors that
