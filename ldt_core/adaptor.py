@@ -8,7 +8,7 @@ is asked for, the experiments are chosen by evidence and a new model has to pass
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -24,8 +24,8 @@ from ldt_core.training_data import core, still_valid
 
 #: Models that were in force before and may be again, beside the very first.
 EARLIER = 8
-#: Older experiments join only if a model of them alone errs no more than this on the present one: 5 %
-#: is what the error of some 200 independent samples varies by anyway.
+#: Older experiments join only if a model of them alone errs no more than this on the present one:
+#: 5 % is what the error of some 200 independent samples varies by anyway.
 HARM = 1.05
 
 
