@@ -1,17 +1,15 @@
-"""What a study shows: a progress bar while it goes, the paper's Table 1 beside ours at the end."""
+"""What a study shows at its end: the paper's Table 1 beside ours."""
 
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from rich.box import SIMPLE
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from ldt_core.study.study import Study
@@ -26,43 +24,6 @@ FIGURES = {
     "precision": ("precision", 1, 2, ""),
     "recall": ("recall", 1, 2, ""),
 }
-
-
-class StudyProgress:
-    """The progress bar of a study, on a terminal's standard error; nothing on a pipe.
-
-    Args:
-        out: folder of the study, named when the work is interrupted.
-    """
-
-    def __init__(self, out: str) -> None:
-        self._out, self._done, self._total = out, 0, 0
-        console = Console(stderr=True)
-        self._progress = Progress(
-            TextColumn("study"),
-            BarColumn(bar_width=40),
-            MofNCompleteColumn(),
-            TextColumn("results"),
-            TimeRemainingColumn(compact=True),
-            console=console,
-            disable=not console.is_terminal,
-        )
-        self._task = self._progress.add_task("", total=None)
-
-    def __enter__(self) -> Self:
-        self._progress.start()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self._progress.stop()
-        if kind is KeyboardInterrupt:
-            kept = f"{self._done} of {self._total} results are kept in {self._out}"
-            print(f"{kept}; the same command goes on from there", file=sys.stderr)
-
-    def show(self, done: int, total: int) -> None:
-        """Results that are there, and how many there will be as far as is known."""
-        self._done, self._total = done, total
-        self._progress.update(self._task, completed=done, total=total)
 
 
 def print_study(study: Study, page: Path, as_json: bool) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from ldt_core.cli.options import json_option, parameters
+from ldt_core.cli.resumable import ResumableProgress, compute_options
 from ldt_core.study.groups import GROUPS
 
 QUICK = {"seeds": 2, "experiments": 40}
@@ -39,17 +40,7 @@ SEEDS = 20
     + "; ".join(f"{name}: {what}" for name, what in GROUPS.items())
     + ".",
 )
-@click.option(
-    "--jobs",
-    type=click.IntRange(0, 10_000),
-    default=0,
-    help="Processes on this machine; by default as many as there are cores.",
-)
-@click.option(
-    "--scheduler",
-    default="",
-    help="Address of a Dask scheduler (tcp://host:port) whose workers compute instead.",
-)
+@compute_options
 @click.option("--fresh", is_flag=True, help="Compute anew what an earlier study has left there.")
 @click.option("--page-only", is_flag=True, help="Write tables and page from what is there.")
 @json_option
@@ -75,7 +66,7 @@ def command(
 
     Example: ldt study --seeds 20 --out study
     """
-    from ldt_core.cli.display_study import StudyProgress, print_study
+    from ldt_core.cli.display_study import print_study
     from ldt_core.study.engine import conduct, load_study
     from ldt_core.study.figures import style
     from ldt_core.study.page import write_figures, write_page
@@ -93,7 +84,7 @@ def command(
                     asked[name] = few
         groups = tuple(name for name in GROUPS if not only or name in only)
         plan = Plan(**asked, machine=settings["machine"], groups=groups, first_seed=first_seed)
-        with StudyProgress(out) as progress:
+        with ResumableProgress("study", "results", out) as progress:
             options = {"jobs": jobs, "scheduler": scheduler, "fresh": fresh}
             study = conduct(plan, out, **options, progress=progress.show)
     write_tables(out, study)

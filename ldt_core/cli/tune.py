@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ldt_core.cli.options import json_option, namespace_option, parameters
+from ldt_core.cli.resumable import ResumableProgress, compute_options
 
 if TYPE_CHECKING:
     from ldt_core.tuning.procedure import Tuning
@@ -59,17 +58,7 @@ DETECTORS = ("threshold", "lddm", "window", "calibrated")
     help="Values of each detector that are tried at first; a second round refines the best.",
 )
 @click.option("--out", required=True, help="Folder of the result; an earlier one goes on there.")
-@click.option(
-    "--jobs",
-    type=click.IntRange(0, 10_000),
-    default=0,
-    help="Processes on this machine; by default as many as there are cores.",
-)
-@click.option(
-    "--scheduler",
-    default="",
-    help="Address of a Dask scheduler (tcp://host:port) whose workers compute instead.",
-)
+@compute_options
 @click.option("--fresh", is_flag=True, help="Try anew what an earlier call has left there.")
 @namespace_option
 @json_option
@@ -115,7 +104,7 @@ def command(
     budget = Budget(adaptations, false_alarms_every)
     extra = [setting for entry in tries for setting in parse_try(entry)]
     bag = read_bag(recording, namespace)
-    with TuneProgress(out) as progress:
+    with ResumableProgress("tuning", "settings", out) as progress:
         found = tune(
             load_machine(settings["machine"]),
             resolve(settings),
@@ -143,43 +132,6 @@ def command(
         raise LdtError(sentence(found))
     if not as_json:
         _print(found, out)
-
-
-class TuneProgress:
-    """The progress bar of a tuning, on a terminal's standard error; nothing on a pipe.
-
-    Args:
-        out: folder of the tuning, named when the work is interrupted.
-    """
-
-    def __init__(self, out: str) -> None:
-        self._out, self._done, self._total = out, 0, 0
-        console = Console(stderr=True)
-        self._progress = Progress(
-            TextColumn("tuning"),
-            BarColumn(bar_width=40),
-            MofNCompleteColumn(),
-            TextColumn("settings"),
-            TimeRemainingColumn(compact=True),
-            console=console,
-            disable=not console.is_terminal,
-        )
-        self._task = self._progress.add_task("", total=None)
-
-    def __enter__(self) -> Self:
-        self._progress.start()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self._progress.stop()
-        if kind is KeyboardInterrupt:
-            kept = f"{self._done} of {self._total} settings are kept in {self._out}"
-            click.echo(f"{kept}; the same command goes on from there", err=True)
-
-    def show(self, done: int, total: int) -> None:
-        """Settings tried, and to try as far as is known."""
-        self._done, self._total = done, total
-        self._progress.update(self._task, completed=done, total=total)
 
 
 def _print(found: Tuning, out: str) -> None:

@@ -1,0 +1,65 @@
+"""What commands share that compute much, in parallel, and go on where they were interrupted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Self
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+
+def compute_options(command: Callable) -> Callable:
+    """--jobs and --scheduler: where it is computed."""
+    jobs = click.option(
+        "--jobs",
+        type=click.IntRange(0, 10_000),
+        default=0,
+        help="Processes on this machine; by default as many as there are cores.",
+    )
+    scheduler = click.option(
+        "--scheduler",
+        default="",
+        help="Address of a Dask scheduler (tcp://host:port) whose workers compute instead.",
+    )
+    return jobs(scheduler(command))
+
+
+class ResumableProgress:
+    """A progress bar on a terminal's standard error; nothing on a pipe.
+
+    Args:
+        work: what goes on, in a word.
+        items: what is counted, in the plural.
+        out: folder of the results, named when the work is interrupted.
+    """
+
+    def __init__(self, work: str, items: str, out: str) -> None:
+        self._items, self._out, self._done, self._total = items, out, 0, 0
+        console = Console(stderr=True)
+        self._progress = Progress(
+            TextColumn(work),
+            BarColumn(bar_width=40),
+            MofNCompleteColumn(),
+            TextColumn(items),
+            TimeRemainingColumn(compact=True),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        self._task = self._progress.add_task("", total=None)
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._progress.stop()
+        if kind is KeyboardInterrupt:
+            kept = f"{self._done} of {self._total} {self._items} are kept in {self._out}"
+            click.echo(f"{kept}; the same command goes on from there", err=True)
+
+    def show(self, done: int, total: int) -> None:
+        """Items that are there, and how many there will be as far as is known."""
+        self._done, self._total = done, total
+        self._progress.update(self._task, completed=done, total=total)
