@@ -27,6 +27,12 @@ RUNS = {
         "gp_inputs": ["speed", "voltage"],
         "gate": "none",
     },
+    "diagnosed, calibrated": {
+        "model": "diagnosed",
+        "detector": "calibrated",
+        "degradation": "none",
+        "effect": ["unbalance:e=0.01"],  # so wrong from the start that it is noticed at once
+    },
     "no model that learns, never": {"model": "physics", "detector": "never"},
 }
 COMMON = {"experiments": 8, "seed": 5, "start_time": 1.0e9, "measure_current": False}
@@ -62,6 +68,8 @@ def test_graph_offline_run_and_replay_agree_bit_for_bit(name, domain, tmp_path):
 
     graph = records(tmp_path / "graph")
     assert len(graph["adaptation"]) == settings["experiments"]
+    learned = [a for a in graph["adaptation"] if a["action"] == "adapted"]
+    assert bool(learned) == (settings["detector"] != "never")
     assert graph == records(tmp_path / "offline")
     assert graph == records(tmp_path / "replay")
 
