@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from ldt_core.detectors.base import Detector, declared
 from ldt_core.detectors.control_chart import ALLOWANCE, limits, warning_limits
-from ldt_core.detectors.reference import Reference
+from ldt_core.detectors.reference import LEAST_KNOWN, Reference
 from ldt_core.errors import OptionError
 from ldt_core.experiment import Level, Samples
 
@@ -36,6 +36,8 @@ CARRIED = 10.0
 #: memory reaches 3.5 times what its roughness shows at an autocorrelation of 0.9, 11 times at 0.99;
 #: a rotor that has 5, 8, 12 mm of eccentricity instead of none is at 11, 30, 70.
 GROSS = 20.0
+#: Logarithm of a usual relative error that is the noise's alone.
+NOISE_ALONE = 0.1
 #: What is left of 11 neighbouring samples at their middle, without the polynomial of fifth degree
 #: that fits them best (Savitzky, Golay 1964): of white noise a known share, of a wave of 30 rad/s,
 #: sampled at 100 Hz, 3e-4 of its height.
@@ -82,7 +84,8 @@ class Calibrated(Detector):
       only, the sum begins at half its limit, all else stays. When two more certain positives follow
       before an experiment no worse than usual, learning did not help: then the present level is the
       new normal, and everything is learned from the beginning. So it is when the error has fallen
-      for certain, and when the model begins, or ceases, to state a deviation.
+      for certain, and when the model begins, or ceases, to state a deviation, unless its errors
+      were those of the noise alone: then they will be so by its own deviation, too.
 
     Measured, `ldt_core.study.false_alarms` counts anew: with a lognormal error (streams of 200
     experiments without a drift) there were 1.05 times the false alarms stated at one in 100
@@ -160,8 +163,7 @@ class Calibrated(Detector):
             return Level.NEGATIVE
         yardstick, ratio = log_relative_error(residual, deviation)
         if yardstick != self.yardstick:
-            self.yardstick, self.accepted, self.attempts = yardstick, False, 0
-            self._learn_anew()
+            self._change_to(yardstick)
         score, least = symmetric(ratio, yardstick), LEAST_SPREAD / math.sqrt(residual.size)
         self.last = {"relative_error": math.exp(ratio), **self._limits_now(least)}
         if self.reference.known:
@@ -170,6 +172,14 @@ class Calibrated(Detector):
             return Level.POSITIVE
         self.reference.take(score, least)
         return Level.NEGATIVE
+
+    def _change_to(self, yardstick: str) -> None:
+        known = self.reference.known and abs(self.reference.level) <= NOISE_ALONE
+        self.yardstick, self.accepted, self.attempts = yardstick, False, 0
+        if known and yardstick != "none":
+            self.reference.doubt_level(LEAST_KNOWN)
+        else:
+            self._learn_anew()
 
     def _judge(self, score: float, least: float) -> Level:
         unusual = self.reference.unusual(score, least)
