@@ -211,6 +211,28 @@ def test_a_deviation_that_the_model_states_is_the_yardstick():
         assert detector.drift_detected is not honest
 
 
+def test_what_was_learned_from_noise_alone_holds_when_the_model_states_its_deviation():
+    """A drift right after the first training is found; else it became the usual level, for good."""
+    detector = in_control()
+    for row in noise(31, 5):
+        detector.update(row, np.full(L, 1.0))
+        assert not detector.drift_detected
+    detector = in_control()
+    detector.update(noise(32, 1)[0] + WAVE, np.full(L, 1.0))
+    assert detector.drift_detected
+
+
+def test_a_model_that_was_wrong_throughout_is_judged_anew_by_its_own_deviation():
+    """Its errors were no noise, so they say nothing of what a trained model's will be."""
+    detector = Calibrated()
+    for row in noise(33, 30):
+        detector.update(row + 3 * WAVE)
+        assert not detector.drift_detected
+    for row in noise(34, 10):
+        detector.update(row, np.full(L, 0.5))
+        assert not detector.drift_detected
+
+
 # ---- drifts
 
 
