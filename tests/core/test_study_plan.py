@@ -180,4 +180,4 @@ def test_streams_stay_together_and_long_runs_come_first():
     order = [p.case for p in sorted(Plan(seeds=3).runs(), key=lambda p: p.order)]
     assert [c.seed for c in order] == sorted(c.seed for c in order)
     first = [c for c in order if c.seed == 0]
-    assert (first[0].model, first[0].detector) == ("linear", "threshold")
+    assert (first[0].model, first[0].detector) == ("diagnosed", "threshold")
