@@ -148,11 +148,16 @@ def _cores() -> int:
 def _connect(address: str) -> Any:
     try:
         from distributed import Client
+        from distributed.comm.addressing import parse_address
+        from distributed.comm.registry import backends
     except ImportError:
         raise BadInput(
             "scheduler", "the extra `cluster` (pip install 'ldt[cluster]')", "no Dask here"
         ) from None
     try:
+        scheme, _ = parse_address(address)  # before anything is started for it
+        if scheme not in backends:
+            raise ValueError(scheme)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of other versions: `identity` decides
             return Client(address, timeout=PATIENCE, set_as_default=False)
