@@ -105,9 +105,9 @@ def fake_study(
     for model in ("diagnosed", "hybrid"):
         add("better", model, "calibrated")
     add("better", "linear", "threshold")
-    for kind in ("ramp", "none"):
-        add("kinds", "diagnosed", "calibrated", degradation=kind)
-        add("kinds", "hybrid", "threshold", degradation=kind)
+    for group, kind in (("kinds", "ramp"), ("control", "none")):
+        add(group, "diagnosed", "calibrated", degradation=kind)
+        add(group, "hybrid", "threshold", degradation=kind)
     settings = {"seeds": seeds, "experiments": experiments, "machine": machine}
     facts = {stream_key(e.result.case): fake_facts(e.result) for e in entries}
     return Study(settings, tuple(entries), facts, notes=notes)

@@ -153,7 +153,9 @@ def test_what_comes_from_outside_is_escaped(tmp_path, undrawn):
     assert "49.yaml" not in page
 
 
-@pytest.mark.parametrize("groups", [(), ("paper",), ("sweep",), ("better",), ("kinds",)])
+@pytest.mark.parametrize(
+    "groups", [(), ("paper",), ("sweep",), ("better",), ("kinds",), ("control",)]
+)
 def test_a_small_study_says_what_is_missing(study, groups, tmp_path, undrawn):
     """A section without runs has a sentence in the place of its figures."""
     part = only(study, *groups)
