@@ -56,6 +56,11 @@ def _time(where: str, start: float, period: float) -> tuple[float, float]:
     return start, period
 
 
+def rms(samples: Samples) -> float:
+    """Root mean square of (L,) samples, in their unit."""
+    return float(np.sqrt(np.mean(samples**2)))
+
+
 @dataclass(frozen=True, eq=False)
 class Experiment:
     """One finished experiment, measured.

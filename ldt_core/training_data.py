@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ldt_core.experiment import Experiment, Samples
+from ldt_core.experiment import Experiment, Samples, rms
 from ldt_core.models.base import Model
 
 #: Share of the recent operating range that the data learned from must have visited.
@@ -74,8 +74,4 @@ def still_valid(model: Model, rmse: float, recent: Sequence[Experiment]) -> list
         rmse: its error on samples of it that were held back [rad/s].
         recent: experiments that it has not learned from.
     """
-    return [e for e in recent if _rms(model.predict(e).residual(e)) <= VALID * rmse]
-
-
-def _rms(residual: Samples) -> float:
-    return float(np.sqrt(np.mean(residual**2)))
+    return [e for e in recent if rms(model.predict(e).residual(e)) <= VALID * rmse]

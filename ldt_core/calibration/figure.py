@@ -9,7 +9,7 @@ import numpy as np
 
 from ldt_core.calibration.result import Calibration
 from ldt_core.errors import LdtError, OptionError
-from ldt_core.experiment import Experiment
+from ldt_core.experiment import Experiment, rms
 from ldt_core.models.physics import PhysicsModel
 
 PANELS = 3  # experiments shown side by side
@@ -66,7 +66,7 @@ def draw(calibration: Calibration, experiments: Sequence[Experiment], file: str 
         voltage.step(e.time, e.voltage, color="black", lw=1.0, where="post")
         speed.set_title(
             f"experiment {e.number}: root mean square error\n"
-            f"{_rms(was.residual(e)):.3g} before, {_rms(now.residual(e)):.3g} after [rad/s]",
+            f"{rms(was.residual(e)):.3g} before, {rms(now.residual(e)):.3g} after [rad/s]",
             fontsize=9,
         )
         voltage.set_xlabel("time [s]")
@@ -84,7 +84,3 @@ def draw(calibration: Calibration, experiments: Sequence[Experiment], file: str 
 def _shown(experiments: Sequence[Experiment]) -> list[Experiment]:
     at = np.unique(np.linspace(0, len(experiments) - 1, min(PANELS, len(experiments))).round())
     return [experiments[int(i)] for i in at]
-
-
-def _rms(residual: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(residual**2)))

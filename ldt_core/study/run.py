@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 
 from ldt_core.errors import ExperimentError
-from ldt_core.experiment import Experiment, Level, ModelRecord, Prediction, Samples, Signal, Step
+from ldt_core.experiment import (
+    Experiment,
+    Level,
+    ModelRecord,
+    Prediction,
+    Signal,
+    Step,
+    rms,
+)
 from ldt_core.machine import Machine, load_machine
 from ldt_core.study.case import Case, Result
 from ldt_core.study.region import region_rmse
@@ -90,8 +98,8 @@ def _result(
         truth=list(given.truth),
         max_error=[s.signal.max_error for s in steps],
         original=[s.original.max_error(s.experiment) for s in steps],
-        rmse=[_rms(r) for r in learning],
-        rmse_original=[_rms(r) for r in original],
+        rmse=[rms(r) for r in learning],
+        rmse_original=[rms(r) for r in original],
         level=[int(s.signal.level) for s in steps],
         action=[str(s.adaptation.action) for s in steps],
         learned_from=[0 if s.model is None else len(s.model.trained_on) for s in steps],
@@ -103,10 +111,6 @@ def _result(
         seconds=round(seconds, 3),
         estimate=estimate,
     )
-
-
-def _rms(residual: Samples) -> float:
-    return float(np.sqrt(np.mean(residual**2)))
 
 
 def _series(step: Step) -> dict[str, list[float] | None]:

@@ -12,7 +12,7 @@ from scipy import stats
 
 from ldt_core.detectors.calibrated import Calibrated
 from ldt_core.errors import LdtError, OptionError
-from ldt_core.experiment import Experiment, Samples
+from ldt_core.experiment import Experiment, Samples, rms
 from ldt_core.models.base import Model
 
 #: Fewer experiments in control tell nothing of how rare an alarm is.
@@ -97,7 +97,7 @@ def judged(rows: Sequence[Row]) -> list[int]:
     Args:
         rows: of all experiments, by the untrained model.
     """
-    size = [math.log(max(_rms(residual), 1e-300)) for residual, _ in rows]
+    size = [math.log(max(rms(residual), 1e-300)) for residual, _ in rows]
     best = range(0)
     for begin in range(0, len(rows) - LEAST + 1, max(1, len(rows) // STARTS)):
         if len(rows) - begin <= len(best):
@@ -176,11 +176,7 @@ def _crossed(inside: Sequence[Experiment], model: Model) -> list[Row] | None:
 
 
 def _error(rows: Sequence[Row]) -> float:
-    return math.sqrt(float(np.mean([_rms(residual) ** 2 for residual, _ in rows])))
-
-
-def _rms(residual: Samples) -> float:
-    return float(np.sqrt(np.mean(residual**2)))
+    return math.sqrt(float(np.mean([rms(residual) ** 2 for residual, _ in rows])))
 
 
 def _trend(values: Sequence[float]) -> bool:
