@@ -37,6 +37,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Values = Mapping[str, float]
 
+# What depends on the direction of the current turns over the one that this voltage [V] drives
+# through the winding: small next to what turns a motor, and mild enough for the step.
+SMALL_VOLTAGE = 0.1
+
 STAGES = ("on_parameters", "on_voltage", "torque", "terminal", "on_measurement")
 
 
@@ -68,6 +72,8 @@ class Effect:
         fastest: (values, voltage, **p) -> fastest rate of change that the effect brings with it
             [1/s], from the machine's parameters and its largest voltage; bounds the step.
         reference: where the formula is from.
+        search: values of parameters that a diagnosis begins its search with, every combination;
+            for those that are not named it takes values about their scale.
 
     Raises:
         OptionError: not exactly one function, or a parameter without default.
@@ -88,6 +94,7 @@ class Effect:
     needs: tuple[str, ...] = ()
     fastest: Callable[..., float] | None = None
     reference: str = ""
+    search: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         where = f"effect {self.name}"

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ldt_core.physics.integrate import MAX_STEP, Constants, integrate, propagate
+from ldt_core.physics.integrate import (
+    MAX_STEP,
+    NOT_TRACKED,
+    Constants,
+    Tracked,
+    integrate,
+    propagate,
+)
 from ldt_core.physics.parameter import Parameter
 
 if TYPE_CHECKING:
@@ -97,6 +104,7 @@ class Physics(abc.ABC):
         initial: ArrayLike,
         effects: Effects = (),
         max_step: float = MAX_STEP,
+        tracked: Tracked = NOT_TRACKED,
     ) -> Array:
         """Free run: the states at the samples.
 
@@ -110,6 +118,9 @@ class Physics(abc.ABC):
                 simulation goes on from an earlier one.
             effects: acting effects; those on the measurement are ignored here, see `measure`.
             max_step: longest Runge-Kutta step [s]: a search may do with a longer one.
+            tracked: (L,) speeds [rad/s] and a gain in 0..1: behind each sample the speed moves
+                towards the one given by this part of their difference (a Luenberger observer), and
+                the states are then predictions from one sample to the next. None: a free run.
 
         Returns:
             (L, n) states; states of effects that have any follow in further columns.
@@ -130,8 +141,8 @@ class Physics(abc.ABC):
         terms = [(e, p) for e, p in effects if e.torque is not None or e.terminal is not None]
         if on_grid and not terms and self.is_linear(values):
             ad, bd = _discretise(self, tuple(values[p.name] for p in self.parameters), period)
-            return propagate(ad, bd, switches[1], state[: len(self.states)])
-        return integrate(self, values, times, switches, state, terms, max_step)
+            return propagate(ad, bd, switches[1], state[: len(self.states)], *tracked)
+        return integrate(self, values, times, switches, state, terms, max_step, tracked)
 
     def _switches(
         self, values: Values, times: Array, volts: Array, state: Array, effects: Effects

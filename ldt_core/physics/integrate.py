@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from ldt_core.physics.base import Physics
 
 Array = NDArray[np.float64]
+#: Speeds to follow (L,) [rad/s] or none (0,), and the part of the difference taken at a sample.
+Tracked = tuple[Array, float]
 
+NOT_TRACKED: Tracked = (np.zeros(0), 0.0)
 MAX_STEP = 0.25e-3  # s; worst relative speed error 5e-6 over 300 random experiments of the rotor
 MAX_STEP_RATE = 1.0  # step times fastest rate: RK4 is stable to 2.8, and accurate well below
 MAX_STEPS = 2_000_000_000  # of one simulation: some minutes of computing; more is a mistake
@@ -49,19 +52,24 @@ class Constants(NamedTuple):
     weight_torque: float  # m g e
 
 
-@njit(cache=True)
-def propagate(ad, bd, volts, initial):  # pragma: no cover - compiled
-    """States of x[k+1] = ad x[k] + bd volts[k]: (L, n)."""
+@njit(cache=True, nogil=True)
+def propagate(ad, bd, volts, initial, seen, gain):  # pragma: no cover - compiled
+    """States of x[k+1] = ad x[k] + bd volts[k]: (L, n).
+
+    With `seen` (L,), else empty, the speed is corrected towards it behind every sample.
+    """
     length, n = volts.size, initial.size
     states = np.empty((length, n))
-    for i in range(n):
-        states[0, i] = initial[i]
-    for k in range(length - 1):
+    x = initial.copy()
+    for k in range(length):
+        states[k] = x
+        if k < seen.size:
+            x[1] += gain * (seen[k] - x[1])
+        moved = bd * volts[k]
         for i in range(n):
-            total = bd[i] * volts[k]
             for j in range(n):
-                total += ad[i, j] * states[k, j]
-            states[k + 1, i] = total
+                moved[i] += ad[i, j] * x[j]
+        x = moved
     return states
 
 
@@ -101,7 +109,7 @@ def _coefficients(c: Constants) -> Coefficients:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _turned(s, o, theta, delta):  # pragma: no cover - compiled
     """Sine and cosine of theta + delta from those of theta: a step turns the shaft very little.
 
@@ -118,7 +126,7 @@ def _turned(s, o, theta, delta):  # pragma: no cover - compiled
     return s * b + o * a, o * b - s * a
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _rates(y, s, o, torque, volts, c, rigid):  # pragma: no cover - compiled
     _, omega, current, x, vx, z, vz = y
     alpha = c.pull * current - c.drag * omega + c.ease * torque
@@ -134,7 +142,7 @@ def _rates(y, s, o, torque, volts, c, rigid):  # pragma: no cover - compiled
     return omega, alpha, di, vx, ax, vz, az
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _moved(y, h, k):  # pragma: no cover - compiled
     return (
         y[0] + h * k[0],
@@ -147,7 +155,7 @@ def _moved(y, h, k):  # pragma: no cover - compiled
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _summed(a, b, c, d):  # pragma: no cover - compiled
     return (
         a[0] + 2 * (b[0] + c[0]) + d[0],
@@ -160,10 +168,19 @@ def _summed(a, b, c, d):  # pragma: no cover - compiled
     )
 
 
-@njit(cache=True)
-def _run(edges, volts, steps, samples, start, c, rigid, states):  # pragma: no cover - compiled
+@njit(cache=True, nogil=True)
+def _corrected(y, change):  # pragma: no cover - compiled
+    return y[0], y[1] + change, y[2], y[3], y[4], y[5], y[6]
+
+
+@njit(cache=True, nogil=True)
+def _run(
+    edges, volts, steps, samples, start, c, rigid, states, seen, gain
+):  # pragma: no cover - compiled
     """Fill `states` (L, 7); return the index of the first sample that is not finite, or -1."""
     y = (start[0], start[1], start[2], start[3], start[4], start[5], start[6])
+    if seen.size > 0:
+        y = _corrected(y, gain * (seen[0] - y[1]))
     for k in range(volts.size):
         v = volts[k]
         h = (edges[k + 1] - edges[k]) / steps[k]
@@ -189,15 +206,19 @@ def _run(edges, volts, steps, samples, start, c, rigid, states):  # pragma: no c
                 states[at, i] = y[i]
             if not math.isfinite(y[0] + y[1] + y[2] + y[3] + y[4] + y[5] + y[6]):
                 return at
+            if seen.size > 0:
+                y = _corrected(y, gain * (seen[at] - y[1]))
     return -1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _run_with_terms(
-    edges, volts, steps, samples, start, c, rigid, states, terms
+    edges, volts, steps, samples, start, c, rigid, states, seen, gain, terms
 ):  # pragma: no cover - compiled
     """As `_run`, with effects: their states are in columns 7 on of `states`, and in `start`."""
     y = (start[0], start[1], start[2], start[3], start[4], start[5], start[6])
+    if seen.size > 0:
+        y = _corrected(y, gain * (seen[0] - y[1]))
     z = start[7:].copy()
     moved = z.copy()
     d1, d2, d3, d4 = z.copy(), z.copy(), z.copy(), z.copy()
@@ -241,6 +262,8 @@ def _run_with_terms(
                 states[at, 7 + i] = z[i]
             if not math.isfinite(y[0] + y[1] + y[2] + y[3] + y[4] + y[5] + y[6] + z.sum()):
                 return at
+            if seen.size > 0:
+                y = _corrected(y, gain * (seen[at] - y[1]))
     return -1
 
 
@@ -252,6 +275,7 @@ def integrate(
     initial: Array,
     terms: Sequence[tuple[Effect, Mapping[str, float]]] = (),
     max_step: float = MAX_STEP,
+    tracked: Tracked = NOT_TRACKED,
 ) -> Array:
     """States at the sample times by Runge-Kutta steps aligned with the voltage switches.
 
@@ -264,6 +288,7 @@ def integrate(
         initial: (n,) state at time 0, effects' states behind it or left out (then 0).
         terms: effects with a torque or terminal term.
         max_step: longest step [s]; made shorter for a stiffer machine.
+        tracked: speeds to follow, see `Physics.simulate`.
 
     Returns:
         (L, n) states, effects' states in further columns.
@@ -298,9 +323,11 @@ def integrate(
     states[0] = start
     if terms:
         compiled = gather(terms, values)
-        failed = _run_with_terms(edges, volts, steps, samples, start, k, rigid, states, compiled)
+        failed = _run_with_terms(
+            edges, volts, steps, samples, start, k, rigid, states, *tracked, compiled
+        )
     else:
-        failed = _run(edges, volts, steps, samples, start, k, rigid, states)
+        failed = _run(edges, volts, steps, samples, start, k, rigid, states, *tracked)
     if failed >= 0:
         raise LdtError(
             f"the simulation of {physics.name} diverged: its state is not finite "
