@@ -11,13 +11,22 @@ if TYPE_CHECKING:
     from ldt_core.effects.base import Effect
 
 _FILES = {
-    "friction": ("coulomb_friction", "stribeck_friction", "viscous_friction", "quadratic_drag"),
+    "friction": (
+        "coulomb_friction",
+        "asymmetric_friction",
+        "gear_friction",
+        "stribeck_friction",
+        "viscous_friction",
+        "quadratic_drag",
+    ),
     "drive": (
         "armature_resistance",
         "motor_constant",
         "armature_inductance",
         "winding_heating",
         "source_resistance",
+        "brush_drop",
+        "no_regeneration",
         "voltage_saturation",
         "input_deadzone",
         "input_delay",

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
-from ldt_core.effects.base import Effect, factor_of, scaled
+import numpy as np
+from numba import njit
+
+from ldt_core.effects.base import SMALL_VOLTAGE, Effect, factor_of, scaled
 from ldt_core.physics.parameter import Parameter
 
 COPPER = 0.00393  # 1/K, temperature coefficient of the resistance of copper at 20 °C
 NO_LIMIT = 1e6  # V; a supply that never saturates
+DIODE_VOLTAGE = 0.05  # V; over which a diode begins to block
+# Share of the braking current below which a current fades instead of stopping at 0 at once, which
+# would break the integrator's order.
+FADING = 0.2
+STEEPEST = 1.07  # largest slope of 1 / (1 + u^4)
+LEONHARD = "Leonhard, Control of Electrical Drives"
 
 
 def _heating(t, theta, omega, current, voltage, p, state, rate):
@@ -19,6 +28,37 @@ def _heating(t, theta, omega, current, voltage, p, state, rate):
 
 def _source(t, theta, omega, current, voltage, p):
     return -p[0] * current
+
+
+def _brushes(t, theta, omega, current, voltage, p):
+    u = current * p[1] / SMALL_VOLTAGE
+    square = u * u
+    return -p[0] * u / math.sqrt(math.sqrt(1.0 + square * square))  # a third of the time of tanh
+
+
+def _blocking(t, theta, omega, current, voltage, p):
+    share, constant, resistance = p[0], p[1], p[2]
+    back = constant * omega - voltage  # what drives a current against positive voltage
+    lifted = 0.0
+    if voltage >= 0.0:
+        lifted += _blocked(back, current * resistance)
+    if voltage <= 0.0:
+        lifted -= _blocked(-back, -current * resistance)
+    return share * lifted
+
+
+@njit(cache=True)
+def _blocked(back, drop):  # pragma: no cover - compiled
+    """How far diodes let the terminals rise above a command that would take current back [V]."""
+    size = math.sqrt(back * back + DIODE_VOLTAGE * DIODE_VOLTAGE)
+    if back > 0.0:
+        excess = 0.5 * (back + size)
+    else:
+        excess = 0.5 * DIODE_VOLTAGE * DIODE_VOLTAGE / (size - back)  # without cancellation
+    if drop <= 0.0:
+        return excess
+    u = drop / (FADING * excess)
+    return excess / (1.0 + u * u * u * u)
 
 
 def _saturated(times, volts, limit):
@@ -41,6 +81,7 @@ ARMATURE_RESISTANCE = Effect(
     typical={"factor": 1.3},
     on_parameters=lambda values, factor: scaled(values, factor, "R"),
     needs=("R",),
+    reference=f"{LEONHARD}, chapter 5 (separately excited DC machine)",
 )
 
 MOTOR_CONSTANT = Effect(
@@ -51,6 +92,7 @@ MOTOR_CONSTANT = Effect(
     typical={"factor": 0.9},
     on_parameters=lambda values, factor: scaled(values, factor, "K_t"),
     needs=("K_t",),
+    reference=f"{LEONHARD}, chapter 5 (the field's flux)",
 )
 
 ARMATURE_INDUCTANCE = Effect(
@@ -61,6 +103,7 @@ ARMATURE_INDUCTANCE = Effect(
     typical={"factor": 3.0},
     on_parameters=lambda values, factor: scaled(values, factor, "L"),
     needs=("L",),
+    reference=f"{LEONHARD}, chapter 5 (separately excited DC machine)",
 )
 
 WINDING_HEATING = Effect(
@@ -81,9 +124,11 @@ WINDING_HEATING = Effect(
         ),
     ),
     typical={"thermal_resistance": 10.0, "time_constant": 10.0},
+    search={"thermal_resistance": (1.0, 5.0, 20.0), "time_constant": (1.0, 5.0, 20.0, 100.0)},
     terminal=_heating,
     states=("temperature_rise",),
     needs=("R",),
+    reference=f"{LEONHARD}, chapter 4 (thermal effects); IEC 60028 for copper",
 )
 
 SOURCE_RESISTANCE = Effect(
@@ -100,6 +145,51 @@ SOURCE_RESISTANCE = Effect(
     terminal=_source,
     needs=("L",),
     fastest=lambda values, voltage, resistance: (values["R"] + resistance) / values["L"],
+    reference="Horowitz, Hill, The Art of Electronics, chapter 1 (Thévenin's source)",
+)
+
+BRUSH_DROP = Effect(
+    name="brush_drop",
+    description="voltage that is lost at the brushes, nearly the same at every current",
+    equation="terminal voltage = V - V_b sign(i), the sign smoothed over i = 0.1 V / R",
+    parameters=(
+        Parameter(
+            "drop", "V", 0.0, default=0.0, description="at both brushes together, V_b", scale=1.0
+        ),
+    ),
+    typical={"drop": 1.0},
+    terminal=_brushes,
+    needs=("R", "L"),
+    fastest=lambda values, voltage, drop: values["R"] / values["L"] * (1.0 + drop / SMALL_VOLTAGE),
+    reference="Modelica Standard Library, Electrical.Machines.Losses.DCMachines.Brush; "
+    "Chapman, Electric Machinery Fundamentals, chapter on DC machines (brush losses)",
+)
+
+NO_REGENERATION = Effect(
+    name="no_regeneration",
+    description="the drive does not brake: its diodes block current against the command, and the "
+    "shaft coasts down to the new speed; at a command of 0 they block both ways",
+    equation="terminal voltage = V + s (K_t omega - V) where V >= 0, K_t omega > V and no current "
+    "flows forward, and so backward; smoothed over 0.05 V and a fifth of the braking current",
+    parameters=(
+        Parameter(
+            "share",
+            "",
+            0.0,
+            1.0,
+            0.0,
+            "of the braking current that is blocked, s; 1 is a drive that cannot brake",
+            scale=0.5,
+        ),
+    ),
+    typical={"share": 1.0},
+    terminal=_blocking,
+    needs=("K_t", "R", "L"),
+    fastest=lambda values, voltage, share: (
+        values["R"] / values["L"] * (1.0 + STEEPEST * share / FADING)
+    ),
+    reference="Mohan, Undeland, Robbins, Power Electronics, chapter on DC motor drives (converters "
+    "for one quadrant)",
 )
 
 VOLTAGE_SATURATION = Effect(
@@ -120,6 +210,7 @@ VOLTAGE_SATURATION = Effect(
     ),
     typical={"limit": 10.0},
     on_voltage=_saturated,
+    reference="Khalil, Nonlinear Systems, chapter 1 (common nonlinearities: saturation)",
 )
 
 INPUT_DEADZONE = Effect(
@@ -131,6 +222,7 @@ INPUT_DEADZONE = Effect(
     ),
     typical={"width": 0.5},
     on_voltage=_dead,
+    reference="Khalil, Nonlinear Systems, chapter 1 (common nonlinearities: dead zone)",
 )
 
 INPUT_DELAY = Effect(
@@ -139,5 +231,7 @@ INPUT_DELAY = Effect(
     equation="V(t) := V(t - delay)",
     parameters=(Parameter("delay", "s", 0.0, default=0.0, description="of commands", scale=0.05),),
     typical={"delay": 0.05},
+    search={"delay": (0.01, 0.03, 0.08, 0.2)},
     on_voltage=_delayed,
+    reference="Åström, Wittenmark, Computer-Controlled Systems, chapter 2 (time delay)",
 )

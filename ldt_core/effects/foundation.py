@@ -5,6 +5,11 @@ from __future__ import annotations
 from ldt_core.effects.base import Effect, factor_of
 from ldt_core.physics.parameter import Parameter
 
+BISOI = (
+    "Bisoi, Samantaray, Bhattacharyya, Sommerfeld Effect Characterization in Anisotropic "
+    "Non-ideal Rotor System (2020)"
+)
+
 
 def _axes(values, name, x, y):
     return {**values, f"{name}_x": values[f"{name}_x"] * x, f"{name}_y": values[f"{name}_y"] * y}
@@ -16,8 +21,10 @@ UNBALANCE = Effect(
     equation="e := e + increment",
     parameters=(Parameter("e", "m", 0.0, default=0.0, description="increment of e", scale=0.008),),
     typical={"e": 0.008},
+    search={"e": (0.001, 0.002, 0.003, 0.0045, 0.006, 0.008, 0.01, 0.013)},
     on_parameters=lambda values, e: {**values, "e": values["e"] + e},
     needs=("e",),
+    reference=BISOI,
 )
 
 FOUNDATION_STIFFNESS = Effect(
@@ -26,8 +33,10 @@ FOUNDATION_STIFFNESS = Effect(
     equation="K_x := x K_x, K_y := y K_y",
     parameters=(factor_of("of K_x", "x"), factor_of("of K_y", "y")),
     typical={"x": 0.8, "y": 0.8},
+    search={"x": (0.7, 0.9, 1.0, 1.1, 1.4), "y": (0.7, 0.9, 1.0, 1.1, 1.4)},
     on_parameters=lambda values, x, y: _axes(values, "K", x, y),
     needs=("K_x", "K_y"),
+    reference=BISOI,
 )
 
 FOUNDATION_DAMPING = Effect(
@@ -36,6 +45,8 @@ FOUNDATION_DAMPING = Effect(
     equation="R_x := x R_x, R_y := y R_y",
     parameters=(factor_of("of R_x", "x"), factor_of("of R_y", "y")),
     typical={"x": 2.0, "y": 2.0},
+    search={"x": (0.4, 1.0, 2.5), "y": (0.4, 1.0, 2.5)},
     on_parameters=lambda values, x, y: _axes(values, "R", x, y),
     needs=("R_x", "R_y"),
+    reference=BISOI,
 )

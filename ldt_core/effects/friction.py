@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 
-from ldt_core.effects.base import Effect, Values
+from ldt_core.effects.base import SMALL_VOLTAGE, Effect, Values
 from ldt_core.physics.parameter import Parameter
 
 # Speed over which dry friction turns its sign [rad/s]. A jump at 0 would break the integrator's
 # order. A shaft that sticks creeps at a fraction of this instead, far below any sensor's noise.
 STICK_SPEED = 0.02
+SURVEY = (
+    "Armstrong-Hélouvry, Dupont, Canudas de Wit, A survey of models, analysis tools and "
+    "compensation methods for the control of machines with friction, Automatica 30 (1994) 1083"
+)
 
 
 def _dry_rate(values: Values, torque: float) -> float:
@@ -23,6 +27,22 @@ def _coulomb(t, theta, omega, current, voltage, p):
 def _stribeck(t, theta, omega, current, voltage, p):
     level = p[0] + p[1] * math.exp(-((omega / p[2]) ** 2))
     return -level * math.tanh(omega / STICK_SPEED)
+
+
+def _asymmetric(t, theta, omega, current, voltage, p):
+    sign = math.tanh(omega / STICK_SPEED)
+    return -0.5 * (p[0] + p[1] + (p[0] - p[1]) * sign) * sign
+
+
+def _gear(t, theta, omega, current, voltage, p):
+    small = SMALL_VOLTAGE / p[3]
+    size = current * current / math.sqrt(current * current + small * small)
+    return -p[0] * p[2] * size * math.tanh(omega / STICK_SPEED)
+
+
+def _gear_rate(values, voltage, coefficient):
+    # The shaft is slow where the slope of the sign matters, so the current is that of stall.
+    return _dry_rate(values, coefficient * values["K_t"] * voltage / values["R"])
 
 
 def _quadratic(t, theta, omega, current, voltage, p):
@@ -44,6 +64,52 @@ COULOMB_FRICTION = Effect(
     torque=_coulomb,
     needs=("J",),
     fastest=lambda values, voltage, torque: _dry_rate(values, torque),
+    reference=SURVEY,
+)
+
+ASYMMETRIC_FRICTION = Effect(
+    name="asymmetric_friction",
+    description="dry friction of another size forward than backward (a worn bearing, a worm gear)",
+    equation="torque = -T_f for omega > 0, +T_b for omega < 0, smoothed over 0.02 rad/s",
+    parameters=(
+        Parameter(
+            "torque_forward", "N m", 0.0, default=0.0, description="for omega > 0, T_f", scale=0.05
+        ),
+        Parameter(
+            "torque_backward", "N m", 0.0, default=0.0, description="for omega < 0, T_b", scale=0.05
+        ),
+    ),
+    typical={"torque_forward": 0.1, "torque_backward": 0.05},
+    torque=_asymmetric,
+    needs=("J",),
+    fastest=lambda values, voltage, torque_forward, torque_backward: _dry_rate(
+        values, max(torque_forward, torque_backward)
+    ),
+    reference=f"{SURVEY} (levels that depend on the direction)",
+)
+
+GEAR_FRICTION = Effect(
+    name="gear_friction",
+    description="dry friction of a gear, in proportion to the torque that it passes on",
+    equation="torque = -mu |K_t i| sign(omega), the sign smoothed over 0.02 rad/s, the size over "
+    "i = 0.1 V / R",
+    parameters=(
+        Parameter(
+            "coefficient",
+            "",
+            0.0,
+            1.0,  # beyond it, a gear would turn back the motor that drives it
+            0.0,
+            "share of the motor's torque that is lost, mu",
+            scale=0.1,
+        ),
+    ),
+    typical={"coefficient": 0.15},
+    torque=_gear,
+    needs=("J", "K_t", "R"),
+    fastest=_gear_rate,
+    reference="Duclusaud, Passault, Padois, Ly, Extended friction models for the physics "
+    "simulation of servo actuators, arXiv 2410.08650 (2024), load-dependent friction",
 )
 
 STRIBECK_FRICTION = Effect(
@@ -63,10 +129,11 @@ STRIBECK_FRICTION = Effect(
         ),
     ),
     typical={"torque": 0.05, "static": 0.1, "velocity": 5.0},
+    search={"torque": (0.01, 0.05, 0.2), "static": (0.0, 0.05, 0.2), "velocity": (1.0, 4.0, 15.0)},
     torque=_stribeck,
     needs=("J",),
     fastest=lambda values, voltage, torque, static, velocity: _dry_rate(values, torque + static),
-    reference="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083",
+    reference=SURVEY,
 )
 
 VISCOUS_FRICTION = Effect(
@@ -77,6 +144,7 @@ VISCOUS_FRICTION = Effect(
     typical={"b": 0.005},
     on_parameters=_viscous,
     needs=("b",),
+    reference=SURVEY,
 )
 
 QUADRATIC_DRAG = Effect(
@@ -91,4 +159,5 @@ QUADRATIC_DRAG = Effect(
     needs=("J",),
     # Twice the drag's slope at the no-load speed, since the slope is what a step must resolve.
     fastest=lambda values, voltage, c: 2 * c * voltage / (values["K_t"] * values["J"]),
+    reference="White, Fluid Mechanics, chapter 11 (similarity of turbomachines)",
 )

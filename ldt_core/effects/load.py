@@ -23,6 +23,7 @@ CONSTANT_LOAD = Effect(
     parameters=(Parameter("torque", "N m", 0.0, default=0.0, description="load T", scale=0.05),),
     typical={"torque": 0.05},
     torque=_constant,
+    reference="Leonhard, Control of Electrical Drives, chapter 1 (load of a hoist)",
 )
 
 GRAVITY_IMBALANCE = Effect(
@@ -34,7 +35,9 @@ GRAVITY_IMBALANCE = Effect(
         Parameter("phase", "rad", -math.pi, math.pi, 0.0, "at the start, phi", scale=1.0),
     ),
     typical={"torque": 0.1},
+    search={"torque": (0.02, 0.1)},
     torque=_gravity,
     needs=("J",),
     fastest=lambda values, voltage, torque, phase: math.sqrt(torque / values["J"]),
+    reference="Genta, Dynamics of Rotating Systems, chapter on the Jeffcott rotor (its weight)",
 )

@@ -31,6 +31,7 @@ SENSOR_GAIN = Effect(
     parameters=(factor_of("of the speed"),),
     typical={"factor": 1.05},
     on_measurement=lambda speed, period, factor: speed * factor,
+    reference="Doebelin, Measurement Systems, chapter 3 (static sensitivity)",
 )
 
 SENSOR_BIAS = Effect(
@@ -40,6 +41,7 @@ SENSOR_BIAS = Effect(
     parameters=(Parameter("bias", "rad/s", default=0.0, description="either sign", scale=1.0),),
     typical={"bias": 1.0},
     on_measurement=lambda speed, period, bias: speed + bias,
+    reference="Doebelin, Measurement Systems, chapter 3 (bias)",
 )
 
 SENSOR_LAG = Effect(
@@ -48,5 +50,7 @@ SENSOR_LAG = Effect(
     equation="tau measured' = omega - measured",
     parameters=(Parameter("time_constant", "s", 0.0, default=0.0, description="tau", scale=0.05),),
     typical={"time_constant": 0.05},
+    search={"time_constant": (0.01, 0.03, 0.1, 0.3)},
     on_measurement=_lagging,
+    reference="Doebelin, Measurement Systems, chapter 3 (first-order instrument)",
 )

@@ -48,6 +48,7 @@ INERTIA = Effect(
     typical={"factor": 1.3},
     on_parameters=lambda values, factor: scaled(values, factor, "J"),
     needs=("J",),
+    reference="Leonhard, Control of Electrical Drives, chapter 1 (inertia)",
 )
 
 COGGING_TORQUE = Effect(
@@ -60,9 +61,32 @@ COGGING_TORQUE = Effect(
         Parameter("phase", "rad", -math.pi, math.pi, 0.0, "at the start, phi", scale=1.0),
     ),
     typical={"torque": 0.3, "periods": 6.0},
+    search={
+        "torque": (0.1,),
+        "periods": (
+            1.0,
+            2.0,
+            3.0,
+            4.0,
+            5.0,
+            6.0,
+            7.0,
+            8.0,
+            9.0,
+            10.0,
+            12.0,
+            14.0,
+            16.0,
+            18.0,
+            24.0,
+        ),
+        "phase": (-math.pi / 2, 0.0, math.pi / 2, math.pi),
+    },
     torque=_cogging,
     needs=("J", "K_t"),
     fastest=_cogging_rate,
+    reference="Zhu, Howe, Influence of design parameters on cogging torque in permanent magnet "
+    "machines, IEEE Transactions on Energy Conversion 15 (2000) 407",
 )
 
 TORSIONAL_COMPLIANCE = Effect(
@@ -86,10 +110,12 @@ TORSIONAL_COMPLIANCE = Effect(
         ),
     ),
     typical={"share": 0.5},
+    search={"share": (0.2, 0.6), "stiffness": (0.3, 1.0, 4.0, 16.0), "damping": (0.003, 0.03)},
     on_parameters=lambda values, share, stiffness, damping: scaled(values, 1.0 - share, "J"),
     torque=_compliance,
     states=("theta_far", "omega_far"),
     initial=lambda state, share, stiffness, damping: (state[0], state[1]),
     needs=("J",),
     fastest=_compliance_rate,
+    reference="Inman, Engineering Vibration, chapter 4 (several degrees of freedom: torsion)",
 )

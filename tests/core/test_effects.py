@@ -45,6 +45,29 @@ def test_every_effect_keeps_the_promises_of_the_generic_suite(name):
     check_effect(effect)
 
 
+SI = {"V", "A", "Ohm", "H", "N", "m", "kg", "s", "s^2", "rad", "K", "W"}
+#: Parameters that physics allows both signs: an increment of what is there, an offset, an angle.
+EITHER_SIGN = {
+    ("viscous_friction", "b"),
+    ("sensor_bias", "bias"),
+    ("gravity_imbalance", "phase"),
+    ("cogging_torque", "phase"),
+}
+
+
+@pytest.mark.parametrize("name", EFFECTS.names())
+def test_every_effect_says_what_it_is_and_where_from(name):
+    """Description, equation, reference; each parameter in SI, with a sign and a size."""
+    effect = EFFECTS.get(name)
+    assert effect.description
+    assert effect.equation
+    assert len(effect.reference) > 20
+    for p in effect.parameters:
+        assert set(p.unit.replace("/", " ").split()) <= SI, p
+        assert p.scale > 0, p
+        assert (p.low < 0) == ((name, p.name) in EITHER_SIGN), p
+
+
 def test_the_suite_catches_an_effect_that_is_not_neutral():
     """A default that changes the speed is found out."""
     wrong = Effect(
