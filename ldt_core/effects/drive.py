@@ -154,13 +154,13 @@ BRUSH_DROP = Effect(
     equation="terminal voltage = V - V_b sign(i), the sign smoothed over i = 0.1 V / R",
     parameters=(
         Parameter(
-            "drop", "V", 0.0, default=0.0, description="at both brushes together, V_b", scale=1.0
+            "voltage", "V", 0.0, default=0.0, description="at both brushes together, V_b", scale=1.0
         ),
     ),
-    typical={"drop": 1.0},
+    typical={"voltage": 1.0},
     terminal=_brushes,
     needs=("R", "L"),
-    fastest=lambda values, voltage, drop: values["R"] / values["L"] * (1.0 + drop / SMALL_VOLTAGE),
+    fastest=lambda values, _, voltage: values["R"] / values["L"] * (1.0 + voltage / SMALL_VOLTAGE),
     reference="Modelica Standard Library, Electrical.Machines.Losses.DCMachines.Brush; "
     "Chapman, Electric Machinery Fundamentals, chapter on DC machines (brush losses)",
 )

@@ -78,7 +78,7 @@ def test_brushes_take_the_same_voltage_at_every_current(machine, sign):
     p = machine.parameters
     for amperes in (2, 5):
         load = f"coulomb_friction:torque={amperes * p['K_t']}"
-        speed, current = free_run(machine, held(10 * sign, 20), "brush_drop:drop=0.8", load)[
+        speed, current = free_run(machine, held(10 * sign, 20), "brush_drop:voltage=0.8", load)[
             -1, 1:3
         ]
         lost = 10 * sign - p["R"] * current - p["K_t"] * speed
@@ -87,7 +87,7 @@ def test_brushes_take_the_same_voltage_at_every_current(machine, sign):
 
 def test_brushes_hold_back_a_small_voltage():
     """Less voltage than they take drives next to no current."""
-    states = free_run(MOTOR, held(0.5, 5), "brush_drop:drop=1")
+    states = free_run(MOTOR, held(0.5, 5), "brush_drop:voltage=1")
     assert abs(states[-1, 2]) < 0.06
     assert free_run(MOTOR, held(0.5, 5))[:, 2].max() > 0.3
 
@@ -126,8 +126,8 @@ def test_a_drive_without_regeneration_drives_and_reverses_as_others_do():
         "asymmetric_friction:torque_forward=1,torque_backward=0.2",
         "gear_friction:coefficient=0.15",
         "gear_friction:coefficient=1",
-        "brush_drop:drop=0.2",
-        "brush_drop:drop=2",
+        "brush_drop:voltage=0.2",
+        "brush_drop:voltage=2",
         "no_regeneration:share=1",
         "no_regeneration:share=0.3",
     ],
