@@ -13,6 +13,7 @@ in s, rad, rad/s, A, V. `p` holds the effect's parameters in their order, then t
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -52,9 +53,11 @@ def compile_term(where: str, function: Callable[..., float], stateful: bool) -> 
         OptionError: numba cannot compile it.
     """
     signature = TERM_WITH_STATES if stateful else TERM
+    # What is cached is found again by its module's name, which a user's file, given by path, lacks.
+    named = getattr(function, "__module__", None) in sys.modules
     try:  # error model: a division by zero gives inf, which the integrator reports
         try:
-            return cfunc(signature, cache=True, error_model="numpy")(function)
+            return cfunc(signature, cache=named, error_model="numpy")(function)
         except RuntimeError:  # a function without a file, typed at a prompt, cannot be cached
             return cfunc(signature, error_model="numpy")(function)
     except (NumbaError, TypeError) as error:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -268,6 +270,22 @@ def test_a_user_adds_an_effect_in_a_file_of_their_own(tmp_path):
     states, _ = free_run(ROTOR, held(10, 20), (effect, values))
     speed, current = states[-1, 1:3]
     assert 0.3 * current == pytest.approx(0.01 * speed + 2e-5 * speed**3, rel=1e-7)
+
+
+def test_a_file_of_ones_own_serves_one_command_after_the_other(tmp_path):
+    """A second process reads the same file, and finds no compiled remains that it cannot use."""
+    (tmp_path / "mine.py").write_text(
+        "from ldt_core.effects.base import Effect\n"
+        "from ldt_core.physics.parameter import Parameter\n"
+        "def torque(t, theta, omega, current, voltage, p):\n"
+        "    return -p[0] * omega\n"
+        "MINE = Effect('mine', 'drag', '-c omega', (Parameter('c', '', 0.0, default=0.0),), "
+        "typical={'c': 0.01}, torque=torque)\n"
+    )
+    use = "from ldt_core.effects import get_effect; get_effect('mine.py:MINE').compiled"
+    for _ in range(2):
+        done = subprocess.run([sys.executable, "-P", "-c", use], cwd=tmp_path, capture_output=True)
+        assert done.returncode == 0, done.stderr.decode()
 
 
 def test_a_bare_name_means_typical_values_and_a_value_leaves_the_rest_neutral():

@@ -1,0 +1,120 @@
+"""`ldt effects`: what a machine may have that its file does not know, and a check of your own."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ldt_core.cli.options import json_option
+
+if TYPE_CHECKING:
+    from ldt_core.effects.base import Effect
+    from ldt_core.physics.parameter import Parameter
+
+
+@click.command("effects")
+@click.argument("effect", required=False)
+@json_option
+def command(effect: str | None, as_json: bool) -> None:
+    """List the effects that --effect takes, or check EFFECT, a name or FILE.py:NAME.
+
+    The check runs the effect on the machines that ship with LDT and says what it found; it ends
+    with exit code 2 and a sentence at the first promise that an effect of yours does not keep.
+
+    Example: ldt effects cubic_drag.py:CUBIC_DRAG
+    """
+    from ldt_core.effects import get_effect
+
+    if effect is not None:
+        found = get_effect(effect)
+        checked = _check(found)
+        if as_json:
+            click.echo(json.dumps({**_record(found), "checked": checked}, allow_nan=False))
+        else:
+            click.echo("\n".join([*_lines(found), "", "Checked:", *(f"- {c}" for c in checked)]))
+        return
+    known = _known()
+    if as_json:
+        click.echo(json.dumps([_record(e) for e in known], allow_nan=False))
+    else:
+        click.echo("\n\n".join("\n".join(_lines(e)) for e in known))
+
+
+def _known() -> list[Effect]:
+    """All effects by name; one of another package that cannot be loaded is named on stderr."""
+    from ldt_core.effects import EFFECTS, get_effect
+
+    found = []
+    for name in EFFECTS.names():
+        try:
+            found.append(get_effect(name))
+        except Exception as error:  # whatever that package does
+            click.echo(f"effect {name} cannot be loaded: {_sentence(error)}", err=True)
+    return found
+
+
+def _check(effect: Effect) -> list[str]:
+    """What the suite checked.
+
+    Raises:
+        click.ClickException: a promise is not kept; the sentence says which.
+    """
+    from ldt_core.checks_effect import check_effect
+    from ldt_core.errors import LdtError
+
+    try:
+        return check_effect(effect)
+    except (AssertionError, LdtError) as error:
+        raise click.ClickException(str(error)) from error
+    except Exception as error:  # whatever the user's functions do
+        raise click.ClickException(f"effect {effect.name}: {_sentence(error)}") from error
+
+
+def _sentence(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
+
+
+def _lines(effect: Effect) -> list[str]:
+    lines = [f"{effect.name}: {effect.description}", f"    {effect.equation}"]
+    for parameter in effect.parameters:
+        typical = effect.typical.get(parameter.name)
+        values = [parameter.range, f"{parameter.default:g} is neutral"]
+        values += [] if typical is None else [f"{typical:g} is typical"]
+        about = f": {parameter.description}" if parameter.description else ""
+        lines.append(f"    {parameter.name}{about} ({', '.join(values)})")
+    if effect.needs:
+        lines.append(f"    for machines with {', '.join(effect.needs)}")
+    if effect.reference:
+        lines.append(f"    {effect.reference}")
+    return lines
+
+
+def _record(effect: Effect) -> dict[str, Any]:
+    return {
+        "name": effect.name,
+        "description": effect.description,
+        "equation": effect.equation,
+        "parameters": [_parameter(p, effect) for p in effect.parameters],
+        "needs": list(effect.needs),
+        "reference": effect.reference,
+    }
+
+
+def _parameter(parameter: Parameter, effect: Effect) -> dict[str, Any]:
+    return {
+        "name": parameter.name,
+        "unit": parameter.unit,
+        "low": _finite(parameter.low),
+        "high": _finite(parameter.high),
+        "low_is_excluded": parameter.open_low,
+        "neutral": parameter.default,
+        "typical": effect.typical.get(parameter.name, parameter.default),
+        "description": parameter.description,
+    }
+
+
+def _finite(bound: float) -> float | None:
+    return bound if math.isfinite(bound) else None

@@ -1,0 +1,113 @@
+"""`ldt effects`: the list, and the check of an effect of one's own."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from ldt_core.cli import run
+from ldt_core.cli.effects import command
+from ldt_core.effects import EFFECTS
+
+HEAD = """
+import math
+from ldt_core.effects.base import Effect
+from ldt_core.physics.parameter import Parameter
+
+C = (Parameter("c", "N m", 0.0, default=0.0, description="amount", scale=0.05),)
+
+def effect(**more):
+    about = {"name": "mine", "description": "d", "equation": "e", "parameters": C}
+    return Effect(**{**about, "typical": {"c": 0.05}, **more})
+"""
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    """A function that writes mine.py with an effect MINE, made of this text."""
+    monkeypatch.chdir(tmp_path)
+
+    def write(text: str) -> str:
+        (tmp_path / "mine.py").write_text(HEAD + text)
+        return "mine.py:MINE"
+
+    return write
+
+
+def test_the_list_has_every_effect_with_all_that_a_user_needs(capsys):
+    """Name, equation, parameters with unit and bounds, reference."""
+    assert run(command, []) == 0
+    shown = capsys.readouterr().out
+    for name in EFFECTS.names():
+        assert f"{name}: {EFFECTS.get(name).description}" in shown
+        assert EFFECTS.get(name).equation in shown
+        assert EFFECTS.get(name).reference in shown
+    assert "at least 0 and at most 0.95" in shown
+    assert "at least 0 N m, 0 is neutral, 0.05 is typical" in shown
+
+
+def test_the_list_as_json(capsys):
+    """One object an effect; a bound that is none is null."""
+    assert run(command, ["--json"]) == 0
+    listed = {e["name"]: e for e in json.loads(capsys.readouterr().out)}
+    assert sorted(listed) == EFFECTS.names()
+    assert listed["brush_drop"]["parameters"] == [
+        {
+            "name": "voltage",
+            "unit": "V",
+            "low": 0.0,
+            "high": None,
+            "low_is_excluded": False,
+            "neutral": 0.0,
+            "typical": 1.0,
+            "description": "at both brushes together, V_b",
+        }
+    ]
+
+
+def test_an_effect_that_keeps_its_promises_is_told_so(mine, capsys):
+    """It says what was checked, as text and as JSON."""
+    name = mine("MINE = effect(torque=lambda t, a, w, i, u, p: -p[0] * math.tanh(w))")
+    assert run(command, [name]) == 0
+    shown = capsys.readouterr().out
+    assert "reads no further than its parameters" in shown
+    assert "the neutral values change nothing" in shown
+    assert run(command, [name, "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["checked"]) == 6
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("MINE = effect(torque=lambda t, a, w, i, u, p: -p[1] * w)", "reads numbers beyond the 1"),
+        ("MINE = effect(torque=lambda t, a, w, i, u, p: -p[0] * w / abs(w))", "gives nan at"),
+        (
+            "MINE = effect(torque=lambda t, a, w, i, u, p: -20 * p[0] * math.tanh(1e6 * w))",
+            "a quarter of the integration step changes the speed by",
+        ),
+        (
+            "MINE = effect(torque=lambda t, a, w, i, u, p: -0.1 - p[0])",
+            "the neutral values change the speed by",
+        ),
+        ("MINE = effect(torque=lambda t, a, w, i, u, p: u.size)", "a function that numba compiles"),
+        ("MINE = effect(on_measurement=lambda speed, c: speed)", "TypeError"),
+        ("MINE = effect(on_measurement=lambda w, dt, c: w[1:] + c)", "600 measured speeds, got"),
+        ("MINE = effect(on_parameters=lambda v, c: {**v, 'J': v['J'] - c})", "J of the machine"),
+        ("MINE = effect(on_parameters=lambda v, c: {})", "KeyError"),
+        ("MINE = effect(torque=lambda t, a, w, i, u, p: -p[0], needs=('Jay',))", "Jay"),
+        ("MINE = effect(equation='', torque=lambda t, a, w, i, u, p: -p[0])", "no equation"),
+        ("MINE = effect(typical={}, torque=lambda t, a, w, i, u, p: -p[0])", "typical values"),
+        ("MINE = effect()", "one function among"),
+        ("MINE = 3", "an object of class Effect"),
+        ("YOURS = 3", "'MINE'"),
+    ],
+)
+def test_an_effect_that_does_not_is_told_in_a_sentence(mine, capsys, text, words):
+    """Exit code 2 and the first promise that is not kept."""
+    name = mine(text)
+    assert run(command, [name]) == 2
+    shown = capsys.readouterr()
+    assert words in shown.err
+    assert shown.err.count("\n") == 1
+    assert shown.out == ""
