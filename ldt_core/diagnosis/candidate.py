@@ -1,0 +1,130 @@
+"""An effect as a candidate: the coordinates of its fit, and the values a search begins with."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ldt_core.effects.base import Effect
+    from ldt_core.physics.parameter import Parameter
+
+Array = NDArray[np.float64]
+
+FACTORS = (0.4, 0.7, 0.9, 1.1, 1.4, 2.5)  # tried of a parameter that multiplies one of the machine's
+SIZES = (0.1, 0.3, 1.0, 3.0)  # of a parameter's scale
+PARTS = (0.4, 0.55, 0.7, 0.85, 0.95)  # of the largest voltage, for a limit on it
+PHASES = 8  # of a turn
+MOST_STARTS = 96  # of one effect
+NEAR_BOUND = 1e-6  # of a scale: a fit stays so far inside an open bound
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One effect that may explain the gap.
+
+    Parameters are fitted as z = (value - neutral) / scale; those that multiply one of the machine's
+    and the limits as z = log(value / neutral).
+
+    Args:
+        effect: of the library or the user's.
+        most_voltage: largest voltage of the recordings [V].
+    """
+
+    effect: Effect
+    most_voltage: float
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return self.effect.name
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Of the effect."""
+        return self.effect.parameters
+
+    def __len__(self) -> int:
+        return len(self.effect.parameters)
+
+    def value(self, j: int, z: float) -> float:
+        """Parameter j at a coordinate, within its bounds."""
+        p = self.parameters[j]
+        neutral = float(p.default or 0.0)
+        value = neutral * math.exp(z) if logarithmic(p) else neutral + z * (p.scale or 1.0)
+        low = p.low + (NEAR_BOUND * (p.scale or 1.0) if p.open_low else 0.0)
+        return min(max(value, low), p.high)
+
+    def given(self, z: Sequence[float] | Array) -> dict[str, float]:
+        """All parameters at (d,) coordinates."""
+        return {p.name: self.value(j, float(z[j])) for j, p in enumerate(self.parameters)}
+
+    def coordinate(self, j: int, value: float) -> float:
+        """Of a value of parameter j."""
+        p = self.parameters[j]
+        neutral = float(p.default or 0.0)
+        return math.log(value / neutral) if logarithmic(p) else (value - neutral) / (p.scale or 1.0)
+
+    def coordinates(self, given: Mapping[str, float]) -> Array:
+        """(d,) coordinates of all parameters' values."""
+        return np.array([self.coordinate(j, given[p.name]) for j, p in enumerate(self.parameters)])
+
+    def slope(self, j: int, z: float) -> float:
+        """Change of parameter j per coordinate."""
+        p = self.parameters[j]
+        return self.value(j, z) if logarithmic(p) else float(p.scale or 1.0)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """(d,) lowest and (d,) highest coordinates."""
+        low, high = [], []
+        for j, p in enumerate(self.parameters):
+            if logarithmic(p):
+                low.append(math.log(1e-6) if p.high < math.inf else math.log(0.02))
+                high.append(self.coordinate(j, p.high) if p.high < math.inf else math.log(50.0))
+            else:
+                s = p.scale or 1.0
+                low.append((p.low + NEAR_BOUND * s * p.open_low - (p.default or 0.0)) / s)
+                high.append((p.high - (p.default or 0.0)) / s)
+        return np.array(low), np.array(high)
+
+    def starts(self) -> list[Array]:
+        """Coordinates that a search begins with, over the parameters' plausible ranges."""
+        levels = [
+            self.effect.search.get(p.name) or _levels(p, self.most_voltage)
+            for p in self.parameters
+        ]
+        found = []
+        for values in itertools.product(*levels):
+            given = dict(zip((p.name for p in self.parameters), values, strict=True))
+            if given != self.effect.neutral:
+                found.append(self.coordinates(given))
+        if len(found) > MOST_STARTS:
+            found = found[:: math.ceil(len(found) / MOST_STARTS)]
+        return found
+
+
+def logarithmic(p: Parameter) -> bool:
+    """Whether the parameter is a factor or a limit: above 0, and neutral at a positive value."""
+    return p.open_low and p.low == 0 and (p.default or 0.0) > 0
+
+
+def _levels(p: Parameter, most_voltage: float) -> list[float]:
+    default, scale = float(p.default or 0.0), p.scale or 1.0
+    if logarithmic(p) and p.unit == "V":
+        return [part * most_voltage for part in PARTS]
+    if logarithmic(p):
+        return [default * f for f in FACTORS]
+    if math.isfinite(p.low) and math.isfinite(p.high) and p.low < default < p.high:
+        return [float(v) for v in np.linspace(p.low, p.high, PHASES, endpoint=False)]
+    if default > p.low and p.low >= 0:  # a shape, such as a time constant
+        return [max(default * f, p.low) for f in (0.3, 1.0, 3.0) if default * f <= p.high]
+    up = [default + s * scale for s in SIZES]
+    down = [default - s * scale for s in SIZES]
+    return [v for v in down + up if p.accepts(v)]

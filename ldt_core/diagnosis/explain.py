@@ -1,0 +1,212 @@
+"""The sets of effects that explain a recording best, one, two and three at a time.
+
+A scout works on a few experiments: every effect alone, then the pairs and triples that the
+responses' inner products promise, each fitted. Its best sets of every size are fitted again on all
+experiments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.diagnosis.bench import Bench
+from ldt_core.diagnosis.candidate import Candidate
+from ldt_core.diagnosis.energy import Band
+from ldt_core.diagnosis.search import (
+    SHRINK,
+    STRETCH,
+    Dictionary,
+    Fit,
+    best_alone,
+    fit,
+    rank_pairs,
+    simulate_all,
+)
+
+Array = NDArray[np.float64]
+Names = frozenset[str]
+
+SCOUT_SAMPLES = 12_000  # of the experiments that the scout works on, and
+SCOUT_EXPERIMENTS = 8  # at most so many of them
+MOST = 3  # effects in a set
+PAIRS = 6  # fitted because their responses promise most
+BASES = 3  # sets of one size that are built upon
+ADDED = 4  # effects added to each of them
+KEPT = 6  # sets of each size that are fitted on all experiments
+NEAR = 4.0  # times the best of its size that a set may leave, to be kept
+CLEAR = 30.0  # fall of the sum of squares that chance does not reach, over all sets that are tried
+
+
+@dataclass(eq=False)
+class Explained:
+    """What the search has found.
+
+    Attributes:
+        bench: all experiments.
+        band: its low frequencies.
+        base: (size,) residuals without any effect.
+        responses: of the scout, with its bench.
+        fits: every set that was fitted on all experiments.
+        scouted: every set that the scout has fitted.
+    """
+
+    bench: Bench
+    band: Band
+    base: Array
+    scout: Bench
+    responses: Dictionary
+    fits: dict[Names, Fit] = field(default_factory=dict)
+    scouted: dict[Names, Fit] = field(default_factory=dict)
+
+    @property
+    def excess(self) -> float:
+        """Of the residuals without any effect."""
+        return self.band.excess(self.base)
+
+    def of_size(self, count: int) -> list[Fit]:
+        """Sets of so many effects, fitted on all experiments, best first."""
+        found = [f for names, f in self.fits.items() if len(names) == count]
+        return sorted(found, key=lambda f: f.loss)
+
+
+class Search:
+    """The search on one bench.
+
+    Args:
+        bench: experiments to explain.
+        candidates: effects that may explain them.
+        tick: called with what is being done.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        candidates: Sequence[Candidate],
+        tick: Callable[[str], None] = lambda doing: None,
+    ) -> None:
+        self.bench, self.candidates, self.tick = bench, tuple(candidates), tick
+        self.scout = bench.part(scouted(bench))
+        responses = simulate_all(self.scout, self.candidates, lambda: tick("simulating effects"))
+        self.found = Explained(bench, Band(bench), bench.rest(), self.scout, responses)
+        self._band = Band(self.scout)
+
+    def run(self) -> Explained:
+        """Fit sets of one effect, then of two and three as long as something is left."""
+        enough = self._band.limit_of(0.01)
+        self._alone()
+        for count in range(1, MOST + 1):
+            if count == 2:
+                self._pairs()
+            if count > 1:
+                self._build_on(count - 1)
+            self._finish(count)
+            best = self._best(count)
+            if not best or self._band.excess(best[0].rest) < enough:
+                break
+        return self.found
+
+    def _alone(self) -> None:
+        for i, c in enumerate(self.candidates):
+            for start in best_alone(self.found.responses, i):
+                self._scout([c], [start])
+
+    def _pairs(self) -> None:
+        ranked = sorted(rank_pairs(self.found.responses).items(), key=lambda q: -q[1][0])
+        for (i, j), (_, k, m) in ranked[:PAIRS]:
+            z = self.found.responses.z
+            self._scout([self.candidates[i], self.candidates[j]], [z[k], z[m]])
+
+    def _build_on(self, count: int) -> None:
+        for base in self._best(count)[:BASES]:
+            for candidate, start in self.additions(base, ADDED):
+                self._scout([*base.members, candidate], [*base.z, start])
+
+    def additions(self, base: Fit, count: int) -> list[tuple[Candidate, Array]]:
+        """Effects that promise most beside a set, with the values to begin with."""
+        d = self.found.responses
+        left, moved = base.rest, d.responses
+        if base.free:
+            span = np.linalg.qr(base.jacobian)[0]
+            moved = moved - (moved @ span) @ span.T
+            left = left - span @ (span.T @ left)
+        size, target = np.einsum("ij,ij->i", moved, moved), moved @ left
+        scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
+        gain = 2 * scale * target - scale**2 * size
+        chosen: dict[int, int] = {}
+        for k in np.argsort(-gain):
+            owner = int(d.owner[k])
+            if self.candidates[owner].name not in base.names:
+                chosen.setdefault(owner, int(k))
+        return [(self.candidates[i], d.z[k]) for i, k in list(chosen.items())[:count]]
+
+    def _scout(self, members: Sequence[Candidate], start: Sequence[Array]) -> Fit:
+        self.tick("fitting sets of effects")
+        names = frozenset(c.name for c in members)
+        order = sorted(range(len(members)), key=lambda i: members[i].name)
+        tried = fit(self.scout, [members[i] for i in order], [start[i] for i in order])
+        known = self.found.scouted.get(names)
+        if known is None or tried.loss < known.loss:
+            self.found.scouted[names] = tried
+        return self.found.scouted[names]
+
+    def _best(self, count: int) -> list[Fit]:
+        found = [f for names, f in self.found.scouted.items() if len(names) == count]
+        return sorted(found, key=lambda f: f.loss)
+
+    def _finish(self, count: int) -> None:
+        """Fit the scout's best sets of a size on all experiments."""
+        best = self._best(count)
+        if not best:
+            return
+        floor = best[0].loss + NEAR * max(self._band.excess(best[0].rest), 0.0) + CLEAR
+        for f in [f for f in best if f.loss <= floor][:KEPT]:
+            self.finish(f)
+
+    def finish(self, scouted: Fit) -> Fit:
+        """The same set, fitted on all experiments."""
+        names = frozenset(scouted.names)
+        if names not in self.found.fits:
+            self.tick("fitting the best sets on all experiments")
+            if self.scout.size == self.bench.size:
+                self.found.fits[names] = scouted
+            else:
+                self.found.fits[names] = fit(self.bench, scouted.members, scouted.z)
+        return self.found.fits[names]
+
+    def alternatives(self, base: Fit, count: int = ADDED) -> list[Fit]:
+        """Sets that differ from a set in one member, the most promising, fitted on all."""
+        found = []
+        for leave in range(len(base.members)):
+            members = [m for j, m in enumerate(base.members) if j != leave]
+            z = [part for j, part in enumerate(base.z) if j != leave]
+            known = self.found.scouted.get(frozenset(m.name for m in members))
+            if known is None:
+                rest = self._scout(members, z) if members else self._empty()
+            else:
+                rest = known
+            for candidate, start in self.additions(rest, count + 1):
+                if candidate.name not in base.names:
+                    tried = [*rest.members, candidate]
+                    found.append(self._scout(tried, [*rest.z, start]))
+        return self._worth(base, found)
+
+    def _worth(self, base: Fit, found: Iterable[Fit]) -> list[Fit]:
+        scouted = self.found.scouted.get(frozenset(base.names), base)
+        floor = scouted.loss + NEAR * max(self._band.excess(scouted.rest), 0.0) + CLEAR
+        return [self.finish(f) for f in found if f.loss <= floor]
+
+    def _empty(self) -> Fit:
+        rest = self.found.responses.base
+        return Fit((), (), rest, np.zeros((rest.size, 0)), float(rest @ rest))
+
+
+def scouted(bench: Bench) -> list[int]:
+    """Places of the experiments that the scout works on, spread evenly over the recording."""
+    sizes = [p.rows.stop - p.rows.start for p in bench.pieces]
+    count = max(1, min(SCOUT_EXPERIMENTS, int(SCOUT_SAMPLES // max(np.mean(sizes), 1))))
+    count = min(count, len(sizes))
+    return sorted({round(i) for i in np.linspace(0, len(sizes) - 1, count)})

@@ -1,0 +1,224 @@
+"""Which set of effects explains the residuals: simulated shapes first, then fits.
+
+Every candidate is simulated at the values its search starts with. The responses, all of the same
+residuals, are columns; how well any one, two or three of them together explain the residual needs
+only their inner products, so every pair is tried, also of effects that explain nothing alone. The
+best sets are then fitted with all their parameters by nonlinear least squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ldt_core.diagnosis.bench import COARSE, Bench
+from ldt_core.diagnosis.candidate import Candidate
+
+Array = NDArray[np.float64]
+
+DIFFERENCE = 1e-3  # of a coordinate, for difference quotients
+EVALUATIONS = 14  # steps of one fit
+PRECISION = 1e-5  # of the sum of squares: a step that gains less was the last
+SHRINK, STRETCH = 0.25, 4.0  # how far a response may be scaled before it is no longer its effect's
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A set of effects, fitted.
+
+    Attributes:
+        members: its candidates.
+        z: their coordinates, one array each.
+        rest: (size,) residuals that it leaves, in noise deviations.
+        jacobian: (size, p) change of the residuals per coordinate.
+        loss: sum of squares of `rest`.
+    """
+
+    members: tuple[Candidate, ...]
+    z: tuple[Array, ...]
+    rest: Array
+    jacobian: Array
+    loss: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the members."""
+        return tuple(c.name for c in self.members)
+
+    @property
+    def use(self) -> list[tuple[object, dict[str, float]]]:
+        """The effects with all their values, as a simulation takes them."""
+        return used(self.members, self.z)
+
+    @property
+    def free(self) -> int:
+        """Parameters fitted."""
+        return sum(len(c) for c in self.members)
+
+
+def used(members: Sequence[Candidate], z: Sequence[Array]) -> list:
+    """Effects with all their values, as a simulation takes them."""
+    return [(c.effect, c.given(part)) for c, part in zip(members, z, strict=True)]
+
+
+def split(members: Sequence[Candidate], z: Array) -> tuple[Array, ...]:
+    """A row of coordinates, an array for each member."""
+    edges = np.cumsum([len(c) for c in members])[:-1]
+    return tuple(np.split(z, edges))
+
+
+def fit(
+    bench: Bench,
+    members: Sequence[Candidate],
+    start: Sequence[Array],
+    step: float = COARSE,
+    evaluations: int = EVALUATIONS,
+) -> Fit:
+    """Least squares of a set's parameters, from a start."""
+    members = tuple(members)
+    low = np.concatenate([c.bounds[0] for c in members])
+    high = np.concatenate([c.bounds[1] for c in members])
+
+    def rest(z: Array) -> Array:
+        return bench.rest(used(members, split(members, z)), step)
+
+    last: dict[str, Array] = {}
+
+    def jacobian(z: Array) -> Array:
+        base = last["rest"] if np.array_equal(last.get("z", z * np.nan), z) else rest(z)
+        columns = np.empty((bench.size, z.size))
+        for j in range(z.size):
+            moved = z.copy()
+            moved[j] += DIFFERENCE if z[j] + DIFFERENCE <= high[j] else -DIFFERENCE
+            columns[:, j] = (rest(moved) - base) / (moved[j] - z[j])
+        return columns
+
+    def remembered(z: Array) -> Array:
+        last["rest"], last["z"] = rest(z), z.copy()
+        return last["rest"]
+
+    margin = 1e-7 * np.maximum(1.0, np.minimum(high - low, 1.0))
+    first = np.clip(np.concatenate(start), low + margin, high - margin)
+    solved = least_squares(
+        remembered,
+        first,
+        jacobian,
+        bounds=(low, high),
+        ftol=PRECISION,
+        xtol=1e-6,
+        gtol=1e-8,
+        max_nfev=evaluations,
+        x_scale=1.0,
+    )
+    left = rest(solved.x)
+    return Fit(members, split(members, solved.x), left, solved.jac, float(left @ left))
+
+
+@dataclass(frozen=True, eq=False)
+class Dictionary:
+    """Responses of all candidates at their starts.
+
+    Attributes:
+        candidates: in order.
+        owner: (K,) place of each response's candidate.
+        z: coordinates of each response.
+        responses: (K, size) what each takes off the residual.
+        gram: (K, K) inner products of the responses.
+        base: (size,) residual without any effect.
+    """
+
+    candidates: tuple[Candidate, ...]
+    owner: NDArray[np.int64]
+    z: list[Array]
+    responses: Array
+    gram: Array
+    base: Array
+
+    @property
+    def target(self) -> Array:
+        """(K,) inner products of the responses with the residual."""
+        return np.asarray(self.responses @ self.base)
+
+
+def simulate_all(
+    bench: Bench, candidates: Sequence[Candidate], tick: Callable[[], None] = lambda: None
+) -> Dictionary:
+    """Simulate every candidate at its starts; responses that do not show are left out."""
+    base = bench.rest()
+    owner, z = [], []
+    for i, c in enumerate(candidates):
+        starts = c.starts()
+        owner += [i] * len(starts)
+        z += starts
+    rows = np.empty((len(z), bench.size))
+
+    def fill(k: int) -> None:
+        c = candidates[owner[k]]
+        rows[k] = base - bench.rest([(c.effect, c.given(z[k]))])
+        tick()
+
+    _spread(fill, range(len(z)), bench.workers)
+    shown = np.flatnonzero(np.einsum("ij,ij->i", rows, rows) > 1e-12)
+    rows = rows[shown]
+    return Dictionary(
+        tuple(candidates),
+        np.array(owner, dtype=np.int64)[shown],
+        [z[k] for k in shown],
+        rows,
+        rows @ rows.T,
+        base,
+    )
+
+
+def _spread(work: Callable[[int], None], over: Sequence[int], workers: int) -> None:
+    if workers > 1:
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(work, over))
+    else:
+        for k in over:
+            work(k)
+
+
+def best_alone(d: Dictionary, i: int, count: int = 2) -> list[Array]:
+    """Starts of candidate i from which to fit: best as simulated, and best when scaled."""
+    own = np.flatnonzero(d.owner == i)
+    if own.size == 0:
+        return []
+    size, target = np.diag(d.gram)[own], d.target[own]
+    exact = size - 2 * target
+    scale = np.clip(target / size, SHRINK, STRETCH)
+    scaled = scale**2 * size - 2 * scale * target
+    order = [*own[np.argsort(exact)][:1], *own[np.argsort(scaled)]]
+    kept = list(dict.fromkeys(int(k) for k in order))[:count]
+    return [d.z[k] for k in kept]
+
+
+def rank_pairs(d: Dictionary) -> dict[tuple[int, int], tuple[float, int, int]]:
+    """For each pair of candidates: (what its best two responses gain, the two responses).
+
+    The gain is a reduction of the sum of squares, both responses scaled within SHRINK..STRETCH.
+    """
+    size, target = np.diag(d.gram), d.target
+    determinant = size[:, None] * size - d.gram**2
+    determinant[determinant < 1e-9 * size[:, None] * size] = np.inf
+    first = (target[:, None] * size - d.gram * target) / determinant
+    second = first.T
+    a = np.clip(first, SHRINK, STRETCH)
+    b = np.clip(second, SHRINK, STRETCH)
+    gain = 2 * (a * target[:, None] + b * target) - (
+        a**2 * size[:, None] + b**2 * size + 2 * a * b * d.gram
+    )
+    best: dict[tuple[int, int], tuple[float, int, int]] = {}
+    groups = [np.flatnonzero(d.owner == i) for i in range(len(d.candidates))]
+    for i in range(len(groups)):
+        for j in range(i + 1, len(groups)):
+            block = gain[np.ix_(groups[i], groups[j])]
+            if block.size:
+                k, m = np.unravel_index(int(np.argmax(block)), block.shape)
+                best[i, j] = float(block[k, m]), int(groups[i][k]), int(groups[j][m])
+    return best
