@@ -8,7 +8,7 @@ from ldt_core.effects.base import Effect, factor_of, scaled
 from ldt_core.physics.motor import fastest_root
 from ldt_core.physics.parameter import Parameter
 
-STEPS_PER_RADIAN = 4  # of the ripple: 25 steps a period
+STEPS_PER_RADIAN = 2  # of the ripple: 13 steps a period
 
 
 def _cogging(t, theta, omega, current, voltage, p):
