@@ -111,7 +111,7 @@ def build() -> None:
         python_requires=">=3.11",
         packages=find_packages(include=["ldt_core*", "ldt_ros*", "msgs_config*"]),
         package_data={
-            "ldt_core.study": ["templates/*"],
+            "ldt_core.report": ["templates/*"],
             "msgs_config": ["*.yaml", "*.xml", "machines/*.yaml"],
         },
         data_files=[

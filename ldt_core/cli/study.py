@@ -67,8 +67,8 @@ def command(
     Example: ldt study --seeds 20 --out study
     """
     from ldt_core.cli.display_study import print_study
+    from ldt_core.report import style
     from ldt_core.study.engine import conduct, load_study
-    from ldt_core.study.figures import style
     from ldt_core.study.page import write_figures, write_page
     from ldt_core.study.plan import Plan
     from ldt_core.study.tables import write_tables

@@ -91,8 +91,8 @@ def command(
     from ldt_core.errors import LdtError
     from ldt_core.machine import load_machine
     from ldt_core.recording.bag import read_bag
+    from ldt_core.report import style
     from ldt_core.settings import resolve
-    from ldt_core.study.figures import style
     from ldt_core.tuning.choice import Budget
     from ldt_core.tuning.figure import write_figure
     from ldt_core.tuning.procedure import tune

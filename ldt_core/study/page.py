@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
 from pathlib import Path
 
-import jinja2
-from markupsafe import Markup
-
+from ldt_core.report import style
+from ldt_core.report.page import render
 from ldt_core.study import sections
-from ldt_core.study.blocks import Section
-from ldt_core.study.figures import drawings, style
+from ldt_core.study.figures import drawings
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.study import Study
 
+TITLE = "Study of the learning digital twin"
 FILE, FIGURES = "study.html", "figures"
-TEMPLATES = "templates"
 
 
 def write_figures(study: Study, out: Path | str) -> list[Path]:
@@ -49,29 +46,6 @@ def write_page(study: Study, out: Path | str) -> Path:
     made = [make(reading, found) for make in sections.SECTIONS]
     path = Path(out) / FILE
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(render(made, sections.lead(study), sections.footer(study)), encoding="utf-8")
+    page = render(TITLE, sections.lead(study), sections.footer(study), made)
+    path.write_text(page, encoding="utf-8")
     return path
-
-
-def render(made: list[Section], lead: str, footer: str) -> str:
-    """The page of these sections."""
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_template),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-    )
-    # The two things that are not escaped are not the reader's or the machine's: our style sheet,
-    # and drawings, whose texts matplotlib has escaped.
-    environment.filters["own"] = Markup
-    return environment.get_template("page.html").render(
-        title="Study of the learning digital twin",
-        lead=lead,
-        footer=footer,
-        sections=made,
-        stylesheet=_template("style.css"),
-    )
-
-
-def _template(name: str) -> str:
-    return (files("ldt_core.study") / TEMPLATES / name).read_text(encoding="utf-8")

@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from ldt_core.report.number import number
+
 CONFIDENCE = 0.95
 MOST_LOG = 700.0  # math.exp overflows above 709
 
@@ -55,20 +57,6 @@ class Estimate:
 
 
 UNKNOWN = Estimate(None, -math.inf, math.inf, 0)
-
-
-def number(value: float, digits: int = 3) -> str:
-    """A number for people: so many significant digits, never an exponent.
-
-    >>> number(0.12345), number(1234.5), number(-0.0), number(float("inf"))
-    ('0.123', '1234', '0', '∞')
-    """
-    if not math.isfinite(value):
-        return "∞" if value > 0 else "−∞" if value < 0 else "unknown"
-    if value == 0:
-        return "0"
-    places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
-    return f"{value:.{min(places, 6)}f}"
 
 
 def mean(values: Iterable[float | None], confidence: float = CONFIDENCE) -> Estimate:

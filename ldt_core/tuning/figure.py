@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgs_config
-from ldt_core.study.figures import style
-from ldt_core.study.figures.style import Drawing, Layout, look
+from ldt_core.report import style
+from ldt_core.report.style import Drawing, Layout, look
 from ldt_core.tuning.choice import pareto
 from ldt_core.tuning.procedure import Tuning
 from ldt_core.tuning.setting import NEVER

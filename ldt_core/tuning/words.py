@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ldt_core.study.statistics import number
+from ldt_core.report.number import number
 from ldt_core.tuning.alarms import LENGTH, STREAMS, most, needed
 from ldt_core.tuning.choice import PARTS, SAME, best_of, count
 from ldt_core.tuning.procedure import Tuning

@@ -13,7 +13,8 @@ import pytest
 from fake_study import fake_study
 
 from ldt_core.errors import LdtError
-from ldt_core.study.figures import FIGURES, drawings, style
+from ldt_core.report import style
+from ldt_core.study.figures import FIGURES, drawings
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.page import write_figures, write_page
 from ldt_core.study.study import Study
@@ -56,7 +57,7 @@ def undrawn(monkeypatch):
     def draw(drawing, layout):
         return "<svg></svg>" if drawing.name in names else style.inline_svg(drawing, layout)
 
-    monkeypatch.setattr("ldt_core.study.blocks.inline_svg", draw)
+    monkeypatch.setattr("ldt_core.report.blocks.inline_svg", draw)
     return names
 
 

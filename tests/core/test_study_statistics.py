@@ -8,12 +8,12 @@ import math
 import numpy as np
 import pytest
 
+from ldt_core.report.number import number
 from ldt_core.study import statistics
 from ldt_core.study.statistics import (
     UNKNOWN,
     geometric_mean,
     mean,
-    number,
     proportion,
     rank_correlation,
     rate,

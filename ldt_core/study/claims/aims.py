@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 from ldt_core.metrics import drifts_of
+from ldt_core.report.number import number
 from ldt_core.study.claims.claim import Claim, Part, Statement, Verdict, percent
 from ldt_core.study.claims.evidence import BySeed, Evidence, Run, over
 from ldt_core.study.facts import QUICK
 from ldt_core.study.scores import delays
-from ldt_core.study.statistics import mean, number, proportion, rate
+from ldt_core.study.statistics import mean, proportion, rate
 
 AIM = "an aim of this project"
 MODEL, DETECTOR = "diagnosed", "calibrated"  # the learner that the aims are about

@@ -16,7 +16,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ldt_core.study.statistics import Estimate, number
+from ldt_core.report.number import number
+from ldt_core.study.statistics import Estimate
 
 MANY = 6  # parts that a sentence can still list one by one
 

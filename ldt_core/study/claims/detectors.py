@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ldt_core.experiment import Level
+from ldt_core.report.number import number
 from ldt_core.study.claims.claim import Claim, Part, Statement
 from ldt_core.study.claims.evidence import (
     ACTIVE,
@@ -21,7 +22,7 @@ from ldt_core.study.claims.evidence import (
     ratio,
     shares,
 )
-from ldt_core.study.statistics import mean, number, proportion, rank_correlation
+from ldt_core.study.statistics import mean, proportion, rank_correlation
 
 ERROR_FIGURE = "figure of MME against e"
 COUNT_FIGURE = "figure of adaptations against e"

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ldt_core.report.number import number
 from ldt_core.study.claims.claim import Claim, Part, Statement
 from ldt_core.study.claims.evidence import (
     ACTIVE,
@@ -24,7 +25,7 @@ from ldt_core.study.claims.evidence import (
 )
 from ldt_core.study.facts import Drift
 from ldt_core.study.scores import delays
-from ldt_core.study.statistics import mean, number
+from ldt_core.study.statistics import mean
 
 TABLE = "table 1"
 LOW_RECALL = 0.5  # "not well performed on recall": fewer than every second drift

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ldt_core.report.number import number
 from ldt_core.study.claims.claim import Claim, Part, Statement
 from ldt_core.study.claims.evidence import (
     ACTIVE,
@@ -17,7 +18,7 @@ from ldt_core.study.claims.evidence import (
     mme,
     ratio,
 )
-from ldt_core.study.statistics import geometric_mean, mean, number, trend
+from ldt_core.study.statistics import geometric_mean, mean, trend
 
 FIGURE = "figure of the threshold"
 NO_TREND = 0.3  # a rank correlation within this is commonly called none or weak

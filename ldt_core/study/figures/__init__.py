@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ldt_core.report.style import Drawing
 from ldt_core.study.figures import (
     beyond,
     detectors,
@@ -15,7 +16,6 @@ from ldt_core.study.figures import (
     thresholds,
 )
 from ldt_core.study.figures.reading import Reading
-from ldt_core.study.figures.style import Drawing
 
 #: Name → what makes it; None where the study has no runs for it.
 FIGURES: dict[str, Callable[[Reading], Drawing | None]] = {

@@ -7,11 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ldt_core.metrics import drifts_of
-from ldt_core.study.case import Result
-from ldt_core.study.figures.dots import Dots, Panel, dot_plot, key_to_marks
-from ldt_core.study.figures.reading import Reading
-from ldt_core.study.figures.series import first_seed, of_seed
-from ldt_core.study.figures.style import (
+from ldt_core.report.number import number
+from ldt_core.report.style import (
     FAINT,
     INK,
     Drawing,
@@ -22,7 +19,11 @@ from ldt_core.study.figures.style import (
     panels,
     power,
 )
-from ldt_core.study.statistics import Estimate, mean, number
+from ldt_core.study.case import Result
+from ldt_core.study.figures.dots import Dots, Panel, dot_plot, key_to_marks
+from ldt_core.study.figures.reading import Reading
+from ldt_core.study.figures.series import first_seed, of_seed
+from ldt_core.study.statistics import Estimate, mean
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ldt_core.report.style import Drawing, Layout, pair
 from ldt_core.study.figures.dots import Dots, Panel, dot_plot, key_to_marks
 from ldt_core.study.figures.reading import Reading
-from ldt_core.study.figures.style import Drawing, Layout, pair
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

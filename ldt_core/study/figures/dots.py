@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from ldt_core.study.figures.style import GREY, INK, PAPER, Layout, look, panels
+from ldt_core.report.style import GREY, INK, PAPER, Layout, look, panels
 from ldt_core.study.statistics import Estimate
 
 if TYPE_CHECKING:

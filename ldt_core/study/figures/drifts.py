@@ -5,12 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ldt_core.metrics import detection
-from ldt_core.study.case import Result
-from ldt_core.study.facts import Drift, energy_needed, energy_needed_knowing_the_shape
-from ldt_core.study.figures.dots import DASHES, Dots, Panel, dot_plot, key_to_marks
-from ldt_core.study.figures.reading import Reading
-from ldt_core.study.figures.series import wear
-from ldt_core.study.figures.style import (
+from ldt_core.report.number import number
+from ldt_core.report.style import (
     GREEN,
     INK,
     VERMILION,
@@ -21,7 +17,12 @@ from ldt_core.study.figures.style import (
     panels,
     power,
 )
-from ldt_core.study.statistics import number, rate
+from ldt_core.study.case import Result
+from ldt_core.study.facts import Drift, energy_needed, energy_needed_knowing_the_shape
+from ldt_core.study.figures.dots import DASHES, Dots, Panel, dot_plot, key_to_marks
+from ldt_core.study.figures.reading import Reading
+from ldt_core.study.figures.series import wear
+from ldt_core.study.statistics import rate
 from ldt_core.study.study import Study
 
 if TYPE_CHECKING:

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ldt_core.report.number import number
+from ldt_core.report.style import Drawing, Layout, legend, look, pair, panels
 from ldt_core.study.case import Result
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.figures.series import first_seed, of_seed, wear
-from ldt_core.study.figures.style import Drawing, Layout, legend, look, pair, panels
-from ldt_core.study.statistics import mean, number
+from ldt_core.study.statistics import mean
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

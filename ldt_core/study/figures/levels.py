@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ldt_core.report.style import Drawing, Layout, legend, look, panels
 from ldt_core.study.case import Result
 from ldt_core.study.figures.dots import ROOM
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.figures.series import Curve, by_level, wear
-from ldt_core.study.figures.style import Drawing, Layout, legend, look, panels
 from ldt_core.study.study import Study
 
 if TYPE_CHECKING:

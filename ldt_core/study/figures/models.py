@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from ldt_core.errors import LdtError
 from ldt_core.machine import load_machine
+from ldt_core.report.style import SHADE, Drawing, Layout, legend, look, panels
 from ldt_core.study.case import Result
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.figures.series import wear
-from ldt_core.study.figures.style import SHADE, Drawing, Layout, legend, look, panels
 from ldt_core.study.region import in_region, intervals, speed_bands
 from ldt_core.study.study import Study
 

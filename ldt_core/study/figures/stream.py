@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ldt_core.metrics import drifts_of
+from ldt_core.report.style import GREY, INK, VERMILION, Drawing, Layout, look, panels
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.figures.series import first_seed, of_seed, wear
-from ldt_core.study.figures.style import GREY, INK, VERMILION, Drawing, Layout, look, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ldt_core.report.style import Drawing, Layout, legend, panels
 from ldt_core.study.case import Result
 from ldt_core.study.figures.levels import band, top
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.figures.series import Curve
-from ldt_core.study.figures.style import Drawing, Layout, legend, panels
 from ldt_core.study.study import Study
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from ldt_core.study.blocks import Section
+from ldt_core.report.blocks import Section
+from ldt_core.report.style import Drawing
 from ldt_core.study.figures.reading import Reading
-from ldt_core.study.figures.style import Drawing
 from ldt_core.study.sections.beyond import beyond
 from ldt_core.study.sections.chance import chance
 from ldt_core.study.sections.method import deviations, methods, runs

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ldt_core.study.blocks import Section, Text
+from ldt_core.report.blocks import Section, Text
+from ldt_core.report.style import Drawing
 from ldt_core.study.figures.reading import Reading
-from ldt_core.study.figures.style import Drawing
 
 BETTER = "this study has no runs beyond the paper (group better)."
 

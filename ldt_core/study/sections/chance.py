@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ldt_core.study.blocks import Folded, Section, Table, Text, Value, cell
+from ldt_core.report.blocks import Folded, Section, Table, Text, Value
+from ldt_core.report.style import Drawing, pair
 from ldt_core.study.case import Result
+from ldt_core.study.cell import cell
 from ldt_core.study.figures.reading import Reading
-from ldt_core.study.figures.style import Drawing, pair
 
 GROUPS = ("paper", "better")
 COLUMNS = {

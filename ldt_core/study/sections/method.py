@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 
-from ldt_core.study.blocks import (
+from ldt_core.report.blocks import (
     Folded,
     Item,
     Items,
@@ -15,11 +15,11 @@ from ldt_core.study.blocks import (
     Table,
     Text,
     Value,
-    cell,
 )
+from ldt_core.report.style import Drawing, look, pair
 from ldt_core.study.case import Result
+from ldt_core.study.cell import cell
 from ldt_core.study.figures.reading import Reading
-from ldt_core.study.figures.style import Drawing, look, pair
 from ldt_core.study.study import GROUPS, Study
 
 DEVIATIONS = (

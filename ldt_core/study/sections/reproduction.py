@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ldt_core.study.blocks import Section, Table, Text, Value, cell
+from ldt_core.report.blocks import Section, Table, Text, Value
+from ldt_core.report.style import Drawing, look
+from ldt_core.study.cell import cell
 from ldt_core.study.figures.reading import Reading
-from ldt_core.study.figures.style import Drawing, look
 from ldt_core.study.sections.method import alike
 
 MODELS = ("linear", "hybrid")

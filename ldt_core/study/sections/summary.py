@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ldt_core.study.blocks import Item, Items, Mark, Pairs, Section, Table, Text
+from ldt_core.report.blocks import Item, Items, Mark, Pairs, Section, Table, Text
+from ldt_core.report.number import number
+from ldt_core.report.style import Drawing
 from ldt_core.study.claims import Claim, Verdict, aims, claims
 from ldt_core.study.claims.claim import percent
 from ldt_core.study.figures.reading import Reading
-from ldt_core.study.figures.style import Drawing
 from ldt_core.study.sections.method import in_words
 from ldt_core.study.stamp import stamp
-from ldt_core.study.statistics import number
 
 TONES = {
     Verdict.CONFIRMED: "good",

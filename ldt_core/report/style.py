@@ -1,4 +1,4 @@
-"""How every figure of a study looks: colours, line styles, sizes, and how it becomes a file.
+"""How every figure of a page looks: colours, line styles, sizes, and how it becomes a file.
 
 A model or detector has one colour, one line style and one marker wherever it appears. The colours
 are those of Okabe and Ito, which colour-blind people can tell apart. In a page the same drawing
@@ -142,12 +142,12 @@ NARROW = Layout("narrow", 358 / PIXELS, True)
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure of the study and its words.
+    """A figure and its words.
 
     Attributes:
         name: of the files.
         title: what it shows.
-        caption: what it finds, with the figures of this study.
+        caption: what it finds, in numbers.
         alt: for those who cannot see it.
         draw: makes it in a layout.
     """
@@ -159,8 +159,11 @@ class Drawing:
     draw: Callable[[Layout], Figure]
 
 
-def require() -> None:
+def require(who: str = "a study") -> None:
     """Refuse at once what would fail after hours.
+
+    Args:
+        who: wants to draw.
 
     Raises:
         LdtError: matplotlib is not installed.
@@ -169,7 +172,7 @@ def require() -> None:
         import matplotlib  # noqa: F401
     except ImportError as error:
         raise LdtError(
-            "a study draws with matplotlib, which is not installed: pip install 'ldt[plot]'"
+            f"{who} draws with matplotlib, which is not installed: pip install 'ldt[plot]'"
         ) from error
 
 

@@ -1,12 +1,11 @@
-"""What the page of a study is made of. The template draws each kind; nothing is computed there."""
+"""What a page is made of. The template draws each kind; nothing is computed there."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from ldt_core.study.figures.style import NARROW, WIDE, Drawing, inline_svg
-from ldt_core.study.statistics import Estimate, number
+from ldt_core.report.style import NARROW, WIDE, Drawing, inline_svg
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,11 @@ class Links:
 
 @dataclass(frozen=True)
 class Figure:
-    """A drawing in both layouts, as SVG of our own making."""
+    """A drawing in both layouts, as SVG of our own making.
+
+    Args:
+        files: whether the same drawing lies beside the page, in `figures/`.
+    """
 
     name: str
     title: str
@@ -115,13 +118,15 @@ class Figure:
     alt: str
     wide: str
     narrow: str
+    files: bool = True
     kind: str = "figure"
 
     @classmethod
-    def of(cls, drawing: Drawing) -> Figure:
+    def of(cls, drawing: Drawing, files: bool = True) -> Figure:
         """Draw it."""
-        svg = (inline_svg(drawing, layout) for layout in (WIDE, NARROW))
-        return cls(drawing.name, drawing.title, drawing.caption, drawing.alt, *svg)
+        wide, narrow = (inline_svg(drawing, layout) for layout in (WIDE, NARROW))
+        words = drawing.name, drawing.title, drawing.caption, drawing.alt
+        return cls(*words, wide, narrow, files)
 
 
 Block = Text | Table | Folded | Items | Pairs | Links | Figure
@@ -144,14 +149,3 @@ class Section:
     def figure(self, drawing: Drawing | None, otherwise: str) -> None:
         """Add a drawing, or say why there is none."""
         self.blocks.append(Figure.of(drawing) if drawing else Text(otherwise, "missing"))
-
-
-def cell(estimate: Estimate, digits: int = 3, scale: float = 1.0) -> Value:
-    """A figure with its interval below it."""
-    if estimate.value is None:
-        return "–"
-    text = number(estimate.value * scale, digits)
-    if estimate.count < 2:
-        return Cell(text, "one seed")
-    low, high = number(estimate.low * scale, digits), number(estimate.high * scale, digits)
-    return Cell(text, f"{low} to {high}")
