@@ -1,0 +1,76 @@
+"""`ldt challenge`: sealed cases, to try a diagnosis on what it cannot know."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import click
+
+
+@click.group("challenge")
+def command() -> None:
+    """Make sealed cases for a diagnosis.
+
+    Example: ldt challenge make --cases 20 --seed 1 --out cases
+    """
+
+
+@command.command("make")
+@click.option("--cases", type=click.IntRange(1, 9999), required=True, help="Number of cases.")
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**32 - 1),
+    required=True,
+    help="Of everything random: whoever knows it can make the key.",
+)
+@click.option("--out", required=True, help="Folder of the cases, which must not exist.")
+@click.option(
+    "--key",
+    default="",
+    metavar="FILE",
+    help="File of the answers; by default beside the folder, as FOLDER.key.json.",
+)
+@click.option(
+    "--leave-one-out",
+    is_flag=True,
+    help="Single effects only, each by turns one that the diagnosis has to do without.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(0, 10_000),
+    default=0,
+    help="Processes on this machine; by default as many as there are cores.",
+)
+def make(cases: int, seed: int, out: str, key: str, leave_one_out: bool, jobs: int) -> None:
+    """Write sealed cases, and their answers into a key apart.
+
+    Each case is a folder with a machine file, a recording to diagnose and one of further
+    experiments of the same machine. The key's SHA-256 is printed before any case is written, so
+    that it can be published before the answers are.
+
+    Example: ldt challenge make --cases 20 --seed 1 --out cases
+    """
+    from ldt_core.challenge.make import make_challenge
+
+    def say(digest: str) -> None:
+        click.echo(f"SHA-256 of the key: {digest}")
+
+    written = make_challenge(
+        cases,
+        seed,
+        out,
+        key,
+        leave_one_out=leave_one_out,
+        jobs=jobs,
+        say=say,
+        progress=_progress,
+    )
+    click.echo(f"{cases} cases: {out}; key: {written}")
+
+
+def _progress(items: Iterator[Any], total: int, doing: str) -> Iterable[Any]:
+    """The items with a progress bar on a terminal; their number is not known to themselves."""
+    from ldt_core.cli.display import track
+
+    return (item for item, _ in zip(items, track(range(total), doing), strict=True))
