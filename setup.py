@@ -154,6 +154,7 @@ def build() -> None:
             "ldt.command": [
                 "calibrate = ldt_core.cli.calibrate:command",
                 "effects = ldt_core.cli.effects:command",
+                "identify = ldt_core.cli.identify:command",
                 "import = ldt_core.cli.import_file:command",
                 "plot = ldt_core.cli.plot:command",
                 "predict = ldt_core.cli.predict:command",

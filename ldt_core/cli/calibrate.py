@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,11 +10,10 @@ from rich.console import Console
 from rich.table import Table
 
 from ldt_core.cli.options import parameters
+from ldt_core.cli.recordings import progress, read_recordings
 
 if TYPE_CHECKING:
     from ldt_core.calibration import Calibration
-    from ldt_core.experiment import Experiment
-    from ldt_core.machine import Machine
 
 
 def _names(_context: click.Context, _option: click.Parameter, text: str | None) -> list[str]:
@@ -78,8 +75,8 @@ def command(
     check_target(out, force)
     if figure:
         check_figure(figure)
-    experiments = _read(recordings, namespace, machine)
-    with _progress() as tick:
+    experiments = read_recordings(recordings, namespace, machine)
+    with progress("{}: {} simulations of the recording") as tick:
         found = calibrate(
             machine, experiments, free=free, fixed=fixed, holdout=holdout, tick=tick
         ).with_recordings(recordings)
@@ -92,47 +89,6 @@ def command(
         click.echo(json.dumps(record, allow_nan=False))
     else:
         _print(found, out)
-
-
-def _read(recordings: Sequence[str], namespace: str, machine: Machine) -> list[Experiment]:
-    """Experiments of all recordings, checked against the machine; what is odd goes to stderr."""
-    from dataclasses import replace
-
-    from ldt_core.errors import ExperimentError
-    from ldt_core.recording.bag import read_bag
-
-    found: list[Experiment] = []
-    for recording in recordings:
-        bag = read_bag(recording, namespace)
-        for experiment in bag.experiments():
-            try:
-                machine.check(experiment)
-            except ExperimentError as error:
-                where = f"{recording}, {error.where}"
-                raise ExperimentError(where, error.expected, error.got) from None
-            numbered = len(recordings) > 1
-            found.append(replace(experiment, number=len(found) + 1) if numbered else experiment)
-        for note in bag.notes:
-            click.echo(note, err=True)
-    return found
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[str], None]]:
-    """What is being done, on a terminal's standard error; nothing on a pipe."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield lambda doing: None
-        return
-    with console.status("reading") as status:
-        count = 0
-
-        def tick(doing: str) -> None:
-            nonlocal count
-            count += 1
-            status.update(f"{doing}: {count} simulations of the recording")
-
-        yield tick
 
 
 def _print(found: Calibration, out: str) -> None:

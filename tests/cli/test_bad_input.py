@@ -186,6 +186,7 @@ ROWS: list[tuple[str, int, list[str]]] = [
             ("replay", "--model physics"),
             ("predict", "--machine rotor"),
             ("calibrate", "--machine rotor"),
+            ("identify", ""),
         )
         for name, words in (
             ("nowhere", ["expected"]),
@@ -279,6 +280,16 @@ ROWS: list[tuple[str, int, list[str]]] = [
     (f"calibrate {GOOD} --machine rotor --free mass --out out.yaml", BAD, ["mass"]),
     (f"calibrate {GOOD} --machine rotor --holdout 2 --out out.yaml", BAD, ["--holdout", "2"]),
     (f"calibrate {GOOD} --machine rotor --out {{files}}/a_file", BAD, ["a_file"]),
+    # a machine of unknown physics
+    (f"identify {GOOD} --out {{files}}/a_file", BAD, ["a_file"]),
+    (f"identify {GOOD} --holdout 2 --out out.yaml", BAD, ["--holdout", "2"]),
+    (f"identify {GOOD} --limits low,high --out out.yaml", BAD, ["--limits", "'low,high'"]),
+    (f"identify {GOOD} --out out.yaml", 1, ["cannot determine a linear model", "10 V throughout"]),
+    # effects
+    ("effects unbalanced", BAD, ["effect", "did you mean 'unbalance'?"]),
+    ("effects {files}/none.py:MINE", BAD, ["{files}/none.py", "no such file"]),
+    ("effects {files}/syntax.py:MINE", BAD, ["{files}/syntax.py", "line 1"]),
+    ("effects {files}/model.py:NUMBER", BAD, ["NUMBER", "an object of class Effect", "5"]),
     # the graph
     ("up --machines 2 --play {files}/good", BAD, ["machines", "1 together with play", "got 2"]),
     ("up --machines 0", BAD, ["--machines", "1 to 100", "got 0"]),

@@ -5,10 +5,14 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ldt_core.checks import check_detector
-from ldt_core.cli import ldt, run
+from ldt_core.cli import effects, ldt, run, simulate
+from ldt_core.effects import parse_effect
+from ldt_core.machine import load_machine
+from ldt_core.recording.bag import read_bag
 from ldt_core.registry import Registry
 
 README = (Path(__file__).resolve().parents[2] / "README.md").read_text()
@@ -17,10 +21,15 @@ README = (Path(__file__).resolve().parents[2] / "README.md").read_text()
 @pytest.fixture
 def mine(tmp_path, monkeypatch) -> Path:
     """The detector of the README in a file of its own."""
-    monkeypatch.chdir(tmp_path)
-    block = next(b for b in re.findall(r"```python\n(.*?)```", README, re.S) if "# mine.py" in b)
-    Path("mine.py").write_text(block)
-    return tmp_path / "mine.py"
+    return written("mine.py", tmp_path, monkeypatch)
+
+
+def written(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A Python file of the README, in the folder that is the present one from now on."""
+    monkeypatch.chdir(folder)
+    block = next(b for b in re.findall(r"```python\n(.*?)```", README, re.S) if f"# {name}" in b)
+    Path(name).write_text(block)
+    return folder / name
 
 
 def test_the_readme_s_detector_runs(mine, capsys):
@@ -34,3 +43,21 @@ def test_the_readme_s_detector_runs(mine, capsys):
 def test_the_readme_s_detector_keeps_the_protocol(mine):
     """As the line below it says."""
     check_detector(Registry("detector", {}, "none").get(f"{mine}:RootMeanSquare")())
+
+
+def test_the_readme_s_effect_is_checked_and_acts(tmp_path, monkeypatch, capsys):
+    """By the commands that stand below it, with fewer experiments."""
+    written("cubic_drag.py", tmp_path, monkeypatch)
+    check, use = (c for c in README.splitlines() if c.startswith("ldt") and "cubic_drag.py:" in c)
+    assert run(effects.command, check.split()[2:]) == 0
+    assert "the neutral values change nothing" in capsys.readouterr().out
+    arguments = use.replace("--experiments 10", "--experiments 1").split()[2:]
+    assert run(simulate.command, [*arguments, "--noise", "0"]) == 0
+    assert "cubic_drag:c=2e-06" in capsys.readouterr().out
+    machine, (effect, given) = load_machine("rotor"), parse_effect(arguments[3])
+    experiment = next(read_bag("dragged").experiments())
+    state = machine.model.initial_state(machine.parameters, 0.0)
+    about = (machine.parameters, experiment.voltage, experiment.period, state)
+    dragged = machine.model.simulate(*about, [(effect, given)])[:, 1]
+    np.testing.assert_allclose(experiment.speed, dragged, atol=1e-9)
+    assert np.abs(experiment.speed - machine.model.simulate(*about)[:, 1]).max() > 0.1

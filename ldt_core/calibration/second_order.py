@@ -1,0 +1,190 @@
+"""Gain and time constants of a motor's response, by least squares in free run.
+
+    tau_m tau_e speed'' + tau_m speed' + speed = G voltage + offset
+
+Separable least squares (Golub, Pereyra, Inverse Problems 19 (2003) R1): gain, offset and the start
+states are linear and solved for at each trial of the time constants.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ldt_core.experiment import Experiment
+from ldt_core.identification import Identified, StateSpace, identify
+
+Array = NDArray[np.float64]
+
+# Of a sample period: an electric time constant that no sample shows, and cheap to integrate still.
+UNSEEN = 0.01
+SHOWN = 2 * UNSEEN  # an electric time constant below this has run into its bound
+SLOWEST = 1e3  # times the longest experiment; beyond it a fit has run away
+TRIED = (0.3, 3.0)  # sample periods: electric time constants to begin a search with
+NEGLIGIBLE = 1e-8  # of the larger singular value: a start state that moves nothing
+
+
+@dataclass(frozen=True)
+class MotorForm:
+    """A motor's response.
+
+    Attributes:
+        order: number of time constants that were fitted.
+        gain: G [rad/s per V].
+        tau_m: [s].
+        tau_e: [s]; a hundredth of a sample period for order 1.
+        offset: of the steady speed [rad/s]; 0 where the experiments show none.
+        noise_std: standard deviation of what is left, start states estimated [rad/s].
+        fit_percent: 100 (1 - |y - ŷ| / |y - ȳ|) over all samples.
+    """
+
+    order: int
+    gain: float
+    tau_m: float
+    tau_e: float
+    offset: float
+    noise_std: float
+    fit_percent: float
+
+    @property
+    def oscillates(self) -> bool:
+        """Whether the response oscillates."""
+        return self.order == 2 and 4 * self.tau_e > self.tau_m
+
+    @property
+    def slowest(self) -> float:
+        """The time in which the slowest part fades to 1/e [s]."""
+        root = cmath.sqrt(1 - 4 * self.tau_e / self.tau_m)
+        return 2 * self.tau_e / (1 - root.real) if root.real < 1 else math.inf
+
+    @property
+    def time_constants(self) -> tuple[float, ...]:
+        """(slow, fast) [s]; tau_m and tau_e where the response oscillates; (slow,) for order 1."""
+        if self.order == 1:
+            return (self.tau_m,)
+        if self.oscillates:
+            return (self.tau_m, self.tau_e)
+        return (self.slowest, self.tau_m - self.slowest)
+
+
+def fit_form(
+    experiments: Sequence[Experiment], linear: Identified, order: int = 0, offset: bool = True
+) -> MotorForm:
+    """The motor's response that is nearest to the experiments.
+
+    Args:
+        experiments: of one sample period; each with a start state of its own.
+        linear: the model identified from them, to begin with.
+        order: number of time constants, 1 or 2; 0 takes that of `linear`, 2 at most.
+        offset: whether there may be one.
+
+    Raises:
+        LdtError: the experiments do not determine a model of that order.
+    """
+    search = _Search(list(experiments))
+    wanted = order or min(linear.order, 2)
+    seed = linear if linear.order == wanted else identify(experiments, wanted)
+    starts = _starts(seed, search.period)
+    found = min((search.fit(s, offset) for s in starts), key=lambda f: f.noise_std)
+    if offset:
+        without = search.fit(_logs(found), False)
+        independent = search.samples * search.period / max(linear.correlation_time, search.period)
+        gained = 2 * independent * math.log(without.noise_std / found.noise_std)
+        if gained < math.log(independent):  # Schwarz's criterion, of independent samples
+            found = without
+    if not order and found.order == 2 and found.tau_e < SHOWN * search.period:
+        return fit_form(experiments, linear, 1, offset)
+    return found
+
+
+def _starts(model: StateSpace, period: float) -> list[Array]:
+    """Logarithms of time constants to begin with; first those of the model."""
+    polynomial = np.poly(model.poles).real  # s^2 + p1 s + p0, or s + p0
+    if model.order == 1:
+        return [np.log([1 / polynomial[1]])]
+    tau_m = polynomial[1] / polynomial[2]
+    fast = [1 / polynomial[1], *(share * period for share in TRIED)]
+    return [np.log([tau_m, tau_e]) for tau_e in fast]
+
+
+def _logs(form: MotorForm) -> Array:
+    return np.log([form.tau_m, form.tau_e][: form.order])
+
+
+class _Search:
+    """Experiments, and how well time constants explain them."""
+
+    def __init__(self, experiments: list[Experiment]) -> None:
+        self.experiments, self.period = experiments, experiments[0].period
+        self.samples = sum(len(e) for e in experiments)
+        self.longest = max(e.duration for e in experiments)
+        speeds = np.concatenate([e.speed for e in experiments])
+        self.spread = float(np.linalg.norm(speeds - speeds.mean()))
+
+    def fit(self, start: Array, offset: bool) -> MotorForm:
+        """The nearest minimum."""
+        low, high = math.log(UNSEEN * self.period), math.log(SLOWEST * self.longest)
+        found = least_squares(
+            lambda logs: self._residual(logs, offset)[0],
+            np.clip(start, low, high),
+            bounds=(low, high),
+            x_scale=1.0,
+            xtol=1e-10,
+            ftol=1e-12,
+            gtol=1e-12,
+        )
+        residual, weights = self._residual(found.x, offset)
+        size, unknowns = float(np.linalg.norm(residual)), found.x.size + weights.size
+        unknowns += found.x.size * len(self.experiments)
+        taus = np.exp(found.x)
+        return MotorForm(
+            order=found.x.size,
+            gain=float(weights[0]),
+            tau_m=float(taus[0]),
+            tau_e=float(taus[1]) if taus.size == 2 else UNSEEN * self.period,
+            offset=float(weights[1]) if offset else 0.0,
+            noise_std=size / math.sqrt(max(self.samples - unknowns, 1)),
+            fit_percent=100 * (1 - size / self.spread),
+        )
+
+    def _residual(self, logs: Array, offset: bool) -> tuple[Array, Array]:
+        """(all samples,) what is left of the speed, and gain and perhaps offset."""
+        model = _unit(np.exp(logs))
+        bases: dict[int, Array] = {}
+        columns, speeds = [], []
+        for e in self.experiments:
+            length = len(e)
+            if length not in bases:
+                bases[length] = _free(model, length, self.period)
+            forced = model.simulate(e.voltage, self.period, np.zeros(model.order))
+            stacked = np.column_stack([forced, *([np.ones(length)] if offset else []), e.speed])
+            basis = bases[length]
+            stacked -= basis @ (basis.T @ stacked)
+            columns.append(stacked[:, :-1])
+            speeds.append(stacked[:, -1])
+        matrix, target = np.vstack(columns), np.concatenate(speeds)
+        weights = np.linalg.lstsq(matrix, target, rcond=None)[0]
+        return target - matrix @ weights, weights
+
+
+def _unit(taus: Array) -> StateSpace:
+    """The response of gain 1; states speed, and the current in units of volts."""
+    if taus.size == 1:
+        return StateSpace(np.array([[-1 / taus[0]]]), np.array([1 / taus[0]]), np.ones(1))
+    tau_m, tau_e = taus
+    a = np.array([[0.0, 1 / tau_m], [-1 / tau_e, -1 / tau_e]])
+    return StateSpace(a, np.array([0.0, 1 / tau_e]), np.array([1.0, 0.0]))
+
+
+def _free(model: StateSpace, length: int, period: float) -> Array:
+    """(length, k) orthonormal basis of what start states can add to the speed."""
+    still = np.zeros(length)
+    runs = [model.simulate(still, period, start) for start in np.eye(model.order)]
+    left, sizes, _ = np.linalg.svd(np.column_stack(runs), full_matrices=False)
+    return left[:, sizes > NEGLIGIBLE * sizes[0]]

@@ -1,0 +1,121 @@
+"""`ldt identify`: a machine file for a machine of which no physics is known."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import click
+
+from ldt_core.cli.options import json_option
+from ldt_core.cli.recordings import progress, read_recordings
+
+if TYPE_CHECKING:
+    from ldt_core.calibration.equivalent import Equivalent
+
+
+def _range(
+    _context: click.Context, _option: click.Parameter, text: str | None
+) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    try:
+        low, high = (float(end) for end in text.split(","))
+    except ValueError:
+        raise click.BadParameter(f"expected LOWEST,HIGHEST in V, got {text!r}") from None
+    return low, high
+
+
+@click.command("identify")
+@click.argument("recordings", nargs=-1, required=True)
+@click.option("--out", required=True, help="Machine file to write.")
+@click.option("--force", is_flag=True, help="Overwrite the machine file if it exists.")
+@click.option("--name", default="identified", show_default=True, help="Name of the machine.")
+@click.option(
+    "--order",
+    type=click.IntRange(0, 2),
+    default=0,
+    help="Number of time constants, 1 or 2; without it, as many as the recordings show.",
+)
+@click.option(
+    "--offset/--no-offset",
+    default=True,
+    help="Whether the steady speed may be off gain times voltage; the machine file has no place "
+    "for an offset, so that without one the motor is the nearest in free run.",
+)
+@click.option(
+    "--limits",
+    callback=_range,
+    metavar="LOWEST,HIGHEST",
+    help="Voltage that the machine may get [V]; without it, the recorded range, a little widened.",
+)
+@click.option(
+    "--holdout",
+    type=float,
+    metavar="FRACTION",
+    help="Share of the experiments to judge by, not to fit (a quarter when there are 4 or more).",
+)
+@click.option("--namespace", default="", help="Machine whose topics are meant, if several.")
+@json_option
+def command(
+    recordings: tuple[str, ...],
+    out: str,
+    force: bool,
+    name: str,
+    order: int,
+    offset: bool,
+    limits: tuple[float, float] | None,
+    holdout: float | None,
+    namespace: str,
+    as_json: bool,
+) -> None:
+    """Find the DC motor that answers the voltage as the machine in RECORDINGS does.
+
+    Voltage and speed alone show a gain and one or two time constants; the file is that of the
+    equivalent motor with R = 1 Ohm and b = 0. Refuses a machine that is no such motor.
+
+    Example: ldt identify bag --out unknown.yaml
+    """
+    from ldt_core.calibration.equivalent import identify_machine
+    from ldt_core.calibration.machine_file import check_target, write_equivalent
+
+    check_target(out, force)
+    experiments = read_recordings(recordings, namespace)
+    with progress() as tick:
+        found = identify_machine(
+            experiments,
+            name,
+            order=order,
+            offset=offset,
+            limits=limits,
+            holdout=holdout,
+            tick=tick,
+        ).with_recordings(recordings)
+    write_equivalent(found, out, force)
+    if as_json:
+        machine = found.machine
+        record = {"machine": machine.name, "out": out, "parameters": dict(machine.parameters)}
+        click.echo(json.dumps({**record, **found.as_dict()}, allow_nan=False))
+    else:
+        _print(found, out)
+
+
+def _print(found: Equivalent, out: str) -> None:
+    form = found.form
+    names = ["tau_m", "tau_e"] if form.oscillates else ["time constant", "and"]
+    times = (f"{n} {t:.4g} s" for n, t in zip(names, form.time_constants, strict=False))
+    click.echo(f"gain {form.gain:.5g} rad/s per V, {' '.join(times)}")
+    units = {p.name: p.unit for p in found.machine.model.parameters}
+    values = (f"{n} {v:.5g} {units[n]}" for n, v in found.machine.parameters.items())
+    click.echo(f"equivalent motor: {', '.join(values)}")
+    for part, error in found.errors.items():
+        where = {"fit": "fitted", "held_out": "held out"}[part]
+        count, linear = len(found.experiments[part]), found.linear_errors[part]
+        click.echo(
+            f"free-run error on {count} experiment{'s' if count > 1 else ''} {where}: "
+            f"{error.rmse:.4g} rad/s, mean maximum {error.mean_max_error:.4g} (linear model of "
+            f"order {found.linear.order} with an offset: {linear.rmse:.4g} rad/s)"
+        )
+    for note in found.notes:
+        click.echo(f"- {note}")
+    click.echo(f"machine file: {out}")

@@ -1,0 +1,72 @@
+"""What commands that work on whole recordings have in common: reading them, saying what goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+
+if TYPE_CHECKING:
+    from ldt_core.experiment import Experiment
+    from ldt_core.machine import Machine
+
+
+def read_recordings(
+    recordings: Sequence[str], namespace: str, machine: Machine | None = None
+) -> list[Experiment]:
+    """Experiments of all recordings; what is odd goes to stderr.
+
+    Args:
+        recordings: folders or files; those of several are numbered on from one to the next.
+        namespace: machine whose topics are meant.
+        machine: whose limits the experiments must keep; None when it is not known.
+
+    Raises:
+        RecordingError: a recording that cannot be read.
+        ExperimentError: an experiment outside the machine's limits.
+    """
+    from dataclasses import replace
+
+    from ldt_core.errors import ExperimentError
+    from ldt_core.recording.bag import read_bag
+
+    found: list[Experiment] = []
+    for recording in recordings:
+        bag = read_bag(recording, namespace)
+        for experiment in bag.experiments():
+            try:
+                if machine is not None:
+                    machine.check(experiment)
+            except ExperimentError as error:
+                where = f"{recording}, {error.where}"
+                raise ExperimentError(where, error.expected, error.got) from None
+            numbered = len(recordings) > 1
+            found.append(replace(experiment, number=len(found) + 1) if numbered else experiment)
+        for note in bag.notes:
+            click.echo(note, err=True)
+    return found
+
+
+@contextmanager
+def progress(words: str = "{}") -> Iterator[Callable[[str], None]]:
+    """What is being done, on a terminal's standard error; nothing on a pipe.
+
+    Args:
+        words: what to show of what is being done and of how often it was said.
+    """
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda doing: None
+        return
+    with console.status("reading") as status:
+        count = 0
+
+        def tick(doing: str) -> None:
+            nonlocal count
+            count += 1
+            status.update(words.format(doing, count))
+
+        yield tick
