@@ -12,7 +12,7 @@ LIBRARIES = ("numba", "numpy", "scikit-learn", "scipy")
 #: Parts of `ldt_core` that show, store or fetch numbers and decide none.
 SHOWING = (
     *("calibration", "cli", "figures.py", "parallel.py", "recording", "session.py"),
-    *("study", "tuning"),
+    *("report", "study", "tuning"),
 )
 #: What of `ldt_core.study` decides numbers after all.
 DECIDING = ("region.py", "run.py", "stream.py")
