@@ -10,10 +10,14 @@ A user's own effect is a file with such an object, named by entry point (group `
         name="cubic_drag",
         description="drag that grows with the cube of the speed",
         equation="torque = -c omega^3",
-        parameters=(Parameter("c", "N m s^3", 0.0, default=0.0, scale=1e-6),),
+        parameters=(
+            Parameter("c", "N m s^3", 0.0, default=0.0, description="coefficient", scale=1e-6),
+        ),
         typical={"c": 1e-6},
         torque=torque,
     )
+
+`ldt effects path/to/file.py:CUBIC_DRAG` checks it (`ldt_core/checks_effect.py`).
 """
 
 from __future__ import annotations
