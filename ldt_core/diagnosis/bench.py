@@ -36,7 +36,6 @@ Use = Sequence[tuple["Effect", Values]]
 
 DIVERGED = 1e4  # rad/s, in place of a free run that grows for ever
 AT_REST = 4.0  # noise deviations: a first sample nearer to 0 than this is a machine at rest
-SENSOR_ROUNDS = 4  # of the fixed point that looks through the sensor
 NOISE_FLOOR = 1e-4  # of a channel's size: noise-free simulations must not divide by 0
 COARSE = 2e-3  # s, integration step of a search
 FINE = 0.5e-3  # s, of what is reported
@@ -165,7 +164,7 @@ class Bench:
             values: Values = self.values
             for effect, given in use:
                 values = effect.change_parameters(physics, values, given)
-            seen = self._behind_sensor(e, use)
+            seen = physics.behind_sensor(e.speed, e.period, use)
             first = 0.0 if piece.rest else float(seen[0])
             known = None if e.current is None else float(e.current[0])
             start = physics.initial_state(values, first, known)
@@ -194,18 +193,6 @@ class Bench:
         moved = propagate(ad, np.ascontiguousarray(ad[:, SPEED]), pushed, np.zeros(3), *NOT_TRACKED)
         moved[:, ANGLE] = 0.0
         return moved
-
-    def _behind_sensor(self, e: Experiment, use: Use) -> Array:
-        """(L,) speed that a sensor with these effects shows as what was measured [rad/s]."""
-        on_sensor = [(effect, given) for effect, given in use if effect.on_measurement is not None]
-        if not on_sensor:
-            return e.speed
-        speed = e.speed.copy()
-        states = np.zeros((len(e), CURRENT + 1))
-        for _ in range(SENSOR_ROUNDS):
-            states[:, SPEED] = speed
-            speed = speed + e.speed - self.physics.measure(states, e.period, on_sensor)
-        return speed
 
     def _start_basis(self, e: Experiment) -> Array:
         """Orthonormal directions of an unknown first speed and (where not measured) current."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.explain import CLEAR, MOST, Explained, Search
 from ldt_core.diagnosis.search import Fit
 
@@ -19,6 +20,7 @@ HALF = 0.5  # of what was left before it
 ALIKE = 10.8  # loss by which sets differ that cannot be told apart: chi-square, p = 0.001, and
 ALSO = 1.5  # times what the best leaves itself: no candidate's law is exactly the machine's
 UNEXPLAINED = 0.05  # of the gap: with more left, the best set is not the cause
+BOOTSTRAP = 400  # draws of experiments
 DRAWS = 2000  # of white noise, for the limits of the tests
 
 
@@ -33,6 +35,9 @@ class Decision:
         excess: power of the gap beyond noise, without any effect.
         left: the same with the chosen set.
         structured: whether what is left is more than noise.
+        bench: all experiments, with the noise as it was found.
+        confidence: that the verdict is right, as far as the experiments agree with each other.
+        notes: for a person.
     """
 
     kind: str
@@ -41,6 +46,9 @@ class Decision:
     excess: float
     left: float
     structured: bool
+    bench: Bench
+    confidence: float = 1.0
+    notes: tuple[str, ...] = ()
 
     @property
     def acting(self) -> list[list[str]]:
@@ -76,37 +84,71 @@ def is_gap(found: Explained, seed: int) -> bool:
 
 
 def decide(search: Search, seed: int = 0) -> Decision:
-    """The verdict on what a search has found."""
+    """Search, and say what the search has found."""
     found = search.found
-    excess, limit = found.excess, found.band.limit_of(0.01)
+    band, assumed = found.band, found.bench.noise
+    band.level = search.band.level = band.channel_noise(found.base)
     if not is_gap(found, seed):
-        return Decision("none", None, (), excess, excess, False)
-    sizes = [found.of_size(k) for k in range(1, MOST + 1)]
-    chosen = _grow([s[0] for s in sizes if s], found, excess)
+        bench = _with_noise(found.bench, assumed, band.level)
+        return Decision("none", None, (), found.excess, found.excess, False, bench, 0.99)
+    search.run()
+    best = found.of_size(1)[0]
+    for size in range(1, MOST + 1):
+        best = min([best, *found.of_size(size)[:1]], key=lambda f: band.excess(f.rest))
+    band.level = search.band.level = band.channel_noise(best.rest)
+    excess, limit = found.excess, band.limit_of(0.01)
+    chosen = _grow(found, excess)
     search.alternatives(chosen)
-    rivals = [f for f in found.of_size(len(chosen.members)) if f is not chosen]
-    left = found.band.excess(chosen.rest)
-    reach = max(ALIKE, ALSO * left)
-    pool = sorted([chosen, *rivals], key=lambda f: f.loss)
+    pool = found.of_size(len(chosen.members))
     best = pool[0]
-    left = found.band.excess(best.rest)
+    left = band.excess(best.rest)
     reach = max(ALIKE, ALSO * left)
-    alike = [f for f in pool if f.loss - best.loss <= reach]
-    alike = _without_generalisations(alike)
+    alike = _without_generalisations([f for f in pool if f.loss - best.loss <= reach])
     structured = left > limit
     unknown = structured and left > UNEXPLAINED * excess
     kind = "unknown" if unknown else "ambiguous" if len(alike) > 1 else "effect"
-    return Decision(kind, best if best in alike else alike[0], tuple(alike), excess, left, structured)
+    rivals = [f for f in pool if f.loss - best.loss > reach]
+    sure = _confidence(found, alike[0], [] if unknown else rivals, unknown, seed)
+    bench = _with_noise(found.bench, assumed, band.level)
+    return Decision(kind, alike[0], tuple(alike), excess, left, structured, bench, sure)
 
 
-def _grow(best: Sequence[Fit], found: Explained, excess: float) -> Fit:
-    chosen = best[0]
-    for larger in best[1:]:
-        gain = chosen.loss - larger.loss
-        left = max(found.band.excess(chosen.rest), 0.0)
-        added = len(larger.members) - len(chosen.members)
-        if gain > CLEAR * added and gain > WORTH * excess * added and gain > HALF * left:
-            chosen = larger
+def _with_noise(bench: Bench, assumed: tuple[float, float], level: tuple[float, float]) -> Bench:
+    noise = assumed[0] * level[0], assumed[1] * level[1]
+    return Bench(bench.machine, bench.experiments, noise, bench.workers)
+
+
+def _confidence(
+    found: Explained, best: Fit, rivals: Sequence[Fit], unknown: bool, seed: int
+) -> float:
+    """Part of the draws of experiments (with replacement) that give the same verdict."""
+    band = found.band
+    count = len(found.bench.pieces)
+    pick = np.random.default_rng(seed).integers(0, count, (BOOTSTRAP, count))
+    gap = (band.power(found.base) - band.noise / count)[pick].sum(axis=1)
+    left = (band.power(best.rest) - band.noise / count)[pick].sum(axis=1)
+    same = (left > UNEXPLAINED * gap) if unknown else (left <= UNEXPLAINED * np.maximum(gap, left))
+    own = _losses(found.bench, best.rest)[pick].sum(axis=1)
+    for rival in rivals:
+        same = same & (own < _losses(found.bench, rival.rest)[pick].sum(axis=1))
+    return float(np.clip(np.mean(same), 1 / BOOTSTRAP, 1 - 1 / BOOTSTRAP))
+
+
+def _losses(bench: Bench, rest: Array) -> Array:
+    return np.array([float(rest[p.rows] @ rest[p.rows]) for p in bench.pieces])
+
+
+def _grow(found: Explained, excess: float) -> Fit:
+    """The smallest set that no larger one beats by enough."""
+    chosen = found.of_size(1)[0]
+    for size in range(2, MOST + 1):
+        for larger in found.of_size(size)[:1]:
+            gain = chosen.loss - larger.loss
+            left = max(found.band.excess(chosen.rest), 0.0)
+            added = len(larger.members) - len(chosen.members)
+            worth = max(CLEAR, WORTH * excess) * added
+            if gain > worth and gain > HALF * left:
+                chosen = larger
     return chosen
 
 

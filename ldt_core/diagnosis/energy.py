@@ -45,6 +45,8 @@ class Band:
         low = [float(np.sum(self._low(i))) for i, _, _ in self._rows]
         #: Degrees of freedom of the band: its power when there is noise alone.
         self.noise = sum(low) - unknown
+        #: What the noise of each channel is, in the deviations that the bench assumes.
+        self.level = (1.0, 1.0)
         self.above = sum(float(np.sum(self._high(i))) for i, _, _ in self._rows)
 
     def _frequency(self, i: int) -> Array:
@@ -67,8 +69,9 @@ class Band:
     def power(self, rest: Array) -> Array:
         """(experiments,) power of (size,) residuals in the band, noise included."""
         found = np.zeros(len(self.bench.pieces))
-        for i, _, rows in self._rows:
-            found[i] += float(self._low(i) @ _periodogram(rest[rows]))
+        for i, channel, rows in self._rows:
+            power = float(self._low(i) @ _periodogram(rest[rows]))
+            found[i] += power / self.level[channel] ** 2
         return found
 
     def excess(self, rest: Array) -> float:

@@ -92,11 +92,11 @@ class Search:
         self.scout = bench.part(scouted(bench))
         responses = simulate_all(self.scout, self.candidates, lambda: tick("simulating effects"))
         self.found = Explained(bench, Band(bench), bench.rest(), self.scout, responses)
-        self._band = Band(self.scout)
+        self.band = Band(self.scout)
 
     def run(self) -> Explained:
         """Fit sets of one effect, then of two and three as long as something is left."""
-        enough = self._band.limit_of(0.01)
+        enough = self.band.limit_of(0.01)
         self._alone()
         for count in range(1, MOST + 1):
             if count == 2:
@@ -105,7 +105,7 @@ class Search:
                 self._build_on(count - 1)
             self._finish(count)
             best = self._best(count)
-            if not best or self._band.excess(best[0].rest) < enough:
+            if not best or self.band.excess(best[0].rest) < enough:
                 break
         return self.found
 
@@ -162,7 +162,7 @@ class Search:
         best = self._best(count)
         if not best:
             return
-        floor = best[0].loss + NEAR * max(self._band.excess(best[0].rest), 0.0) + CLEAR
+        floor = best[0].loss + NEAR * max(self.band.excess(best[0].rest), 0.0) + CLEAR
         for f in [f for f in best if f.loss <= floor][:KEPT]:
             self.finish(f)
 
@@ -176,6 +176,14 @@ class Search:
             else:
                 self.found.fits[names] = fit(self.bench, scouted.members, scouted.z)
         return self.found.fits[names]
+
+    def subset(self, base: Fit, names: Sequence[str]) -> Fit:
+        """A part of a set, fitted on all experiments."""
+        wanted = frozenset(names)
+        if wanted not in self.found.scouted:
+            chosen = [i for i, m in enumerate(base.members) if m.name in wanted]
+            self._scout([base.members[i] for i in chosen], [base.z[i] for i in chosen])
+        return self.finish(self.found.scouted[wanted])
 
     def alternatives(self, base: Fit, count: int = ADDED) -> list[Fit]:
         """Sets that differ from a set in one member, the most promising, fitted on all."""
@@ -196,7 +204,7 @@ class Search:
 
     def _worth(self, base: Fit, found: Iterable[Fit]) -> list[Fit]:
         scouted = self.found.scouted.get(frozenset(base.names), base)
-        floor = scouted.loss + NEAR * max(self._band.excess(scouted.rest), 0.0) + CLEAR
+        floor = scouted.loss + NEAR * max(self.band.excess(scouted.rest), 0.0) + CLEAR
         return [self.finish(f) for f in found if f.loss <= floor]
 
     def _empty(self) -> Fit:

@@ -1,4 +1,4 @@
-"""The physics alone, never adapted: the baseline "original" of the paper."""
+"""The physics, never adapted: the baseline "original" of the paper, or with effects added."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ from ldt_core.models.base import Model
 
 
 class PhysicsModel(Model):
-    """Free run of the machine file's equations.
+    """Free run of the machine file's equations, and of effects if any are given.
 
     `parameters` is `{"machine": {name: value}}`, the physics parameters in SI units.
+
+    Args:
+        effects: (effect, all its values) that act, as an option of `Model`.
     """
 
     kind = "physics"
@@ -26,6 +29,7 @@ class PhysicsModel(Model):
     def build(self) -> None:
         """Check the parameters against the physics."""
         self.physics = self.machine.model
+        self.effects = list(self.options.get("effects", ()))
         self.values = {n: float(v) for n, v in self.parameters["machine"].items()}
         known = {p.name: p for p in self.physics.parameters}
         for name in self.values:
@@ -42,10 +46,16 @@ class PhysicsModel(Model):
             LdtError: the simulated state grows without bound.
         """
         current = None if experiment.current is None else float(experiment.current[0])
-        initial = self.physics.initial_state(self.values, float(experiment.speed[0]), current)
-        states = self.physics.simulate(self.values, experiment.voltage, experiment.period, initial)
+        about, acting = (experiment.voltage, experiment.period), self.effects
+        values = self.values
+        for effect, given in acting:
+            values = effect.change_parameters(self.physics, values, given)
+        first = self.physics.behind_sensor(experiment.speed, experiment.period, acting)[0]
+        initial = self.physics.initial_state(values, float(first), current)
+        states = self.physics.simulate(self.values, *about, initial, acting)
+        speed = self.physics.measure(states, experiment.period, acting)
         return Prediction(
-            experiment.number, experiment.start, experiment.period, self.version, states[:, 1]
+            experiment.number, experiment.start, experiment.period, self.version, speed
         )
 
     def fit(self, experiments: Sequence[Experiment]) -> Self:

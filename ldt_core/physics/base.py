@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 Values = Mapping[str, float]
 Array = NDArray[np.float64]
+SENSOR_ROUNDS = 4  # of the fixed point that looks through the sensor
 #: Effects that act, each with all its parameters' values, in the order in which they act.
 Effects = Sequence[tuple["Effect", Values]]
 
@@ -167,6 +168,21 @@ class Physics(abc.ABC):
         for effect, given in effects:
             if effect.on_measurement is not None:
                 speed = effect.on_measurement(speed, period, **given)
+        return speed
+
+    def behind_sensor(self, shown: Array, period: float, effects: Effects = ()) -> Array:
+        """(L,) speed that a sensor with these effects shows as `shown` (L,) [rad/s].
+
+        By a few rounds of a fixed point, so that a slow sensor's inverse does not blow up noise.
+        """
+        on_sensor = [(effect, given) for effect, given in effects if effect.on_measurement]
+        if not on_sensor:
+            return shown
+        speed = shown.copy()
+        states = np.zeros((shown.size, len(self.states)))
+        for _ in range(SENSOR_ROUNDS):
+            states[:, 1] = speed
+            speed = speed + shown - self.measure(states, period, on_sensor)
         return speed
 
     def __repr__(self) -> str:

@@ -1,0 +1,58 @@
+"""How well a set's parameters are known: intervals of a fit whose laws are not exactly right.
+
+Noise alone would give the covariance (J'J)^-1. But no candidate's law is exactly the machine's: a
+structured remainder R, in the same units, shows how far off they are where the parameters cannot
+follow, and what is off where they can is as likely of the same size in each direction. A remainder
+of some DIRECTIONS independent shapes adds R / DIRECTIONS to the variance of each.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.diagnosis.result import Amount
+from ldt_core.diagnosis.search import Fit
+
+Array = NDArray[np.float64]
+
+NORMAL = 1.96  # deviations of a 95 % interval
+DIRECTIONS = 10.0  # independent shapes that a remainder consists of
+UNKNOWN = 3.0  # coordinates: a parameter known no better than this is not determined
+
+
+def deviations(fit: Fit, left: float) -> tuple[Array, ...]:
+    """Standard deviation of each member's coordinates; infinite where nothing depends on them.
+
+    Args:
+        fit: the set.
+        left: power that it leaves beyond noise.
+    """
+    size = np.linalg.norm(fit.jacobian, axis=0)
+    seen = size > 1e-9
+    found = np.full(size.size, math.inf)
+    if seen.any():
+        scaled = fit.jacobian[:, seen] / size[seen]
+        _, s, right = np.linalg.svd(scaled, full_matrices=False)
+        variance = np.sum((right.T / np.maximum(s, 1e-7)) ** 2, axis=1) / size[seen] ** 2
+        found[seen] = np.sqrt(variance * (1 + max(left, 0.0) / DIRECTIONS))
+    edges = np.cumsum([len(c) for c in fit.members])[:-1]
+    return tuple(np.split(found, edges))
+
+
+def amounts(fit: Fit, left: float) -> dict[str, dict[str, Amount]]:
+    """Effect to parameter to amount, of every member of a set."""
+    found: dict[str, dict[str, Amount]] = {}
+    for c, z, spread in zip(fit.members, fit.z, deviations(fit, left), strict=True):
+        low, high = c.bounds
+        own = {}
+        for j, p in enumerate(c.parameters):
+            interval = None
+            if spread[j] < UNKNOWN:
+                ends = np.clip(z[j] + NORMAL * spread[j] * np.array([-1, 1]), low[j], high[j])
+                interval = c.value(j, float(ends[0])), c.value(j, float(ends[1]))
+            own[p.name] = Amount(c.value(j, float(z[j])), p.unit, interval)
+        found[c.name] = own
+    return found

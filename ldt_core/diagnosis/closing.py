@@ -1,0 +1,61 @@
+"""How far effects close the gap: free runs of experiments that the diagnosis never fitted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.diagnosis.result import Errors
+from ldt_core.errors import LdtError
+from ldt_core.experiment import Experiment
+from ldt_core.machine import Machine
+from ldt_core.models.physics import PhysicsModel
+
+Array = NDArray[np.float64]
+
+DRAWS = 2000  # of the bootstrap over experiments
+FLAT = 0.5  # of the noise's power: with a smaller gap before, a closed fraction says nothing
+
+
+def free_run(machine: Machine, experiment: Experiment, use: Sequence = ()) -> Array:
+    """(L,) predicted speed [rad/s], exactly as `ldt predict` gives it; nan where it diverges."""
+    try:
+        return PhysicsModel(machine, effects=list(use)).predict(experiment).speed
+    except LdtError:
+        return np.full(len(experiment), math.nan)
+
+
+def errors(experiments: Sequence[Experiment], predicted: Sequence[Array]) -> Errors:
+    """Root mean square over all samples, and mean over experiments of the largest error."""
+    rest = [e.speed - p for e, p in zip(experiments, predicted, strict=True)]
+    square = float(np.mean(np.concatenate(rest) ** 2))
+    return Errors(math.sqrt(square), float(np.mean([np.abs(r).max() for r in rest])))
+
+
+def closed(
+    experiments: Sequence[Experiment],
+    before: Sequence[Array],
+    after: Sequence[Array],
+    noise: float,
+    seed: int = 0,
+) -> tuple[float | None, tuple[float, float] | None]:
+    """(closed fraction, its 95 % interval): (before^2 - after^2) / (before^2 - noise^2)."""
+    size = np.array([len(e) for e in experiments], dtype=np.float64)
+    was, now = (
+        np.array([float(np.sum((e.speed - p) ** 2)) for e, p in zip(experiments, run, strict=True)])
+        for run in (before, after)
+    )
+    gap = was - size * noise**2
+    if not gap.sum() > FLAT * noise**2 * size.sum() * 0.01:
+        return None, None
+    part = float((was - now).sum() / gap.sum())
+    if len(experiments) < 2:
+        return part, None
+    pick = np.random.default_rng(seed).integers(0, size.size, (DRAWS, size.size))
+    below = gap[pick].sum(axis=1)
+    drawn = (was - now)[pick].sum(axis=1)[below > 0] / below[below > 0]
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    return part, (float(low), float(high))

@@ -1,0 +1,109 @@
+"""The experiment that tells apart what this recording cannot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.diagnosis.bench import COARSE, Bench
+from ldt_core.diagnosis.result import NextExperiment
+from ldt_core.diagnosis.search import DIFFERENCE, Fit, split, used
+from ldt_core.experiment import Experiment
+
+Array = NDArray[np.float64]
+
+SETTLED = 25.0  # sum of squares, in noise deviations, by which sets are told apart for good
+CURRENT_NOISE = 0.01  # of the current's largest value, where nothing is known of its sensor
+SAMPLES = 2000
+
+
+def next_experiment(bench: Bench, alike: Sequence[Fit], seed: int = 0) -> NextExperiment | None:
+    """The design that splits sets which are as good as each other, or None if none does."""
+    if len(alike) < 2:
+        return None
+    best: tuple[float, NextExperiment] | None = None
+    measured = bench.experiments[0].current is not None
+    for name, volts in _designs(bench, seed):
+        for current in (False, True) if not measured else (True,):
+            power = _separation(bench, alike, volts, current)
+            channels = ["voltage", "speed", *(["current"] if current else [])]
+            # The plainer experiment is the better one unless the other tells far more.
+            worth = power if not current or measured else power / 4
+            if best is None or worth > best[0]:
+                with_current = " with the current measured" if current and not measured else ""
+                names = [" and ".join(f.names) for f in alike]
+                told = ", ".join(names[:-1]) + " and " + names[-1]
+                why = (
+                    f"{name}{with_current} tells {told} apart: one such experiment moves them "
+                    f"{math.sqrt(power):.3g} noise deviations from each other, at least"
+                )
+                period = bench.experiments[0].period
+                best = worth, NextExperiment(why, [float(v) for v in volts], period, channels)
+                enough = power
+    return best[1] if best is not None and enough > SETTLED else None
+
+
+def _designs(bench: Bench, seed: int) -> list[tuple[str, Array]]:
+    """Inputs within the machine's limits, each with its name."""
+    random = np.random.default_rng(seed)
+    e = bench.experiments[0]
+    low, high = bench.machine.voltage_limits
+    most = min(max(float(np.abs(x.voltage).max()) for x in bench.experiments), max(-low, high))
+    length = min(max(len(e), round(8 * bench.memory / e.period)), SAMPLES)
+    time = np.arange(length) * e.period
+    hold = max(round(4 * bench.memory / e.period), 1)
+    index = np.arange(length) // hold
+    steps = random.uniform(-1.0, 1.0, int(index[-1]) + 1)
+    sign = np.where(np.arange(steps.size) % 2 == 0, 1.0, -1.0)
+    both = (np.abs(steps) * 0.7 + 0.3) * sign
+    there = 1.0 - np.abs(1.0 - 2.0 * (4 * time / time[-1] % 1.0))
+    made = [
+        ("stepping the voltage to and fro through 0", most * both[index]),
+        ("a slow triangle of voltage through 0", most * np.sin(4 * math.pi * time / time[-1])),
+        ("small steps from standstill", 0.25 * most * np.abs(steps)[index] * (index % 2)),
+        ("running up and letting it run down", most * (index // 2 % 2 == 0) * 0.9),
+        ("slow ramps from standstill to full voltage", most * there),
+        ("steps up to the voltage's limit", max(high, most) * np.abs(steps)[index]),
+    ]
+    return [(name, np.clip(volts, low, high)) for name, volts in made]
+
+
+def _separation(bench: Bench, alike: Sequence[Fit], volts: Array, current: bool) -> float:
+    """Least distance between any two of the sets, after one has been fitted to the other."""
+    e = bench.experiments[0]
+    rest = np.zeros(volts.size)
+    blank = Experiment(1, 0.0, e.period, volts, rest, rest if current else None)
+    noise = bench.noise
+    if current and e.current is None:
+        largest = float(np.abs(volts).max()) / bench.values["R"]
+        noise = (bench.noise[0], CURRENT_NOISE * largest)
+    tried = Bench(bench.machine, [blank], noise, 1)
+    least = math.inf
+    for f in alike:
+        z = np.concatenate(f.z)
+        base = _run(tried, f.use)
+        columns = []
+        for j in range(z.size):
+            moved = z.copy()
+            moved[j] += DIFFERENCE
+            use = used(f.members, split(f.members, moved))
+            columns.append((_run(tried, use) - base) / DIFFERENCE)
+        span = np.linalg.qr(np.column_stack(columns))[0]
+        for other in alike:
+            if other is f:
+                continue
+            apart = _run(tried, other.use) - base
+            apart = apart - span @ (span.T @ apart)
+            least = min(least, float(apart @ apart))
+    return least
+
+
+def _run(bench: Bench, use: Sequence) -> Array:
+    """Free run in noise deviations, speed and current in one row."""
+    speed, current = bench.outputs(0, use, COARSE, follow=False)
+    if bench.experiments[0].current is None:
+        return speed / bench.noise[0]
+    return np.concatenate([speed / bench.noise[0], current / bench.noise[1]])

@@ -1,0 +1,89 @@
+"""The verdict in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from ldt_core.diagnosis.result import Amount, Gap, Place
+
+
+def sentence(
+    machine: str,
+    kind: str,
+    acting: Sequence[Sequence[str]],
+    amounts: Mapping[str, Mapping[str, Amount]],
+    gap: Gap,
+    where: Sequence[Place],
+    left: float | None,
+) -> str:
+    """One or two sentences for a person.
+
+    Args:
+        machine: its name.
+        kind: of the verdict.
+        acting: for each effect that acts, the names that it may have.
+        amounts: effect to parameters.
+        gap: errors before and after.
+        where: places, the clearest first.
+        left: part of the gap that the best set leaves.
+    """
+    if kind == "none":
+        return (
+            f"No gap: on held-out experiments the machine file of {machine} predicts the speed to "
+            f"{gap.before.rmse:.3g} rad/s, which is the noise ({gap.noise_std:.3g} rad/s)."
+        )
+    place = f", which lies {_place(where[0])}," if where and where[0].share_of_data < 1 else ""
+    if kind == "unknown":
+        much = "" if left is None else f" (the best set of them leaves {left:.0%} of it)"
+        return (
+            f"Unknown: the gap of {gap.before.rmse:.3g} rad/s on held-out experiments{place} has "
+            f"a cause that none of the known effects explains{much}."
+        )
+    what = " and ".join(_one(group, amounts) for group in acting)
+    closed = "" if gap.closed_fraction is None else f" explains {gap.closed_fraction:.0%} of the gap"
+    return (
+        f"{what[0].upper()}{what[1:]}{closed}{place.rstrip(',')}; it cuts the error on held-out "
+        f"experiments from {gap.before.rmse:.3g} to {gap.after.rmse:.3g} rad/s, noise is "
+        f"{gap.noise_std:.3g}."
+    )
+
+
+def _one(group: Sequence[str], amounts: Mapping[str, Mapping[str, Amount]]) -> str:
+    named = f"{spoken(group[0])} ({values(amounts[group[0]])})"
+    if len(group) == 1:
+        return named
+    others = " or ".join(spoken(n) for n in group[1:])
+    return f"{named} or, not to be told apart here, {others}"
+
+
+def spoken(name: str) -> str:
+    """An effect's name as words."""
+    return name.replace("_", " ")
+
+
+def values(parameters: Mapping[str, Amount]) -> str:
+    """Parameters with their intervals: "e = 4.9 ± 0.2 mm"."""
+    parts = []
+    for name, a in parameters.items():
+        unit, scale = ("mm", 1e3) if a.unit == "m" else (a.unit, 1.0)
+        if a.ci95 is None:
+            parts.append(f"{name} not determined")
+            continue
+        spread = max(a.ci95[1] - a.value, a.value - a.ci95[0]) * scale
+        digits = max(0, 1 - _exponent(spread)) if spread > 0 else 3
+        shown = f"{a.value * scale:.{min(digits, 9)}f}" if digits < 6 else f"{a.value * scale:.3g}"
+        parts.append(f"{name} = {shown} ± {spread:.2g} {unit}".rstrip())
+    return ", ".join(parts)
+
+
+def _exponent(value: float) -> int:
+    return int(f"{value:e}".split("e")[1])
+
+
+def _place(place: Place) -> str:
+    unit = f" {place.unit}" if place.unit else ""
+    if place.quantity == "experiment":
+        return f"in experiments {place.begin:.0f} to {place.end:.0f}"
+    words = {"speed": "at speeds", "voltage": "at voltages", "time": "in the time"}
+    word = words.get(place.quantity, f"at {place.quantity}s")
+    return f"{word} from {place.begin:.3g} to {place.end:.3g}{unit}"
