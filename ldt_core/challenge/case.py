@@ -192,13 +192,13 @@ def _plan(
                 break
         else:
             return None
-    gap = bench.gap(acting, range(1, SHOWN + 1))
-    snr = rms(gap.ravel()) / setting.noise
+    gap = bench.gap_rms(acting, range(1, SHOWN + 1)) if acting else 0.0
+    snr = gap / setting.noise
     if acting and snr < (STRENGTHS[0] if len(acting) == 1 else LEAST_MEMBER):
         return None
     shares = {a.name: rms(g) for a, g in zip(acting, own, strict=True)}
     truth = _truth(kind, setting, acting, fitted, wanted, shares)
-    figures = {"gap_rms": rms(gap.ravel()), "signal_to_noise": snr, "explained": explained}
+    figures = {"gap_rms": gap, "signal_to_noise": snr, "explained": explained}
     return Plan(setting, tuple(acting), rounded({**truth, **figures}))
 
 

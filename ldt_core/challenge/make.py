@@ -117,6 +117,8 @@ def write_case(item: tuple[Path, Plan]) -> None:
 
 
 def _write_bag(path: Path, plan: Plan, experiments: Iterable[Experiment]) -> None:
+    # Simulated before the file is opened: its chunks tell how long the writer waited.
+    whole = list(experiments)
     with BagWriter(path, machine=plan.machine["name"]) as writer:
-        for experiment in experiments:
+        for experiment in whole:
             writer.write("experiment", experiment, experiment.end)

@@ -28,7 +28,7 @@ def size_for(
     Returns:
         the law in that size, the gap that it has [rad/s].
     """
-    low, high = law.sizes
+    low, high = ends = law.sizes
     size, slope = math.sqrt(low * high), 1.0
     best: tuple[float, Acting, float] | None = None
     before: tuple[float, float] | None = None
@@ -49,9 +49,13 @@ def size_for(
             slope = (off - before[1]) / math.log(size / before[0])
             slope = min(max(slope, SLOPES[0]), SLOPES[1])
         before = size, off
-        new = min(max(size * math.exp(-off / slope), low), high)
-        if new == size:
+        if size == ends[0 if off > 0 else 1]:  # as near as the bounds let it
             break
+        low, high = (size, high) if off < 0 else (low, size)
+        new = size * math.exp(-off / slope)
+        if not low < new < high:
+            beyond = ends[1] if new >= high else ends[0]
+            new = beyond if beyond in (low, high) else math.sqrt(low * high)
         size = new
     if best is None:
         raise Unsteady(f"no size of {law.name} makes a machine that runs")

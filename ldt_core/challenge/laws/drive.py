@@ -83,7 +83,9 @@ def _source(p, v, s, odd):
 
 def _saturation(p, v, s, odd):
     p["limit"] = v["limit"]
-    p["limit_sharpness"] = s["sharpness"] / odd if odd > 0 else 0.0
+    # The knee is as wide, next to what is cut off, whatever the limit.
+    sharpness = s["sharpness"] * v["limit"] / (TOP - v["limit"])
+    p["limit_sharpness"] = sharpness / odd if odd > 0 else 0.0
 
 
 def _dead(p, v, s, odd):
@@ -147,7 +149,7 @@ LAWS = (
         "voltage_saturation",
         {"limit": "V"},
         (0.02, 0.7),
-        lambda random, known: {"sharpness": random.uniform(20.0, 50.0)},
+        lambda random, known: {"sharpness": random.uniform(6.0, 12.0)},
         lambda size, s, known: {"limit": TOP * (1.0 - size)},
         _saturation,
         place=lambda v, s, known: {

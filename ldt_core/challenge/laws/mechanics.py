@@ -162,7 +162,7 @@ LAWS = (
     Law(
         "cogging_torque",
         {"torque": "N m", "periods": "", "phase": "rad"},
-        (0.003, 1.5),
+        (0.003, 0.6),
         _draw_cogging,
         lambda size, s, known: {"torque": size, "periods": s["periods"], "phase": s["phase"]},
         _cogging,
@@ -219,7 +219,7 @@ LAWS = (
     Law(
         "gravity_imbalance",
         {"torque": "N m", "phase": "rad"},
-        (0.003, 1.2),
+        (0.003, 0.8),
         _draw_gravity,
         lambda size, s, known: {"torque": size, "phase": s["phase"]},
         _gravity,

@@ -68,6 +68,7 @@ def _hysteresis(p, v, s, odd):
 
 def _stall(p, v, s, odd):
     p["drag"], p["drag_speed"] = v["torque"] / s["speed"] ** 2, s["speed"]
+    p["drag_power"] = 3.0
     p["stall_speed"], p["stall_share"] = s["speed"], s["lost"]
 
 
@@ -164,7 +165,7 @@ LAWS = (
         "speed_hysteresis",
         "torque",
         (0.005, 2.0),
-        lambda random, known: {"width": random.uniform(1.0, 4.0)},
+        lambda random, known: {"width": random.uniform(3.0, 6.0)},
         _hysteresis,
     ),
     _outside(
@@ -176,7 +177,7 @@ LAWS = (
         (0.01, 1.5),
         lambda random, known: {
             "speed": random.uniform(24.0, 34.0),
-            "lost": random.uniform(0.6, 0.95),
+            "lost": random.uniform(0.92, 1.0),
         },
         _stall,
     ),
@@ -221,7 +222,7 @@ LAWS = (
     _outside(
         "speed_limiter",
         "speed",
-        (0.02, 0.55),
+        (0.02, 0.75),
         _draw_limiter,
         _limiter,
         values=lambda size, s, known: {"speed": s["top"] * (1.0 - size)},

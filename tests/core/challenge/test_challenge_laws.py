@@ -1,0 +1,185 @@
+"""The challenge's machines against the twin's: the same physics, other laws, near parameters."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ldt_core.challenge.bench import Bench
+from ldt_core.challenge.case import EXPLAINED, make_case, plan_case
+from ldt_core.challenge.excitation import KINDS, draw_excitation
+from ldt_core.challenge.laws import LAWS, OUTSIDE
+from ldt_core.challenge.plant import STATES, ideal
+from ldt_core.challenge.simulation import Drive, simulate
+from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.experiment import rms
+from ldt_core.machine import load_machine, machine_from_dict
+
+ROTOR = load_machine("rotor")
+RANDOM = np.random.default_rng(0)
+PERIOD = 0.01
+NOISE = 0.1
+# Both ways and in steps: everything shows, and little is to be integrated.
+MIDDLE = {"excitation": "reversing", "start": "rest", "noise": NOISE, "samples": 1000}
+
+
+def motion(volts, **fields):
+    """Motion of the rotor, from rest, with these numbers of its record."""
+    plant = ideal(ROTOR.parameters)
+    for name, value in fields.items():
+        plant[name] = value
+    return simulate(plant, Drive(np.asarray(volts, float), 0, PERIOD), RANDOM)
+
+
+def state(moved, name):
+    return moved.states[-1, STATES.index(name)]
+
+
+@pytest.mark.parametrize("e", [0.0, 0.004])
+@pytest.mark.parametrize("kind", ["steps", "reversing", "multisine"])
+def test_without_a_law_the_rotor_moves_as_the_twins_physics_says(e, kind):
+    """To 1e-6 rad/s in 10 s, from another integrator and other lines of code."""
+    volts = draw_excitation(kind, np.random.default_rng(1)).voltage(
+        1000, PERIOD, np.random.default_rng(2)
+    )
+    machine = ROTOR.with_parameters(e=e)
+    rest = machine.model.initial_state(machine.parameters, 0.0)
+    twin = machine.model.simulate(machine.parameters, volts, PERIOD, rest, max_step=1e-4)
+    ours = simulate(ideal(machine.parameters), Drive(volts, 0, PERIOD), RANDOM)
+    np.testing.assert_allclose(ours.speed, twin[:, 1], atol=1e-6)
+    np.testing.assert_allclose(ours.current, twin[:, 2], atol=1e-6)
+
+
+@pytest.mark.parametrize("physics", ["dc_motor_rotor", "dc_motor"])
+def test_a_case_without_a_gap_is_its_machine_file_and_white_noise(physics):
+    """What is left of it, next to the twin's free run from the true start, is the noise."""
+    plan = plan_case("none", seed=(1,), physics=physics, start="running", samples=1000)
+    machine, bench = machine_from_dict(plan.machine, "case"), Bench(plan.setting)
+    moved, measured = bench.run((), 1), bench.experiment((), 1)
+    first = moved.states[0][: len(machine.model.states)]
+    twin = machine.model.simulate(machine.parameters, measured.voltage, PERIOD, first)
+    np.testing.assert_allclose(moved.speed, twin[:, 1], atol=1e-6)
+    left = measured.speed - twin[:, 1]
+    assert rms(left) == pytest.approx(plan.setting.noise, rel=0.1)
+    assert abs(np.corrcoef(left[1:], left[:-1])[0, 1]) < 0.15
+    assert abs(moved.speed[0]) > 1  # it was running
+
+
+def test_the_laws_are_of_the_librarys_effects_by_their_names_and_units():
+    """Each effect has a law, with the library's parameters in the library's units."""
+    assert sorted(LAWS) == sorted(EFFECTS.names())
+    for name, law in LAWS.items():
+        assert dict(law.units) == {p.name: p.unit for p in get_effect(name).parameters}, name
+
+
+@pytest.mark.parametrize("name", sorted(LAWS))
+def test_a_laws_nearest_parameters_explain_nearly_all_of_its_gap_in_the_twin(name):
+    """And never all of it: no candidate is exactly right."""
+    plan = plan_case("single", [name], seed=(4,), strength=6.0, **MIDDLE)
+    machine, bench = machine_from_dict(plan.machine, "case"), Bench(plan.setting)
+    effect, key = get_effect(name), plan.truth["parameters"][name]
+    used = [(effect, effect.check({n: p["value"] for n, p in key.items()}))]
+    gap = left = 0.0
+    for number in (1, 4, 7, 10):
+        moved = bench.run(plan.acting, number)
+        first = moved.states[0][: len(machine.model.states)]
+        volts = bench.drive(number).volts
+        states = machine.model.simulate(machine.parameters, volts, PERIOD, first, used)
+        twin = machine.model.measure(states, PERIOD, used)
+        gap += rms(moved.speed - bench.ideal_speed(number, moved.states[0])) ** 2
+        left += rms(moved.speed - twin) ** 2
+    assert plan.truth["explained"] >= EXPLAINED
+    assert 0.95 <= 1 - left / gap < 1 - 1e-7
+
+
+@pytest.mark.parametrize("name", sorted(OUTSIDE))
+def test_every_outside_cause_makes_a_gap_of_the_strength_asked_for(name):
+    """Within half of it, and its entry names no effect."""
+    plan = plan_case("outside", [name], seed=(2,), strength=4.0, **MIDDLE)
+    assert 4 / 1.5 < plan.truth["signal_to_noise"] < 4 * 2
+    assert plan.truth["effects"] == []
+    assert plan.truth["parameters"] == {}
+    assert plan.truth["outside"] == name
+
+
+def test_bristles_take_their_level_from_a_steady_speed_and_hold_below_it():
+    """K i = b omega + T turning; below the break-away torque the shaft only bends the bristles."""
+    turning = motion(np.full(1000, 10.0), forward=0.2, backward=0.2)
+    speed, current = state(turning, "omega"), state(turning, "current")
+    assert 0.3 * current == pytest.approx(0.01 * speed + 0.2, rel=1e-6)
+    held = motion(np.full(500, 1.0), forward=0.5, backward=0.5)
+    assert state(held, "bristle") == pytest.approx(0.02 * 0.3 / 0.5, rel=1e-6)
+    assert abs(state(held, "omega")) < 1e-6
+
+
+def test_an_eddy_brake_loses_half_of_its_slope_at_its_strongest_speed():
+    """Smythe: c omega / (1 + (omega / omega_c)^2)."""
+    moved = motion(np.full(1000, 10.0), eddy=0.004, eddy_slowness=1 / 25)
+    speed, current = state(moved, "omega"), state(moved, "current")
+    brake = 0.3 * current - 0.01 * speed
+    assert brake == pytest.approx(0.004 * speed / (1 + (speed / 25) ** 2), rel=1e-6)
+
+
+def test_a_winding_on_its_housing_settles_at_the_sum_of_both_resistances():
+    """T = (R_w + R_h) P, from losses in the warm resistance."""
+    hot = motion(
+        *(np.full(2000, 12.0),),
+        heat_winding=2.0,
+        heat_housing=1.0,
+        time_winding=0.3,
+        time_housing=0.5,
+        forward=1.0,
+        backward=1.0,
+    )
+    rise, current = state(hot, "winding"), state(hot, "current")
+    assert rise == pytest.approx(3.0 * (1 + 0.00393 * rise) * current**2, rel=1e-4)
+
+
+def test_a_delay_moves_the_motion_and_nothing_else():
+    """By 30 ms, which is three samples."""
+    volts = np.repeat([8.0, 14.0, 6.0], 100)
+    late, prompt = motion(volts, delay=0.03), motion(volts)
+    assert np.all(late.speed[:4] == 0)
+    np.testing.assert_allclose(late.speed[3:], prompt.speed[:-3], atol=1e-6)
+
+
+def test_a_backlash_lets_the_motor_turn_alone_through_its_gap():
+    """The far end stands still until the gap is closed."""
+    moved = motion(np.full(30, 2.0), far=0.01, J=0.01, coupling=60.0, backlash=0.2)
+    angle, far = moved.states[:, 0], moved.states[:, STATES.index("far_angle")]
+    assert np.all(far[angle < 0.2] == 0)
+    assert far[-1] > 0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_excitations_stay_within_the_machines_limits(kind):
+    """And turn both ways if they say so."""
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        drawn = draw_excitation(kind, random)
+        volts = drawn.voltage(2000, PERIOD, random)
+        assert volts.size == 2000
+        assert drawn.low - 1e-9 <= volts.min() < volts.max() <= drawn.high + 1e-9
+        assert -24 <= drawn.low < drawn.high <= 16
+        assert (volts.min() < 0) == drawn.reversing == kind.startswith("reversing")
+
+
+def test_members_of_a_set_show_beside_one_another():
+    """Each its own gap above the noise and above 15 % of the others', of different families."""
+    truth = make_case("triple", seed=3, samples=500).truth
+    gaps = [g / truth["noise"] for g in truth["own_gap_rms"].values()]
+    assert len(truth["effects"]) == len(gaps) == 3
+    assert min(gaps) >= 1
+    assert min(gaps) >= 0.15 * max(gaps)
+    families = [LAWS[name].family or name for name in truth["effects"]]
+    assert len(set(families)) == 3
+
+
+def test_a_phase_that_differs_from_experiment_to_experiment_is_null():
+    """A shaft that starts at any angle has no one phase; amplitude and periods it has."""
+    truth = plan_case("single", ["gravity_imbalance"], seed=(1,), start="angle", samples=500).truth
+    parameters = truth["parameters"]["gravity_imbalance"]
+    assert parameters["phase"] == {"value": None, "unit": "rad"}
+    assert math.isfinite(parameters["torque"]["value"])
