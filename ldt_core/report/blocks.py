@@ -14,7 +14,7 @@ class Mark:
 
     Args:
         word: the verdict.
-        tone: good, bad or open.
+        tone: good, bad, open, found (something was) or vague (one of several).
     """
 
     word: str
@@ -29,7 +29,29 @@ class Cell:
     small: str
 
 
-Value = str | Mark | Cell
+@dataclass(frozen=True)
+class Lines:
+    """Several lines in a cell."""
+
+    lines: Sequence[str | Cell]
+
+
+Value = str | Mark | Cell | Lines
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a page is about, said in one sentence under its title.
+
+    Args:
+        mark: the answer in a word.
+        aside: beside the word.
+        sentence: for a person.
+    """
+
+    mark: Mark
+    aside: str
+    sentence: str
 
 
 @dataclass(frozen=True)
@@ -146,6 +168,6 @@ class Section:
     title: str
     blocks: list[Block] = field(default_factory=list)
 
-    def figure(self, drawing: Drawing | None, otherwise: str) -> None:
-        """Add a drawing, or say why there is none."""
-        self.blocks.append(Figure.of(drawing) if drawing else Text(otherwise, "missing"))
+    def figure(self, drawing: Drawing | None, otherwise: str, files: bool = True) -> None:
+        """Add a drawing (with its files beside the page, or without), or say why there is none."""
+        self.blocks.append(Figure.of(drawing, files) if drawing else Text(otherwise, "missing"))

@@ -8,13 +8,15 @@ from importlib.resources import files
 import jinja2
 from markupsafe import Markup
 
-from ldt_core.report.blocks import Section
+from ldt_core.report.blocks import Answer, Section
 
 TEMPLATES = "templates"
 
 
-def render(title: str, lead: str, footer: str, sections: Sequence[Section]) -> str:
-    """The page of these sections."""
+def render(
+    title: str, lead: str, footer: str, sections: Sequence[Section], answer: Answer | None = None
+) -> str:
+    """The page of these sections, with the answer above them where there is one."""
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(_template),
         autoescape=True,
@@ -29,6 +31,7 @@ def render(title: str, lead: str, footer: str, sections: Sequence[Section]) -> s
         lead=lead,
         footer=footer,
         sections=sections,
+        answer=answer,
         stylesheet=_template("style.css"),
     )
 

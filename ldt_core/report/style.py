@@ -176,6 +176,16 @@ def require(who: str = "a study") -> None:
         ) from error
 
 
+def blank(layout: Layout, height: float) -> Figure:
+    """A figure without axes, so high [inches]."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(layout.width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
 def panels(
     layout: Layout, height: float, columns: int = 1, count: int = 1, **more: Any
 ) -> tuple[Figure, list[Axes]]:
@@ -188,13 +198,9 @@ def panels(
         count: of axes.
         more: to `Figure.subplots`.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     columns = 1 if layout.narrow else columns
     rows = -(-count // columns)
-    figure = Figure(figsize=(layout.width, height * rows), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = blank(layout, height * rows)
     grid = figure.subplots(rows, columns, squeeze=False, **more)
     axes = list(grid.flat)
     for spare in axes[count:]:

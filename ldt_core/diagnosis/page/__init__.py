@@ -1,0 +1,59 @@
+"""The page of a diagnosis: one HTML file that needs no network, no script and no other file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ldt_core.diagnosis.page import sections
+from ldt_core.diagnosis.page.fits import fits, fits_on
+from ldt_core.diagnosis.page.places import places, places_on
+from ldt_core.diagnosis.result import Diagnosis
+from ldt_core.report import style
+from ldt_core.report.page import render
+
+WHO = "a diagnosis' page"
+
+
+def write_page(diagnosis: Diagnosis, file: Path | str) -> None:
+    """Write the page.
+
+    Raises:
+        LdtError: matplotlib is not installed.
+    """
+    style.require(WHO)
+    made = [part for make in sections.SECTIONS if (part := make(diagnosis))]
+    page = render(
+        f"Gap diagnosis of {diagnosis.machine}",
+        sections.lead(diagnosis),
+        sections.FOOTER,
+        made,
+        sections.answer(diagnosis),
+    )
+    Path(file).write_text(page, encoding="utf-8")
+
+
+def picture(diagnosis: Diagnosis, file: Path | str) -> None:
+    """Draw before and after, and where the gap lies, as one picture.
+
+    Args:
+        diagnosis: with `shown`.
+        file: .png, .svg or .pdf.
+
+    Raises:
+        LdtError: matplotlib is not installed, or there is nothing to draw.
+    """
+    import matplotlib
+
+    style.require("a diagnosis' picture")
+    with matplotlib.rc_context(style.RC):
+        drawn = [
+            (part, on)
+            for part, on in ((fits(diagnosis), fits_on), (places(diagnosis), places_on))
+            if part
+        ]
+        heights = [part.height(style.WIDE) for part, _ in drawn]
+        figure = style.blank(style.WIDE, sum(heights))
+        below = figure.subfigures(len(drawn), 1, height_ratios=heights, squeeze=False)
+        for subfigure, (part, on) in zip(below.flat, drawn, strict=True):
+            on(subfigure, part, style.WIDE)
+        figure.savefig(file, dpi=style.PNG_DPI, facecolor="white")

@@ -1,0 +1,119 @@
+"""Numbers, units and names of a diagnosis as a person reads them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import TypeGuard
+
+from ldt_core.diagnosis.result import Amount
+from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.report.number import number
+
+NOTHING = "–"
+LONGEST = 24  # letters of a name in a figure; names of users' own effects are paths
+SMALLEST, LARGEST = 1e-3, 1e6  # what is written without a power of ten
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+DOT = "\N{DOT OPERATOR}"
+
+SYMBOLS = {"rad/s^2": "rad/s²", "N m s^2": "N m s²", "Ohm": "Ω"}
+
+
+def known(value: float | None) -> TypeGuard[float]:
+    """Whether there is such a number."""
+    return value is not None and math.isfinite(value)
+
+
+def value_of(value: float | None, digits: int = 3) -> str:
+    """A number with so many digits, with a power of ten where it is very small or large.
+
+    >>> value_of(0.0123), value_of(0.0000021), value_of(None), value_of(0.0)
+    ('0.0123', '2.10 · 10⁻⁶', '–', '0')
+    """
+    if not known(value):
+        return NOTHING
+    if value == 0 or SMALLEST <= abs(value) < LARGEST:
+        return number(value, digits)
+    exponent = math.floor(math.log10(abs(value)))
+    power = str(exponent).translate(SUPERSCRIPT)
+    return f"{number(value / 10.0**exponent, digits)} · 10{power}"
+
+
+def percent(fraction: float | None) -> str:
+    """A share in per cent, with one decimal where whole numbers would hide what is left.
+
+    >>> percent(0.123), percent(0.9962), percent(-1.2), percent(None)
+    ('12 %', '99.6 %', '−120 %', '–')
+    """
+    if not known(fraction):
+        return NOTHING
+    hundredth = abs(100 * fraction)
+    fine = 0.05 <= hundredth < 1 or 99 < hundredth < 99.95
+    text = f"{hundredth:.1f}" if fine else f"{hundredth:.0f}"
+    return f"{'−' if fraction < 0 and float(text) else ''}{text} %"
+
+
+def percents(interval: Sequence[float] | None) -> str:
+    """An interval of shares.
+
+    >>> percents((0.91, 0.97))
+    '91 % to 97 %'
+    """
+    return NOTHING if interval is None else f"{percent(interval[0])} to {percent(interval[1])}"
+
+
+def unit_of(unit: str) -> str:
+    """As it is printed."""
+    return SYMBOLS.get(unit, unit)
+
+
+def amount(name: str, found: Amount) -> tuple[str, str]:
+    """A parameter, and its interval.
+
+    >>> amount("e", Amount(0.0049, "m", (0.0047, 0.0051)))
+    ('e = 4.90 mm', '4.70 to 5.10')
+    """
+    scale, unit = (1e3, "mm") if found.unit == "m" and abs(found.value) < 1 else (1.0, found.unit)
+    text = f"{name} = {value_of(scale * found.value)} {unit_of(unit)}".rstrip()
+    if found.ci95 is None:
+        return text, "not determined"
+    low, high = (value_of(scale * v) for v in found.ci95)
+    return text, f"{low} to {high}"
+
+
+def short(name: str) -> str:
+    """A name in a figure, the end of it where it is long."""
+    return name if len(name) <= LONGEST else f"…{name[1 - LONGEST :]}"
+
+
+def listed(names: Iterable[str], last: str = "and") -> str:
+    """In a sentence.
+
+    >>> listed(["a", "b", "c"], "or")
+    'a, b or c'
+    """
+    *most, end = names
+    return f"{', '.join(most)} {last} {end}" if most else end
+
+
+def numbers(found: Sequence[int]) -> str:
+    """Numbers of experiments, runs of them shortened.
+
+    >>> numbers([1, 2, 3, 7, 9, 10])
+    '1–3, 7, 9, 10'
+    """
+    runs: list[list[int]] = []
+    for n in sorted(set(found)):
+        if runs and n == runs[-1][1] + 1:
+            runs[-1][1] = n
+        else:
+            runs.append([n, n])
+    words = []
+    for first, last in runs:
+        words += [f"{first}–{last}"] if last > first + 1 else map(str, sorted({first, last}))
+    return ", ".join(words) or "none"
+
+
+def description(effect: str) -> str:
+    """What an effect of the library is; nothing for a user's own, whose file is not run here."""
+    return get_effect(effect).description if effect in EFFECTS.builtin else ""
