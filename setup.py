@@ -154,6 +154,7 @@ def build() -> None:
             "ldt.command": [
                 "calibrate = ldt_core.cli.calibrate:command",
                 "challenge = ldt_core.cli.challenge:command",
+                "diagnose = ldt_core.cli.diagnose:command",
                 "effects = ldt_core.cli.effects:command",
                 "identify = ldt_core.cli.identify:command",
                 "import = ldt_core.cli.import_file:command",

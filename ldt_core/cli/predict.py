@@ -1,4 +1,4 @@
-"""`ldt predict`: free-run prediction of every experiment of a recording."""
+"""`ldt predict`: free-run prediction of every experiment of a recording, with or without effects."""
 
 from __future__ import annotations
 
@@ -12,19 +12,36 @@ from ldt_core.cli.options import json_option, namespace_option, out_option, para
 @click.command("predict")
 @click.argument("recording")
 @parameters("machine")
+@click.option(
+    "--with",
+    "diagnosis",
+    default="",
+    metavar="FILE",
+    help="The diagnosis.json whose effects to add to the machine.",
+)
+@click.option(
+    "--effect",
+    "own",
+    multiple=True,
+    metavar="FILE.py:NAME",
+    help="Effect of your own that the diagnosis names; can be given several times.",
+)
 @out_option
 @namespace_option
 @json_option
 def command(
     settings: dict[str, Any],
     recording: str,
+    diagnosis: str,
+    own: tuple[str, ...],
     out: str,
     namespace: str,
     as_json: bool,
 ) -> None:
-    """Predict RECORDING by the physics of the machine file alone, and write the predictions.
+    """Predict RECORDING by the physics of the machine file alone, or with the effects that a
+    diagnosis has found, and write the predictions.
 
-    Example: ldt predict bag --machine rotor --out predicted
+    Example: ldt predict bag --machine rotor --with diagnosis/diagnosis.json --out predicted
     """
     import json
 
@@ -36,7 +53,15 @@ def command(
     from ldt_core.recording.writer import BagWriter
 
     machine = load_machine(settings["machine"])
-    model = PhysicsModel(machine)
+    acting = []
+    if diagnosis:
+        from ldt_core.diagnosis.recorded import read_effects
+        from ldt_core.effects import get_effect
+
+        acting = read_effects(diagnosis, [get_effect(name) for name in own])
+        for effect, _ in acting:
+            effect.require(machine.model)
+    model = PhysicsModel(machine, effects=acting)
     error = FreeRunError()
     played = read_bag(recording, namespace)
     with BagWriter(out, namespace=namespace, machine=machine.name) as writer:

@@ -38,7 +38,7 @@ DIVERGED = 1e4  # rad/s, in place of a free run that grows for ever
 AT_REST = 4.0  # noise deviations: a first sample nearer to 0 than this is a machine at rest
 NOISE_FLOOR = 1e-4  # of a channel's size: noise-free simulations must not divide by 0
 COARSE = 2e-3  # s, integration step of a search
-FINE = 0.5e-3  # s, of what is reported
+LEAST = 0.8e-3  # s, shortest step, whatever the search tries
 ANGLE, SPEED, CURRENT = range(3)
 
 
@@ -173,10 +173,10 @@ class Bench:
             start[ANGLE] = angle
             about = e.voltage, e.period, start, use, step
             if not follow or physics.is_linear(values):
-                states = physics.simulate(self.values, *about)
+                states = physics.simulate(self.values, *about, least_step=LEAST)
             else:
                 gain = -math.expm1(-e.period / self.memory)
-                states = physics.simulate(self.values, *about, (seen, gain))
+                states = physics.simulate(self.values, *about, (seen, gain), LEAST)
                 states = states.copy()
                 states[:, : CURRENT + 1] -= self._corrections(values, e, states, seen, gain)
         except LdtError:

@@ -22,6 +22,7 @@ from ldt_core.diagnosis.search import (
     Dictionary,
     Fit,
     best_alone,
+    ceiling,
     fit,
     rank_pairs,
     simulate_all,
@@ -37,6 +38,9 @@ PAIRS = 6  # fitted because their responses promise most
 BASES = 3  # sets of one size that are built upon
 ADDED = 4  # effects added to each of them
 KEPT = 6  # sets of each size that are fitted on all experiments
+HOPELESS = 0.5  # of the gap: if all effects together explain no more, no set of them will
+PROMISE = 0.1  # of what a set leaves, that an effect must promise to take away to be tried with it
+ROUGH = 1e-4  # of the sum of squares: the scout's fits end there
 NEAR = 4.0  # times the best of its size that a set may leave, to be kept
 CLEAR = 30.0  # fall of the sum of squares that chance does not reach, over all sets that are tried
 
@@ -98,7 +102,8 @@ class Search:
         """Fit sets of one effect, then of two and three as long as something is left."""
         enough = self.band.limit_of(0.01)
         self._alone()
-        for count in range(1, MOST + 1):
+        most = MOST if ceiling(self.found.responses) > HOPELESS else 1
+        for count in range(1, most + 1):
             if count == 2:
                 self._pairs()
             if count > 1:
@@ -136,9 +141,12 @@ class Search:
         size, target = np.einsum("ij,ij->i", moved, moved), moved @ left
         scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
         gain = 2 * scale * target - scale**2 * size
+        enough = max(self.band.excess(base.rest), 0.0)
         chosen: dict[int, int] = {}
         for k in np.argsort(-gain):
             owner = int(d.owner[k])
+            if gain[k] < PROMISE * enough:
+                break
             if self.candidates[owner].name not in base.names:
                 chosen.setdefault(owner, int(k))
         return [(self.candidates[i], d.z[k]) for i, k in list(chosen.items())[:count]]
@@ -147,7 +155,7 @@ class Search:
         self.tick("fitting sets of effects")
         names = frozenset(c.name for c in members)
         order = sorted(range(len(members)), key=lambda i: members[i].name)
-        tried = fit(self.scout, [members[i] for i in order], [start[i] for i in order])
+        tried = fit(self.scout, [members[i] for i in order], [start[i] for i in order], precision=ROUGH)
         known = self.found.scouted.get(names)
         if known is None or tried.loss < known.loss:
             self.found.scouted[names] = tried

@@ -22,7 +22,7 @@ from ldt_core.diagnosis.candidate import Candidate
 Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-3  # of a coordinate, for difference quotients
-EVALUATIONS = 14  # steps of one fit
+EVALUATIONS = 12  # steps of one fit
 PRECISION = 1e-5  # of the sum of squares: a step that gains less was the last
 SHRINK, STRETCH = 0.25, 4.0  # how far a response may be scaled before it is no longer its effect's
 
@@ -78,6 +78,7 @@ def fit(
     start: Sequence[Array],
     step: float = COARSE,
     evaluations: int = EVALUATIONS,
+    precision: float = PRECISION,
 ) -> Fit:
     """Least squares of a set's parameters, from a start."""
     members = tuple(members)
@@ -109,7 +110,7 @@ def fit(
         first,
         jacobian,
         bounds=(low, high),
-        ftol=PRECISION,
+        ftol=precision,
         xtol=1e-6,
         gtol=1e-8,
         max_nfev=evaluations,
@@ -222,3 +223,15 @@ def rank_pairs(d: Dictionary) -> dict[tuple[int, int], tuple[float, int, int]]:
                 k, m = np.unravel_index(int(np.argmax(block)), block.shape)
                 best[i, j] = float(block[k, m]), int(groups[i][k]), int(groups[j][m])
     return best
+
+
+def ceiling(d: Dictionary) -> float:
+    """Part of the residual's sum of squares that all responses together could take away at most.
+
+    To first order: effects that distort each other's responses can do better.
+    """
+    size = np.sqrt(np.maximum(np.diag(d.gram), 1e-12))
+    values, vectors = np.linalg.eigh(d.gram / np.outer(size, size))
+    kept = values > 1e-9 * values[-1]
+    along = vectors[:, kept].T @ (d.target / size)
+    return float(np.sum(along**2 / values[kept])) / float(d.base @ d.base)

@@ -106,6 +106,7 @@ class Physics(abc.ABC):
         effects: Effects = (),
         max_step: float = MAX_STEP,
         tracked: Tracked = NOT_TRACKED,
+        least_step: float = 0.0,
     ) -> Array:
         """Free run: the states at the samples.
 
@@ -122,6 +123,8 @@ class Physics(abc.ABC):
             tracked: (L,) speeds [rad/s] and a gain in 0..1: behind each sample the speed moves
                 towards the one given by this part of their difference (a Luenberger observer), and
                 the states are then predictions from one sample to the next. None: a free run.
+            least_step: shortest Runge-Kutta step [s], however stiff the machine is: a search that
+                comes by absurd values must not be held up by them.
 
         Returns:
             (L, n) states; states of effects that have any follow in further columns.
@@ -143,7 +146,7 @@ class Physics(abc.ABC):
         if on_grid and not terms and self.is_linear(values):
             ad, bd = _discretise(self, tuple(values[p.name] for p in self.parameters), period)
             return propagate(ad, bd, switches[1], state[: len(self.states)], *tracked)
-        return integrate(self, values, times, switches, state, terms, max_step, tracked)
+        return integrate(self, values, times, switches, state, terms, max_step, tracked, least_step)
 
     def _switches(
         self, values: Values, times: Array, volts: Array, state: Array, effects: Effects

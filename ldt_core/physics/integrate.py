@@ -276,6 +276,7 @@ def integrate(
     terms: Sequence[tuple[Effect, Mapping[str, float]]] = (),
     max_step: float = MAX_STEP,
     tracked: Tracked = NOT_TRACKED,
+    least_step: float = 0.0,
 ) -> Array:
     """States at the sample times by Runge-Kutta steps aligned with the voltage switches.
 
@@ -289,6 +290,7 @@ def integrate(
         terms: effects with a torque or terminal term.
         max_step: longest step [s]; made shorter for a stiffer machine.
         tracked: speeds to follow, see `Physics.simulate`.
+        least_step: [s] no step is made shorter for stiffness than this.
 
     Returns:
         (L, n) states, effects' states in further columns.
@@ -302,7 +304,7 @@ def integrate(
     rate = physics.rate(values, float(np.abs(levels).max()))
     for effect, given in terms:
         rate = max(rate, effect.rate(values, float(np.abs(levels).max()), given))
-    step = min(max_step, MAX_STEP_RATE / rate)
+    step = max(min(max_step, MAX_STEP_RATE / rate), least_step)
     if times[-1] / step > MAX_STEPS:
         raise BadInput(
             "machine parameters",

@@ -81,13 +81,13 @@ def drawing(diagnosis: Diagnosis) -> Drawing | None:
 
     kind = "held out" if found.held_out else "fitted"
     words = "; ".join(f"experiment {s.experiment.number} ({w}): {_rms(s)}" for s, w in found.chosen)
-    other = "" if found.after else " No effect was added, so there is no curve after."
+    runs = "by the machine file (before)"
+    runs += " and with the verdict's effects (after)" if found.after else "; no effect was added"
     return Drawing(
         "fits",
         "Measured against predicted, before and after",
-        "Free runs by the machine file alone (before) and with the verdict's effects (after) of "
-        f"experiments that were {kind}. Root mean square error [rad/s]: {words}. "
-        f"Shaded: two deviations of the sensor's noise.{other}",
+        f"Free runs of experiments that were {kind}, {runs}. Root mean square error [rad/s]: "
+        f"{words}. Shaded: two deviations of the sensor's noise.",
         "Speed over time as it was measured and as it is predicted, and the error of the "
         f"predictions below it. {words}.",
         draw,

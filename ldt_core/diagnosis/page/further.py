@@ -39,7 +39,7 @@ def voltage(following: NextExperiment) -> Drawing:
     return Drawing(
         "next",
         "Voltage of the next experiment",
-        f"{words[0].upper()}{words[1:]}; each sample held for {value_of(period)} s.",
+        f"{words[0].upper()}{words[1:]}; each sample held for {period:g} s.",
         f"The voltage over time, {words}.",
         draw,
     )

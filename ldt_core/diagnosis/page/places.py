@@ -74,9 +74,9 @@ def places(diagnosis: Diagnosis) -> Places | None:
     shown = diagnosis.shown
     if not shown:
         return None
-    torques = [[s.torque_before for s in shown]]
+    torques = [[_known(s.torque_before, s.before) for s in shown]]
     if changed(shown):
-        torques.append([s.torque_after for s in shown])
+        torques.append([_known(s.torque_after, s.after) for s in shown])
     periods = [s.experiment.period for s in shown]
     speeds = [s.smooth_speed for s in shown]
     over = {name: np.concatenate([_row(s, name) for s in shown]) for name in QUANTITIES}
@@ -202,6 +202,11 @@ def _mark(axes: Axes, marked: Sequence[Place]) -> None:
             axes.axvline(edge, color=SHADE, lw=1.6, zorder=0)
     axes.set_xlim(low, high)
     axes.set_title(shares(marked[0]))
+
+
+def _known(torque: Array, predicted: Array) -> Array:
+    """The torque where there is a prediction; a free run that diverges tells nothing."""
+    return np.where(np.isfinite(predicted), torque, math.nan)
 
 
 def _row(shown: Shown, name: str) -> Array:

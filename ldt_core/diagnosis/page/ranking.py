@@ -78,7 +78,7 @@ def bars(diagnosis: Diagnosis) -> Drawing | None:
         axes.set_ylim(len(drawn) - 0.4, -0.6)
         axes.tick_params(axis="y", length=0)
         axes.grid(axis="y", visible=False)
-        axes.set_xlabel("closed when added alone [% of the gap]")
+        axes.set_xlabel("closed alone [% of the gap]")
         legend(figure, [axes], layout, 1)
         return figure
 

@@ -52,11 +52,13 @@ def answer(diagnosis: Diagnosis) -> Answer:
 def lead(diagnosis: Diagnosis) -> str:
     """What was asked."""
     recordings = listed(diagnosis.recordings) if diagnosis.recordings else "the recordings"
-    held = len(diagnosis.experiments.get("held_out", ()))
+    held = diagnosis.experiments.get("held_out", ())
+    part = "" if set(held).isdisjoint(diagnosis.experiments.get("fit", ())) else "parts of "
+    count = f"{part}{len(held)} experiment{'' if len(held) == 1 else 's'}"
     return (
         f"What {recordings} show{'s' if len(diagnosis.recordings) == 1 else ''} of the machine "
-        f"{diagnosis.machine} that its file does not know. Errors are those of free runs on {held} "
-        f"experiment{'' if held == 1 else 's'} that the search never saw."
+        f"{diagnosis.machine} that its file does not know. Errors are those of free runs on "
+        f"{count} that the search never saw."
     )
 
 
@@ -98,7 +100,7 @@ def gap(diagnosis: Diagnosis) -> Section:
 
 def _added(diagnosis: Diagnosis, effect: Mapping[str, Any]) -> str:
     """An effect of the verdict with its amounts."""
-    name = str(effect.get("name", effect.get("effect", "")))
+    name = str(effect["effect"])
     ranked = [c for c in diagnosis.candidates if c.effect == name]
     amounts = [amount(n, a) for c in ranked[:1] for n, a in c.parameters.items()]
     return f"{name}: {', '.join(f'{text} ({interval})' for text, interval in amounts)}"
@@ -128,7 +130,7 @@ def where(diagnosis: Diagnosis) -> Section:
         head = ("quantity", "range", "of the gap", "of the data")
         section.blocks.append(Table("Places, the clearest first", head, rows, numbers=(2, 3)))
     else:
-        section.blocks.append(Text("There is no gap that lies anywhere.", "missing"))
+        section.blocks.append(Text("No place stands out.", "missing"))
     return section
 
 
@@ -263,14 +265,14 @@ def following(diagnosis: Diagnosis) -> Section:
     if then is None or not len(then.voltage):
         section.blocks.append(Text("No further experiment is proposed.", "missing"))
         return section
-    section.blocks.append(Text(then.why))
+    section.blocks.append(Text(f"{then.why[:1].upper()}{then.why[1:].rstrip('.')}."))
     section.figure(further.voltage(then), "", files=False)
     length = len(then.voltage) * then.sample_period
     section.blocks.append(
         Pairs(
             [
                 ("to record", ", ".join(then.channels)),
-                ("samples", f"{len(then.voltage)}, every {value_of(then.sample_period)} s"),
+                ("samples", f"{len(then.voltage)}, every {then.sample_period:g} s"),
                 ("voltage", "next_experiment.voltage in diagnosis.json"),
             ]
         )

@@ -14,7 +14,6 @@ NOTHING = "–"
 LONGEST = 24  # letters of a name in a figure; names of users' own effects are paths
 SMALLEST, LARGEST = 1e-3, 1e6  # what is written without a power of ten
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-DOT = "\N{DOT OPERATOR}"
 
 SYMBOLS = {"rad/s^2": "rad/s²", "N m s^2": "N m s²", "Ohm": "Ω"}
 
@@ -27,14 +26,16 @@ def known(value: float | None) -> TypeGuard[float]:
 def value_of(value: float | None, digits: int = 3) -> str:
     """A number with so many digits, with a power of ten where it is very small or large.
 
-    >>> value_of(0.0123), value_of(0.0000021), value_of(None), value_of(0.0)
-    ('0.0123', '2.10 · 10⁻⁶', '–', '0')
+    >>> value_of(-0.0123), value_of(0.0000021), value_of(None), value_of(0.0)
+    ('−0.0123', '2.10 · 10⁻⁶', '–', '0')
     """
     if not known(value):
         return NOTHING
-    if value == 0 or SMALLEST <= abs(value) < LARGEST:
+    if value < 0:
+        return f"−{value_of(-value, digits)}"
+    if value == 0 or SMALLEST <= value < LARGEST:
         return number(value, digits)
-    exponent = math.floor(math.log10(abs(value)))
+    exponent = math.floor(math.log10(value))
     power = str(exponent).translate(SUPERSCRIPT)
     return f"{number(value / 10.0**exponent, digits)} · 10{power}"
 
