@@ -19,7 +19,7 @@ from ldt_core.errors import LdtError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 INK, PAPER, FAINT, SHADE = "#1c1d1f", "#fefefe", "#d5d6d8", "#e9e4d4"
 BLUE, ORANGE, GREEN, PURPLE = "#0072b2", "#e69f00", "#009e73", "#cc79a7"
@@ -208,7 +208,7 @@ def panels(
     return figure, axes[:count]
 
 
-def legend(figure: Figure, axes: list[Axes], layout: Layout, columns: int = 5) -> None:
+def legend(figure: Figure | SubFigure, axes: list[Axes], layout: Layout, columns: int = 5) -> None:
     """One legend for all axes, above them, where it covers no data."""
     entries: dict[str, Any] = {}
     for one in axes:

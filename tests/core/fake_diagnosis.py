@@ -88,7 +88,7 @@ def fake_diagnosis(kind: str = "effect", experiments: int = 8, machine: str = "r
         [["viscous_friction", "motor_constant", "source_resistance"]] if kind != "none" else [],
         fake_next() if kind in ("ambiguous", "unknown") else None,
         ["The calibrated noise is 0.1 rad/s.", "Experiment 3 starts at a speed other than 0."],
-        [{"name": n, "parameters": p} for n, p in TRUTH[kind][1].items()],
+        [{"effect": n, "parameters": p} for n, p in TRUTH[kind][1].items()],
         tuple(shown),
     )
 
@@ -162,7 +162,8 @@ def fake_candidates(kind, named, rmse, closed):
     for i, name in enumerate(order):
         part = None
         if closed is not None:
-            part = closed * 0.96**i if name in named else float(0.6 * 0.75**i - 0.03)
+            alone = (0.31, 0.58) if kind == "pair" else (closed, 0.97 * closed, 0.94 * closed)
+            part = alone[i] if name in named else float(0.6 * 0.75**i - 0.03)
         if name == "sensor_lag" and part is not None:
             part = -2.4
         reason = None

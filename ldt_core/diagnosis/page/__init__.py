@@ -8,6 +8,7 @@ from ldt_core.diagnosis.page import sections
 from ldt_core.diagnosis.page.fits import fits, fits_on
 from ldt_core.diagnosis.page.places import places, places_on
 from ldt_core.diagnosis.result import Diagnosis
+from ldt_core.errors import LdtError
 from ldt_core.report import style
 from ldt_core.report.page import render
 
@@ -45,15 +46,13 @@ def picture(diagnosis: Diagnosis, file: Path | str) -> None:
     import matplotlib
 
     style.require("a diagnosis' picture")
+    upper, lower = fits(diagnosis), places(diagnosis)
+    if upper is None or lower is None:
+        raise LdtError("nothing to draw: the diagnosis keeps no experiment")
+    heights = [upper.height(style.WIDE), lower.height(style.WIDE)]
     with matplotlib.rc_context(style.RC):
-        drawn = [
-            (part, on)
-            for part, on in ((fits(diagnosis), fits_on), (places(diagnosis), places_on))
-            if part
-        ]
-        heights = [part.height(style.WIDE) for part, _ in drawn]
         figure = style.blank(style.WIDE, sum(heights))
-        below = figure.subfigures(len(drawn), 1, height_ratios=heights, squeeze=False)
-        for subfigure, (part, on) in zip(below.flat, drawn, strict=True):
-            on(subfigure, part, style.WIDE)
+        above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=heights).flat
+        fits_on(above, upper, style.WIDE)
+        places_on(below, lower, style.WIDE)
         figure.savefig(file, dpi=style.PNG_DPI, facecolor="white")

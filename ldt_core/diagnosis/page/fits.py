@@ -84,7 +84,7 @@ def drawing(diagnosis: Diagnosis) -> Drawing | None:
     runs = "by the machine file (before)"
     runs += " and with the verdict's effects (after)" if found.after else "; no effect was added"
     return Drawing(
-        "fits",
+        "curves",
         "Measured against predicted, before and after",
         f"Free runs of experiments that were {kind}, {runs}. Root mean square error [rad/s]: "
         f"{words}. Shaded: two deviations of the sensor's noise.",

@@ -37,7 +37,7 @@ def voltage(following: NextExperiment) -> Drawing:
         f"{value_of(float(volts.max()))} V"
     )
     return Drawing(
-        "next",
+        "voltage",
         "Voltage of the next experiment",
         f"{words[0].upper()}{words[1:]}; each sample held for {period:g} s.",
         f"The voltage over time, {words}.",

@@ -109,7 +109,7 @@ def drawing(diagnosis: Diagnosis) -> Drawing | None:
     marked = f" Marked: {'; '.join(words)}." if words else " No place stands out."
     count = len(diagnosis.shown)
     return Drawing(
-        "where",
+        "places",
         "The torque on the shaft that would explain the error",
         f"From {count} experiment{'s' if count > 1 else ''}. Over each quantity: the mean, and a "
         "band that holds four of five samples; below: its spectrum over frequency, and over orders "

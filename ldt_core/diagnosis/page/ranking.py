@@ -87,7 +87,7 @@ def bars(diagnosis: Diagnosis) -> Drawing | None:
     left = len(known_) - len(drawn)
     best = max(drawn, key=lambda c: c.closed_fraction or 0.0)
     return Drawing(
-        "candidates",
+        "bars",
         "What each candidate closes alone",
         f"Share of the gap on the held-out experiments. {', '.join(words)}"
         f"{' by the verdict. ' if words else ''}"
@@ -135,7 +135,7 @@ def shares(diagnosis: Diagnosis) -> Drawing | None:
 
     words = listed(f"{c.effect} {percent(c.shapley_share)}" for c in found)
     return Drawing(
-        "shares",
+        "parts",
         "What each effect contributes",
         f"Shapley shares, the mean over all orders of adding them: {words}. An effect that closes "
         "little alone may close much beside another.",

@@ -13,6 +13,7 @@ from ldt_core.report.number import number
 NOTHING = "–"
 LONGEST = 24  # letters of a name in a figure; names of users' own effects are paths
 SMALLEST, LARGEST = 1e-3, 1e6  # what is written without a power of ten
+MOST_DIGITS = 7  # of an amount
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 SYMBOLS = {"rad/s^2": "rad/s²", "N m s^2": "N m s²", "Ohm": "Ω"}
@@ -35,9 +36,11 @@ def value_of(value: float | None, digits: int = 3) -> str:
         return f"−{value_of(-value, digits)}"
     if value == 0 or SMALLEST <= value < LARGEST:
         return number(value, digits)
-    exponent = math.floor(math.log10(value))
-    power = str(exponent).translate(SUPERSCRIPT)
-    return f"{number(value / 10.0**exponent, digits)} · 10{power}"
+    # Rounded first: 9.996e-4 is 0.00100, not 10.00 · 10⁻⁴.
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    if int(exponent) >= math.log10(SMALLEST) and value < SMALLEST:
+        return number(float(f"{mantissa}e{exponent}"), digits)
+    return f"{mantissa} · 10{str(int(exponent)).translate(SUPERSCRIPT)}"
 
 
 def percent(fraction: float | None) -> str:
@@ -69,17 +72,22 @@ def unit_of(unit: str) -> str:
 
 
 def amount(name: str, found: Amount) -> tuple[str, str]:
-    """A parameter, and its interval.
+    """A parameter, and its interval, in digits that show the interval's width.
 
     >>> amount("e", Amount(0.0049, "m", (0.0047, 0.0051)))
     ('e = 4.90 mm', '4.70 to 5.10')
+    >>> amount("factor", Amount(1.30004, "", (1.30001, 1.30009)))
+    ('factor = 1.30004', '1.30001 to 1.30009')
     """
     scale, unit = (1e3, "mm") if found.unit == "m" and abs(found.value) < 1 else (1.0, found.unit)
-    text = f"{name} = {value_of(scale * found.value)} {unit_of(unit)}".rstrip()
-    if found.ci95 is None:
-        return text, "not determined"
-    low, high = (value_of(scale * v) for v in found.ci95)
-    return text, f"{low} to {high}"
+    digits, interval = 3, "not determined"
+    if found.ci95 is not None:
+        width = abs(found.ci95[1] - found.ci95[0])
+        if 0 < width < math.inf and found.value:
+            digits = 2 + math.floor(math.log10(abs(found.value) / width))
+            digits = min(max(digits, 3), MOST_DIGITS)
+        interval = " to ".join(value_of(scale * v, digits) for v in found.ci95)
+    return f"{name} = {value_of(scale * found.value, digits)} {unit_of(unit)}".rstrip(), interval
 
 
 def short(name: str) -> str:
@@ -109,7 +117,7 @@ def numbers(found: Sequence[int]) -> str:
             runs[-1][1] = n
         else:
             runs.append([n, n])
-    words = []
+    words: list[str] = []
     for first, last in runs:
         words += [f"{first}–{last}"] if last > first + 1 else map(str, sorted({first, last}))
     return ", ".join(words) or "none"

@@ -1,0 +1,374 @@
+"""The page of a diagnosis: complete, self-contained, safe, and true to its numbers."""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from dataclasses import replace
+from html import unescape
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from fake_diagnosis import TRUTH, fake_diagnosis
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ldt_core.diagnosis.page import picture, write_page
+from ldt_core.diagnosis.page.curves import binned, orders, spectrum, thinned
+from ldt_core.diagnosis.page.fits import fits
+from ldt_core.diagnosis.page.further import corners
+from ldt_core.diagnosis.page.words import amount, numbers, percent, value_of
+from ldt_core.diagnosis.result import Amount, Errors, Gap, Place
+from ldt_core.errors import LdtError
+
+LARGEST = 2_000_000  # bytes of a page
+HOSTILE = "<b>x</b>\"' $y^2$ {{ 7*7 }}"
+VOID = {"meta", "br", "link", "img", "base", "input", "hr"}
+FIGURES = ["curves", "places", "bars"]
+
+
+class Elements(HTMLParser):
+    """All start tags with their attributes, and the text."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.tags, self.text, self.open = [], "", []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.text += data
+
+
+def written(diagnosis, folder):
+    write_page(diagnosis, folder / "page.html")
+    return (folder / "page.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def diagnoses():
+    return {kind: fake_diagnosis(kind, 5) for kind in TRUTH}
+
+
+@pytest.fixture(scope="module", params=list(TRUTH))
+def kind(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def page(kind, diagnoses, tmp_path_factory):
+    return written(diagnoses[kind], tmp_path_factory.mktemp("page"))
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """The figures' drawing, which is slow, is left out."""
+    monkeypatch.setattr("ldt_core.report.blocks.inline_svg", lambda drawing, layout: "<svg></svg>")
+
+
+def test_the_answer_comes_first(page, kind, diagnoses):
+    """The verdict's word, confidence and sentence stand under the title, before any section."""
+    verdict = diagnoses[kind].verdict
+    head = page[: page.index("<nav")]
+    assert f"</svg>{verdict.kind}</span>" in head
+    assert "confidence 97 %" in head
+    assert verdict.sentence in unescape(head)
+
+
+def test_the_page_needs_nothing_else(page):
+    """No script, no address to load from, all elements closed, small."""
+    elements = Elements(page)
+    assert not elements.open
+    tags = elements.tags
+    assert not {t for t, _ in tags} & {"script", "link", "iframe", "object", "img", "base"}
+    for tag, attributes in tags:
+        for name in ("src", "href", "xlink:href", "action"):
+            target = attributes.get(name) or "#"
+            assert target.startswith("#"), (tag, target)
+    assert "@import" not in page
+    assert len(page.encode()) < LARGEST
+
+
+def test_every_figure_has_both_layouts_and_words(page, kind):
+    """Wide and narrow, and a description for those who cannot see it."""
+    expected = [f for f in FIGURES if (f, kind) != ("bars", "none")]
+    expected += ["parts"] if kind == "pair" else []
+    expected += ["voltage"] if kind in ("ambiguous", "unknown") else []
+    figures = [a for t, a in Elements(page).tags if t == "figure"]
+    assert [a["id"] for a in figures] == expected
+    assert all(len(a["aria-label"]) > 20 for a in figures)
+    pictures = re.findall(r'<div class="(wide|narrow)" role="img"', page)
+    assert pictures == ["wide", "narrow"] * len(expected)
+
+
+def test_identifiers_are_unique_and_colours_follow_the_scheme(page):
+    """Drawings never refer to each other's parts, and none has a colour of its own."""
+    found = [a["id"] for _, a in Elements(page).tags if a.get("id")]
+    assert len(found) == len(set(found))
+    for svg in re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL):
+        assert not re.search(r"#[0-9a-fA-F]{6}\b", svg), re.search(r".{60}#[0-9a-fA-F]{6}", svg)
+
+
+def test_nothing_undefined_shows(page):
+    """No nan, None or inf, neither in words nor in a path."""
+    assert not re.search(r"\b(nan|NaN|None|inf|Infinity)\b", page.partition("</style>")[2])
+
+
+def test_numbers_are_those_of_the_diagnosis(page, kind, diagnoses):
+    """Errors before and after, the closed fraction, amounts and the held-out experiments."""
+    found, text = diagnoses[kind], Elements(page).text
+    for value in (found.gap.before.rmse, found.gap.after.mean_max_error):
+        assert value_of(value) in text
+    if kind == "none":
+        assert "no gap beyond the noise" in text
+    else:
+        assert percent(found.gap.closed_fraction) in text
+    for candidate in found.candidates:
+        assert candidate.effect in text
+        for name, one in candidate.parameters.items():
+            assert amount(name, one)[0] in text
+    assert "3 (1)" in text
+
+
+def test_what_the_verdict_names_is_marked_and_nothing_else(page, kind, diagnoses):
+    """A row a candidate: it acts, may act, or has a reason why not."""
+    named = diagnoses[kind].verdict.effects
+    acting = {"effect": "acts", "pair": "acts", "ambiguous": "may act"}.get(kind, "")
+    rows = re.findall(r'<tr><th scope="row">(\w+) <span.*?</tr>', page, flags=re.DOTALL)
+    marked = re.findall(
+        r'<tr><th scope="row">(\w+) <span class="small">[^<]*</span></th><td><span class="verdict '
+        r'\w+"><svg.*?</svg>([\w ]+)</span>',
+        page,
+    )
+    assert len(rows) == len(diagnoses[kind].candidates)
+    assert marked == [(name, acting) for name in named]
+
+
+def test_regimes_say_where_it_got_worse(diagnoses, tmp_path, undrawn):
+    """A regime whose closed fraction is below 0 is marked."""
+    page = written(diagnoses["effect"], tmp_path)
+    assert page.count("</svg>worse</span>") == 1
+    assert "In 1 of 3 the error grew." in page
+
+
+def test_what_comes_from_outside_is_text(diagnoses, tmp_path):
+    """An effect, a machine, a recording and a sentence that are mark-up are shown as such."""
+    found = diagnoses["ambiguous"]
+    first = replace(found.candidates[0], effect=HOSTILE, rejected_because=HOSTILE)
+    verdict = replace(
+        found.verdict, effects=[HOSTILE, "inertia"], acting=[[HOSTILE]], sentence=HOSTILE
+    )
+    hostile = replace(
+        found,
+        machine=HOSTILE,
+        recordings=[HOSTILE],
+        verdict=verdict,
+        candidates=[first, *found.candidates[1:]],
+        undetectable=[HOSTILE],
+        ambiguities=[[HOSTILE, "inertia"]],
+        notes=[HOSTILE],
+        effects=[{"effect": HOSTILE, "parameters": {}}],
+    )
+    page = written(hostile, tmp_path)
+    elements = Elements(page)
+    # Only the page's own: captions of the figures and the names in lists are bold.
+    assert "<b>x" not in page
+    assert elements.text.count(HOSTILE) >= 8
+    assert "49" not in re.findall(r"\$ \S+ 7\*7 \S+|\$ 49", page)
+
+
+def test_a_diagnosis_with_next_to_nothing_is_a_page_as_well(diagnoses, tmp_path):
+    """No experiment, no candidate, no number: sentences in their places."""
+    least = replace(
+        diagnoses["none"],
+        recordings=[],
+        experiments={},
+        gap=Gap(0.1, Errors(math.nan, math.nan), Errors(math.nan, math.nan), None, None),
+        candidates=[],
+        where=[],
+        undetectable=[],
+        ambiguities=[],
+        notes=(),
+        shown=(),
+    )
+    page = written(least, tmp_path)
+    assert page.count('class="missing"') == 5
+    assert not re.search(r"\bnan\b", page)
+    with pytest.raises(LdtError, match="nothing to draw"):
+        picture(least, tmp_path / "nothing.png")
+
+
+def test_a_free_run_that_diverges_leaves_a_hole(diagnoses, tmp_path):
+    """It is the largest error; what is not there is not drawn."""
+    found = diagnoses["effect"]
+    held = next(s for s in found.shown if s.held_out)
+    lost = replace(held, before=np.full(len(held.experiment), math.nan))
+    shown = [lost if s is held else s for s in found.shown]
+    page = written(replace(found, shown=shown), tmp_path)
+    assert "diverges before" in page
+    assert not re.search(r"\bnan\b", page)
+
+
+def test_experiments_that_are_parts_are_called_parts(diagnoses, tmp_path, undrawn):
+    """A recording of one experiment is divided; the lead says so."""
+    parts = replace(diagnoses["effect"], experiments={"fit": [1], "held_out": [1]})
+    assert "free runs on parts of 1 experiment that" in written(parts, tmp_path)
+
+
+def test_the_worst_and_a_typical_held_out_experiment_are_shown():
+    """Of six held out: the one with the largest error before, and the median."""
+    found = fits(fake_diagnosis("effect", 18))
+    errors = [
+        float(np.sqrt(np.mean((s.experiment.speed - s.before) ** 2))) for s, _ in found.chosen
+    ]
+    every = fake_diagnosis("effect", 18).shown
+    held = sorted(
+        float(np.sqrt(np.mean((s.experiment.speed - s.before) ** 2))) for s in every if s.held_out
+    )
+    assert errors == [held[-1], held[2]]
+
+
+def test_the_next_experiment_comes_with_commands_that_take_it(diagnoses, tmp_path, undrawn):
+    """Recordings are quoted, and every channel has a column."""
+    page = Elements(written(diagnoses["ambiguous"], tmp_path)).text
+    assert "ldt diagnose bags/monday 'bags/tuesday evening' next --machine FILE" in page
+    assert "--voltage u --speed n --current i --sample-period 0.01 --length 20" in page
+
+
+def test_the_picture_is_one_png(diagnoses, tmp_path):
+    """Before and after, and the places, for a text that has room for one."""
+    picture(diagnoses["pair"], tmp_path / "pair.png")
+    assert (tmp_path / "pair.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_without_matplotlib_it_is_said(monkeypatch, diagnoses, tmp_path):
+    """One sentence that says what to install, and no half of a page."""
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(LdtError, match="pip install 'ldt\\[plot\\]'"):
+        write_page(diagnoses["none"], tmp_path / "page.html")
+    assert not list(tmp_path.iterdir())
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=300), st.integers(1, 40))
+def test_thinning_keeps_the_extremes_and_the_ends(values, buckets):
+    """Whatever is left out lies between what is kept."""
+    y = np.array(values)
+    x = np.arange(y.size, dtype=float)
+    at, kept = thinned(x, y, buckets)
+    assert (kept.min(), kept.max()) == (y.min(), y.max())
+    assert (at[0], at[-1]) == (x[0], x[-1])
+    assert kept.size <= max(2 * buckets + 2, 1)
+    assert (np.diff(at) > 0).all()
+
+
+def test_bins_find_the_law():
+    """A straight line over a range, and the means over a few levels."""
+    random = np.random.default_rng(0)
+    x = random.uniform(-3, 5, 20_000)
+    found = binned(x, 2 * x + random.normal(0, 0.5, x.size))
+    np.testing.assert_allclose(found.mean, 2 * found.x, atol=0.15)
+    np.testing.assert_allclose(found.high - found.low, 2 * 1.2816 * 0.5, atol=0.35)
+    levels = binned(np.repeat([1.0, 4.0], 50), np.repeat([7.0, -2.0], 50))
+    np.testing.assert_allclose([levels.x, levels.mean], [[1, 4], [7, -2]])
+
+
+def test_a_spectrum_shows_a_sine_where_it_is():
+    """2.5 Hz among experiments of different lengths and periods; not in one that is not finite."""
+    rows, periods = [], (0.01, 0.02, 0.01)
+    for period, length in zip(periods, (2000, 800, 500), strict=True):
+        rows.append(np.sin(2 * math.pi * 2.5 * np.arange(length) * period))
+    rows[2][3] = math.nan
+    frequency, density = spectrum(rows, periods)
+    assert frequency[np.argmax(density)] == pytest.approx(2.5, abs=0.06)
+    assert np.isfinite(density).all()
+
+
+def test_orders_follow_the_shaft_also_where_it_turns_back():
+    """0.3 sin(3 theta) at speeds that vary by ten and change sign: amplitude 0.3 at order 3."""
+    period = 0.005
+    time = np.arange(8000) * period
+    speed = 20 * np.sin(2 * math.pi * 0.05 * time) + 4
+    angle = np.cumsum(speed) * period
+    order, amplitude = orders([0.3 * np.sin(3 * angle)], [speed], [period])
+    assert order[np.argmax(amplitude)] == pytest.approx(3.0, abs=0.051)
+    assert amplitude.max() == pytest.approx(0.3, rel=0.1)
+    assert np.median(amplitude) < 0.01
+
+
+def test_orders_that_the_samples_cannot_show_are_left_out():
+    """At 100 rad/s and 10 ms there are 6.28 samples a turn: orders up to 3."""
+    speed = np.full(4000, 100.0)
+    order, _ = orders([np.ones(4000)], [speed], [0.01])
+    assert 3.0 < order.max() < math.pi
+    assert orders([np.ones(4000)], [0 * speed], [0.01])[0].size == 0
+
+
+def test_corners_of_held_levels():
+    """Two levels, four corners, the last at the end."""
+    time, level = corners(np.array([1.0, 1.0, -2.0]), 0.5)
+    np.testing.assert_allclose(time, [0, 1, 1, 1.5])
+    np.testing.assert_allclose(level, [1, 1, -2, -2])
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"),
+        (math.nan, "–"),
+        (0.0, "0"),
+        (-0.25, "−0.250"),
+        (1.234e-6, "1.23 · 10⁻⁶"),
+        (9.996e-4, "0.00100"),
+        (2.5e7, "2.50 · 10⁷"),
+    ],
+)
+def test_numbers_keep_their_digits(value, text):
+    """Three of them, with a power of ten where there would be only zeros."""
+    assert value_of(value) == text
+
+
+@pytest.mark.parametrize(
+    ("found", "text"),
+    [
+        (Amount(0.0049, "m", (0.0047, 0.0051)), ("p = 4.90 mm", "4.70 to 5.10")),
+        (Amount(0.0049991, "m", (0.0049956, 0.0050026)), ("p = 4.999 mm", "4.996 to 5.003")),
+        (Amount(2e-5, "N m s^2", None), ("p = 2.00 · 10⁻⁵ N m s²", "not determined")),
+        (Amount(0.0, "rad", (0.0, 0.0)), ("p = 0 rad", "0 to 0")),
+        (Amount(0.3, "Ohm", (0.0, math.inf)), ("p = 0.300 Ω", "0 to –")),
+    ],
+)
+def test_amounts_show_their_intervals_width(found, text):
+    """As many digits as it takes, in a unit for people."""
+    assert amount("p", found) == text
+
+
+def test_shares_and_numbers_of_experiments():
+    """Whole per cents but near 0 and 100; runs of numbers as ranges."""
+    given_ = (0.004, 0.5, 0.996, 0.9999, 1.0, -0.0001, -2.4)
+    words = ["0.4 %", "50 %", "99.6 %", "100 %", "100 %", "0 %", "−240 %"]
+    assert [percent(v) for v in given_] == words
+    assert numbers([4, 2, 3, 9, 10]) == "2–4, 9, 10"
+    assert numbers([]) == "none"
+
+
+def test_a_place_is_marked_in_its_panel(diagnoses):
+    """One that holds all of the data marks nothing."""
+    from ldt_core.diagnosis.page.places import places
+
+    found = diagnoses["effect"]
+    everywhere = Place("voltage", 0, 20, "V", 1.0, 1.0)
+    marked = places(replace(found, where=[*found.where, everywhere])).marked
+    assert set(marked) == {"speed", "frequency", "experiment"}
