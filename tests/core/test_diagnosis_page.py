@@ -332,6 +332,7 @@ def test_corners_of_held_levels():
         (-0.25, "−0.250"),
         (1.234e-6, "1.23 · 10⁻⁶"),
         (9.996e-4, "0.00100"),
+        (0.09996, "0.100"),
         (2.5e7, "2.50 · 10⁷"),
     ],
 )
@@ -345,7 +346,11 @@ def test_numbers_keep_their_digits(value, text):
     [
         (Amount(0.0049, "m", (0.0047, 0.0051)), ("p = 4.90 mm", "4.70 to 5.10")),
         (Amount(0.0049991, "m", (0.0049956, 0.0050026)), ("p = 4.999 mm", "4.996 to 5.003")),
-        (Amount(2e-5, "N m s^2", None), ("p = 2.00 · 10⁻⁵ N m s²", "not determined")),
+        (Amount(2e-5, "N m s^2", None), ("p", "not determined")),
+        (
+            Amount(2e-5, "N m s^2", (1e-5, 3e-5)),
+            ("p = 2.00 · 10⁻⁵ N m s²", "1.00 · 10⁻⁵ to 3.00 · 10⁻⁵"),
+        ),
         (Amount(0.0, "rad", (0.0, 0.0)), ("p = 0 rad", "0 to 0")),
         (Amount(0.3, "Ohm", (0.0, math.inf)), ("p = 0.300 Ω", "0 to –")),
     ],

@@ -121,6 +121,7 @@ def _draw(upper: Axes, lower: Axes, shown: Shown, found: Fits) -> None:
         lower.plot(*thinned(e.time, e.speed - predicted, BUCKETS), lw=0.8, color=color)
     for axes in (upper, lower):
         axes.set_xlim(0, e.duration)
+        axes.locator_params(axis="x", nbins=5)
     upper.tick_params(labelbottom=False)
 
 

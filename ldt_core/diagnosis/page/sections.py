@@ -117,7 +117,8 @@ def where(diagnosis: Diagnosis) -> Section:
     """The places of the gap."""
     section = Section("where", "Where the gap lies")
     section.figure(places.drawing(diagnosis), "No experiment is kept to be drawn.", files=False)
-    if diagnosis.where:
+    clear = [p for p in diagnosis.where if p.share_of_data < places.EVERYWHERE]
+    if clear:
         rows = [
             (
                 p.quantity,
@@ -125,12 +126,15 @@ def where(diagnosis: Diagnosis) -> Section:
                 percent(p.share_of_gap),
                 percent(p.share_of_data),
             )
-            for p in diagnosis.where
+            for p in clear
         ]
         head = ("quantity", "range", "of the gap", "of the data")
         section.blocks.append(Table("Places, the clearest first", head, rows, numbers=(2, 3)))
     else:
-        section.blocks.append(Text("No place stands out.", "missing"))
+        otherwise = "There is no gap to be found anywhere."
+        if diagnosis.where:
+            otherwise = "The gap lies everywhere: no range holds much more of it than of the data."
+        section.blocks.append(Text(otherwise, "missing"))
     return section
 
 

@@ -34,12 +34,11 @@ def value_of(value: float | None, digits: int = 3) -> str:
         return NOTHING
     if value < 0:
         return f"−{value_of(-value, digits)}"
-    if value == 0 or SMALLEST <= value < LARGEST:
-        return number(value, digits)
-    # Rounded first: 9.996e-4 is 0.00100, not 10.00 · 10⁻⁴.
+    # Rounded first: 0.09996 is 0.100, not 0.1000.
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
-    if int(exponent) >= math.log10(SMALLEST) and value < SMALLEST:
-        return number(float(f"{mantissa}e{exponent}"), digits)
+    rounded = float(f"{mantissa}e{exponent}")
+    if rounded == 0 or SMALLEST <= rounded < LARGEST:
+        return number(rounded, digits)
     return f"{mantissa} · 10{str(int(exponent)).translate(SUPERSCRIPT)}"
 
 
@@ -79,15 +78,15 @@ def amount(name: str, found: Amount) -> tuple[str, str]:
     >>> amount("factor", Amount(1.30004, "", (1.30001, 1.30009)))
     ('factor = 1.30004', '1.30001 to 1.30009')
     """
+    if found.ci95 is None:
+        return name, "not determined"
     scale, unit = (1e3, "mm") if found.unit == "m" and abs(found.value) < 1 else (1.0, found.unit)
-    digits, interval = 3, "not determined"
-    if found.ci95 is not None:
-        width = abs(found.ci95[1] - found.ci95[0])
-        if 0 < width < math.inf and found.value:
-            digits = 2 + math.floor(math.log10(abs(found.value) / width))
-            digits = min(max(digits, 3), MOST_DIGITS)
-        interval = " to ".join(value_of(scale * v, digits) for v in found.ci95)
-    return f"{name} = {value_of(scale * found.value, digits)} {unit_of(unit)}".rstrip(), interval
+    digits, width = 3, abs(found.ci95[1] - found.ci95[0])
+    if 0 < width < math.inf and found.value:
+        digits = 2 + math.floor(math.log10(abs(found.value) / width))
+        digits = min(max(digits, 3), MOST_DIGITS)
+    value, *ends = (value_of(scale * v, digits) for v in (found.value, *found.ci95))
+    return f"{name} = {value} {unit_of(unit)}".rstrip(), " to ".join(ends)
 
 
 def short(name: str) -> str:
