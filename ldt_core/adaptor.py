@@ -10,23 +10,31 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ldt_core.errors import LdtError, OptionError
-from ldt_core.experiment import Action, Adaptation, Experiment, Level, ModelRecord, Signal
+from ldt_core.experiment import (
+    Action,
+    Adaptation,
+    DiagnosisRecord,
+    Experiment,
+    Level,
+    ModelRecord,
+    Signal,
+)
 from ldt_core.gate import Trial
 from ldt_core.memory import Memory
 from ldt_core.models.base import Model
 from ldt_core.settings import resolve
-from ldt_core.training_data import core, still_valid
+from ldt_core.training_data import HARM, core, still_valid
+
+if TYPE_CHECKING:
+    from ldt_core.diagnosis.live import Diagnoser
 
 #: Models that were in force before and may be again, beside the very first.
 EARLIER = 8
-#: Older experiments join only if a model of them alone errs no more than this on the present one:
-#: 5 % is what the error of some 200 independent samples varies by anyway.
-HARM = 1.05
 
 
 @dataclass(frozen=True)
@@ -70,6 +78,10 @@ class Adaptor:
         gate: "holdout", or "none", which takes every model that could be trained, as in the paper.
         holdout: share of an experiment held back at a time.
         data: "evidence" or "warning-set".
+        diagnoser: for a model that learns by the effect that a diagnosis names.
+
+    Attributes:
+        diagnosis: the verdict that the last experiment gave rise to, or None.
 
     Raises:
         OptionError: an argument outside its range (`parameters.yaml`).
@@ -82,6 +94,7 @@ class Adaptor:
         gate: str = "holdout",
         holdout: float = 0.25,
         data: str = "evidence",
+        diagnoser: Diagnoser | None = None,
     ) -> None:
         settings = resolve({"gate": gate, "holdout": holdout, "data": data}, "adaptor")
         self.model = model
@@ -91,10 +104,18 @@ class Adaptor:
         self.data: str = settings["data"]
         #: Models that were in force before, the very first one first.
         self.earlier: list[Model] = []
+        self.diagnoser = diagnoser
+        self.diagnosis: DiagnosisRecord | None = None
+        #: The last verdict that named a cause.
+        self.named: DiagnosisRecord | None = None
 
     def step(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
         """Deal with one experiment; (what was done, the model that goes on)."""
         details: dict[str, float] = {}
+        if self.diagnoser is not None:
+            self.diagnosis = self.diagnoser.step(experiment, signal)
+            if self.diagnosis is not None and self.diagnosis.cause:
+                self.named = self.diagnosis
         if signal.level is Level.NEGATIVE:
             action, reason = Action.KEPT, "no drift, the model stays"
         elif signal.level is Level.WARNING:
@@ -114,8 +135,10 @@ class Adaptor:
             self.memory.clear()
             return Action.REFUSED, f"a {self.model.kind} model does not learn; {stays}", {}
         pool = self._pool(experiment)
+        learner = self.model.informed(self.named) if self.named else self.model
         try:
-            offer = self._offer(pool) if self.gate == "holdout" else self._untried(pool)
+            tried = self._offer if self.gate == "holdout" else self._untried
+            offer = tried(learner, pool)
         except (LdtError, np.linalg.LinAlgError, ArithmeticError) as error:
             self.memory.store(experiment)
             reason = f"no model could be trained: {error}; {stays}"
@@ -126,11 +149,22 @@ class Adaptor:
             reason = f"no better on data held back: {figures}; {stays}"
             return Action.REFUSED, reason, offer.details
         self.earlier = [*self.earlier[:1], *self.earlier[1:][-EARLIER + 1 :], self.model]
-        self.model = offer.model
+        before, self.model = self.model, offer.model
         reason = f"version {self.model.version} {offer.origin}"
+        if change := self.model.change(before):
+            reason = f"since experiment {self._since(experiment)}: {change}; {reason}"
         if figures:
             reason += f"; on data held back {figures}"
         return Action.ADAPTED, reason, offer.details
+
+    def _since(self, experiment: Experiment) -> int:
+        """The first of the experiments in a row, up to the present one, that the model is of."""
+        since = experiment.number
+        for e in reversed(self.memory.recent):
+            if e.number not in self.model.trained_on:
+                break
+            since = e.number
+        return since
 
     def _pool(self, experiment: Experiment) -> list[Experiment]:
         """What to learn from at least, the present experiment last."""
@@ -144,21 +178,21 @@ class Adaptor:
     def _recent(self, experiment: Experiment) -> list[Experiment]:
         return [e for e in self.memory.recent if e.same_period(experiment)]
 
-    def _untried(self, pool: list[Experiment]) -> Offer:
-        model = self.model.fit(pool)
+    def _untried(self, learner: Model, pool: list[Experiment]) -> Offer:
+        model = learner.fit(pool)
         return Offer(model, f"learned from {_count(len(pool))}", {"experiments": len(pool)})
 
-    def _offer(self, pool: list[Experiment]) -> Offer:
-        """The best of a new model, the earlier ones and the present one, by the gate."""
+    def _offer(self, learner: Model, pool: list[Experiment]) -> Offer:
+        """The best by the gate: what the learner becomes, an earlier model or the present one."""
         # Judged by what neither the present model nor an earlier one can have learned from: an
         # experiment leaves S_w before it is learned from, but stays among the recent ones.
         judged = pool if self.data == "warning-set" else pool[-1:]
         trial = Trial(judged, self.holdout)
         present = trial.rmse(self.model)
-        rmse, learner = trial.candidate(self.model, pool[: -len(judged)])
+        rmse, shaped = trial.candidate(learner, pool[: -len(judged)])
         if self.data == "evidence":
             others = [e for e in self._recent(judged[-1]) if all(e is not p for p in pool)]
-            pool = [*_valid(trial, rmse, learner, pool, others), *pool]
+            pool = [*_valid(trial, rmse, shaped, pool, others), *pool]
         errors = [_rmse(trial, model) for model in self.earlier]
         known = min(errors, default=math.inf)
         details = {
@@ -174,11 +208,15 @@ class Adaptor:
             best = self.earlier[errors.index(known)]
             again = best.again(self.model.version + 1)
             return Offer(again, f"is version {best.version} again", details)
-        return Offer(self.model.fit(pool), f"learned from {_count(len(pool))}", details)
+        return Offer(learner.fit(pool), f"learned from {_count(len(pool))}", details)
 
     def state(self) -> dict[str, Any]:
-        """All that changes but the present model, in JSON types; `restore` takes it back."""
+        """All that changes but the present model, in JSON types; `restore` takes it back.
+
+        A diagnoser keeps its experiments to itself; what it named last is here.
+        """
         return {
+            "named": asdict(self.named) if self.named else None,
             "memory": self.memory.state(),
             "earlier": [asdict(model.record()) for model in self.earlier],
         }
@@ -192,10 +230,12 @@ class Adaptor:
         """
         try:
             records = [ModelRecord(**record) for record in state["earlier"]]
-            memory = state["memory"]
+            memory, named = state["memory"], state["named"]
+            if named is not None:
+                named = DiagnosisRecord(**{**named, "effects": tuple(named["effects"])})
         except (KeyError, TypeError) as error:
             got = f"{type(error).__name__}: {error}"
-            raise OptionError("state of the adaptor", "memory and earlier", got) from error
+            raise OptionError("state of the adaptor", "memory, earlier and named", got) from error
         present = self.model
         earlier = [
             type(present).from_record(record, present.machine, **present.options)
@@ -203,6 +243,7 @@ class Adaptor:
         ]
         self.memory.restore(memory)
         self.earlier = earlier
+        self.named = named
 
 
 def _rmse(trial: Trial, model: Model) -> float:

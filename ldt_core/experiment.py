@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ldt_core.errors import ExperimentError
 
 Samples = NDArray[np.float64]
+Scalar = float | int | str | bool | None
 
 #: Unit of each channel of a recording (CONTRACT: SI units everywhere).
 CHANNEL_UNITS = {"voltage": "V", "speed": "rad/s", "current": "A", "speed_std": "rad/s"}
@@ -268,6 +269,36 @@ class Adaptation:
 
 
 @dataclass(frozen=True)
+class DiagnosisRecord:
+    """The verdict of a gap diagnosis that an experiment gave rise to.
+
+    Args:
+        experiment: its number.
+        model_version: of the model whose prediction was judged.
+        sentence: for a person.
+        effects: that the verdict names.
+        values: the scalars of `diagnosis.json`, `verdict.kind` for one; None where undefined.
+    """
+
+    experiment: int
+    model_version: int
+    sentence: str
+    effects: tuple[str, ...]
+    values: Mapping[str, Scalar]
+
+    @property
+    def kind(self) -> str:
+        """Of the verdict: none, effect, ambiguous or unknown."""
+        return str(self.values["verdict.kind"])
+
+    @property
+    def cause(self) -> str | None:
+        """The effect that explains most of the gap; None where none is named."""
+        cause = self.values.get("cause")
+        return cause if isinstance(cause, str) else None
+
+
+@dataclass(frozen=True)
 class Step:
     """All that one turn of the loop produced for one experiment."""
 
@@ -277,3 +308,4 @@ class Step:
     signal: Signal
     adaptation: Adaptation
     model: ModelRecord | None = None
+    diagnosis: DiagnosisRecord | None = None

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ldt_core.experiment import Action, Adaptation, Level, Samples, Signal, Step
+from ldt_core.experiment import Action, Adaptation, DiagnosisRecord, Level, Samples, Signal, Step
 
 #: "Within the next five experiments after the drift" (paper, section 4). A drift at i means that
 #: experiment i is the first with the new value, so the drift took place before it, and the five are
@@ -33,6 +33,8 @@ class Summary:
         self._actions: Counter[Action] = Counter()
         self.model_version = 0
         self.rejected = 0
+        #: Verdicts of the diagnoses that were made, in their order.
+        self.diagnoses: list[DiagnosisRecord] = []
         #: What a person should know beside the figures, a sentence each.
         self.notes: list[str] = []
 
@@ -51,6 +53,8 @@ class Summary:
         self.add_signal(step.signal)
         self.add_original(step.original.max_error(step.experiment))
         self.add_adaptation(step.adaptation)
+        if step.diagnosis is not None:
+            self.add_diagnosis(step.diagnosis)
 
     def add_signal(self, signal: Signal) -> None:
         """Take in the signal, and with it the learning twin's error, of one experiment."""
@@ -65,6 +69,10 @@ class Summary:
         """Take in what the adaptor did with one experiment."""
         self._actions[Action(adaptation.action)] += 1
         self.model_version = adaptation.model_version
+
+    def add_diagnosis(self, diagnosis: DiagnosisRecord) -> None:
+        """Take in a verdict."""
+        self.diagnoses.append(diagnosis)
 
     def _add(self, whose: str, error: float) -> None:
         self._sums[whose] += error
@@ -126,6 +134,15 @@ class Summary:
             "refusals": self.refusals,
             "model_version": self.model_version,
             "rejected": self.rejected,
+            "diagnoses": [
+                {
+                    "experiment": d.experiment,
+                    "kind": d.kind,
+                    "effects": list(d.effects),
+                    "sentence": d.sentence,
+                }
+                for d in self.diagnoses
+            ],
             "notes": list(self.notes),
         }
 

@@ -81,7 +81,7 @@ def run(
 
     Args:
         machine: as the twin knows it.
-        settings: parameters of the groups model, detector and adaptor.
+        settings: parameters of the groups model, detector, adaptor and diagnosis.
         experiments: in the order of their numbers.
         bag: folder of the recording, which must not exist; None records nothing.
         on_step: told of each step.
@@ -119,6 +119,8 @@ def write_step(writer: BagWriter, step: Step) -> None:
     writer.write("prediction", step.prediction, end)
     writer.write("original_prediction", step.original, end)
     writer.write("signal", step.signal, end)
+    if step.diagnosis is not None:
+        writer.write("diagnosis", step.diagnosis, end)
     if step.model is not None:
         writer.write("model", step.model, end)
     writer.write("adaptation", step.adaptation, end)
@@ -144,6 +146,8 @@ def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary:
         for signal in opened.records("signal"):
             if signal.experiment in done:
                 summary.add_signal(signal)
+        for diagnosis in opened.records("diagnosis") if opened.topic("diagnosis") else ():
+            summary.add_diagnosis(diagnosis)
         originals = {p.number: p.start for p in opened.records("original_prediction")}
         predictions = opened.records("original_prediction")
         for experiment in opened.experiments():

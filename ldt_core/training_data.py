@@ -24,6 +24,9 @@ TAIL = 0.01  # of the samples at either end of the range, which may be outliers
 #: An older experiment is valid up to this ratio of errors. Between experiments of one machine with
 #: random voltage the error of one model varies by about half.
 VALID = 1.5
+#: Older experiments join only if a model of them alone errs no more than this on the present one:
+#: 5 % is what the error of some 200 independent samples varies by anyway.
+HARM = 1.05
 
 
 def coverage(pool: Sequence[Experiment], recent: Sequence[Experiment]) -> float:

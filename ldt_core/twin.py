@@ -8,7 +8,7 @@ and the node graph give the same numbers on the same experiments.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from ldt_core.memory import Memory
 from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.models.physics import PhysicsModel
+
+if TYPE_CHECKING:
+    from ldt_core.diagnosis.live import Diagnoser
 
 WARM_UP_SAMPLES = 3  # compiled code is loaded whatever the length
 
@@ -102,7 +105,8 @@ class Twin:
 
     Args:
         machine: the machine as it is known beforehand.
-        settings: parameters of the groups model, detector and adaptor (`parameters.yaml`).
+        settings: parameters of the groups model, detector, adaptor and diagnosis
+            (`parameters.yaml`; the last group has its defaults where it is missing).
         judge: stage 2, where it is not the detector of the settings.
 
     Raises:
@@ -116,6 +120,9 @@ class Twin:
         self.predictor = Predictor(machine, model)
         self.judge = judge or build_judge(settings)
         self.adaptor = build_adaptor(model, settings)
+        # A model that asks for diagnoses gets them in the adaptor; one machine needs no two.
+        asked = settings.get("diagnose") and not model.asks_for_diagnosis
+        self.diagnoser = build_diagnoser(machine, settings) if asked else None
 
     @property
     def model(self) -> Model:
@@ -132,10 +139,13 @@ class Twin:
         original = self.predictor.original.predict(experiment)
         signal = self.judge.judge(experiment, prediction)
         adaptation, model = self.adaptor.step(experiment, signal)
+        diagnosis = self.adaptor.diagnosis
+        if self.diagnoser is not None:
+            diagnosis = self.diagnoser.step(experiment, signal)
         changed = model.version != self.model.version
         self.predictor.model = model
         record = model.record() if changed else None
-        return Step(experiment, prediction, original, signal, adaptation, record)
+        return Step(experiment, prediction, original, signal, adaptation, record, diagnosis)
 
     def steps(
         self,
@@ -162,8 +172,16 @@ def build_judge(settings: Mapping[str, Any]) -> Judge:
     return Judge(settings["detector"], build_detector(settings["detector"], settings))
 
 
+def build_diagnoser(machine: Machine, settings: Mapping[str, Any]) -> Diagnoser:
+    """The diagnosis beside the loop from the parameters of the group diagnosis."""
+    from ldt_core.diagnosis.live import Diagnoser  # few runs need it, and it takes time to load
+
+    return Diagnoser(machine, settings)
+
+
 def build_adaptor(model: Model, settings: Mapping[str, Any]) -> Adaptor:
-    """Stage 3 from the parameters of the group adaptor."""
+    """Stage 3 from the parameters of the groups adaptor and diagnosis."""
     memory = Memory(settings["memory_limit"], settings["history"])
     how = {name: settings[name] for name in ("gate", "holdout", "data")}
-    return Adaptor(model, memory, **how)
+    diagnoser = build_diagnoser(model.machine, settings) if model.asks_for_diagnosis else None
+    return Adaptor(model, memory, **how, diagnoser=diagnoser)

@@ -18,6 +18,7 @@ from ldt_core.metrics import Summary
 
 Item = TypeVar("Item")
 
+DIAGNOSES = 5  # shown when a run has ended, the last ones; the recording has all
 COLOURS = {Level.NEGATIVE: "green", Level.WARNING: "yellow", Level.POSITIVE: "red"}
 
 
@@ -89,6 +90,11 @@ def print_summaries(
     console = Console(soft_wrap=True)
     console.print(table)
     for machine, summary, bag in runs:
+        for d in summary.diagnoses[-DIAGNOSES:]:
+            words = f"{machine}, diagnosis at experiment {d.experiment}: {d.sentence}"
+            console.print(words, markup=False, highlight=False)
+        if (before := len(summary.diagnoses) - DIAGNOSES) > 0:
+            console.print(f"{machine}: {before} earlier diagnoses", markup=False, highlight=False)
         for note in summary.notes:
             console.print(f"{machine}: {note}", markup=False, highlight=False)
         if bag and Path(bag).exists():

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
 from ldt_core.errors import LdtError, ModelError
-from ldt_core.experiment import Experiment, ModelRecord, Prediction
+from ldt_core.experiment import DiagnosisRecord, Experiment, ModelRecord, Prediction
 from ldt_core.machine import Machine
 
 
@@ -34,6 +34,11 @@ class Model(abc.ABC):
     kind: ClassVar[str]
     #: Whether `fit` can be called; a model that never learns is the baseline "original".
     adaptive: ClassVar[bool] = True
+
+    @property
+    def asks_for_diagnosis(self) -> bool:
+        """Whether it wants to be `informed` of what a diagnosis at a positive finds."""
+        return False
 
     def __init__(
         self,
@@ -96,6 +101,20 @@ class Model(abc.ABC):
         For trying the same choice on several parts of the data; itself where nothing is chosen.
         """
         return self
+
+    def informed(self, diagnosis: DiagnosisRecord) -> Self:
+        """The model that is to learn in this one's place, of the same version, after a verdict.
+
+        Itself where the verdict makes no difference.
+        """
+        return self
+
+    def change(self, before: Model) -> str:
+        """What has happened to the machine according to this model and an earlier one, in words.
+
+        Empty where the model cannot tell.
+        """
+        return ""
 
     def successor(self, parameters: Mapping[str, Any], experiments: Sequence[Experiment]) -> Self:
         """The next version with these parameters; JSON round trip included, see the class."""

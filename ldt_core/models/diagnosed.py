@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -15,12 +15,17 @@ from ldt_core.cause.learn import Learned, Learner
 from ldt_core.cause.members import Member
 from ldt_core.cause.search import Search
 from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.effects.words import change_of, spoken
 from ldt_core.errors import LdtError, OptionError
-from ldt_core.experiment import Experiment, Prediction, Samples
+from ldt_core.experiment import DiagnosisRecord, Experiment, Prediction, Samples
 from ldt_core.machine import Machine
 from ldt_core.models.base import Model
 from ldt_core.models.physics import PhysicsModel
 
+if TYPE_CHECKING:
+    from ldt_core.effects.base import Effect
+
+AUTO = "auto"  # in place of an effect's name: the one that a diagnosis names
 MEMBER_STEP = 1e-3  # s, longest integration step of the spread; worst relative error 1e-3
 # Start angles that stand for any, a row each, with the signs of the other start states' deviations:
 # every pair of states has all four combinations of signs equally often.
@@ -42,7 +47,11 @@ class DiagnosedModel(Model):
     learned says what has happened to the machine. If something else has happened, the model cannot
     follow: then the adaptor's gate refuses it, or the residual stays.
 
-    Nothing has to be told beforehand:
+    The effect is named beforehand, or by the diagnoses of the running machine (`informed`): until
+    one names it there is none, and nothing is learned; a later one may name another. Of effects
+    that act together the one that explains most is learned, alone.
+
+    Nothing else has to be told beforehand:
 
     - The noise is what the fit leaves; the deviation of every prediction contains it.
     - A machine whose first sample is within 4 deviations of the noise from 0 stood still. Its shaft
@@ -52,19 +61,20 @@ class DiagnosedModel(Model):
     - A running machine starts at its first measured speed, its foundation as after a long run at
       that speed, at any angle.
 
-    `parameters`: `machine`, the physics parameters, and `cause`: `effect`, its `parameters` and
-    their `std`; once learned also `noise_std` [rad/s] and `noise_samples` (independent ones that it
-    is known from, earlier versions included), `memory` (samples in which the residual forgets
-    itself), `start` with `turn` (an angle that makes no difference, 0 where none does),
-    `same_angle` (probability), `angle`, `angle_std` [rad] and `seen` ([experiment, angle, std]
-    each), and `members`: [weight, start angle, value of each parameter], the best one first.
+    `parameters`: `machine`, the physics parameters, and `cause`: `effect` (null while there is
+    none), its `parameters` and their `std`; once learned also `noise_std` [rad/s] and
+    `noise_samples` (independent ones that it is known from, earlier versions included), `memory`
+    (samples in which the residual forgets itself), `start` with `turn` (an angle that makes no
+    difference, 0 where none does), `same_angle` (probability), `angle`, `angle_std` [rad] and
+    `seen` ([experiment, angle, std] each), and `members`: [weight, start angle, value of each
+    parameter], the best one first.
 
     Args:
         machine: the machine as it is known beforehand.
         parameters: all that makes the model, in JSON types; None for the untrained model.
         version: 0 when untrained.
         trained_on: numbers of the experiments it learned from.
-        cause: name of the effect, or file.py:NAME.
+        cause: name of the effect, or file.py:NAME, or "auto" for what diagnoses name.
 
     Raises:
         OptionError: no such effect, or one that this machine cannot have.
@@ -82,7 +92,8 @@ class DiagnosedModel(Model):
         *,
         cause: str = "unbalance",
     ) -> None:
-        _require(machine, cause)
+        if cause != AUTO:
+            _require(machine, cause)
         # Of the last experiment learned from: the gate asks again and again, with other blocks held
         # back and other experiments beside it.
         self._search: Search | None = None
@@ -91,28 +102,56 @@ class DiagnosedModel(Model):
     def untrained(self) -> dict[str, Any]:
         """The machine file's physics and an effect that changes nothing."""
         name = self.options["cause"]
-        neutral = _cached_effect(name).neutral
+        return self._unlearned(None if name == AUTO else name)
+
+    def _unlearned(self, name: str | None) -> dict[str, Any]:
+        neutral = _cached_effect(name).neutral if name else {}
         cause = {"effect": name, "parameters": neutral, "std": None, "noise_std": None}
         return {"machine": dict(self.machine.parameters), "cause": cause}
+
+    @property
+    def asks_for_diagnosis(self) -> bool:
+        """Whether diagnoses name the effect."""
+        return bool(self.options["cause"] == AUTO)
+
+    def informed(self, diagnosis: DiagnosisRecord) -> Self:
+        """With the effect that was named, of which nothing has been learned yet."""
+        name = diagnosis.cause
+        if name in (None, self.parameters["cause"]["effect"]) or not self.asks_for_diagnosis:
+            return self
+        return type(self)(self.machine, self._unlearned(name), self.version, (), **self.options)
+
+    def change(self, before: Model) -> str:
+        """ "unbalance has grown to 6.1 mm"."""
+        old = before.parameters["cause"] if isinstance(before, DiagnosedModel) else {}
+        if self.effect is None:
+            return f"{spoken(old['effect'])} has gone" if old.get("effect") else ""
+        same = old.get("effect") == self.parameters["cause"]["effect"]
+        return change_of(
+            self.effect, old["parameters"] if same else self.effect.neutral, self.given
+        )
 
     def build(self) -> None:
         """Check the parameters."""
         self.physics = PhysicsModel(self.machine, {"machine": self.parameters["machine"]})
         record = self.parameters["cause"]
         name = record["effect"]
+        self.effect: Effect | None = None
+        self.noise_std: float | None = None
+        self.noise_samples = 0.0
+        self.seen: list[Seen] = []
+        if name is None and self.asks_for_diagnosis and record["noise_std"] is None:
+            return
         if name != self.options["cause"] and name not in EFFECTS.names():
             raise ValueError(f"effect {name!r}, which is not known")  # a record names no files
         self.effect = _cached_effect(name)
         self.effect.require(self.machine.model)
         self.cause = Cause(self.machine, self.physics.values, self.effect)
-        self.given = self._checked(record["parameters"])
-        self.noise_std: float | None = None
-        self.noise_samples = 0.0
-        self.seen: list[Seen] = []
+        self.given = self._checked(self.effect, record["parameters"])
         if record["noise_std"] is not None:
-            self._build_learned(record)
+            self._build_learned(self.effect, record)
 
-    def _build_learned(self, record: Mapping[str, Any]) -> None:
+    def _build_learned(self, effect: Effect, record: Mapping[str, Any]) -> None:
         self.noise_std = _number(record["noise_std"], 0.0)
         self.noise_samples = _number(record["noise_samples"], 0.0)
         start = record["start"]
@@ -123,16 +162,16 @@ class DiagnosedModel(Model):
         for weight, angle, *values in record["members"]:
             if len(values) != len(self.cause.names):
                 raise ValueError(f"a member with {len(values)} parameters")
-            given = self._checked(dict(zip(self.cause.names, values, strict=True)))
+            given = self._checked(effect, dict(zip(self.cause.names, values, strict=True)))
             z = self.cause.coordinates(given)
             self.members.append(Member(_number(weight, 0.0, 1.0), z, _number(angle)))
         if not math.isclose(sum(m.weight for m in self.members), 1.0, rel_tol=1e-6):
             raise ValueError("members whose weights do not sum to 1")
 
-    def _checked(self, given: Mapping[str, Any]) -> dict[str, float]:
+    def _checked(self, effect: Effect, given: Mapping[str, Any]) -> dict[str, float]:
         if set(given) != set(self.cause.names):
-            raise ValueError(f"parameters {sorted(given)} of {self.effect.name}")
-        return self.effect.check({n: float(v) for n, v in given.items()})
+            raise ValueError(f"parameters {sorted(given)} of {effect.name}")
+        return effect.check({n: float(v) for n, v in given.items()})
 
     def predict(self, experiment: Experiment) -> Prediction:
         """Free run from the start state that is known or likeliest.
@@ -198,6 +237,8 @@ class DiagnosedModel(Model):
     def _taught(self, experiments: Sequence[Experiment], held: Sequence[slice] | None) -> Self:
         if not experiments:
             raise LdtError("diagnosed model: expected experiments to learn from, got none")
+        if self.effect is None:
+            raise LdtError("diagnosed model: no diagnosis has named a cause yet")
         for e in experiments:
             if len(e) < LEAST_SAMPLES:
                 where = f"diagnosed model: experiment {e.number}"

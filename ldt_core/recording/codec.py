@@ -13,7 +13,14 @@ from collections.abc import Callable
 from typing import Any
 
 from ldt_core.errors import ModelError, RecordingError, did_you_mean
-from ldt_core.experiment import Adaptation, Experiment, ModelRecord, Prediction, Signal
+from ldt_core.experiment import (
+    Adaptation,
+    DiagnosisRecord,
+    Experiment,
+    ModelRecord,
+    Prediction,
+    Signal,
+)
 from ldt_core.recording.messages import (
     DIAGNOSTICS,
     MULTI_ARRAY,
@@ -31,12 +38,14 @@ from ldt_core.recording.samples import (
 )
 from ldt_core.recording.statuses import (
     decode_adaptation,
+    decode_diagnosis,
     decode_signal,
     encode_adaptation,
+    encode_diagnosis,
     encode_signal,
 )
 
-Record = Experiment | Prediction | Signal | ModelRecord | Adaptation
+Record = Experiment | Prediction | Signal | ModelRecord | Adaptation | DiagnosisRecord
 
 MAX_JSON = 100_000_000  # characters, more than a matrix of 2000 x 2000 takes
 
@@ -65,6 +74,8 @@ def encode(
             return make.String(data=_model_json(record))
         case Adaptation():
             return encode_adaptation(record, make, machine, time)
+        case DiagnosisRecord():
+            return encode_diagnosis(record, make, machine, time)
     raise TypeError(f"no message for {type(record).__name__}")
 
 
@@ -86,7 +97,8 @@ def decode(topic: str, message: Any, where: str | None = None) -> Record:
     Raises:
         ExperimentError: samples, numbers or layout that are no experiment or prediction.
         ModelError: a text that is no model record.
-        RecordingError: a topic without records, or a status that is no signal or adaptation.
+        RecordingError: a topic without records, or a status that is no signal, adaptation or
+            diagnosis.
     """
     name = topic.rpartition("/")[2]
     if name not in DECODERS:
@@ -144,6 +156,7 @@ DECODERS: dict[str, tuple[str, Callable[[str, Any], Record]]] = {
     "original_prediction": (MULTI_ARRAY, decode_prediction),
     "signal": (DIAGNOSTICS, decode_signal),
     "adaptation": (DIAGNOSTICS, decode_adaptation),
+    "diagnosis": (DIAGNOSTICS, decode_diagnosis),
     "model": (STRING, _decode_model),
 }
 

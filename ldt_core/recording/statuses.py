@@ -1,16 +1,17 @@
-"""Signal and Adaptation ↔ diagnostic_msgs/msg/DiagnosticArray (contract, "Topics").
+"""Signal, Adaptation, DiagnosisRecord ↔ diagnostic_msgs/msg/DiagnosticArray (contract, "Topics").
 
 Numbers are written with `repr` and come back bit-equal.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from typing import Any
 
 from ldt_core.errors import ExperimentError, RecordingError, did_you_mean
-from ldt_core.experiment import Action, Adaptation, Level, Signal
+from ldt_core.experiment import Action, Adaptation, DiagnosisRecord, Level, Scalar, Signal
 from ldt_core.recording.messages import Messages, quoted
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs/msg/DiagnosticStatus
@@ -19,6 +20,11 @@ SIGNAL_LEVELS = {Level.NEGATIVE: OK, Level.WARNING: WARN, Level.POSITIVE: ERROR}
 ACTION_LEVELS = {Action.KEPT: OK, Action.STORED: WARN, Action.ADAPTED: OK, Action.REFUSED: WARN}
 SIGNAL_KEYS = ("experiment", "detector", "model_version", "max_error")
 ADAPTATION_KEYS = ("experiment", "model_version", "reason")
+DIAGNOSIS_KEYS = ("experiment", "model_version", "effects")
+# Every cause of a gap deserves a look, the unknown one as well.
+KIND_LEVELS = {"none": OK, "effect": WARN, "ambiguous": WARN, "unknown": WARN}
+# Values of a diagnosis that are words as they are; all others are written as in JSON.
+WORDS = ("machine", "cause", "verdict.kind", "verdict.sentence", "next_experiment.why")
 LAST_SECOND = 2**31 - 1  # builtin_interfaces/msg/Time counts seconds in 32 bits, to 2038
 
 
@@ -46,6 +52,22 @@ def encode_adaptation(record: Adaptation, make: Messages, machine: str, time: fl
     _add("adaptation, details", values, record.details)
     level = ACTION_LEVELS[record.action]
     return _status(make, "adaptor", level, str(record.action), machine, time, values)
+
+
+def encode_diagnosis(record: DiagnosisRecord, make: Messages, machine: str, time: float) -> Any:
+    """The DiagnosticArray of a diagnosis; see `codec.encode`."""
+    values = {
+        "experiment": str(record.experiment),
+        "model_version": str(record.model_version),
+        "effects": ",".join(record.effects),
+    }
+    for name, value in record.values.items():
+        if name in values:
+            where = f"diagnosis of experiment {record.experiment}"
+            raise ExperimentError(where, f"names other than {', '.join(values)}", repr(name))
+        values[name] = str(value) if name in WORDS else json.dumps(value, allow_nan=False)
+    level = KIND_LEVELS[record.kind]
+    return _status(make, "diagnoser", level, record.sentence, machine, time, values)
 
 
 def _add(where: str, values: dict[str, str], numbers: Mapping[str, float]) -> None:
@@ -120,6 +142,33 @@ def decode_adaptation(where: str, message: Any) -> Adaptation:
         values["reason"],
         _numbers(values, ADAPTATION_KEYS),
     )
+
+
+def decode_diagnosis(where: str, message: Any) -> DiagnosisRecord:
+    """The verdict in a DiagnosticArray; RecordingError when it is none."""
+    _, sentence, values = _read_status(where, message, (*DIAGNOSIS_KEYS, "verdict.kind"))
+    if values["verdict.kind"] not in KIND_LEVELS:
+        kind = quoted(values["verdict.kind"])
+        raise RecordingError(f"{where}, verdict.kind", f"one of {', '.join(KIND_LEVELS)}", kind)
+    return DiagnosisRecord(
+        _whole(f"{where}, experiment", values["experiment"], 1),
+        _whole(f"{where}, model_version", values["model_version"], 0),
+        sentence,
+        tuple(name for name in values["effects"].split(",") if name),
+        {k: _scalar(k, text) for k, text in values.items() if k not in DIAGNOSIS_KEYS},
+    )
+
+
+def _scalar(name: str, text: str) -> Scalar:
+    """A value of a diagnosis; what others added, and is no scalar in JSON, stays a word."""
+    if name in WORDS:
+        return text
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError):
+        return text
+    finite = not isinstance(value, float) or math.isfinite(value)
+    return value if finite and isinstance(value, Scalar) else text
 
 
 def _read_status(where: str, message: Any, needed: tuple[str, ...]) -> tuple[int, str, dict]:

@@ -17,6 +17,7 @@ from ldt_core.errors import BadInput, ExperimentError, ModelError, RecordingErro
 from ldt_core.experiment import (
     Action,
     Adaptation,
+    DiagnosisRecord,
     Experiment,
     Level,
     ModelRecord,
@@ -70,6 +71,22 @@ signals = st.builds(
     Signal, counts, st.sampled_from(Level), words, counts, st.floats(0, 1e300), numbers
 )
 adaptations = st.builds(Adaptation, counts, st.sampled_from(Action), counts, words, numbers)
+scalars = st.none() | st.booleans() | st.integers() | finite | words
+kinds = st.sampled_from(["none", "effect", "ambiguous", "unknown"])
+
+
+def diagnosis(experiment, version, sentence, effects, kind, values):
+    told = {"verdict.kind": kind, "verdict.sentence": sentence, **values}
+    return DiagnosisRecord(experiment, version, sentence, tuple(effects), told)
+
+
+diagnoses = st.builds(
+    diagnosis,
+    *(counts, counts, words),
+    st.lists(st.sampled_from(["unbalance", "input_delay"]), max_size=2),
+    kinds,
+    st.dictionaries(names.filter(lambda w: w != "effects"), scalars, max_size=4),
+)
 plain = st.recursive(
     st.none() | st.booleans() | st.integers() | finite | words,
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(words, inner, max_size=3),
@@ -88,6 +105,7 @@ RECORDS = {
     "original_prediction": predictions(),
     "signal": signals,
     "adaptation": adaptations,
+    "diagnosis": diagnoses,
     "model": models,
 }
 
