@@ -7,10 +7,13 @@ from typing import Any
 
 import click
 
+from ldt_core.cli.options import json_option
+from ldt_core.cli.resumable import ResumableProgress, compute_options
+
 
 @click.group("challenge")
 def command() -> None:
-    """Make sealed cases for a diagnosis.
+    """Make sealed cases for a diagnosis, and score it on them.
 
     Example: ldt challenge make --cases 20 --seed 1 --out cases
     """
@@ -67,6 +70,66 @@ def make(cases: int, seed: int, out: str, key: str, leave_one_out: bool, jobs: i
         progress=_progress,
     )
     click.echo(f"{cases} cases: {out}; key: {written}")
+
+
+@command.command("score")
+@click.argument("folder")
+@click.argument("keys", nargs=-1, required=True)
+@click.option(
+    "--out",
+    default="",
+    help="Folder of the answers and the score, by default FOLDER.score; goes on where it was.",
+)
+@click.option(
+    "--comparators/--no-comparators",
+    default=False,
+    help="Let other methods answer the same cases too; that takes longer than the diagnosis.",
+)
+@compute_options
+@json_option
+def score(
+    folder: str,
+    keys: tuple[str, ...],
+    out: str,
+    comparators: bool,
+    jobs: int,
+    scheduler: str,
+    as_json: bool,
+) -> None:
+    """Diagnose every case in FOLDER, then open KEYS and compare.
+
+    The keys' SHA-256 is printed first. Of a key nothing but names of cases, and of effects that the
+    diagnosis has to do without, is read before every answer is on disk. Writes each case's
+    diagnosis.json, score.json, score.md and pictures.
+
+    Example: ldt challenge score cases cases.key.json --out score
+    """
+    from pathlib import Path
+
+    from ldt_core.challenge.score.files import write_files
+    from ldt_core.challenge.score.procedure import OUT_SUFFIX, score_challenge
+    from ldt_core.cli.display_score import print_score
+    from ldt_core.report import style
+
+    style.require("a score")
+    place = Path(folder).resolve()
+    target = Path(out) if out else place.with_name(place.name + OUT_SUFFIX)
+
+    def say(file: str, digest: str) -> None:
+        click.echo(f"SHA-256 of {file}: {digest}", err=as_json)
+
+    with ResumableProgress("score", "answers", str(target)) as progress:
+        found = score_challenge(
+            folder,
+            keys,
+            target,
+            comparators=comparators,
+            jobs=jobs,
+            scheduler=scheduler,
+            say=say,
+            progress=progress.show,
+        )
+    print_score(found, write_files(found, target), as_json)
 
 
 def _progress(items: Iterator[Any], total: int, doing: str) -> Iterable[Any]:
