@@ -27,6 +27,7 @@ TEST = [
     "mcap-ros2-support>=0.5.5",
     "mypy>=1.15",
     "psutil>=5.9",
+    "pysindy>=2",
     "pytest>=8",
     "pytest-timeout>=2.3",
     "pytest-xdist>=3.6",
@@ -140,6 +141,7 @@ def build() -> None:
             "ros": ROS,
             "plot": ["matplotlib>=3.9"],
             "cluster": ["dask>=2024.8", "distributed>=2024.8"],
+            "challenge": ["pysindy>=2"],
             "river": ["river>=0.21"],
             "test": TEST,
         },
@@ -148,7 +150,10 @@ def build() -> None:
                 "ldt = ldt_core.cli:main",
                 *(
                     f"ldt_{role} = ldt_ros.process:{role}"
-                    for role in ("plant", "player", "twin", "detector", "adaptor", "recorder")
+                    for role in (
+                        *("plant", "player", "twin", "detector"),
+                        *("adaptor", "diagnoser", "recorder"),
+                    )
                 ),
             ],
             "ldt.command": [

@@ -30,6 +30,17 @@ def new_recording(machine: str) -> Path:
     return path
 
 
+def roles(settings: Mapping[str, Any]) -> list[str]:
+    """The nodes of one machine's graph, the recorder first: it misses nothing then.
+
+    Where the model learns by the diagnosed effect the adaptor makes the diagnoses.
+    """
+    in_adaptor = settings["model"] == "diagnosed" and settings["cause"] == "auto"
+    beside = ["diagnoser"] if settings["diagnose"] and not in_adaptor else []
+    source = "player" if settings["play"] else "plant"
+    return ["recorder", *beside, "adaptor", "detector", "twin", source]
+
+
 @dataclass(frozen=True)
 class Member:
     """One machine of a run.
@@ -101,6 +112,7 @@ def run(
         for step in twin.steps(experiments, rejected):
             summary.add(step)
             on_step(step)
+        summary.note(*_troubles(twin.trouble))
         return summary
     with BagWriter(bag, namespace=namespace, machine=machine.name) as writer:
         for index, step in enumerate(twin.steps(experiments, rejected)):
@@ -109,7 +121,12 @@ def run(
             write_step(writer, step)
             summary.add(step)
             on_step(step)
+    summary.note(*_troubles(twin.trouble))
     return summary
+
+
+def _troubles(reason: str) -> list[str]:
+    return [f"no diagnosis: {reason}"] if reason else []
 
 
 def write_step(writer: BagWriter, step: Step) -> None:

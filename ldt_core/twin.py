@@ -129,6 +129,12 @@ class Twin:
         """The present model."""
         return self.predictor.model
 
+    @property
+    def trouble(self) -> str:
+        """Why the last diagnosis came to nothing; empty when it came to something."""
+        diagnoser = self.diagnoser or self.adaptor.diagnoser
+        return diagnoser.trouble if diagnoser else ""
+
     def step(self, experiment: Experiment) -> Step:
         """One turn of the loop.
 

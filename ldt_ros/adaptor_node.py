@@ -1,4 +1,4 @@
-"""Stage 3: `experiment` and `signal` in, `model` and `adaptation` out."""
+"""Stage 3: `experiment` and `signal` in, `model` and `adaptation` out, `diagnosis` where asked."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ class AdaptorNode(TwinNode):
     """Keeps, stores, or learns from each experiment as its signal says.
 
     Training runs on a thread of its own, so that health is told meanwhile; experiments that come
-    then wait for it in order.
+    then wait for it in order. So does the diagnosis, for a model that learns by what it names; then
+    this node publishes it, and the graph has no diagnoser.
 
     | received | what happens |
     |---|---|
@@ -29,7 +30,8 @@ class AdaptorNode(TwinNode):
     """
 
     def __init__(self, **node_arguments: Any) -> None:
-        super().__init__("adaptor", "machine", "model", "adaptor", **node_arguments)
+        groups = ("machine", "model", "adaptor", "diagnosis")
+        super().__init__("adaptor", *groups, **node_arguments)
         model = build_model(self.settings["model"], self.machine, self.settings)
         self.adaptor = build_adaptor(model, self.settings)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="adaptor")
@@ -39,21 +41,27 @@ class AdaptorNode(TwinNode):
         self._pairs: Pairing[Experiment, Signal] = Pairing(self._on_pair)
         self._model = self.publishes("model")
         self._adaptation = self.publishes("adaptation")
+        self._diagnosis = self.publishes("diagnosis") if model.asks_for_diagnosis else None
         self._model.publish(to_message(model.record()))
         self.listens("experiment", self._on_experiment)
         self.listens("signal", self._on_signal)
 
     def health(self) -> dict[str, Any]:
         """Model in force, size of S_w, whether it is training."""
-        return {
+        diagnoser = self.adaptor.diagnoser
+        trouble = diagnoser.trouble if diagnoser else ""
+        values = {
             "model_version": self.adaptor.model.version,
             "warning_set": len(self.adaptor.memory),
             "training": str(self._begun > self._ended).lower(),
             "unpaired": self._pairs.dropped,
         }
+        return {**values, "no diagnosis": trouble} if trouble else values
 
     def close(self) -> None:
         """Let a training finish, and say what became of it while somebody may listen."""
+        if self.adaptor.diagnoser is not None:
+            self.adaptor.diagnoser.cancel()  # it may take longer than anybody waits
         self._worker.shutdown(wait=True)
 
     def _on_experiment(self, message: Any) -> None:
@@ -86,6 +94,9 @@ class AdaptorNode(TwinNode):
     def _step(self, experiment: Experiment, signal: Signal) -> None:
         before = self.adaptor.model.version
         adaptation, model = self.adaptor.step(experiment, signal)
+        diagnosis = self.adaptor.diagnosis
+        if self._diagnosis is not None and diagnosis is not None:
+            self._diagnosis.publish(to_message(diagnosis, experiment.end, self.machine.name))
         if model.version != before:
             self._model.publish(to_message(model.record()))
         self._adaptation.publish(to_message(adaptation, experiment.end, self.machine.name))

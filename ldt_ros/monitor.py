@@ -45,6 +45,7 @@ class Monitor(Node):
         self.health: dict[str, dict[str, str]] = {}
         self.last_experiment = 0
         self.last_step = 0
+        self.last_signal = 0
         self.first_step_at: float | None = None
         self._signals: dict[int, Signal] = {}
         for topic, callback in (("signal", self._on_signal), ("adaptation", self._on_adaptation)):
@@ -64,13 +65,18 @@ class Monitor(Node):
     def idle(self) -> bool:
         """Whether every experiment that was sent has gone all the way, or was refused."""
         started = any(role in self.health for role in SOURCES)
+        diagnoser = self.health.get("diagnoser", {"experiment": str(self.last_signal)})
+        if diagnoser.get("experiment") != str(self.last_signal):
+            return False
         return self.last_step >= self.last_experiment and (self.source_finished or not started)
 
     @property
     def busy(self) -> bool:
         """Whether a node has told that it works on experiments that have not gone all the way."""
         adaptor, twin = self.health.get("adaptor", {}), self.health.get("twin", {})
-        return adaptor.get("training") == "true" or twin.get("waiting", "0") != "0"
+        diagnosing = self.health.get("diagnoser", {}).get("diagnosing") == "true"
+        training = adaptor.get("training") == "true"
+        return diagnosing or training or twin.get("waiting", "0") != "0"
 
     def _on_health(self, message: DiagnosticArray) -> None:
         prefix = self.get_namespace().strip("/")
@@ -88,6 +94,7 @@ class Monitor(Node):
         with contextlib.suppress(LdtError):  # the nodes count it
             signal = from_message("signal", message)
             self._signals[signal.experiment] = signal
+            self.last_signal = signal.experiment
             if len(self._signals) > CAPACITY:
                 del self._signals[next(iter(self._signals))]
 

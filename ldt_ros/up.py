@@ -32,7 +32,7 @@ from ldt_core.metrics import Summary
 from ldt_core.models import MODELS
 from ldt_core.pace import parse_rate
 from ldt_core.recording.bag import read_bag
-from ldt_core.session import Member, fleet, recorded_summary
+from ldt_core.session import Member, fleet, recorded_summary, roles
 from ldt_core.settings import resolve
 from ldt_ros.environment import one_line, prepare, require_ros
 from ldt_ros.leftovers import SharedMemory
@@ -46,7 +46,10 @@ COUNTS = ("dropped", "adaptation time-outs", "unpaired")  # of a node's health, 
 RIVALS = 5.0  # s after the first step; what comes later is a warning that ends no long run
 STARTUP = 60.0  # s until all nodes must have found each other
 """Groups of parameters that `ldt up` offers and hands on to the nodes."""
-GROUPS = ("machine", "plant", "run", "model", "detector", "adaptor", "player", "pace", "twin")
+GROUPS = (
+    *("machine", "plant", "run", "model", "detector", "adaptor", "diagnosis"),
+    *("player", "pace", "twin"),
+)
 
 
 OnStep = Callable[[str, Signal, Adaptation], None]
@@ -94,7 +97,7 @@ class Run:
     @property
     def roles(self) -> list[str]:
         """All nodes of this machine, the recorder first: it misses nothing then."""
-        return ["recorder", "adaptor", "detector", "twin", self.source]
+        return roles(self.settings)
 
 
 def launch(
@@ -313,6 +316,8 @@ class Graph:
                 for key, count in values.items():
                     if key.startswith("rejected "):
                         summary.note(f"{role} {key}: {count} ({values.get('last rejection')})")
+                    elif key == "no diagnosis":
+                        summary.note(f"{key}: {count}")
                     elif key in COUNTS and count != "0":
                         summary.note(f"{role}, {key}: {count}")
             refused = health.get("twin", {}).items()
@@ -335,7 +340,7 @@ class _Refused(LdtError):
 @parameters(*GROUPS, "recorder", "graph")
 @json_option
 def command(settings: dict[str, Any], as_json: bool) -> None:
-    """Run the whole node graph: machine, twin, detector, adaptor, recorder.
+    """Run the whole node graph: machine, twin, detector, adaptor, recorder, diagnoser if asked for.
 
     It simulates the machine as it degrades (or plays a recording), learns, records, ends by itself
     after the last experiment or on Ctrl-C, and prints what happened.

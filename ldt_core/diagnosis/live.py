@@ -30,6 +30,7 @@ from ldt_core.training_data import HARM, VALID
 
 Make = Callable[..., Diagnosis]
 NAMED = ("effect", "ambiguous")
+COMPOUND = ("gap.closed_fraction_ci95", "next_experiment")  # list and object, null where undefined
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +97,12 @@ class Diagnoser:
         self._recent: deque[tuple[Experiment, Level]] = deque(maxlen=given["diagnosis_experiments"])
         self._last: Found | None = None
         self._since = 0
-        self._cancelled = False
+        #: Whether it was told to stop.
+        self.cancelled = False
 
     def cancel(self) -> None:
         """Break off the diagnosis under way, from another thread, and begin no more."""
-        self._cancelled = True
+        self.cancelled = True
 
     def step(self, experiment: Experiment, signal: Signal) -> DiagnosisRecord | None:
         """Take in one experiment; the verdict, if it was the occasion for one."""
@@ -170,7 +172,7 @@ class Diagnoser:
         return again if again.error <= HARM * found.error else found
 
     def _tick(self, doing: str) -> None:
-        if self._cancelled:
+        if self.cancelled:
             raise LdtError(f"broken off while {doing}")
 
 
@@ -208,6 +210,6 @@ def scalars(data: Mapping[str, Any], under: str = "") -> dict[str, Scalar]:
     for key, value in data.items():
         if isinstance(value, Mapping):
             flat |= scalars(value, f"{under}{key}.")
-        elif not isinstance(value, list):
+        elif not isinstance(value, list) and under + key not in COMPOUND:
             flat[f"{under}{key}"] = value
     return flat

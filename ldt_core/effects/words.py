@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ldt_core.effects.base import Effect
-    from ldt_core.physics.parameter import Parameter
 
 
 def spoken(name: str) -> str:
@@ -31,15 +30,15 @@ def change_of(effect: Effect, before: Mapping[str, float], after: Mapping[str, f
     name = spoken(effect.name)
     if len(effect.parameters) == 1:
         (p,) = effect.parameters
-        return (
-            f"{name} has {_way(p, before[p.name], after[p.name])} {amount(after[p.name], p.unit)}"
-        )
+        value = amount(after[p.name], p.unit)
+        if p.default == 1 and not p.unit:
+            value = f"a factor of {value}"
+        return f"{name} has {_way(before[p.name], after[p.name])} {value}"
     parts = [f"{spoken(p.name)} {amount(after[p.name], p.unit)}" for p in effect.parameters]
     return f"{name} has changed to {', '.join(parts)}"
 
 
-def _way(parameter: Parameter, before: float, after: float) -> str:
-    """Amounts grow away from 0, factors upwards."""
-    if parameter.default == 0:
-        before, after = abs(before), abs(after)
+def _way(before: float, after: float) -> str:
+    if before < 0 or after < 0:
+        return "changed to"
     return "stayed at" if after == before else "grown to" if after > before else "fallen to"

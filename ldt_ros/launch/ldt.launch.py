@@ -14,7 +14,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 import msgs_config
-from ldt_core.session import new_recording
+from ldt_core.session import new_recording, roles
 
 _FOR_UP_ALONE = ("graph", "machines")
 
@@ -40,8 +40,7 @@ def _nodes(context):
         name: _value(LaunchConfiguration(name).perform(context), declaration)
         for name, declaration in _parameters().items()
     }
-    roles = ["recorder", "adaptor", "detector", "twin", "player" if values["play"] else "plant"]
-    values["graph"] = roles
+    values["graph"] = roles(values)
     values["bag"] = values["bag"] or str(new_recording(values["machine"]))
     # An empty list has no type in a parameter file; the declared default is empty as well.
     given = {name: value for name, value in values.items() if value not in ([], None)}
@@ -54,7 +53,7 @@ def _nodes(context):
             output="screen",
             on_exit=[Shutdown(reason=f"{role} has ended")],
         )
-        for role in roles
+        for role in values["graph"]
     ]
 
 
