@@ -19,7 +19,8 @@ class AdaptorNode(TwinNode):
 
     Training runs on a thread of its own, so that health is told meanwhile; experiments that come
     then wait for it in order. So does the diagnosis, for a model that learns by what it names; then
-    this node publishes it, and the graph has no diagnoser.
+    this node publishes it, and the graph has no diagnoser. It may take 40 s, within which the twin
+    waits unless its `adaptation_timeout` is shorter.
 
     | received | what happens |
     |---|---|

@@ -347,6 +347,53 @@ def test_an_unknown_action_is_refused():
         codec.decode("adaptation", message)
 
 
+def named(**values):
+    told = {"verdict.kind": "effect", "gap.closed_fraction": 0.9, **values}
+    return DiagnosisRecord(4, 2, "Unbalance.", ("unbalance", "input_delay"), told)
+
+
+def test_a_diagnosis_is_one_status_for_stock_tools():
+    """The sentence is the message; the scalars are values by dotted name, as in JSON."""
+    record = named(**{"remainder.structured": False, "remainder.share_of_gap": None})
+    (status,) = codec.encode(record, machine="rotor").status
+    assert (status.message, status.name, status.level) == ("Unbalance.", "diagnoser", 1)
+    assert {pair.key: pair.value for pair in status.values} == {
+        "experiment": "4",
+        "model_version": "2",
+        "effects": "unbalance,input_delay",
+        "verdict.kind": "effect",
+        "gap.closed_fraction": "0.9",
+        "remainder.structured": "false",
+        "remainder.share_of_gap": "null",
+    }
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "words"),
+    [
+        ("verdict.kind", "perhaps", "one of none, effect"),
+        ("experiment", "0", "whole number from 1"),
+    ],
+)
+def test_a_broken_diagnosis_is_refused_in_a_sentence(key, text, words):
+    """Which field, what it should be."""
+    message = codec.encode(named())
+    next(pair for pair in message.status[0].values if pair.key == key).value = text
+    with pytest.raises(RecordingError, match=words):
+        codec.decode("diagnosis", message)
+    message.status[0].values = [p for p in message.status[0].values if p.key != key]
+    with pytest.raises(RecordingError, match=f"the key {key!r}"):
+        codec.decode("diagnosis", message)
+
+
+@pytest.mark.parametrize("text", ["NaN", "Infinity", "[1", "[1, 2]", "very large", "[" * 10**5])
+def test_a_value_of_a_diagnosis_that_is_no_scalar_stays_a_word(text):
+    """Others may add what they like."""
+    message = codec.encode(named(theirs=1.0))
+    next(pair for pair in message.status[0].values if pair.key == "theirs").value = text
+    assert codec.decode("diagnosis", message).values["theirs"] == text
+
+
 def test_texts_that_others_add_to_a_signal_are_left_alone():
     """The contract says `at least`: a further value need not be a number."""
     message = codec.encode(Signal(5, Level.POSITIVE, "lddm", 2, 0.1))
@@ -397,13 +444,14 @@ def test_a_model_that_is_not_finite_is_never_sent():
 def test_damaged_bytes_give_a_sentence_or_a_record_never_another_error(data):
     """Any byte of any message changed, or the end cut off."""
     topic = data.draw(
-        st.sampled_from(["experiment", "prediction", "signal", "adaptation", "model"])
+        st.sampled_from(["experiment", "prediction", "signal", "adaptation", "diagnosis", "model"])
     )
     record = {
         "experiment": example(),
         "prediction": Prediction(1, 0.0, 0.1, 0, [1, 2]),
         "signal": Signal(5, Level.POSITIVE, "lddm", 2, 0.1, {"rate": 0.5}),
         "adaptation": Adaptation(5, Action.REFUSED, 2, "worse", {"rmse": 0.5}),
+        "diagnosis": named(),
         "model": ModelRecord(1, "linear", (1, 2), {"a": [1.5]}),
     }[topic]
     raw = bytearray(serialize(codec.encode(record)))
