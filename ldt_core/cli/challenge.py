@@ -85,6 +85,13 @@ def make(cases: int, seed: int, out: str, key: str, leave_one_out: bool, jobs: i
     default=False,
     help="Let other methods answer the same cases too; that takes longer than the diagnosis.",
 )
+@click.option(
+    "--subset",
+    type=click.IntRange(0, 9999),
+    default=0,
+    metavar="N",
+    help="Let comparators answer the first N cases only; their order is a random one.",
+)
 @compute_options
 @json_option
 def score(
@@ -92,6 +99,7 @@ def score(
     keys: tuple[str, ...],
     out: str,
     comparators: bool,
+    subset: int,
     jobs: int,
     scheduler: str,
     as_json: bool,
@@ -124,6 +132,7 @@ def score(
             keys,
             target,
             comparators=comparators,
+            subset=subset,
             jobs=jobs,
             scheduler=scheduler,
             say=say,

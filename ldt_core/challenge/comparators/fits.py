@@ -1,4 +1,7 @@
-"""Effects fitted in free run, alone and in sets, by the diagnosis' own bench and least squares."""
+"""Effects fitted in free run, alone and in sets, by the diagnosis' own bench and least squares.
+
+Every set is fitted to a few experiments first; those that do best there are fitted to all.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,6 @@ from numpy.typing import NDArray
 
 from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.explain import scouted
 from ldt_core.diagnosis.search import (
     SHRINK,
     STRETCH,
@@ -25,11 +27,15 @@ from ldt_core.machine import Machine
 
 Array = NDArray[np.float64]
 
+FEW = 4  # experiments to which every set is fitted, evenly spread
+ROUGH = 1e-4  # of the sum of squares: fits to the few end there
+BEST = 6  # sets of a kind that are fitted to all experiments
+
 
 class Fits:
     """Fits of sets of effects to the same experiments.
 
-    At first every effect alone, from the two starts that promise most.
+    At first of every effect alone, from the two starts that promise most.
 
     Args:
         machine: as its file knows it.
@@ -44,28 +50,32 @@ class Fits:
         self.candidates = [Candidate(e, most) for e in effects]
         self.bench = Bench(machine, fitted)
         self.base = self.bench.rest()
-        self._few = self.bench.part(scouted(self.bench))
+        places = {round(i) for i in np.linspace(0, len(fitted) - 1, min(FEW, len(fitted)))}
+        self._few = self.bench.part(sorted(places))
         self.responses = simulate_all(self._few, self.candidates)
         self._known: dict[frozenset[str], Fit] = {}
+        found = []
         for i, candidate in enumerate(self.candidates):
-            for start in best_alone(self.responses, i):
-                self.fit([candidate], [start])
+            starts = best_alone(self.responses, i)
+            tried = [self._fit([candidate], [z]) for z in starts]
+            found += sorted(tried, key=_loss)[:1]
+        #: The best effects alone, fitted to all experiments, best first.
+        self.alone = self.finished(found)
 
-    @property
-    def alone(self) -> list[Fit]:
-        """Effects fitted alone, best first."""
-        return sorted((f for f in self._known.values() if len(f.members) == 1), key=_loss)
-
-    def fit(self, members: Sequence[Candidate], start: Sequence[Array]) -> Fit:
-        """The best fit so far of a set, from this start if that is better."""
-        names = frozenset(c.name for c in members)
-        tried = fit(self.bench, members, start)
-        if names not in self._known or tried.loss < self._known[names].loss:
-            self._known[names] = tried
-        return self._known[names]
+    def finished(self, rough: Sequence[Fit], count: int = BEST) -> list[Fit]:
+        """The best of some fits to a few experiments, fitted to all; best first."""
+        for f in sorted(rough, key=_loss)[:count]:
+            names = frozenset(f.names)
+            if names not in self._known:
+                self._known[names] = fit(self.bench, f.members, f.z)
+        chosen = {frozenset(f.names) for f in sorted(rough, key=_loss)[:count]}
+        return sorted((self._known[names] for names in chosen), key=_loss)
 
     def grown(self, base: Fit, count: int) -> list[Fit]:
-        """The set with one effect more, for the effects that promise most beside it."""
+        """The set with one effect more, for the effects that promise most beside it.
+
+        Fitted to a few experiments.
+        """
         d, left = self.responses, self._few.rest(base.use)  # type: ignore[arg-type]
         size, target = np.diag(d.gram), d.responses @ left
         scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
@@ -75,15 +85,18 @@ class Fits:
             if self.candidates[owner].name not in base.names:
                 best.setdefault(owner, int(k))
         return [
-            self.fit([*base.members, self.candidates[i]], [*base.z, d.z[k]])
+            self._fit([*base.members, self.candidates[i]], [*base.z, d.z[k]])
             for i, k in list(best.items())[:count]
         ]
 
     def pairs(self, count: int) -> list[Fit]:
-        """The pairs whose responses together promise most."""
+        """The pairs whose responses together promise most, fitted to a few experiments."""
         ranked = sorted(rank_pairs(self.responses).items(), key=lambda q: -q[1][0])[:count]
         c, z = self.candidates, self.responses.z
-        return [self.fit([c[i], c[j]], [z[k], z[m]]) for (i, j), (_, k, m) in ranked]
+        return [self._fit([c[i], c[j]], [z[k], z[m]]) for (i, j), (_, k, m) in ranked]
+
+    def _fit(self, members: Sequence[Candidate], start: Sequence[Array]) -> Fit:
+        return fit(self._few, members, start, precision=ROUGH)
 
 
 def _loss(f: Fit) -> float:

@@ -49,4 +49,4 @@ def _pairs(fits: Fits) -> list[Fit]:
     found = fits.pairs(PAIRS)
     for base in fits.alone[:BASES]:
         found += fits.grown(base, ADDED)
-    return found
+    return fits.finished(found)

@@ -111,12 +111,13 @@ def compare(
     """Each comparator's name, answer, prediction, processor time [s] and failure."""
     data = Data(machine, experiments, effects)
     for who, comparator in wanted.items():
+        begin = time.process_time()
         try:
             found, seconds = data.timed(functools.partial(comparator, data))
             yield who, _content(data, found), found.predict, seconds, ""
         except Exception as error:  # a failure is an answer, as it is of the diagnosis
             text = str(error) if isinstance(error, LdtError) else f"{type(error).__name__}: {error}"
-            yield who, None, None, 0.0, text
+            yield who, None, None, time.process_time() - begin, text
 
 
 def _content(data: Data, found: Found) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 from ldt_core.challenge.score.answer import DIAGNOSIS
 from ldt_core.challenge.score.judge import Judged
 from ldt_core.challenge.score.pictures import write_pictures
-from ldt_core.challenge.score.procedure import Score
+from ldt_core.challenge.score.procedure import SAME_CASES, Score
 from ldt_core.challenge.score.text import markdown
 from ldt_core.study.store import write
 
@@ -38,7 +38,12 @@ def as_dict(score: Score) -> dict[str, Any]:
         "stamp": dict(score.stamp),
         "notes": list(score.notes),
         "figures": [row.as_dict() for row in score.table.rows],
-        "cases": [{"who": who, **_case(j)} for who, judged in score.judged.items() for j in judged],
+        "cases": [
+            {"who": who, **_case(j)}
+            for who, judged in score.judged.items()
+            if who != SAME_CASES
+            for j in judged
+        ],
     }
 
 

@@ -145,7 +145,8 @@ def _closure(judged: Sequence[Judged]) -> style.Drawing:
                 ]
                 x, y = np.clip(np.array(pairs).reshape(-1, 2).T, *ENDS)
                 label = "right answer" if right else "wrong answer"
-                one.plot(x, y, mark, color=color, label=label, ls="", ms=4, clip_on=False)
+                if pairs:  # no room is found for what has no place and is not clipped
+                    one.plot(x, y, mark, color=color, label=label, ls="", ms=4, clip_on=False)
             one.set(xlim=ENDS, ylim=ENDS, xlabel="closed fraction promised")
             one.set_ylabel("closed fraction realised")
             one.set_title(f"{excitation} excitation")

@@ -19,6 +19,7 @@ from ldt_core.errors import BadInput
 from ldt_core.parallel import Workers
 
 OUT_SUFFIX = ".score"
+SAME_CASES = "diagnosis, same cases"  # those that comparators answered, if these are fewer
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ def score_challenge(
     out: str | Path,
     *,
     comparators: bool = False,
+    subset: int = 0,
     jobs: int = 0,
     scheduler: str = "",
     say: Callable[[str, str], None] = lambda file, digest: None,
@@ -62,6 +64,7 @@ def score_challenge(
         out: folder for the answers; those that are there already are taken if case and code are
             the same.
         comparators: let them answer, too.
+        subset: how many cases, from the first, they answer; 0 for all.
         jobs: processes; 0 takes one for each core.
         scheduler: address of a Dask scheduler, whose workers must see the same folder.
         say: is told each key's file and SHA-256 before anything else happens.
@@ -80,14 +83,23 @@ def score_challenge(
         raise BadInput(out, "a folder for the answers", "a file")
     if Path(folder).resolve() in (out.resolve(), *out.resolve().parents):
         raise BadInput(out, f"a folder that is not in {folder}, with the cases", "one that is")
-    who = [DIAGNOSIS, *(_able() if comparators else [])]
-    answers = _answers(sealed, without, who, out, (jobs, scheduler), progress)
+    names = list(sealed)
+    answering = {DIAGNOSIS: names}
+    if comparators:
+        answering |= {who: names[: subset or None] for who in _able()}
+    answers = _answers(sealed, without, answering, out, (jobs, scheduler), progress)
     truths = read_keys(keys)
-    for name, truth in truths.items():
-        _check(truth, answers[DIAGNOSIS, name], folder)
-    judged = {w: [judge(truths[n], answers[w, n]) for n in sealed] for w in who}
+    for name in names:
+        _check(truths[name], answers[DIAGNOSIS, name], folder)
+    judged = {
+        who: [judge(truths[name], answers[who, name]) for name in those]
+        for who, those in answering.items()
+    }
     notes = []
-    if comparators and len(who) <= len(COMPARATORS):
+    if comparators and 0 < subset < len(names):
+        judged[SAME_CASES] = judged[DIAGNOSIS][:subset]
+        notes.append(f"comparators answered the first {subset} of {len(names)} cases only")
+    if comparators and not installed():
         notes.append("sparse_regression needs PySINDy, which is not installed, and is left out")
     return Score(sums, judged, Table(judged), stamp(), tuple(notes))
 
@@ -99,28 +111,38 @@ def _able() -> list[str]:
 def _answers(
     sealed: dict[str, Path],
     without: dict[str, str | None],
-    who: Sequence[str],
+    answering: dict[str, list[str]],
     out: Path,
     where: tuple[int, str],
     progress: Callable[[int, int], None],
 ) -> dict[tuple[str, str], Answer]:
-    """(who, case) to answer; those that are not on disk are made, and written as they come."""
+    """(who, case) to answer; those that are not on disk are made, and written as they come.
+
+    Args:
+        sealed: case to folder.
+        without: case to the effect to do without.
+        answering: who to the cases to answer.
+        out: folder of the answers.
+        where: processes and scheduler.
+        progress: is told answers that are there, and will be.
+    """
     store = Answers(out)
     origins, found = {}, {}
     for name, folder in sealed.items():
         about = {"case": digest(folder), "left_out": without[name]}
-        for w in who:
+        for w in (w for w, those in answering.items() if name in those):
             origins[w, name] = {**stamp(w), **about}
             known = store.read(name, w, origins[w, name])
             if known is not None:
                 found[w, name] = known
     tasks = []
-    for group in ([DIAGNOSIS], [w for w in who if w != DIAGNOSIS]):
+    for first in (True, False):
         for name, folder in sealed.items():
-            missing = tuple(w for w in group if (w, name) not in found)
+            asked = [w for w in answering if (w == DIAGNOSIS) == first and (w, name) in origins]
+            missing = tuple(w for w in asked if (w, name) not in found)
             if missing:
                 tasks.append(Task(name, folder.resolve(), missing, without[name]))
-    total = len(sealed) * len(who)
+    total = len(origins)
     progress(len(found), total)
     jobs, scheduler = where
     with Workers(jobs, scheduler, stamp) as workers:

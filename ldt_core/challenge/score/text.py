@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from ldt_core.challenge.comparators import WORDS
 from ldt_core.challenge.score.answer import DIAGNOSIS
 from ldt_core.challenge.score.judge import Judged
-from ldt_core.challenge.score.procedure import Score
+from ldt_core.challenge.score.procedure import SAME_CASES, Score
 from ldt_core.challenge.score.table import BINS, EVERY, OUTCOMES
 from ldt_core.report.number import number
 from ldt_core.study.statistics import Estimate
@@ -87,7 +87,8 @@ def versus(score: Score) -> tuple[list[str], list[list[str]]]:
         for e in ("same", "another")
     ]
     figures.append(("CPU seconds, median", EVERY, "CPU seconds, median"))
-    who = list(score.judged)
+    who = [w for w in score.judged if w != DIAGNOSIS or SAME_CASES not in score.judged]
+    who.sort(key=lambda w: w != SAME_CASES)
     rows = [
         [words, *(cell(score.table.get(w, figure, kind), figure) for w in who)]
         for figure, kind, words in figures
