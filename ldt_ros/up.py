@@ -219,13 +219,14 @@ class Graph:
             sources = [c for c in self.supervisor.children if c.name in ("plant", "player")]
             # A machine of a fleet is one process, which ends as a whole.
             self.supervisor.stop(*(sources or self._recorders))
-            for run in self.runs:
-                run.summary.note("interrupted")
         deadline = time.monotonic() + SETTLE
         while not all(m.idle for m in self.monitors) and time.monotonic() < deadline:
             self.executor.spin_once(timeout_sec=SPIN)
             if not stopped() and any(m.busy for m in self.monitors):
                 deadline = time.monotonic() + SETTLE
+        if stopped():
+            for run in self.runs:
+                run.summary.note("interrupted")
         # The recorder drains while those who could send a lost packet again are still there.
         self.supervisor.stop(*self._recorders)
         for run in self.runs:
