@@ -39,7 +39,16 @@ SHOWN = 8  # candidates in the table of the terminal; the page has all
     help="Further effect of your own to try; can be given several times.",
 )
 @click.option(
-    "--without", multiple=True, metavar="NAME", help="Effect not to try; can be given several times."
+    "--without",
+    multiple=True,
+    metavar="NAME",
+    help="Effect not to try; can be given several times.",
+)
+@click.option(
+    "--refit",
+    metavar="NAME,...",
+    help="Parameters of the machine to fit along and never to name, or none; those that the file "
+    "says were calibrated if not given.",
 )
 @click.option("--namespace", default="", help="Machine whose topics are meant, if several.")
 @click.option(
@@ -53,6 +62,7 @@ def command(
     seed: int,
     more: tuple[str, ...],
     without: tuple[str, ...],
+    refit: str | None,
     namespace: str,
     out: str,
     as_json: bool,
@@ -65,12 +75,15 @@ def command(
 
     Example: ldt diagnose bag --machine rotor --out diagnosis
     """
+    from ldt_core.diagnosis.own import own_effects
     from ldt_core.diagnosis.page import write_page
     from ldt_core.diagnosis.procedure import diagnose, library
     from ldt_core.machine import load_machine
 
     machine = load_machine(settings["machine"])
     effects = library(machine, more, without)
+    fitted_along = None if refit is None else [n.strip() for n in refit.split(",")]
+    own_effects(machine, fitted_along)
     folder = _folder(out)
     experiments = read_recordings(recordings, namespace, machine)
     with progress("{}: {}") as tick:
@@ -79,6 +92,7 @@ def command(
             experiments,
             recordings=recordings,
             effects=effects,
+            refit=fitted_along,
             holdout=holdout,
             seed=seed,
             tick=tick,

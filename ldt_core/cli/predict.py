@@ -1,4 +1,4 @@
-"""`ldt predict`: free-run prediction of every experiment of a recording, with or without effects."""
+"""`ldt predict`: free runs of every experiment of a recording, with or without effects."""
 
 from __future__ import annotations
 

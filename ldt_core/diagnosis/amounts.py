@@ -45,7 +45,7 @@ def deviations(fit: Fit, left: float) -> tuple[Array, ...]:
 def amounts(fit: Fit, left: float) -> dict[str, dict[str, Amount]]:
     """Effect to parameter to amount, of every member of a set."""
     found: dict[str, dict[str, Amount]] = {}
-    for c, z, spread in zip(fit.members, fit.z, deviations(fit, left), strict=True):
+    for c, z, spread in zip(fit.effects, fit.z, deviations(fit, left), strict=False):
         low, high = c.bounds
         own = {}
         for j, p in enumerate(c.parameters):

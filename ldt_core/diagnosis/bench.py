@@ -39,6 +39,11 @@ AT_REST = 4.0  # noise deviations: a first sample nearer to 0 than this is a mac
 NOISE_FLOOR = 1e-4  # of a channel's size: noise-free simulations must not divide by 0
 COARSE = 2e-3  # s, integration step of a search
 LEAST = 0.8e-3  # s, shortest step, whatever the search tries
+MOTOR_NAMES = ("J", "K_t", "R", "L", "b")  # parameters that shake nothing
+ANGLES = 12  # tried of a turn
+SENSITIVE = 0.1  # noise deviations: a start angle that moves no sample by more does not matter
+START_STEP = 0.01  # rad, K, ...: of a start state, for difference quotients, and
+MOTION = 0.01  # of that for a foundation's, in m and m/s
 ANGLE, SPEED, CURRENT = range(3)
 
 
@@ -50,13 +55,26 @@ class Piece:
         experiment: measured.
         rest: whether the machine stood still at the first sample.
         rows: where its residuals lie in the row of all.
-        basis: (rows, s) orthonormal directions in which the unknown start state moves them.
+        columns: (rows, s) change of the residuals per unknown first speed and current.
     """
 
     experiment: Experiment
     rest: bool
     rows: slice
-    basis: Array
+    columns: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """What is taken of the states at the first samples.
+
+    Attributes:
+        angles: (experiments,) [rad].
+        bases: for each experiment (rows, s) orthonormal directions that an unknown start moves.
+    """
+
+    angles: Array
+    bases: tuple[Array, ...]
 
 
 class Bench:
@@ -67,6 +85,8 @@ class Bench:
         experiments: measured.
         noise: standard deviations of speed [rad/s] and current [A]; None takes the white part of
             the measured signals.
+        tolerance: part of each channel's gap, as root mean square, that counts as noise as well: no
+            law is exactly a machine's, and a channel measured very well must not count for more.
         workers: threads among which the experiments are spread.
     """
 
@@ -76,10 +96,13 @@ class Bench:
         experiments: Sequence[Experiment],
         noise: tuple[float, float] | None = None,
         workers: int = 1,
+        tolerance: float = 0.0,
     ) -> None:
         self.machine, self.experiments = machine, list(experiments)
         self.physics, self.values = machine.model, dict(machine.parameters)
         self.noise = noise or channel_noise(self.experiments)
+        #: Noise of each channel in the deviations by which residuals are divided.
+        self.level = (1.0, 1.0)
         self.workers = workers
         #: Simulations made so far, each of one experiment.
         self.simulated = 0
@@ -91,38 +114,160 @@ class Bench:
         for e in self.experiments:
             rows = len(e) * (1 if e.current is None else 2)
             rest = abs(float(e.speed[0])) <= AT_REST * self.noise[0]
-            basis = np.zeros((rows, 0)) if rest else self._start_basis(e)
-            self.pieces.append(Piece(e, rest, slice(at, at + rows), basis))
+            columns = np.zeros((rows, 0)) if rest else self._motor_columns(e)
+            self.pieces.append(Piece(e, rest, slice(at, at + rows), columns))
             at += rows
         #: Residuals in all.
         self.size = at
-        #: Start angle of each experiment [rad].
-        self.angles = np.zeros(len(self.experiments))
+        #: Start states as they are known before any effect is.
+        self.starts = Starts(
+            np.zeros(len(self.pieces)), tuple(_basis(p.columns) for p in self.pieces)
+        )
+        #: Whether the machine shakes a foundation as its file knows it.
+        self.shaking = not self.physics.is_linear(self.values)
+        if self.shaking:
+            self.starts = self._settled((), True, 0, True, True, COARSE)
+        if tolerance > 0:
+            self._tolerate(tolerance)
+
+    def _tolerate(self, tolerance: float) -> None:
+        """Take the noise to be as large as the laws' own errors are likely to be."""
+        rest, gap, count = self.rest(), [0.0, 0.0], [0, 0]
+        for piece in self.pieces:
+            length = len(piece.experiment)
+            for channel, begin in enumerate(range(piece.rows.start, piece.rows.stop, length)):
+                part = rest[begin : begin + length]
+                gap[channel] += float(part @ part) - length
+                count[channel] += length
+        wider = [
+            math.sqrt(1.0 + tolerance**2 * max(g / max(n, 1), 0.0))
+            for g, n in zip(gap, count, strict=True)
+        ]
+        self.noise = self.noise[0] * wider[0], self.noise[1] * wider[1]
+        self.level = 1.0 / wider[0], 1.0 / wider[1]
+        for piece in self.pieces:  # the columns' channels are weighed by the noise
+            length = len(piece.experiment)
+            piece.columns[:length] /= wider[0]
+            piece.columns[length:] /= wider[1]
+        self.starts = Starts(self.starts.angles, tuple(_basis(p.columns) for p in self.pieces))
+        if self.shaking:
+            self.starts = self._settled((), True, 0, True, True, COARSE)
 
     def part(self, numbers: Sequence[int]) -> Bench:
         """The bench with some of the experiments only, by their place in the list."""
-        chosen = Bench(
-            self.machine, [self.experiments[i] for i in numbers], self.noise, self.workers
-        )
-        chosen.angles = self.angles[list(numbers)]
-        return chosen
+        chosen = [self.experiments[i] for i in numbers]
+        part = Bench(self.machine, chosen, self.noise, self.workers)
+        part.level = self.level
+        return part
 
-    def rest(self, use: Use = (), step: float = COARSE, angles: Array | None = None) -> Array:
+    def rest(self, use: Use = (), step: float = COARSE, starts: Starts | None = None) -> Array:
         """(size,) residuals with these effects, in noise deviations, start states projected out.
 
         Args:
             use: effects with all their values.
             step: longest integration step [s].
-            angles: (experiments,) start angles [rad], if others than the bench's.
+            starts: as `settle` found them for such effects; None takes the bench's.
         """
-        turned = self.angles if angles is None else angles
+        begun = self.starts if starts is None else starts
         row = np.empty(self.size)
 
         def fill(i: int) -> None:
-            row[self.pieces[i].rows] = self.piece(i, use, step, float(turned[i]))
+            rest = self._difference(i, use, step, float(begun.angles[i]))
+            row[self.pieces[i].rows] = rest - begun.bases[i] @ (begun.bases[i].T @ rest)
 
         self._each(fill)
         return row
+
+    def settle(self, use: Use, free: bool = False, step: float = COARSE) -> Starts:
+        """Start states for these effects, where more is unknown than a motor's speed and current.
+
+        A machine that was running has a foundation in motion, a warm winding and the like, each of
+        which moves the residuals in a direction of its own, and an angle that is sought.
+
+        Args:
+            use: effects with all their values.
+            free: seek the angle of machines at rest as well; else it is 0.
+            step: longest integration step [s].
+        """
+        values = self._values(use)
+        if values is None:
+            return self.starts
+        shaken = any(v != self.values[n] for n, v in values.items() if n not in MOTOR_NAMES)
+        states = sum(
+            len(e.states) for e, _ in use if e.torque is not None or e.terminal is not None
+        )
+        turning = not self.shaking and self.turns(use)
+        running = any(not p.rest for p in self.pieces)
+        if not ((running and (shaken or states or turning)) or (free and turning)):
+            return self.starts
+        moving = not self.physics.is_linear(values)
+        return self._settled(use, moving, states, turning or (shaken and moving), free, step)
+
+    def _settled(
+        self, use: Use, moving: bool, states: int, turning: bool, free: bool, step: float
+    ) -> Starts:
+        angles, bases = self.starts.angles.copy(), list(self.starts.bases)
+
+        def work(i: int) -> None:
+            piece = self.pieces[i]
+            if turning and (free or not piece.rest):
+                angles[i] = self._best_angle(i, use, step)
+            if not piece.rest:
+                count = (len(self.physics.states) - CURRENT - 1 if moving else 0, states)
+                columns = self._state_columns(i, use, step, float(angles[i]), *count, turning)
+                bases[i] = _basis(np.column_stack([piece.columns, columns]))
+
+        self._each(work)
+        return Starts(angles, tuple(bases))
+
+    def turns(self, use: Use) -> bool:
+        """Whether the start angle makes a difference with these effects."""
+        if not use or not self.pieces:
+            return False
+        one, other = (self._difference(0, use, COARSE, angle) for angle in (0.0, 1.0))
+        return bool(np.max(np.abs(one - other)) > SENSITIVE)
+
+    def _best_angle(self, i: int, use: Use, step: float) -> float:
+        basis = self.starts.bases[i]
+
+        def loss(angle: float) -> float:
+            rest = self._difference(i, use, step, angle)
+            along = basis.T @ rest
+            return float(rest @ rest - along @ along)
+
+        angles = np.arange(ANGLES) * 2 * math.pi / ANGLES
+        losses = [loss(float(a)) for a in angles]
+        best = int(np.argmin(losses))
+        # The parabola through the best angle and its neighbours.
+        left, middle, right = losses[best - 1], losses[best], losses[(best + 1) % ANGLES]
+        bend = left - 2 * middle + right
+        shift = 0.5 * (left - right) / bend if bend > 0 else 0.0
+        return float(angles[best] + np.clip(shift, -0.5, 0.5) * 2 * math.pi / ANGLES)
+
+    def _state_columns(
+        self, i: int, use: Use, step: float, angle: float, moving: int, states: int, turning: bool
+    ) -> Array:
+        """(rows, s) change of the residuals per start state of foundation, effects and angle."""
+        base = self._difference(i, use, step, angle)
+        n = len(self.physics.states)
+        columns = []
+        for state in [*range(CURRENT + 1, CURRENT + 1 + moving), *range(n, n + states)]:
+            size = START_STEP if state >= n else START_STEP * MOTION
+            moved = self._difference(i, use, step, angle, (state, size))
+            columns.append((moved - base) / size)
+        if turning:
+            columns.append((self._difference(i, use, step, angle + START_STEP) - base) / START_STEP)
+        return np.column_stack(columns) if columns else np.zeros((base.size, 0))
+
+    def _values(self, use: Use) -> Values | None:
+        """The machine's parameters with these effects; None where they are impossible."""
+        values: Values = self.values
+        try:
+            for effect, given in use:
+                values = effect.change_parameters(self.physics, values, given)
+        except LdtError:
+            return None
+        return values
 
     def _each(self, work: object) -> None:
         count = range(len(self.pieces))
@@ -133,20 +278,26 @@ class Bench:
             for i in count:
                 work(i)  # type: ignore[operator]
 
-    def piece(self, i: int, use: Use, step: float = COARSE, angle: float = 0.0) -> Array:
-        """(rows,) residuals of one experiment."""
-        piece = self.pieces[i]
-        e = piece.experiment
-        speed, current = self.outputs(i, use, step, angle)
+    def _difference(
+        self, i: int, use: Use, step: float, angle: float, pushed: tuple[int, float] | None = None
+    ) -> Array:
+        """(rows,) measured minus simulated of one experiment, in noise deviations."""
+        e = self.experiments[i]
+        speed, current = self.outputs(i, use, step, angle, pushed=pushed)
         rest = (e.speed - speed) / self.noise[0]
         if e.current is not None:
             rest = np.concatenate([rest, (e.current - current) / self.noise[1]])
         limit = DIVERGED / self.noise[0]
-        rest = np.clip(np.nan_to_num(rest, nan=limit, posinf=limit, neginf=-limit), -limit, limit)
-        return rest - piece.basis @ (piece.basis.T @ rest)
+        return np.clip(np.nan_to_num(rest, nan=limit, posinf=limit, neginf=-limit), -limit, limit)
 
     def outputs(
-        self, i: int, use: Use, step: float = COARSE, angle: float = 0.0, follow: bool = True
+        self,
+        i: int,
+        use: Use,
+        step: float = COARSE,
+        angle: float = 0.0,
+        follow: bool = True,
+        pushed: tuple[int, float] | None = None,
     ) -> tuple[Array, Array]:
         """(L,) speed as the sensor shows it [rad/s] and (L,) current [A] of experiment i.
 
@@ -156,6 +307,7 @@ class Bench:
             step: longest integration step [s].
             angle: at the first sample [rad].
             follow: False makes it a free run whatever the machine is.
+            pushed: (state, by how much) its first value is changed.
         """
         piece = self.pieces[i]
         e, physics = piece.experiment, self.physics
@@ -171,6 +323,11 @@ class Bench:
             if not piece.rest and not physics.is_linear(values):
                 start = physics.running_state(values, first, angle, known)
             start[ANGLE] = angle
+            terms = [(x, p) for x, p in use if x.torque is not None or x.terminal is not None]
+            own = [v for x, p in terms for v in x.first_states(start, p)]
+            start = np.concatenate([start, own])
+            if pushed is not None:
+                start[pushed[0]] += pushed[1]
             about = e.voltage, e.period, start, use, step
             if not follow or physics.is_linear(values):
                 states = physics.simulate(self.values, *about, least_step=LEAST)
@@ -194,8 +351,8 @@ class Bench:
         moved[:, ANGLE] = 0.0
         return moved
 
-    def _start_basis(self, e: Experiment) -> Array:
-        """Orthonormal directions of an unknown first speed and (where not measured) current."""
+    def _motor_columns(self, e: Experiment) -> Array:
+        """(rows, 2) change of the residuals per unknown first speed and current."""
         ad, bd = _motor(self.values, e.period)
         columns = []
         for state in (SPEED, CURRENT):
@@ -206,7 +363,17 @@ class Bench:
             if e.current is not None:
                 column = np.concatenate([column, moved[:, CURRENT] / self.noise[1]])
             columns.append(column)
-        return np.asarray(np.linalg.qr(np.column_stack(columns))[0])
+        return np.column_stack(columns)
+
+
+def _basis(columns: Array) -> Array:
+    """Orthonormal directions that span the columns; those that show nothing are left out."""
+    if columns.shape[1] == 0:
+        return columns
+    left, size, _ = np.linalg.svd(
+        columns / (np.linalg.norm(columns, axis=0) + 1e-300), full_matrices=False
+    )
+    return np.asarray(left[:, size > 1e-6])
 
 
 def _motor(values: Values, period: float) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +17,14 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-FACTORS = (0.4, 0.7, 0.9, 1.1, 1.4, 2.5)  # tried of a parameter that multiplies one of the machine's
+FACTORS = (
+    0.4,
+    0.7,
+    0.9,
+    1.1,
+    1.4,
+    2.5,
+)  # tried of a parameter that multiplies one of the machine's
 SIZES = (0.1, 0.3, 1.0, 3.0)  # of a parameter's scale
 PARTS = (0.4, 0.55, 0.7, 0.85, 0.95)  # of the largest voltage, for a limit on it
 PHASES = 8  # of a turn
@@ -35,10 +42,12 @@ class Candidate:
     Args:
         effect: of the library or the user's.
         most_voltage: largest voltage of the recordings [V].
+        sizes: unit to the size of this machine's quantities, see `scale.factors`.
     """
 
     effect: Effect
     most_voltage: float
+    sizes: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -53,12 +62,35 @@ class Candidate:
     def __len__(self) -> int:
         return len(self.effect.parameters)
 
+    def scale(self, j: int) -> float:
+        """Typical size of parameter j on this machine."""
+        p = self.parameters[j]
+        return (p.scale or 1.0) * self.sizes.get(p.unit, 1.0)
+
+    @property
+    def typical(self) -> dict[str, float]:
+        """The effect plainly there, in this machine's sizes."""
+        return self.effect.check(self._sized(self.effect.check(self.effect.typical)))
+
+    def _sized(self, given: Mapping[str, float]) -> dict[str, float]:
+        """Values in this machine's sizes: what differs from neutral is scaled with its unit."""
+        found = {}
+        for p in self.parameters:
+            value = given[p.name]
+            found[p.name] = value if logarithmic(p) else value * self.sizes.get(p.unit, 1.0)
+            if math.isfinite(p.low) and math.isfinite(p.high):
+                found[p.name] = min(max(found[p.name], p.low), p.high)
+            elif value == p.default and not value:
+                found[p.name] = value
+            found[p.name] = max(found[p.name], p.low)
+        return found
+
     def value(self, j: int, z: float) -> float:
         """Parameter j at a coordinate, within its bounds."""
         p = self.parameters[j]
         neutral = float(p.default or 0.0)
-        value = neutral * math.exp(z) if logarithmic(p) else neutral + z * (p.scale or 1.0)
-        low = p.low + (NEAR_BOUND * (p.scale or 1.0) if p.open_low else 0.0)
+        value = neutral * math.exp(z) if logarithmic(p) else neutral + z * self.scale(j)
+        low = p.low + (NEAR_BOUND * self.scale(j) if p.open_low else 0.0)
         return min(max(value, low), p.high)
 
     def given(self, z: Sequence[float] | Array) -> dict[str, float]:
@@ -69,7 +101,7 @@ class Candidate:
         """Of a value of parameter j."""
         p = self.parameters[j]
         neutral = float(p.default or 0.0)
-        return math.log(value / neutral) if logarithmic(p) else (value - neutral) / (p.scale or 1.0)
+        return math.log(value / neutral) if logarithmic(p) else (value - neutral) / self.scale(j)
 
     def coordinates(self, given: Mapping[str, float]) -> Array:
         """(d,) coordinates of all parameters' values."""
@@ -78,7 +110,7 @@ class Candidate:
     def slope(self, j: int, z: float) -> float:
         """Change of parameter j per coordinate."""
         p = self.parameters[j]
-        return self.value(j, z) if logarithmic(p) else float(p.scale or 1.0)
+        return self.value(j, z) if logarithmic(p) else self.scale(j)
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -89,7 +121,7 @@ class Candidate:
                 low.append(math.log(1e-6) if p.high < math.inf else math.log(0.02))
                 high.append(self.coordinate(j, p.high) if p.high < math.inf else math.log(50.0))
             else:
-                s = p.scale or 1.0
+                s = self.scale(j)
                 low.append((p.low + NEAR_BOUND * s * p.open_low - (p.default or 0.0)) / s)
                 high.append((p.high - (p.default or 0.0)) / s)
         return np.array(low), np.array(high)
@@ -97,12 +129,11 @@ class Candidate:
     def starts(self) -> list[Array]:
         """Coordinates that a search begins with, over the parameters' plausible ranges."""
         levels = [
-            self.effect.search.get(p.name) or _levels(p, self.most_voltage)
-            for p in self.parameters
+            self.effect.search.get(p.name) or _levels(p, self.most_voltage) for p in self.parameters
         ]
         found = []
         for values in itertools.product(*levels):
-            given = dict(zip((p.name for p in self.parameters), values, strict=True))
+            given = self._sized(dict(zip((p.name for p in self.parameters), values, strict=True)))
             if given != self.effect.neutral:
                 found.append(self.coordinates(given))
         if len(found) > MOST_STARTS:
@@ -118,7 +149,7 @@ def logarithmic(p: Parameter) -> bool:
 def _levels(p: Parameter, most_voltage: float) -> list[float]:
     default, scale = float(p.default or 0.0), p.scale or 1.0
     if logarithmic(p) and p.unit == "V":
-        return [part * most_voltage for part in PARTS]
+        return [part * most_voltage for part in PARTS]  # already this machine's
     if logarithmic(p):
         return [default * f for f in FACTORS]
     if math.isfinite(p.low) and math.isfinite(p.high) and p.low < default < p.high:

@@ -17,7 +17,8 @@ from ldt_core.models.physics import PhysicsModel
 Array = NDArray[np.float64]
 
 DRAWS = 2000  # of the bootstrap over experiments
-FLAT = 0.5  # of the noise's power: with a smaller gap before, a closed fraction says nothing
+LEAST = 20  # samples of a regime
+FLAT = 0.005  # of the noise's power: with a smaller gap before, a closed fraction says nothing
 
 
 def free_run(machine: Machine, experiment: Experiment, use: Sequence = ()) -> Array:
@@ -49,7 +50,7 @@ def closed(
         for run in (before, after)
     )
     gap = was - size * noise**2
-    if not gap.sum() > FLAT * noise**2 * size.sum() * 0.01:
+    if not gap.sum() > FLAT * noise**2 * size.sum():
         return None, None
     part = float((was - now).sum() / gap.sum())
     if len(experiments) < 2:
@@ -59,3 +60,43 @@ def closed(
     drawn = (was - now)[pick].sum(axis=1)[below > 0] / below[below > 0]
     low, high = np.quantile(drawn, [0.025, 0.975])
     return part, (float(low), float(high))
+
+
+def regimes(
+    experiments: Sequence[Experiment],
+    before: Sequence[Array],
+    after: Sequence[Array],
+    noise: float,
+) -> list[dict[str, float | str | None]]:
+    """Errors by regime: slow, medium and fast; speeding up, steady and slowing down."""
+    speed = np.concatenate([e.speed for e in experiments])
+    was, now = np.concatenate(before), np.concatenate(after)
+    slope = np.concatenate(
+        [np.gradient(p, e.period) for e, p in zip(experiments, after, strict=True)]
+    )
+    turning = 0.05 * float(np.nanmax(np.abs(slope)))
+    low, high = np.quantile(speed, [1 / 3, 2 / 3])
+    parts = {
+        f"speed below {low:.3g} rad/s": speed < low,
+        f"speed {low:.3g} to {high:.3g} rad/s": (speed >= low) & (speed <= high),
+        f"speed above {high:.3g} rad/s": speed > high,
+        "speeding up": slope > turning,
+        "steady": np.abs(slope) <= turning,
+        "slowing down": slope < -turning,
+    }
+    found = []
+    for name, inside in parts.items():
+        if np.count_nonzero(inside) < LEAST:
+            continue
+        one, other = (float(np.mean((speed - run)[inside] ** 2)) for run in (was, now))
+        gap = one - noise**2
+        found.append(
+            {
+                "regime": name,
+                "samples": int(np.count_nonzero(inside)),
+                "rmse_before": math.sqrt(one),
+                "rmse_after": math.sqrt(other),
+                "closed_fraction": (one - other) / gap if gap > 0.1 * noise**2 else None,
+            }
+        )
+    return found

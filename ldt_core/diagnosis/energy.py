@@ -19,9 +19,12 @@ from ldt_core.diagnosis.bench import Bench
 
 Array = NDArray[np.float64]
 
-BANDWIDTHS = 10.0  # of the motor: the band in which its errors lie
+BANDWIDTHS = 10.0  # of the motor: the band in which its errors lie, and
+ORDERS = 1.5  # of the shaft at its fastest, whichever reaches further
 ABOVE = 2.0  # times that band's limit, begins what counts as noise alone
 TAPER = 0.2  # of an experiment, at both ends together
+NEAR = 1.2  # times more or less than the measured signals' white part, that noise may be
+MEDIAN = 2.1  # times the variance of a mean that a median of powers has
 LEAST_ABOVE = 20  # frequencies of an experiment there; with fewer, the noise is not judged anew
 
 
@@ -34,20 +37,29 @@ class Band:
 
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
-        self.limit = BANDWIDTHS / (2 * math.pi * bench.memory)  # Hz
+        fastest = max((float(np.abs(e.speed).max()) for e in bench.experiments), default=0.0)
+        #: [Hz].
+        self.limit = max(BANDWIDTHS / bench.memory, ORDERS * fastest) / (2 * math.pi)
         self._rows: list[tuple[int, int, slice]] = []  # experiment, channel, rows
         unknown = 0
         for i, piece in enumerate(bench.pieces):
             length = len(piece.experiment)
-            unknown += piece.basis.shape[1]
+            unknown += bench.starts.bases[i].shape[1]
             for channel, begin in enumerate(range(piece.rows.start, piece.rows.stop, length)):
                 self._rows.append((i, channel, slice(begin, begin + length)))
-        low = [float(np.sum(self._low(i))) for i, _, _ in self._rows]
-        #: Degrees of freedom of the band: its power when there is noise alone.
-        self.noise = sum(low) - unknown
+        #: Degrees of freedom of the band in each channel.
+        self.free = [0.0, 0.0]
+        for i, channel, _ in self._rows:
+            self.free[channel] += float(np.sum(self._low(i)))
+        self.free[0] -= unknown
         #: What the noise of each channel is, in the deviations that the bench assumes.
-        self.level = (1.0, 1.0)
+        self.level = bench.level
         self.above = sum(float(np.sum(self._high(i))) for i, _, _ in self._rows)
+
+    @property
+    def noise(self) -> float:
+        """Power of the band when there is noise alone."""
+        return sum(f * size**2 for f, size in zip(self.free, self.level, strict=True))
 
     def _frequency(self, i: int) -> Array:
         e = self.bench.experiments[i]
@@ -66,38 +78,69 @@ class Band:
         count = np.where(self._frequency(i) > ABOVE * self.limit, 2.0, 0.0)
         return count if np.count_nonzero(count) >= LEAST_ABOVE else 0.0 * count
 
-    def power(self, rest: Array) -> Array:
-        """(experiments,) power of (size,) residuals in the band, noise included."""
+    def power(self, rest: Array, speed: bool = False) -> Array:
+        """(experiments,) power of (size,) residuals in the band, noise included.
+
+        Args:
+            rest: residuals.
+            speed: count the speed alone.
+        """
         found = np.zeros(len(self.bench.pieces))
         for i, channel, rows in self._rows:
-            power = float(self._low(i) @ _periodogram(rest[rows]))
-            found[i] += power / self.level[channel] ** 2
+            if speed and channel:
+                continue
+            found[i] += float(self._low(i) @ _periodogram(rest[rows]))
         return found
 
     def excess(self, rest: Array) -> float:
         """Power beyond that of white noise; about 0 for a right model."""
         return float(self.power(rest).sum()) - self.noise
 
+    def speed_excess(self, rest: Array) -> float:
+        """The same of the speed alone."""
+        noise = self.free[0] * self.level[0] ** 2
+        return float(self.power(rest, speed=True).sum()) - noise
+
+    def speed_loss(self, rest: Array) -> Array:
+        """(experiments,) sum of squares of the speed's residuals."""
+        found = np.zeros(len(self.bench.pieces))
+        for i, channel, rows in self._rows:
+            if not channel:
+                found[i] += float(rest[rows] @ rest[rows])
+        return found
+
     def channel_noise(self, rest: Array) -> tuple[float, float]:
         """What the noise of speed and current is, in the deviations assumed: from above the band.
 
-        1 for a channel that has nothing there.
+        Within NEAR of what the measured signals say; that alone for a channel with nothing there.
         """
-        power, count = [0.0, 0.0], [0.0, 0.0]
+        power: tuple[list[Array], list[Array]] = ([], [])
         for i, channel, rows in self._rows:
-            weight, part = self._high(i), rest[rows]
+            part, seen = rest[rows], self._high(i) > 0
             window = tukey(part.size, TAPER)  # keeps the strong low frequencies from leaking up
             window /= math.sqrt(float(np.mean(window**2)))
-            power[channel] += float(weight @ _periodogram(part * window))
-            count[channel] += float(np.sum(weight))
-        found = [math.sqrt(p / n) if n > 0 else 1.0 for p, n in zip(power, count, strict=True)]
-        return found[0], found[1]
+            power[channel].append(_periodogram(part * window)[seen])
+        # The median, so that a ripple which sweeps through some of them does not count.
+        found = [np.concatenate(p) if p else np.zeros(0) for p in power]
+        first, second = (
+            min(max(math.sqrt(float(np.median(p)) / math.log(2)), known / NEAR), known * NEAR)
+            if p.size
+            else known
+            for p, known in zip(found, self.bench.level, strict=True)
+        )
+        return first, second
 
     def limit_of(self, chance: float) -> float:
         """Excess that noise alone passes with this probability, its level judged from above."""
-        if self.above == 0:
-            return self.noise * math.sqrt(2 / self.noise) * 4
-        return self.noise * (float(fisher.isf(chance, self.noise, self.above)) - 1)
+        free = sum(self.free)
+        above = self.above / MEDIAN if self.above else free
+        return self.noise * (float(fisher.isf(chance, free, above)) - 1)
+
+    def speed_limit(self, chance: float) -> float:
+        """Of the speed alone."""
+        above = self.above / MEDIAN if self.above else self.free[0]
+        noise = self.free[0] * self.level[0] ** 2
+        return noise * (float(fisher.isf(chance, self.free[0], above)) - 1)
 
 
 def _periodogram(part: Array) -> Array:

@@ -33,10 +33,14 @@ Names = frozenset[str]
 
 SCOUT_SAMPLES = 12_000  # of the experiments that the scout works on, and
 SCOUT_EXPERIMENTS = 8  # at most so many of them
-MOST = 3  # effects in a set
+MOST = 6  # effects in a set
+TRIPLE = 3  # effects, up to which sets are tried even where the last one did not help
+HALF = 0.5  # of what is left, that a further effect must explain
 PAIRS = 6  # fitted because their responses promise most
 BASES = 3  # sets of one size that are built upon
 ADDED = 4  # effects added to each of them
+RIVALS = 8  # effects that may take the place of one in the chosen set,
+CLOSE = 0.7  # if they promise this part of what the best promises
 KEPT = 6  # sets of each size that are fitted on all experiments
 HOPELESS = 0.5  # of the gap: if all effects together explain no more, no set of them will
 PROMISE = 0.1  # of what a set leaves, that an effect must promise to take away to be tried with it
@@ -84,6 +88,8 @@ class Search:
         bench: experiments to explain.
         candidates: effects that may explain them.
         tick: called with what is being done.
+        own: the machine's own parameters that are not known for certain: they are fitted with
+            every set, and never named.
     """
 
     def __init__(
@@ -91,15 +97,29 @@ class Search:
         bench: Bench,
         candidates: Sequence[Candidate],
         tick: Callable[[str], None] = lambda doing: None,
+        own: Sequence[Candidate] = (),
     ) -> None:
         self.bench, self.candidates, self.tick = bench, tuple(candidates), tick
+        self.own = tuple(own)
         self.scout = bench.part(scouted(bench))
-        responses = simulate_all(self.scout, self.candidates, lambda: tick("simulating effects"))
-        self.found = Explained(bench, Band(bench), bench.rest(), self.scout, responses)
+        zeros = [np.zeros(len(c)) for c in self.own]
+        count = len(self.own)
+        fitted = fit(self.scout, self.own, zeros, own=count) if own else None
+        responses = simulate_all(
+            self.scout, self.candidates, lambda: tick("simulating effects"), fitted
+        )
+        alone = fit(bench, self.own, fitted.z, own=count) if fitted else _empty(bench)
+        self.found = Explained(bench, Band(bench), alone.rest, self.scout, responses)
+        # Without any effect: the machine's own parameters alone.
+        self.found.fits[frozenset()] = alone
+        self.found.scouted[frozenset()] = fitted or _empty(self.scout)
         self.band = Band(self.scout)
 
     def run(self) -> Explained:
-        """Fit sets of one effect, then of two and three as long as something is left."""
+        """Fit sets of one effect, then of two and three as long as something is left.
+
+        Larger sets are built only on a triple that a pair could not replace.
+        """
         enough = self.band.limit_of(0.01)
         self._alone()
         most = MOST if ceiling(self.found.responses) > HOPELESS else 1
@@ -112,7 +132,14 @@ class Search:
             best = self._best(count)
             if not best or self.band.excess(best[0].rest) < enough:
                 break
+            if count >= TRIPLE and not self._gained(count):
+                break
         return self.found
+
+    def _gained(self, count: int) -> bool:
+        """Whether the best set of a size takes away half of what the best smaller one leaves."""
+        now, before = self._best(count)[0], self._best(count - 1)[0]
+        return before.loss - now.loss > HALF * max(self.band.excess(before.rest), 0.0)
 
     def _alone(self) -> None:
         for i, c in enumerate(self.candidates):
@@ -128,13 +155,19 @@ class Search:
     def _build_on(self, count: int) -> None:
         for base in self._best(count)[:BASES]:
             for candidate, start in self.additions(base, ADDED):
-                self._scout([*base.members, candidate], [*base.z, start])
+                self._scout([*base.effects, candidate], [*base.z[: len(base.effects)], start])
 
-    def additions(self, base: Fit, count: int) -> list[tuple[Candidate, Array]]:
-        """Effects that promise most beside a set, with the values to begin with."""
+    def additions(self, base: Fit, count: int, close: float = 0.0) -> list[tuple[Candidate, Array]]:
+        """Effects that promise most beside a set, with the values to begin with.
+
+        Args:
+            base: the set.
+            count: of effects, at most.
+            close: part of the best promise that each must reach.
+        """
         d = self.found.responses
         left, moved = base.rest, d.responses
-        if base.free:
+        if base.members:
             span = np.linalg.qr(base.jacobian)[0]
             moved = moved - (moved @ span) @ span.T
             left = left - span @ (span.T @ left)
@@ -145,7 +178,7 @@ class Search:
         chosen: dict[int, int] = {}
         for k in np.argsort(-gain):
             owner = int(d.owner[k])
-            if gain[k] < PROMISE * enough:
+            if gain[k] < max(PROMISE * enough, close * gain.max()):
                 break
             if self.candidates[owner].name not in base.names:
                 chosen.setdefault(owner, int(k))
@@ -155,7 +188,13 @@ class Search:
         self.tick("fitting sets of effects")
         names = frozenset(c.name for c in members)
         order = sorted(range(len(members)), key=lambda i: members[i].name)
-        tried = fit(self.scout, [members[i] for i in order], [start[i] for i in order], precision=ROUGH)
+        tried = fit(
+            self.scout,
+            [*(members[i] for i in order), *self.own],
+            [*(start[i] for i in order), *self.found.scouted[frozenset()].z],
+            precision=ROUGH,
+            own=len(self.own),
+        )
         known = self.found.scouted.get(names)
         if known is None or tried.loss < known.loss:
             self.found.scouted[names] = tried
@@ -182,32 +221,31 @@ class Search:
             if self.scout.size == self.bench.size:
                 self.found.fits[names] = scouted
             else:
-                self.found.fits[names] = fit(self.bench, scouted.members, scouted.z)
+                self.found.fits[names] = fit(
+                    self.bench, scouted.members, scouted.z, own=len(self.own)
+                )
         return self.found.fits[names]
 
     def subset(self, base: Fit, names: Sequence[str]) -> Fit:
         """A part of a set, fitted on all experiments."""
         wanted = frozenset(names)
         if wanted not in self.found.scouted:
-            chosen = [i for i, m in enumerate(base.members) if m.name in wanted]
+            chosen = [i for i, m in enumerate(base.effects) if m.name in wanted]
             self._scout([base.members[i] for i in chosen], [base.z[i] for i in chosen])
         return self.finish(self.found.scouted[wanted])
 
-    def alternatives(self, base: Fit, count: int = ADDED) -> list[Fit]:
+    def alternatives(self, base: Fit, count: int = RIVALS) -> list[Fit]:
         """Sets that differ from a set in one member, the most promising, fitted on all."""
         found = []
-        for leave in range(len(base.members)):
-            members = [m for j, m in enumerate(base.members) if j != leave]
-            z = [part for j, part in enumerate(base.z) if j != leave]
+        for leave in range(len(base.effects)):
+            members = [m for j, m in enumerate(base.effects) if j != leave]
+            z = [base.z[j] for j in range(len(base.effects)) if j != leave]
             known = self.found.scouted.get(frozenset(m.name for m in members))
-            if known is None:
-                rest = self._scout(members, z) if members else self._empty()
-            else:
-                rest = known
-            for candidate, start in self.additions(rest, count + 1):
+            rest = self._scout(members, z) if known is None else known
+            for candidate, start in self.additions(rest, count + 1, CLOSE):
                 if candidate.name not in base.names:
-                    tried = [*rest.members, candidate]
-                    found.append(self._scout(tried, [*rest.z, start]))
+                    tried = [*rest.effects, candidate]
+                    found.append(self._scout(tried, [*rest.z[: len(rest.effects)], start]))
         return self._worth(base, found)
 
     def _worth(self, base: Fit, found: Iterable[Fit]) -> list[Fit]:
@@ -215,9 +253,10 @@ class Search:
         floor = scouted.loss + NEAR * max(self.band.excess(scouted.rest), 0.0) + CLEAR
         return [self.finish(f) for f in found if f.loss <= floor]
 
-    def _empty(self) -> Fit:
-        rest = self.found.responses.base
-        return Fit((), (), rest, np.zeros((rest.size, 0)), float(rest @ rest))
+
+def _empty(bench: Bench) -> Fit:
+    rest = bench.rest()
+    return Fit((), (), rest, np.zeros((rest.size, 0)), float(rest @ rest))
 
 
 def scouted(bench: Bench) -> list[int]:

@@ -23,11 +23,6 @@ EXPERIMENTS = 3  # on which imitation is tried
 EVALUATIONS = 6  # of one imitation
 
 
-def typical_size(candidate: Candidate) -> dict[str, float]:
-    """The effect at its typical size."""
-    return candidate.effect.check(candidate.effect.typical)
-
-
 def undetectable(bench: Bench, candidates: Sequence[Candidate], scale: float = 1.0) -> list[str]:
     """Effects whose typical size moves nothing that could be seen.
 
@@ -39,7 +34,7 @@ def undetectable(bench: Bench, candidates: Sequence[Candidate], scale: float = 1
     base = bench.rest()
     found = []
     for c in candidates:
-        moved = base - bench.rest([(c.effect, typical_size(c))])
+        moved = base - bench.rest([(c.effect, c.typical)])
         if float(moved @ moved) * scale < SEEN:
             found.append(c.name)
     return found
@@ -88,7 +83,7 @@ def ambiguities(
 
 def _made(bench: Bench, candidate: Candidate) -> Bench:
     """The bench with noise-free experiments of a machine that has the effect."""
-    use = [(candidate.effect, typical_size(candidate))]
+    use = [(candidate.effect, candidate.typical)]
     made = []
     for i, e in enumerate(bench.experiments):
         speed, current = bench.outputs(i, use, follow=False)

@@ -11,11 +11,12 @@ import numpy as np
 from ldt_core.diagnosis.amounts import amounts
 from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.closing import closed, errors, free_run
+from ldt_core.diagnosis.closing import closed, errors, free_run, regimes
 from ldt_core.diagnosis.decide import Decision, decide
 from ldt_core.diagnosis.explain import Search
 from ldt_core.diagnosis.isolability import EXPERIMENTS, ambiguities, undetectable
 from ldt_core.diagnosis.next_experiment import next_experiment
+from ldt_core.diagnosis.own import own_effects
 from ldt_core.diagnosis.remainder import depends_on
 from ldt_core.diagnosis.result import (
     Amount,
@@ -27,6 +28,7 @@ from ldt_core.diagnosis.result import (
     Shown,
     Verdict,
 )
+from ldt_core.diagnosis.scale import factors
 from ldt_core.diagnosis.search import Fit
 from ldt_core.diagnosis.torque import Torque
 from ldt_core.diagnosis.where import places, residual
@@ -37,6 +39,7 @@ from ldt_core.errors import BadInput, OptionError
 from ldt_core.experiment import Experiment
 from ldt_core.machine import Machine
 
+TOLERANCE = 0.03  # of the gap, by which a law may be off
 HOLDOUT = 0.25  # of the experiments, unless the user says otherwise
 PARTS = 4  # of a single experiment
 BOOTSTRAP = 400
@@ -96,7 +99,9 @@ def split(
     # Evenly spread over the recording, so that what changes in its course is in both parts.
     random = np.random.default_rng(seed)
     edges = np.linspace(0, len(whole), count + 1)
-    held = {int(random.integers(int(a), max(int(b), int(a) + 1))) for a, b in itertools.pairwise(edges)}
+    held = {
+        int(random.integers(int(a), max(int(b), int(a) + 1))) for a, b in itertools.pairwise(edges)
+    }
     fit = [e for i, e in enumerate(whole) if i not in held]
     return fit, [e for i, e in enumerate(whole) if i in held]
 
@@ -113,6 +118,7 @@ def diagnose(
     *,
     recordings: Sequence[str] = (),
     effects: Sequence[Effect] | None = None,
+    refit: Sequence[str] | None = None,
     holdout: float = HOLDOUT,
     seed: int = 0,
     workers: int | None = None,
@@ -125,6 +131,7 @@ def diagnose(
         experiments: measured.
         recordings: where they are from, for the record.
         effects: candidates; None takes the library.
+        refit: parameters of the machine to fit with every set, see `own.own_effects`.
         holdout: share of the experiments that closure is measured on.
         seed: of what is drawn at random.
         workers: threads; None takes one for each processor.
@@ -136,9 +143,16 @@ def diagnose(
     workers = workers or os.cpu_count() or 1
     fitted, held = split(experiments, holdout, seed)
     most = max(float(np.abs(e.voltage).max()) for e in fitted)
-    candidates = [Candidate(e, most or 1.0) for e in effects or library(machine)]
-    bench = Bench(machine, fitted, workers=workers)
-    search = Search(bench, candidates, tick)
+    sizes = factors(machine.parameters, most or 1.0)
+    own = [Candidate(e, most or 1.0, sizes) for e in own_effects(machine, refit)]
+    mine = [c.name for c in own]
+    candidates = [
+        Candidate(e, most or 1.0, sizes)
+        for e in (library(machine) if effects is None else effects)
+        if e.name not in mine
+    ]
+    bench = Bench(machine, fitted, workers=workers, tolerance=TOLERANCE)
+    search = Search(bench, candidates, tick, own)
     decision = decide(search, seed)
     return _Report(machine, search, decision, fitted, held, recordings, seed, tick).diagnosis()
 
@@ -174,8 +188,10 @@ class _Report:
         part, interval = closed(self.held, before, after, noise, self.seed)
         if d.kind == "none":
             part, interval = None, None
-        gap = Gap(noise, errors(self.held, before), errors(self.held, after), part, interval)
-        wrong = residual(self.bench)
+        by = regimes(self.held, before, after, noise) if d.kind != "none" else []
+        was, now = errors(self.held, before), errors(self.held, after)
+        gap = Gap(noise, was, now, part, interval, by)
+        wrong = residual(self.bench, self.search.found.fits[frozenset()].use)
         where = places(wrong) if d.kind != "none" else []
         found = amounts(self.named, d.left) if self.named else {}
         left = d.left / d.excess if d.kind != "none" and d.excess > 0 else None
@@ -183,7 +199,11 @@ class _Report:
         effects = list(dict.fromkeys(n for group in acting for n in group))
         words = sentence(self.machine.name, d.kind, acting, found, gap, where, left)
         best = d.best.use if d.best else []
-        depends = depends_on(self.bench, residual(self.bench, best)) if d.structured else []
+        depends = (
+            depends_on(self.bench, residual(self.bench, best, d.best and d.best.starts))
+            if d.structured
+            else []
+        )
         silent, groups = self._isolability()
         return Diagnosis(
             machine=self.machine.name,
@@ -247,7 +267,7 @@ class _Report:
                 whole = alone.rest.size == self.bench.size
                 base = explained.base if whole else explained.responses.base
                 band = explained.band if whole else self.search.band
-                power = band.excess(base)
+                power = max(band.excess(base), float(base @ base) - alone.loss)
                 score = 1 - band.excess(alone.rest) / power if power > 0 else None
                 if not parameters:
                     parameters = amounts(alone, max(band.excess(alone.rest), 0.0))[c.name]

@@ -151,7 +151,7 @@ class Gap:
         noise_std: of the measured speed [rad/s].
         before: by the machine file.
         after: with the verdict's effects.
-        closed_fraction: (before^2 - after^2) / (before^2 - noise^2) of the rmse; None without a gap.
+        closed_fraction: of the squared rmse beyond noise; None without a gap.
         closed_fraction_ci95: by bootstrap over the held-out experiments.
         regimes: closed fraction and errors by regime of the held-out experiments, worst first.
     """

@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from ldt_core.diagnosis.bench import COARSE, Bench
+from ldt_core.diagnosis.bench import COARSE, Bench, Starts
 from ldt_core.diagnosis.candidate import Candidate
 
 Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-3  # of a coordinate, for difference quotients
 EVALUATIONS = 12  # steps of one fit
+WORTH_AN_ANGLE = 12.0  # fall of the sum of squares for each experiment's own start angle
 PRECISION = 1e-5  # of the sum of squares: a step that gains less was the last
 SHRINK, STRETCH = 0.25, 4.0  # how far a response may be scaled before it is no longer its effect's
 
@@ -32,11 +33,13 @@ class Fit:
     """A set of effects, fitted.
 
     Attributes:
-        members: its candidates.
+        members: its candidates, then those of the machine's own parameters that are fitted with it.
         z: their coordinates, one array each.
         rest: (size,) residuals that it leaves, in noise deviations.
         jacobian: (size, p) change of the residuals per coordinate.
         loss: sum of squares of `rest`.
+        own: how many of the members are the machine's own parameters.
+        starts: states at the first samples.
     """
 
     members: tuple[Candidate, ...]
@@ -44,11 +47,18 @@ class Fit:
     rest: Array
     jacobian: Array
     loss: float
+    own: int = 0
+    starts: Starts | None = None
+
+    @property
+    def effects(self) -> tuple[Candidate, ...]:
+        """The set itself."""
+        return self.members[: len(self.members) - self.own]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the members."""
-        return tuple(c.name for c in self.members)
+        """Of the set itself."""
+        return tuple(c.name for c in self.effects)
 
     @property
     def use(self) -> list[tuple[object, dict[str, float]]]:
@@ -58,7 +68,7 @@ class Fit:
     @property
     def free(self) -> int:
         """Parameters fitted."""
-        return sum(len(c) for c in self.members)
+        return sum(len(c) for c in self.effects)
 
 
 def used(members: Sequence[Candidate], z: Sequence[Array]) -> list:
@@ -79,14 +89,17 @@ def fit(
     step: float = COARSE,
     evaluations: int = EVALUATIONS,
     precision: float = PRECISION,
+    own: int = 0,
 ) -> Fit:
     """Least squares of a set's parameters, from a start."""
     members = tuple(members)
     low = np.concatenate([c.bounds[0] for c in members])
     high = np.concatenate([c.bounds[1] for c in members])
 
+    starts = [bench.starts]
+
     def rest(z: Array) -> Array:
-        return bench.rest(used(members, split(members, z)), step)
+        return bench.rest(used(members, split(members, z)), step, starts[0])
 
     last: dict[str, Array] = {}
 
@@ -103,21 +116,39 @@ def fit(
         last["rest"], last["z"] = rest(z), z.copy()
         return last["rest"]
 
+    def descend(z: Array, count: int) -> tuple[Array, Array, Array]:
+        solved = least_squares(
+            remembered,
+            np.clip(z, low + margin, high - margin),
+            jacobian,
+            bounds=(low, high),
+            ftol=precision,
+            xtol=1e-6,
+            gtol=1e-8,
+            max_nfev=count,
+        )
+        return solved.x, rest(solved.x), solved.jac
+
+    def settled(z: Array, free: bool = False) -> Starts:
+        return bench.settle(used(members, split(members, z)), free, step)
+
     margin = 1e-7 * np.maximum(1.0, np.minimum(high - low, 1.0))
     first = np.clip(np.concatenate(start), low + margin, high - margin)
-    solved = least_squares(
-        remembered,
-        first,
-        jacobian,
-        bounds=(low, high),
-        ftol=precision,
-        xtol=1e-6,
-        gtol=1e-8,
-        max_nfev=evaluations,
-        x_scale=1.0,
-    )
-    left = rest(solved.x)
-    return Fit(members, split(members, solved.x), left, solved.jac, float(left @ left))
+    starts[0] = settled(first)
+    if starts[0] is bench.starts:
+        z, left, slopes = descend(first, evaluations)
+    else:
+        z, _, _ = descend(first, evaluations // 2)
+        starts[0] = settled(z)
+        z, left, slopes = descend(z, evaluations)
+    if any(p.rest for p in bench.pieces) and bench.turns(used(members, split(members, z))):
+        shared, kept = (z, left, slopes), starts[0]
+        starts[0] = settled(z, free=True)
+        z, left, slopes = descend(z, evaluations // 2)
+        gain = float(shared[1] @ shared[1] - left @ left)
+        if gain < len(bench.pieces) * WORTH_AN_ANGLE:
+            (z, left, slopes), starts[0] = shared, kept
+    return Fit(members, split(members, z), left, slopes, float(left @ left), own, starts[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,10 +178,22 @@ class Dictionary:
 
 
 def simulate_all(
-    bench: Bench, candidates: Sequence[Candidate], tick: Callable[[], None] = lambda: None
+    bench: Bench,
+    candidates: Sequence[Candidate],
+    tick: Callable[[], None] = lambda: None,
+    own: Fit | None = None,
 ) -> Dictionary:
-    """Simulate every candidate at its starts; responses that do not show are left out."""
-    base = bench.rest()
+    """Simulate every candidate at its starts; responses that do not show are left out.
+
+    Args:
+        bench: experiments.
+        candidates: effects.
+        tick: called after each simulation.
+        own: the machine's own parameters as fitted, whose directions are projected out.
+    """
+    given = own.use if own else []
+    base = bench.rest(given)
+    span = np.linalg.qr(own.jacobian)[0] if own else np.zeros((bench.size, 0))
     owner, z = [], []
     for i, c in enumerate(candidates):
         starts = c.starts()
@@ -160,10 +203,11 @@ def simulate_all(
 
     def fill(k: int) -> None:
         c = candidates[owner[k]]
-        rows[k] = base - bench.rest([(c.effect, c.given(z[k]))])
+        rows[k] = base - bench.rest([(c.effect, c.given(z[k])), *given])
         tick()
 
     _spread(fill, range(len(z)), bench.workers)
+    rows -= (rows @ span) @ span.T
     shown = np.flatnonzero(np.einsum("ij,ij->i", rows, rows) > 1e-12)
     rows = rows[shown]
     return Dictionary(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.diagnosis.bench import Bench
+from ldt_core.diagnosis.bench import Bench, Starts
 from ldt_core.diagnosis.result import Place
 from ldt_core.diagnosis.torque import Torque
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 BINS = 60
 MOST = 0.9  # of the gap's power, that a place must hold
-LIFT = 0.25  # by which a place's share of the gap exceeds its share of the data, to be named
+LIFT = 0.15  # by which a place's share of the gap exceeds its share of the data, to be named
 QUIET = 0.02  # of the samples at either end of a quantity's range that get no bin of their own
 QUANTITIES = {
     "speed": "rad/s",
@@ -51,14 +51,14 @@ class Residual:
         return self.torque**2 - self.noise**2
 
 
-def residual(bench: Bench, use: Sequence = ()) -> Residual:
+def residual(bench: Bench, use: Sequence = (), starts: Starts | None = None) -> Residual:
     """The torque left by these effects, and what it may depend on."""
     torque, noise = [], []
     over: dict[str, list[Array]] = {name: [] for name in QUANTITIES}
     for i, piece in enumerate(bench.pieces):
         e = piece.experiment
         turn = Torque(bench.values["J"], bench.memory, e.period, len(e))
-        speed, _ = bench.outputs(i, use, angle=float(bench.angles[i]))
+        speed, _ = bench.outputs(i, use, angle=float((starts or bench.starts).angles[i]))
         torque.append(turn.of(e.speed - speed))
         noise.append(np.full(len(e), turn.noise * bench.noise[0]))
         over["speed"].append(turn.smooth(e.speed))

@@ -40,7 +40,9 @@ def sentence(
             f"a cause that none of the known effects explains{much}."
         )
     what = " and ".join(_one(group, amounts) for group in acting)
-    closed = "" if gap.closed_fraction is None else f" explains {gap.closed_fraction:.0%} of the gap"
+    closed = (
+        "" if gap.closed_fraction is None else f" explains {gap.closed_fraction:.0%} of the gap"
+    )
     return (
         f"{what[0].upper()}{what[1:]}{closed}{place.rstrip(',')}; it cuts the error on held-out "
         f"experiments from {gap.before.rmse:.3g} to {gap.after.rmse:.3g} rad/s, noise is "
