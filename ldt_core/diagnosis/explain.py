@@ -43,7 +43,8 @@ RIVALS = 8  # effects that may take the place of one in the chosen set,
 CLOSE = 0.7  # if they promise this part of what the best promises
 KEPT = 6  # sets of each size that are fitted on all experiments
 HOPELESS = 0.5  # of the gap: if all effects together explain no more, no set of them will
-PROMISE = 0.1  # of what a set leaves, that an effect must promise to take away to be tried with it
+HOPEFUL = 0.3  # of the gap: where a set leaves more, an effect is tried with it only if it promises
+PROMISE = 0.1  # to take away this part of that
 ROUGH = 1e-4  # of the sum of squares: the scout's fits end there
 NEAR = 4.0  # times the best of its size that a set may leave, to be kept
 CLEAR = 30.0  # fall of the sum of squares that chance does not reach, over all sets that are tried
@@ -175,10 +176,12 @@ class Search:
         scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
         gain = 2 * scale * target - scale**2 * size
         enough = max(self.band.excess(base.rest), 0.0)
+        start = self.found.scouted[frozenset()].loss
+        promise = PROMISE * enough if enough > HOPEFUL * start else 0.0
         chosen: dict[int, int] = {}
         for k in np.argsort(-gain):
             owner = int(d.owner[k])
-            if gain[k] < max(PROMISE * enough, close * gain.max()):
+            if gain[k] < max(promise, close * gain.max()):
                 break
             if self.candidates[owner].name not in base.names:
                 chosen.setdefault(owner, int(k))
