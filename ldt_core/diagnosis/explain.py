@@ -45,6 +45,7 @@ KEPT = 6  # sets of each size that are fitted on all experiments
 HOPELESS = 0.5  # of the gap: if all effects together explain no more, no set of them will
 HOPEFUL = 0.3  # of the gap: where a set leaves more, an effect is tried with it only if it promises
 PROMISE = 0.1  # to take away this part of that
+QUICK = 8  # steps of the scout's fits, and
 ROUGH = 1e-4  # of the sum of squares: the scout's fits end there
 NEAR = 4.0  # times the best of its size that a set may leave, to be kept
 CLEAR = 30.0  # fall of the sum of squares that chance does not reach, over all sets that are tried
@@ -195,6 +196,7 @@ class Search:
             self.scout,
             [*(members[i] for i in order), *self.own],
             [*(start[i] for i in order), *self.found.scouted[frozenset()].z],
+            evaluations=QUICK,
             precision=ROUGH,
             own=len(self.own),
         )
