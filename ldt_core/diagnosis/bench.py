@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from ldt_core.cause.free_run import white_noise
 from ldt_core.errors import LdtError
@@ -40,7 +41,8 @@ NOISE_FLOOR = 1e-4  # of a channel's size: noise-free simulations must not divid
 COARSE = 2e-3  # s, integration step of a search
 LEAST = 0.8e-3  # s, shortest step, whatever the search tries
 MOTOR_NAMES = ("J", "K_t", "R", "L", "b")  # parameters that shake nothing
-ANGLES = 12  # tried of a turn
+ANGLES = 12  # tried of a turn, and
+ANGLE_FOUND = 2e-3  # rad, to which the best is then found
 SENSITIVE = 0.1  # noise deviations: a start angle that moves no sample by more does not matter
 START_STEP = 0.01  # rad, K, ...: of a start state, for difference quotients, and
 MOTION = 0.01  # of that for a foundation's, in m and m/s
@@ -196,7 +198,9 @@ class Bench:
         states = sum(
             len(e.states) for e, _ in use if e.torque is not None or e.terminal is not None
         )
-        turning = not self.shaking and self.turns(use)
+        # The angles that a shaking machine is known by were sought without the effects.
+        free = free or self.shaking
+        turning = bool(use) and (self.shaking or self.turns(use))
         running = any(not p.rest for p in self.pieces)
         if not ((running and (shaken or states or turning)) or (free and turning)):
             return self.starts
@@ -235,14 +239,10 @@ class Bench:
             along = basis.T @ rest
             return float(rest @ rest - along @ along)
 
-        angles = np.arange(ANGLES) * 2 * math.pi / ANGLES
-        losses = [loss(float(a)) for a in angles]
-        best = int(np.argmin(losses))
-        # The parabola through the best angle and its neighbours.
-        left, middle, right = losses[best - 1], losses[best], losses[(best + 1) % ANGLES]
-        bend = left - 2 * middle + right
-        shift = 0.5 * (left - right) / bend if bend > 0 else 0.0
-        return float(angles[best] + np.clip(shift, -0.5, 0.5) * 2 * math.pi / ANGLES)
+        width = 2 * math.pi / ANGLES
+        best = min((loss(k * width), k * width) for k in range(ANGLES))[1]
+        near, exact = (best - width, best + width), {"xatol": ANGLE_FOUND}
+        return float(minimize_scalar(loss, bounds=near, method="bounded", options=exact).x)
 
     def _state_columns(
         self, i: int, use: Use, step: float, angle: float, moving: int, states: int, turning: bool

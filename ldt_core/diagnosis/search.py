@@ -141,7 +141,8 @@ def fit(
         z, _, _ = descend(first, evaluations // 2)
         starts[0] = settled(z)
         z, left, slopes = descend(z, evaluations)
-    if any(p.rest for p in bench.pieces) and bench.turns(used(members, split(members, z))):
+    sought = bench.shaking or not any(p.rest for p in bench.pieces)
+    if not sought and bench.turns(used(members, split(members, z))):
         shared, kept = (z, left, slopes), starts[0]
         starts[0] = settled(z, free=True)
         z, left, slopes = descend(z, evaluations // 2)
