@@ -27,6 +27,7 @@ FACTORS = (
 )  # tried of a parameter that multiplies one of the machine's
 SIZES = (0.1, 0.3, 1.0, 3.0)  # of a parameter's scale
 PARTS = (0.4, 0.55, 0.7, 0.85, 0.95)  # of the largest voltage, for a limit on it
+LEAST_PART = 0.05  # of it, that a fit may come down to
 PHASES = 8  # of a turn
 MOST_STARTS = 96  # of one effect
 NEAR_BOUND = 1e-6  # of a scale: a fit stays so far inside an open bound
@@ -118,7 +119,8 @@ class Candidate:
         low, high = [], []
         for j, p in enumerate(self.parameters):
             if logarithmic(p):
-                low.append(math.log(1e-6) if p.high < math.inf else math.log(0.02))
+                limit = LEAST_PART * self.most_voltage / p.default if p.unit == "V" else 1e-6
+                low.append(math.log(limit if p.high < math.inf else 0.02))
                 high.append(self.coordinate(j, p.high) if p.high < math.inf else math.log(50.0))
             else:
                 s = self.scale(j)
