@@ -1,0 +1,132 @@
+"""Claims about candidates: coordinates, bounds, starts, and sizes that fit the machine."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from recorded_machines import MOTOR, ROTOR, candidates
+
+from ldt_core.diagnosis.candidate import MOST_STARTS, logarithmic
+from ldt_core.diagnosis.scale import factors
+from ldt_core.effects import EFFECTS
+
+NAMES = EFFECTS.names()
+MACHINES = {"rotor": (ROTOR, 16.0), "motor": (MOTOR, 12.0), "tiny": (MOTOR, 0.5)}
+
+
+def candidate(name, machine="rotor"):
+    known, most = MACHINES[machine]
+    return candidates(known, [name], most)[0]
+
+
+def inside(c, parts):
+    """Coordinates at these parts of the way between the bounds, at most 5 from neutral."""
+    low, high = (np.clip(b, -5.0, 5.0) for b in c.bounds)
+    return low + np.array([part % 1.0 for part in parts[: len(c)]]) * (high - low)
+
+
+@given(
+    st.sampled_from(NAMES),
+    st.sampled_from(sorted(MACHINES)),
+    st.lists(st.floats(0.01, 0.99), min_size=3, max_size=3),
+)
+def test_coordinates_are_there_and_back_the_same(name, machine, parts):
+    """Values from coordinates, coordinates from values."""
+    c = candidate(name, machine)
+    z = inside(c, parts)
+    np.testing.assert_allclose(c.coordinates(c.given(z)), z, rtol=1e-9, atol=1e-9)
+
+
+@given(st.sampled_from(NAMES), st.lists(st.floats(-1e2, 1e2), min_size=3, max_size=3))
+def test_whatever_the_coordinates_the_effect_accepts_the_values(name, z):
+    """Also far outside the bounds, and for every machine."""
+    for machine in MACHINES:
+        c = candidate(name, machine)
+        values = c.given(z[: len(c)])
+        assert c.effect.check(values) == values
+
+
+@given(
+    st.sampled_from(NAMES),
+    st.sampled_from(sorted(MACHINES)),
+    st.lists(st.floats(0.05, 0.95), min_size=3, max_size=3),
+)
+def test_the_slope_is_that_of_the_values(name, machine, parts):
+    """Central differences, to a millionth of the slope."""
+    c, h = candidate(name, machine), 1e-5
+    z = inside(c, parts)
+    for j in range(len(c)):
+        rise = (c.value(j, z[j] + h) - c.value(j, z[j] - h)) / (2 * h)
+        assert rise == pytest.approx(c.slope(j, z[j]), rel=1e-6)
+
+
+@pytest.mark.parametrize("machine", sorted(MACHINES))
+@pytest.mark.parametrize("name", NAMES)
+def test_a_search_begins_within_the_bounds_and_with_the_effect_there(name, machine):
+    """No start is neutral, none outside, none twice, and there are not too many."""
+    c = candidate(name, machine)
+    starts = c.starts()
+    low, high = c.bounds
+    assert 0 < len(starts) <= MOST_STARTS
+    for z in starts:
+        assert np.all((z >= low - 1e-9) & (z <= high + 1e-9)), c.given(z)
+        assert c.given(z) != c.effect.neutral
+    assert len({tuple(np.round(z, 9)) for z in starts}) == len(starts)
+
+
+@pytest.mark.parametrize("machine", sorted(MACHINES))
+@pytest.mark.parametrize("name", NAMES)
+def test_typical_values_are_allowed_and_not_neutral_on_every_machine(name, machine):
+    """Sizes are scaled, bounds kept."""
+    c = candidate(name, machine)
+    assert c.typical == c.effect.check(c.typical)
+    assert c.typical != c.effect.neutral
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_on_the_worked_case_the_librarys_own_numbers_hold(name):
+    """Sizes are scaled for other machines only."""
+    c = candidate(name)
+    assert set(c.sizes.values()) == {1.0}
+    assert c.typical == c.effect.check(c.effect.typical)
+
+
+def test_factors_are_told_from_increments():
+    """A logarithm for what multiplies and for limits, a difference for what adds."""
+    kinds = {
+        name: [logarithmic(p) for p in candidate(name).parameters]
+        for name in ("inertia", "voltage_saturation", "foundation_damping", "coulomb_friction")
+    }
+    assert kinds == {
+        "inertia": [True],
+        "voltage_saturation": [True],
+        "foundation_damping": [True, True],
+        "coulomb_friction": [False],
+    }
+    inertia = candidate("inertia")
+    up, down = inertia.coordinate(0, 2.0), inertia.coordinate(0, 0.5)
+    assert up == pytest.approx(-down)
+
+
+@given(st.floats(1e-3, 1e3), st.floats(1e-3, 1e3))
+def test_a_machine_that_is_larger_has_larger_effects(torque, speed):
+    """Sizes follow from the machine's own units: those of drag from torque and speed."""
+    values = {"J": 1.0, "K_t": 16.0 / speed, "R": 16.0 * 16.0 / (torque * speed), "b": 0.0}
+    found = factors(values, 16.0)
+    assert all(math.isfinite(v) and v > 0 for v in found.values())
+    for unit, power in (("N m s", 1), ("N m s^2", 2), ("N m s^3", 3)):
+        assert found[unit] == pytest.approx(found["N m"] / found["rad/s"] ** power)
+    assert found["N m"] == 1.0 or found["N m"] == pytest.approx(torque / 4.8)
+    assert found["rad/s"] == 1.0 or found["rad/s"] == pytest.approx(speed / 53.3, rel=1e-3)
+
+
+def test_a_small_motor_is_searched_with_small_torques():
+    """The bundled motor stalls at an eighth of the rotor's torque."""
+    c = candidate("coulomb_friction", "motor")
+    stall = MOTOR.parameters["K_t"] * 12.0 / MOTOR.parameters["R"]
+    assert c.typical["torque"] == pytest.approx(0.05 * stall / 4.8)
+    assert max(c.value(0, float(z[0])) for z in c.starts()) < 0.1 * stall

@@ -1,0 +1,68 @@
+"""Every effect of the library is recovered by its own fit, from the start that its search finds."""
+
+from __future__ import annotations
+
+import pytest
+from recorded_machines import NOISE, ROTOR, candidates, record
+
+from ldt_core.diagnosis.amounts import amounts
+from ldt_core.diagnosis.bench import Bench
+from ldt_core.diagnosis.search import best_alone, fit, simulate_all
+from ldt_core.effects import EFFECTS, get_effect
+
+WIDER = 3.0  # times its interval that a parameter may be off
+NOISE_ALONE = (0.85, 1.15)  # a sample's power, of 1000 samples
+FASTER = (6.0, 16.0)  # V: through the resonance of the foundation
+UNBALANCED = ROTOR.with_parameters(e=0.006)  # what shows a foundation's changes
+#: Where steps of both signs are not what shows the effect.
+SUITED = {
+    "unbalance": (ROTOR, FASTER),
+    "foundation_stiffness": (UNBALANCED, FASTER),
+    "foundation_damping": (UNBALANCED, FASTER),
+    "cogging_torque": (ROTOR, (2.0, 6.0)),
+}
+#: Loss beyond noise of the exact law: a search's shortest step is coarse for so sharp a bend.
+COARSE = {"brush_drop": 1.7}
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """Name of an effect to its candidate, bench and best fit."""
+    known = {}
+
+    def of(name):
+        if name not in known:
+            machine, volts = SUITED.get(name, (ROTOR, (-16.0, 16.0)))
+            bench = Bench(machine, record(machine, name, count=2, volts=volts), (NOISE, 1.0))
+            members = candidates(machine, [name], 16.0)
+            responses = simulate_all(bench, members)
+            fits = [fit(bench, members, [z]) for z in best_alone(responses, 0)]
+            known[name] = bench, min(fits, key=lambda f: f.loss)
+        return known[name]
+
+    return of
+
+
+@pytest.mark.parametrize("name", EFFECTS.names())
+def test_an_effect_of_typical_size_is_recovered(fitted, name):
+    """What the amounts call determined is within three of its intervals of the truth."""
+    _, found = fitted(name)
+    truth = get_effect(name).check(get_effect(name).typical)
+    known = amounts(found, 0.0)[name]
+    determined = {n: a for n, a in known.items() if a.ci95 is not None}
+    assert determined
+    allowed = WIDER if name not in COARSE else 2 * WIDER
+    for parameter, a in determined.items():
+        half = (a.ci95[1] - a.ci95[0]) / 2
+        assert abs(a.value - truth[parameter]) <= allowed * half, parameter
+        assert a.ci95[0] <= a.value <= a.ci95[1]
+
+
+@pytest.mark.parametrize("name", EFFECTS.names())
+def test_the_right_law_leaves_the_noise_alone(fitted, name):
+    """Per sample, and far less than the gap was."""
+    bench, found = fitted(name)
+    base = bench.rest()
+    low, high = NOISE_ALONE
+    assert low < found.loss / bench.size < COARSE.get(name, high)
+    assert float(base @ base) > 2 * found.loss
