@@ -1,0 +1,231 @@
+"""Claims about residuals: white for a right model, whatever is not known of the start."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recorded_machines import MOTOR, NOISE, PERIOD, ROTOR, record, uses
+from scipy.stats import chi2
+
+from ldt_core.diagnosis.bench import AT_REST, Bench, channel_noise
+
+FASTER = (6.0, 16.0)  # V: through the resonance of the foundation
+UNBALANCED = ROTOR.with_parameters(e=0.006)
+CHANCE = 1e-4  # of each test to fail a right bench
+
+
+def white(rest, unknown=0):
+    """Whether (N,) numbers are noise of deviation 1: by their power and their neighbours."""
+    free = rest.size - unknown
+    low, high = chi2.ppf([CHANCE / 2, 1 - CHANCE / 2], free)
+    neighbours = float(rest[1:] @ rest[:-1]) / float(rest @ rest)
+    return low < float(rest @ rest) < high and abs(neighbours) < 4 / np.sqrt(free)
+
+
+def unknown(starts):
+    return sum(basis.shape[1] for basis in starts.bases)
+
+
+RIGHT = {
+    "motor": (MOTOR, []),
+    "motor with friction": (MOTOR, ["coulomb_friction:torque=0.005"]),
+    "rotor": (ROTOR, []),
+    "rotor with a heavier shaft": (ROTOR, ["inertia:factor=1.4"]),
+    "rotor with compliance": (ROTOR, ["torsional_compliance"]),
+    "unbalanced rotor": (ROTOR, ["unbalance:e=0.006"]),
+    "rotor unbalanced as in its file": (UNBALANCED, []),
+    "the same with a softer foundation": (UNBALANCED, ["foundation_stiffness"]),
+    "the same with friction": (UNBALANCED, ["coulomb_friction:torque=0.3"]),
+}
+
+
+@pytest.mark.parametrize("volts", [FASTER, (-16.0, 16.0)])
+@pytest.mark.parametrize("name", sorted(RIGHT))
+def test_a_right_model_leaves_white_noise_of_deviation_1(name, volts):
+    """From rest, with the effects' true values."""
+    machine, effects = RIGHT[name]
+    bench = Bench(machine, record(machine, *effects, volts=volts), (NOISE, 1.0))
+    use = uses(effects)
+    starts = bench.settle(use)
+    assert white(bench.rest(use, starts=starts), unknown(starts))
+
+
+def test_the_current_counts_in_its_own_deviations():
+    """Two channels in one row, each white."""
+    experiments = record(ROTOR, "inertia", current=True)
+    bench = Bench(ROTOR, experiments, (NOISE, 0.02))
+    rest = bench.rest(uses(["inertia"]))
+    assert bench.size == rest.size == 2 * sum(map(len, experiments))
+    for piece in bench.pieces:
+        speed, current = np.split(rest[piece.rows], 2)
+        assert white(speed)
+        assert white(current)
+
+
+def test_the_noise_is_found_from_the_signals():
+    """Within a tenth, though the speed moves a thousand times as far."""
+    speed, current = channel_noise(record(ROTOR, samples=2000, hold=200, current=True))
+    assert speed == pytest.approx(NOISE, rel=0.1)
+    assert current == pytest.approx(0.02, rel=0.1)
+
+
+def test_a_free_run_and_a_followed_one_agree_for_a_linear_machine():
+    """A linear machine's corrections come back out whole, also where the effect is wrong."""
+    experiments = record(ROTOR, "inertia:factor=1.3")
+    bench = Bench(ROTOR, experiments, (NOISE, 1.0))
+    for use in ([], uses(["inertia:factor=1.3"]), uses(["viscous_friction"])):
+        free, followed = (bench.outputs(0, use, follow=f)[0] for f in (False, True))
+        np.testing.assert_allclose(followed, free, atol=1e-9)
+
+
+def test_they_agree_for_a_rotor_that_is_not_captured():
+    """Below the resonance: to a fiftieth of what the foundation takes."""
+    experiments = record(ROTOR, "unbalance:e=0.002", volts=(5.0, 6.0), samples=800)
+    bench = Bench(ROTOR, experiments, (NOISE, 1.0))
+    use = uses(["unbalance:e=0.002"])
+    assert bench.physics.is_linear(ROTOR.parameters)
+    free, followed = (bench.outputs(0, use, follow=f)[0] for f in (False, True))
+    still, _ = bench.outputs(0, [], follow=False)
+    taken = np.abs(free - still).max()
+    assert taken > 5 * NOISE
+    np.testing.assert_allclose(followed, free, atol=taken / 50)
+
+
+RUNNING = {
+    "motor": (MOTOR, [], 0.0),
+    "rotor with a heavier shaft": (ROTOR, ["inertia:factor=1.4"], 0.0),
+    "rotor with compliance": (ROTOR, ["torsional_compliance"], 0.0),
+    "warm winding": (ROTOR, ["winding_heating"], 0.0),
+    "turned gravity": (ROTOR, ["gravity_imbalance:torque=0.1"], 0.1),
+    "foundation in motion": (ROTOR, ["unbalance:e=0.003"], 0.1),
+    "foundation in motion as in the file": (ROTOR.with_parameters(e=0.003), [], 0.1),
+}
+
+
+@pytest.mark.parametrize("name", sorted(RUNNING))
+def test_what_is_not_known_of_a_running_machine_is_projected_out(name):
+    """Speed, current, angle, temperature, foundation: what is left is as if they were known.
+
+    Where they move the speed otherwise than in proportion, a tenth more than the noise may be left.
+    """
+    machine, effects, more = RUNNING[name]
+    experiments = record(machine, *effects, volts=(6.0, 9.0), samples=600, lead=333, hold=111)
+    bench = Bench(machine, experiments, (NOISE, 1.0))
+    use = uses(effects)
+    starts = bench.settle(use)
+    assert not any(p.rest for p in bench.pieces)
+    rest = bench.rest(use, starts=starts)
+    if more:
+        assert float(rest @ rest) < (1 + more) * chi2.ppf(1 - CHANCE, bench.size)
+    else:
+        assert white(rest, unknown(starts))
+    along = [b.T @ rest[p.rows] for b, p in zip(starts.bases, bench.pieces, strict=True)]
+    assert max(np.abs(a).max() for a in along) < 1e-6
+
+
+def test_a_first_sample_that_is_far_off_does_no_harm():
+    """A start taken from it would be wrong for a memory of the motor."""
+    (good,) = record(ROTOR, volts=(6.0, 12.0), lead=307, count=1)
+    speed = np.array(good.speed)
+    speed[0] += 40 * NOISE
+    bench = Bench(ROTOR, [replace(good, speed=speed)], (NOISE, 1.0))
+    wrong = (speed - bench.outputs(0, [])[0]) / NOISE
+    assert float(wrong[1:] @ wrong[1:]) > 5 * bench.size
+    left = bench.rest()[1:]
+    # The one sample itself pulls at two unknowns, less than as if it were all that they move.
+    assert float(left @ left) < 40**2
+    assert white(bench.rest()[200:])
+
+
+def test_rest_is_told_from_running_by_the_noise():
+    """A first sample within four deviations of 0 is rest."""
+    experiments = record(ROTOR) + record(ROTOR, lead=400, volts=FASTER)
+    bench = Bench(ROTOR, experiments, (NOISE, 1.0))
+    assert [p.rest for p in bench.pieces] == [True] * 3 + [False] * 3
+    first = [abs(float(e.speed[0])) for e in experiments]
+    assert max(first[:3]) <= AT_REST * NOISE < min(first[3:])
+
+
+@pytest.fixture(scope="module")
+def captured():
+    """A rotor that is caught in the resonance in some experiments and passes it in others."""
+    experiments = record(ROTOR, "unbalance:e=0.006", volts=(9.0, 16.0), samples=800, hold=100)
+    return Bench(ROTOR, experiments, (NOISE, 1.0))
+
+
+def test_the_followed_loss_has_one_minimum_in_the_eccentricity(captured):
+    """From 2 to 12 mm, at the truth; that of the free run has several."""
+    grid = np.arange(2.0, 12.01, 0.25)
+
+    def losses(follow):
+        found = []
+        for e in grid:
+            use = uses([f"unbalance:e={e / 1000}"])
+            rest = [
+                x.speed - captured.outputs(i, use, follow=follow)[0]
+                for i, x in enumerate(captured.experiments)
+            ]
+            found.append(float(np.sum(np.square(rest))))
+        return np.array(found)
+
+    def minima(loss):
+        return [
+            float(grid[k])
+            for k in range(1, grid.size - 1)
+            if loss[k] < min(loss[k - 1], loss[k + 1])
+        ]
+
+    assert minima(losses(True)) == [6.0]
+    assert len(minima(losses(False))) > 1
+
+
+@settings(max_examples=15)
+@given(st.floats(0.0, 0.01), st.floats(2.0, 16.0), st.integers(0, 100))
+def test_a_gain_of_0_is_a_free_run_and_of_1_follows(e, level, seed):
+    """To the bit, and from one sample to the next."""
+    physics, values = ROTOR.model, ROTOR.with_parameters(e=e).parameters
+    random = np.random.default_rng(seed)
+    volts = np.full(150, level)
+    other = np.cumsum(random.standard_normal(150))
+    start = physics.initial_state(values, 0.0)
+    free = physics.simulate(values, volts, PERIOD, start)
+    none = physics.simulate(values, volts, PERIOD, start, tracked=(other, 0.0))
+    np.testing.assert_array_equal(none, free)
+    whole = physics.simulate(values, volts, PERIOD, start, tracked=(other, 1.0))
+    # A prediction from one sample to the next begins at the speed that was given there.
+    for k in (40, 90):
+        state = whole[k].copy()
+        state[1] = other[k]
+        one = physics.simulate(values, volts[k : k + 2], PERIOD, state)
+        np.testing.assert_allclose(one[1], whole[k + 1], rtol=1e-6, atol=1e-9)
+    same = physics.simulate(values, volts, PERIOD, start, tracked=(free[:, 1], 1.0))
+    np.testing.assert_allclose(same, free, rtol=1e-6, atol=1e-9)
+
+
+def test_a_part_of_the_bench_leaves_the_same(captured):
+    """Experiments do not touch each other."""
+    use = uses(["unbalance:e=0.005"])
+    part = captured.part([1])
+    np.testing.assert_allclose(part.rest(use), captured.rest(use)[captured.pieces[1].rows])
+
+
+def test_threads_change_nothing():
+    """Each experiment is its own piece of work."""
+    experiments = record(ROTOR, "unbalance:e=0.006", volts=FASTER, lead=200, count=4)
+    use = uses(["unbalance:e=0.006"])
+    one, four = (Bench(ROTOR, experiments, (NOISE, 1.0), workers=w) for w in (1, 4))
+    np.testing.assert_array_equal(
+        one.rest(use, starts=one.settle(use)), four.rest(use, starts=four.settle(use))
+    )
+
+
+def test_impossible_values_are_a_very_wrong_answer_not_an_error():
+    """A search that comes by them turns back."""
+    bench = Bench(ROTOR, record(ROTOR), (NOISE, 1.0))
+    rest = bench.rest(uses(["viscous_friction:b=-0.5"]))
+    assert np.isfinite(rest).all()
+    assert float(rest @ rest) > 1e6 * bench.size

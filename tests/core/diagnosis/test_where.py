@@ -1,0 +1,133 @@
+"""Claims about places: a gap that lies somewhere is found there."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from recorded_machines import NOISE, ROTOR, record, steps
+
+from ldt_core.diagnosis.bench import Bench
+from ldt_core.diagnosis.where import LIFT, MOST, places, residual
+from ldt_core.effects.base import Effect
+from ldt_core.physics.parameter import Parameter
+
+SIZE = 0.4  # N m, a twelfth of the rotor's stall torque
+
+
+def confined(name, torque):
+    """An effect of one's own that acts in a range only."""
+    size = Parameter("torque", "N m", 0.0, default=0.0, description="size", scale=0.1)
+    return (
+        Effect(
+            name=name,
+            description="acts in a range only",
+            equation="torque = -T inside",
+            parameters=(size,),
+            typical={"torque": SIZE},
+            torque=torque,
+        ),
+        {"torque": SIZE},
+    )
+
+
+def at_speeds(t, theta, omega, current, voltage, p):
+    return -p[0] if 18.0 < omega < 30.0 else 0.0
+
+
+def at_voltages(t, theta, omega, current, voltage, p):
+    return -p[0] if 5.0 < voltage < 10.0 else 0.0
+
+
+def at_times(t, theta, omega, current, voltage, p):
+    return -p[0] if 2.0 < t < 4.5 else 0.0
+
+
+def turning(t, theta, omega, current, voltage, p):
+    return -p[0] * math.sin(2 * math.pi * 1.5 * t)
+
+
+def found(*recordings):
+    """Places of all experiments together, by quantity."""
+    experiments = [e for recording in recordings for e in recording]
+    bench = Bench(ROTOR, experiments, (NOISE, 1.0))
+    return places(residual(bench))
+
+
+def overlap(place, begin, end):
+    """Intersection over union."""
+    both = min(place.end, end) - max(place.begin, begin)
+    return both / (max(place.end, end) - min(place.begin, begin))
+
+
+def named(named_places, quantity):
+    (place,) = [p for p in named_places if p.quantity == quantity]
+    return place
+
+
+def made(effect, **changed):
+    return record(ROTOR, effect, **{"volts": (2.0, 16.0), "samples": 800, **changed})
+
+
+@pytest.mark.parametrize(
+    ("quantity", "torque", "begin", "end"),
+    [
+        ("speed", at_speeds, 18.0, 30.0),
+        ("voltage", at_voltages, 5.0, 10.0),
+        ("time", at_times, 2.0, 4.5),
+    ],
+)
+def test_the_range_in_which_an_effect_acts_is_found(quantity, torque, begin, end):
+    """Overlapping the true one by half, and holding most of the gap in less of the data."""
+    listed = found(made(confined(f"at_some_{quantity}", torque), count=4))
+    place = named(listed, quantity)
+    assert overlap(place, begin, end) >= 0.5
+    assert MOST <= place.share_of_gap <= 1.0
+    assert place.share_of_data <= place.share_of_gap - LIFT
+    assert listed[0].quantity == quantity
+
+
+def test_the_experiments_in_which_it_acts_are_found():
+    """The last three of eight."""
+    right = record(ROTOR, count=5, volts=(2.0, 16.0))
+    wrong = record(ROTOR, "coulomb_friction:torque=0.2", count=3, volts=(2.0, 16.0), seed=2)
+    numbered = [type(e)(k + 6, e.start, e.period, e.voltage, e.speed) for k, e in enumerate(wrong)]
+    place = named(found(right, numbered), "experiment")
+    assert (place.begin, place.end) == (6, 8)
+    assert place.share_of_data == pytest.approx(3 / 8)
+
+
+def test_the_frequency_at_which_it_acts_is_found():
+    """1.5 Hz, where the speed itself hardly moves."""
+    effect = confined("shaken", turning)
+    random = np.random.default_rng(3)
+    levels = [steps(random, 800, 6.0, 12.0, 400) for _ in range(3)]
+    place = named(found(record(ROTOR, effect, samples=800, levels=levels)), "frequency")
+    assert place.begin <= 1.5 <= place.end
+    assert place.end - place.begin < 1.0
+    assert place.unit == "Hz"
+
+
+def test_a_gap_that_lies_everywhere_alike_has_one_place_that_is_everything():
+    """A load pulls at every speed, voltage and time."""
+    experiments = record(ROTOR, "constant_load:torque=0.3", volts=(2.0, 16.0), samples=800)
+    (place,) = found(experiments)
+    assert (place.quantity, place.share_of_gap, place.share_of_data) == ("speed", 1.0, 1.0)
+    speed = np.concatenate([e.speed for e in experiments])
+    assert place.begin == pytest.approx(speed.min(), abs=4 * NOISE)
+    assert place.end == pytest.approx(speed.max(), abs=4 * NOISE)
+
+
+def test_the_torque_of_an_effect_is_read_off_the_residual():
+    """A constant load's, within 5 % on average."""
+    bench = Bench(ROTOR, record(ROTOR, "constant_load:torque=0.3", volts=(2.0, 16.0)), (NOISE, 1.0))
+    wrong = residual(bench)
+    assert float(np.mean(wrong.torque)) == pytest.approx(-0.3, rel=0.05)
+
+
+def test_the_noise_alone_has_no_power():
+    """What is left of a right model is no more than what its noise makes."""
+    bench = Bench(ROTOR, record(ROTOR), (NOISE, 1.0))
+    power = residual(bench).power
+    assert abs(float(power.mean())) < 0.3 * float(np.mean(residual(bench).noise ** 2))
