@@ -1,0 +1,423 @@
+"""`ldt diagnose` and `ldt predict --with`: files, keys, promises kept, and what is refused."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from ldt_core.cli import predict, run
+from ldt_core.cli.diagnose import command
+from ldt_core.effects import EFFECTS, parse_effect
+from ldt_core.experiment import Experiment
+from ldt_core.machine import load_machine
+from ldt_core.recording.bag import read_bag
+from ldt_core.recording.writer import BagWriter
+
+ROTOR = load_machine("rotor")
+TRIED = ("coulomb_friction", "viscous_friction", "inertia", "constant_load", "quadratic_drag")
+BAD = 2
+
+CUBIC_DRAG = """
+from ldt_core.effects.base import Effect
+from ldt_core.physics.parameter import Parameter
+
+
+def torque(t, theta, omega, current, voltage, p):
+    return -p[0] * omega**3
+
+
+CUBIC_DRAG = Effect(
+    name="cubic_drag",
+    description="drag that grows with the cube of the speed",
+    equation="torque = -c omega^3",
+    parameters=(
+        Parameter("c", "N m s^3", low=0.0, default=0.0, description="coefficient", scale=1e-6),
+    ),
+    typical={"c": 1e-6},
+    torque=torque,
+)
+"""
+
+
+def record(folder, *effects, count=4, samples=500, volts=(-14.0, 14.0), noise=0.05):
+    """Steps of voltage from rest."""
+    random, use = np.random.default_rng(7), [parse_effect(e) for e in effects]
+    physics, values = ROTOR.model, ROTOR.parameters
+    with BagWriter(str(folder), machine="rotor") as writer:
+        for number in range(1, count + 1):
+            u = np.repeat(random.uniform(*volts, -(-samples // 60)), 60)[:samples]
+            states = physics.simulate(values, u, 0.01, physics.initial_state(values, 0.0), use)
+            speed = physics.measure(states, 0.01, use) + noise * random.standard_normal(samples)
+            e = Experiment(number, 1e9 + 100.0 * number, 0.01, u, speed)
+            writer.write("experiment", e, e.end)
+    return str(folder)
+
+
+def without(*kept):
+    """Options that leave only these effects of the library."""
+    return [x for n in EFFECTS.names() if n not in kept for x in ("--without", n)]
+
+
+def call(*arguments):
+    return run(command, [str(a) for a in arguments])
+
+
+class Case:
+    """A recording and its diagnosis."""
+
+    def __init__(self, folder, *effects, options=None, **recording):
+        folder.mkdir(exist_ok=True)
+        self.bag = record(folder / "bag", *effects, **recording)
+        self.out = folder / "out"
+        given = without(*TRIED) if options is None else options
+        self.code = call(self.bag, "--out", self.out, *given)
+        self.found = json.loads((self.out / "diagnosis.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("diagnosed")
+
+
+@pytest.fixture(scope="module")
+def friction(folder):
+    return Case(folder / "friction", "coulomb_friction:torque=0.1")
+
+
+@pytest.fixture(scope="module")
+def forward(folder):
+    return Case(folder / "forward", "coulomb_friction:torque=0.1", volts=(4.0, 14.0))
+
+
+@pytest.fixture(scope="module")
+def nothing(folder):
+    return Case(folder / "nothing")
+
+
+@pytest.fixture(scope="module")
+def late(folder):
+    return Case(folder / "late", "input_delay:delay=0.1")
+
+
+@pytest.fixture(scope="module")
+def cases(friction, forward, nothing, late):
+    return {"effect": friction, "ambiguous": forward, "none": nothing, "unknown": late}
+
+
+# ---- the contract
+
+NUMBER = (int, float)
+TOP = {
+    "machine": str,
+    "recordings": list,
+    "experiments": dict,
+    "verdict": dict,
+    "gap": dict,
+    "where": list,
+    "candidates": list,
+    "remainder": dict,
+    "undetectable": list,
+    "ambiguities": list,
+    "next_experiment": (dict, type(None)),
+}
+ERRORS = {"rmse": NUMBER, "mean_max_error": NUMBER}
+MAYBE = (int, float, type(None))
+VERDICT = {"kind": str, "effects": list, "confidence": NUMBER, "sentence": str}
+GAP = {
+    "noise_std": NUMBER,
+    "before": dict,
+    "after": dict,
+    "closed_fraction": MAYBE,
+    "closed_fraction_ci95": (list, type(None)),
+}
+PLACE = {"quantity": str, "from": NUMBER, "to": NUMBER, "unit": str, "share_of_gap": NUMBER}
+CANDIDATE = {
+    "effect": str,
+    "parameters": dict,
+    "held_out_rmse": MAYBE,
+    "closed_fraction": MAYBE,
+    "shapley_share": MAYBE,
+    "score": MAYBE,
+    "rejected_because": (str, type(None)),
+}
+AMOUNT = {"value": NUMBER, "unit": str, "ci95": (list, type(None))}
+REMAINDER = {"share_of_gap": MAYBE, "structured": bool, "depends_on": list}
+NEXT = {"why": str, "voltage": list, "sample_period": NUMBER, "channels": list}
+QUANTITIES = {"speed", "voltage", "acceleration", "time", "frequency", "experiment"}
+#: Keys beyond the contract.
+MORE = {
+    "top": {"notes", "effects"},
+    "verdict": {"acting"},
+    "gap": {"regimes"},
+    "where": {"share_of_data"},
+}
+
+
+def holds(found, keys, more=()):
+    """Exactly these keys, each of its type; a truth value is no number."""
+    assert set(found) == set(keys) | set(more)
+    for name, kind in keys.items():
+        assert isinstance(found[name], kind), (name, found[name])
+        assert isinstance(found[name], bool) == (kind is bool), name
+
+
+@pytest.mark.parametrize("kind", ["none", "effect", "ambiguous", "unknown"])
+def test_diagnosis_json_has_the_contracts_keys_and_types(cases, kind):
+    """Whatever the verdict; what is not defined is null."""
+    case = cases[kind]
+    found = case.found
+    assert case.code == 0
+    holds(found, TOP, MORE["top"])
+    holds(found["verdict"], VERDICT, MORE["verdict"])
+    assert found["verdict"]["kind"] == kind
+    assert 0 <= found["verdict"]["confidence"] <= 1
+    holds(found["gap"], GAP, MORE["gap"])
+    holds(found["gap"]["before"], ERRORS)
+    holds(found["gap"]["after"], ERRORS)
+    holds(found["remainder"], REMAINDER)
+    holds(found["experiments"], {"fit": list, "held_out": list})
+    for place in found["where"]:
+        holds(place, PLACE, MORE["where"])
+        assert place["quantity"] in QUANTITIES
+        assert place["from"] <= place["to"]
+        assert 0 <= place["share_of_gap"] <= 1
+    for candidate in found["candidates"]:
+        holds(candidate, CANDIDATE)
+        for amount in candidate["parameters"].values():
+            holds(amount, AMOUNT)
+            assert amount["ci95"] is None or len(amount["ci95"]) == 2
+    if found["next_experiment"] is not None:
+        holds(found["next_experiment"], NEXT)
+        assert set(found["next_experiment"]["channels"]) >= {"voltage", "speed"}
+    assert {c["effect"] for c in found["candidates"]} == set(TRIED)
+    assert found["recordings"] == [case.bag]
+    assert found["machine"] == "rotor"
+
+
+def test_the_verdicts_are_what_was_simulated(cases):
+    """One effect, a group that holds it, none of them."""
+    effects = {kind: case.found["verdict"]["effects"] for kind, case in cases.items()}
+    assert effects["none"] == effects["unknown"] == []
+    assert effects["effect"] == ["coulomb_friction"]
+    assert set(effects["ambiguous"]) == {"coulomb_friction", "constant_load"}
+    assert ["coulomb_friction", "constant_load"] in [
+        sorted(g, reverse=True) for g in cases["ambiguous"].found["ambiguities"]
+    ]
+
+
+def test_there_is_nothing_to_close_without_a_gap(nothing):
+    """Null, not 0 or 1."""
+    gap = nothing.found["gap"]
+    assert gap["closed_fraction"] is None
+    assert gap["closed_fraction_ci95"] is None
+    assert nothing.found["where"] == []
+    assert nothing.found["remainder"]["share_of_gap"] is None
+
+
+@pytest.mark.parametrize("kind", ["none", "effect", "ambiguous", "unknown"])
+def test_the_page_says_the_sentence(cases, kind):
+    """A page in one file, with the verdict in it."""
+    page = (cases[kind].out / "diagnosis.html").read_text(encoding="utf-8")
+    assert page.lstrip().lower().startswith("<!doctype html")
+    assert page.count("<svg") >= 1
+    assert 'src="http' not in page
+    assert len(page) > 5000
+
+
+def test_json_prints_the_file_alone_and_the_same_again(friction, tmp_path, capfd):
+    """The same call, the same bytes."""
+    code = call(friction.bag, "--out", tmp_path, "--json", *without(*TRIED))
+    out, err = capfd.readouterr()
+    assert code == 0
+    assert err == ""
+    assert json.loads(out) == friction.found
+    assert (tmp_path / "diagnosis.json").read_text() == out
+    assert (friction.out / "diagnosis.json").read_text() == out
+
+
+def test_the_terminal_shows_the_sentence_and_the_files(friction, tmp_path, capfd):
+    code = call(friction.bag, "--out", tmp_path / "new" / "folder", *without(*TRIED[:2]))
+    out, _ = capfd.readouterr()
+    assert code == 0
+    assert out.splitlines()[0].startswith("Coulomb friction (torque = 0.1")
+    assert "diagnosis.html" in out.splitlines()[-1]
+    assert (tmp_path / "new" / "folder" / "diagnosis.json").exists()
+
+
+def test_several_recordings_are_numbered_on(friction, nothing, tmp_path):
+    """Eight experiments of two recordings."""
+    call(friction.bag, nothing.bag, "--out", tmp_path, *without(*TRIED))
+    found = json.loads((tmp_path / "diagnosis.json").read_text())
+    numbers = found["experiments"]["fit"] + found["experiments"]["held_out"]
+    assert sorted(numbers) == list(range(1, 9))
+
+
+# ---- the promise
+
+
+def held_out_rmse(case, tmp_path, *options):
+    """Of the predictions that `ldt predict` writes."""
+    out = tmp_path / "predicted"
+    assert run(predict.command, [case.bag, "--out", str(out), *map(str, options)]) == 0
+    measured = {e.number: e for e in read_bag(case.bag).experiments()}
+    predicted = {p.number: p for p in read_bag(str(out)).records("prediction")}
+    rest = [measured[n].speed - predicted[n].speed for n in case.found["experiments"]["held_out"]]
+    return float(np.sqrt(np.mean(np.concatenate(rest) ** 2)))
+
+
+@pytest.mark.parametrize("kind", ["none", "effect", "ambiguous", "unknown"])
+def test_predict_adds_exactly_what_the_diagnosis_promised(cases, kind, tmp_path):
+    """The same root mean square error on the held-out experiments, before and after."""
+    case = cases[kind]
+    gap = case.found["gap"]
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    before = held_out_rmse(case, tmp_path / "a")
+    after = held_out_rmse(case, tmp_path / "b", "--with", case.out / "diagnosis.json")
+    assert before == pytest.approx(gap["before"]["rmse"], rel=1e-9)
+    assert after == pytest.approx(gap["after"]["rmse"], rel=1e-9)
+
+
+def test_a_diagnosis_of_another_program_is_read_by_the_contract_alone(friction, tmp_path):
+    """Without the keys that only LDT writes."""
+    bare = {k: v for k, v in friction.found.items() if k not in MORE["top"]}
+    bare["verdict"] = {k: v for k, v in bare["verdict"].items() if k != "acting"}
+    file = tmp_path / "bare.json"
+    file.write_text(json.dumps(bare))
+    after = held_out_rmse(friction, tmp_path, "--with", file)
+    assert after == pytest.approx(friction.found["gap"]["after"]["rmse"], rel=1e-9)
+
+
+# ---- effects of one's own
+
+
+@pytest.fixture(scope="module")
+def own(folder):
+    """The README's effect, in a file, and a machine that has it."""
+    file = folder / "cubic_drag.py"
+    file.write_text(CUBIC_DRAG)
+    name = f"{file}:CUBIC_DRAG"
+    options = [*without(*TRIED), "--effect", name]
+    return name, Case(folder / "own", f"{name}:c=5e-6", options=options)
+
+
+def test_an_effect_of_ones_own_is_diagnosed(own):
+    """Named, with its amount, ahead of the library's drag that grows with the square."""
+    _, case = own
+    assert case.found["verdict"]["kind"] == "effect"
+    assert case.found["verdict"]["effects"] == ["cubic_drag"]
+    low, high = case.found["candidates"][0]["parameters"]["c"]["ci95"]
+    assert low <= 5e-6 <= high
+    assert high - low < 1e-6
+
+
+def test_predict_takes_an_effect_of_ones_own_only_when_it_is_given(own, tmp_path, capfd):
+    """A file's text is never run for being named in a diagnosis."""
+    name, case = own
+    diagnosis = case.out / "diagnosis.json"
+    code = run(predict.command, [case.bag, "--out", str(tmp_path / "no"), "--with", str(diagnosis)])
+    sentence(code, capfd, "cubic_drag")
+    after = held_out_rmse(case, tmp_path, "--with", diagnosis, "--effect", name)
+    assert after == pytest.approx(case.found["gap"]["after"]["rmse"], rel=1e-9)
+
+
+# ---- what is refused
+
+
+def sentence(code, capfd, *words):
+    """Exit 2, and one sentence on standard error that holds these words."""
+    out, err = capfd.readouterr()
+    assert code == BAD, err
+    assert out == ""
+    assert err.startswith("ldt: ")
+    assert err.count("\n") == 1
+    for word in words:
+        assert word in err
+    assert "Traceback" not in err
+
+
+REFUSED = {
+    "no such recording": (["{folder}/nowhere"], "nowhere"),
+    "share of 2": (["{bag}", "--holdout", "2"], "holdout"),
+    "share of 0": (["{bag}", "--holdout", "0"], "holdout"),
+    "share that is no number": (["{bag}", "--holdout", "nan"], "holdout"),
+    "unknown effect left out": (["{bag}", "--without", "inertai"], "inertia"),
+    "a parameter that the machine lacks": (["{bag}", "--refit", "mass"], "--refit"),
+    "the motor's e": (["{bag}", "--machine", "dc_motor", "--refit", "e"], "--refit"),
+    "no effect file": (["{bag}", "--effect", "{folder}/none.py:X"], "none.py"),
+    "nothing of that name in it": (["{bag}", "--effect", "{folder}/cubic_drag.py:X"], "X"),
+    "an effect that the machine cannot have": (
+        ["{bag}", "--machine", "dc_motor", "--effect", "unbalance"],
+        "unbalance",
+    ),
+    "--out is a file": (["{bag}", "--out", "{folder}/cubic_drag.py"], "--out"),
+    "too short": (["{folder}/short"], "samples"),
+    "outside the limits": (["{folder}/strong"], "voltage"),
+    "no recording": ([], "RECORDINGS"),
+    "no such machine": (["{bag}", "--machine", "rotr"], "rotor"),
+}
+
+
+@pytest.fixture(scope="module")
+def bad(folder, friction, own):
+    record(folder / "short", count=1, samples=150)
+    record(folder / "strong", volts=(30.0, 40.0), samples=100)
+    return {"folder": folder, "bag": friction.bag}
+
+
+@pytest.mark.parametrize("name", sorted(REFUSED))
+def test_bad_input_is_refused_in_a_sentence(bad, name, tmp_path, capfd):
+    """Exit code 2, and nothing is written."""
+    arguments, word = REFUSED[name]
+    given = [a.format(**bad) for a in arguments]
+    out = tmp_path / "out"
+    if "--out" not in given:
+        given += ["--out", str(out)]
+    capfd.readouterr()
+    sentence(call(*given), capfd, word)
+    assert not (out / "diagnosis.json").exists()
+
+
+BROKEN = {
+    "no JSON": "{",
+    "deep": "[" * 100_000,
+    "a list": "[]",
+    "no verdict": "{}",
+    "a verdict that is text": '{"verdict": "coulomb_friction"}',
+    "effects without parameters": '{"verdict": {}, "effects": [{"effect": "inertia"}]}',
+    "a parameter that is text": json.dumps(
+        {"verdict": {}, "effects": [{"effect": "inertia", "parameters": {"factor": "much"}}]}
+    ),
+    "a parameter that does not exist": json.dumps(
+        {"verdict": {}, "effects": [{"effect": "inertia", "parameters": {"facto": 1.0}}]}
+    ),
+    "out of bounds": json.dumps(
+        {"verdict": {}, "effects": [{"effect": "inertia", "parameters": {"factor": -1.0}}]}
+    ),
+    "not a number": '{"verdict": {}, "effects": [{"effect": "inertia", "parameters": '
+    '{"factor": NaN}}]}',
+    "an effect in a file": json.dumps(
+        {"verdict": {}, "effects": [{"effect": "evil.py:EFFECT", "parameters": {}}]}
+    ),
+    "effects that are a number": '{"verdict": {}, "effects": 5}',
+    "a verdict without effects": '{"verdict": {"kind": "effect"}}',
+}
+
+
+@pytest.mark.parametrize("name", sorted(BROKEN))
+def test_predict_refuses_what_is_no_diagnosis(friction, name, tmp_path, capfd):
+    """Exit code 2, one sentence, nothing written, nothing run."""
+    file, out = tmp_path / "diagnosis.json", tmp_path / "predicted"
+    file.write_text(BROKEN[name])
+    capfd.readouterr()
+    code = run(predict.command, [friction.bag, "--with", str(file), "--out", str(out)])
+    sentence(code, capfd)
+    assert not out.exists()
+
+
+def test_predict_refuses_a_diagnosis_that_is_not_there(friction, tmp_path, capfd):
+    capfd.readouterr()
+    arguments = [friction.bag, "--with", str(tmp_path / "none.json"), "--out", str(tmp_path / "p")]
+    sentence(run(predict.command, arguments), capfd, "none.json")

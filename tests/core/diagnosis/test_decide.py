@@ -1,0 +1,329 @@
+"""Claims about verdicts: none, an effect, several, a group, unknown; and what they come with."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from recorded_machines import MOTOR, NOISE, ROTOR, candidates, record, uses
+
+from ldt_core.diagnosis.bench import Bench
+from ldt_core.diagnosis.closing import closed, errors, free_run, regimes
+from ldt_core.diagnosis.decide import is_gap
+from ldt_core.diagnosis.explain import Search
+from ldt_core.diagnosis.own import own_effects
+from ldt_core.diagnosis.procedure import TOLERANCE, diagnose, library, split
+from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.effects.base import Effect
+from ldt_core.errors import BadInput, OptionError
+from ldt_core.physics.parameter import Parameter
+
+FEW = (
+    "coulomb_friction",
+    "viscous_friction",
+    "inertia",
+    "armature_resistance",
+    "motor_constant",
+    "constant_load",
+    "sensor_bias",
+)
+FORWARD = (4.0, 14.0)  # V
+
+
+def verdict(*effects, names=FEW, machine=ROTOR, refit=None, **recording):
+    """The diagnosis of a recorded machine, and the experiments."""
+    experiments = record(machine, *effects, **{"count": 4, **recording})
+    tried = [get_effect(n) if isinstance(n, str) else n for n in names]
+    return diagnose(machine, experiments, effects=tried, refit=refit, workers=1), experiments
+
+
+@pytest.fixture(scope="module")
+def friction():
+    return verdict("coulomb_friction:torque=0.1")
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return verdict("coulomb_friction:torque=0.1", "inertia:factor=1.2")
+
+
+@pytest.fixture(scope="module")
+def one_way():
+    """Forward only: a load, friction, and a dead zone all pull alike."""
+    names = ("coulomb_friction", "constant_load", "input_deadzone", "inertia")
+    return verdict("coulomb_friction:torque=0.1", names=names, volts=FORWARD)
+
+
+@pytest.fixture(scope="module")
+def foreign():
+    """A torque that swings with the clock, which no effect of the library does."""
+    outside = Effect(
+        name="swinging_torque",
+        description="swings with the clock",
+        equation="torque = -T sin(9 t)",
+        parameters=(Parameter("torque", "N m", 0.0, default=0.0, description="T", scale=0.1),),
+        typical={"torque": 0.3},
+        torque=_swinging,
+    )
+    return verdict((outside, {"torque": 0.3}), volts=FORWARD)
+
+
+def _swinging(t, theta, omega, current, voltage, p):
+    return -p[0] * math.sin(9.0 * t)
+
+
+@pytest.fixture(scope="module")
+def nothing():
+    return verdict()
+
+
+@pytest.fixture(scope="module")
+def all_of_them(friction, pair, one_way, foreign, nothing):
+    return {
+        "friction": friction[0],
+        "pair": pair[0],
+        "one_way": one_way[0],
+        "foreign": foreign[0],
+        "nothing": nothing[0],
+    }
+
+
+# ---- is there a gap
+
+
+@pytest.mark.parametrize(
+    ("machine", "lead"), [(ROTOR, 0), (ROTOR, 200), (MOTOR, 0)], ids=["rest", "running", "motor"]
+)
+def test_where_there_is_no_gap_none_is_seen(machine, lead):
+    """At most one false one in twenty."""
+    seen = 0
+    for seed in range(20):
+        experiments = record(machine, count=3, samples=400, seed=seed, lead=lead)
+        bench = Bench(machine, experiments, workers=1, tolerance=TOLERANCE)
+        search = Search(bench, candidates(machine, ["coulomb_friction", "inertia"]))
+        found = search.found
+        found.band.level = search.band.level = found.band.channel_noise(found.base)
+        seen += is_gap(found, seed)
+    assert seen <= 1
+
+
+def test_a_small_gap_is_seen():
+    """A friction that moves the speed by half the noise."""
+    experiments = record(ROTOR, "coulomb_friction:torque=0.005")
+    moved = [e.speed - free_run(ROTOR, e) for e in record(ROTOR, "coulomb_friction:torque=0.005")]
+    assert float(np.std(np.concatenate(moved))) < 1.6 * NOISE
+    bench = Bench(ROTOR, experiments, workers=1, tolerance=TOLERANCE)
+    assert is_gap(Search(bench, candidates(ROTOR, ["coulomb_friction", "inertia"])).found, 0)
+
+
+# ---- verdicts
+
+
+def test_no_gap_is_the_verdict_none(nothing):
+    found, _ = nothing
+    assert found.verdict.kind == "none"
+    assert list(found.verdict.effects) == []
+    assert found.gap.closed_fraction is None
+    assert list(found.effects) == []
+    assert {c.rejected_because for c in found.candidates} == {"there is no gap to explain"}
+
+
+def test_a_single_effect_is_named_with_its_amount(friction):
+    found, _ = friction
+    assert found.verdict.kind == "effect"
+    assert list(found.verdict.effects) == ["coulomb_friction"]
+    first = found.candidates[0]
+    assert first.effect == "coulomb_friction"
+    assert first.rejected_because is None
+    low, high = first.parameters["torque"].ci95
+    assert low <= 0.1 <= high
+    assert high - low < 0.01
+    assert found.gap.closed_fraction > 0.95
+    assert not found.remainder.structured
+
+
+def test_two_effects_that_act_together_are_both_named(pair):
+    found, _ = pair
+    assert found.verdict.kind == "effect"
+    assert set(found.verdict.effects) == {"coulomb_friction", "inertia"}
+    amounts = {c.effect: c.parameters for c in found.candidates}
+    assert amounts["coulomb_friction"]["torque"].value == pytest.approx(0.1, rel=0.05)
+    assert amounts["inertia"]["factor"].value == pytest.approx(1.2, rel=0.02)
+    assert found.gap.closed_fraction > 0.95
+
+
+def test_what_forward_running_cannot_tell_apart_is_ambiguous(one_way):
+    """And the experiment that would settle it turns backward, or stands still."""
+    found, _ = one_way
+    assert found.verdict.kind == "ambiguous"
+    assert "coulomb_friction" in found.verdict.effects
+    assert "constant_load" in found.verdict.effects
+    assert "inertia" not in found.verdict.effects
+    assert found.next_experiment is not None
+    assert min(found.next_experiment.voltage) <= 0.0
+
+
+def test_a_winding_and_a_supply_are_never_told_apart():
+    """Their resistances are in series, whatever is measured but the terminals' voltage."""
+    names = ("armature_resistance", "source_resistance", "coulomb_friction", "inertia")
+    for effect in ("armature_resistance:factor=1.3", "source_resistance:resistance=0.3"):
+        found, _ = verdict(effect, names=names, current=True)
+        assert found.verdict.kind == "ambiguous"
+        assert set(found.verdict.effects) == {"armature_resistance", "source_resistance"}
+
+
+def test_a_law_that_no_candidate_has_is_unknown(foreign):
+    found, _ = foreign
+    assert found.verdict.kind == "unknown"
+    assert list(found.verdict.effects) == []
+    assert list(found.effects) == []
+    assert found.remainder.structured
+    assert all(c.rejected_because for c in found.candidates)
+    assert found.gap.after == found.gap.before
+
+
+def test_the_true_effect_left_out_of_the_candidates_is_not_replaced_by_another():
+    """Commands come late, which is not among what is tried."""
+    found, _ = verdict("input_delay:delay=0.1")
+    assert found.verdict.kind == "unknown"
+
+
+@pytest.mark.parametrize("kind", ["friction", "pair", "one_way", "foreign", "nothing"])
+def test_every_verdict_keeps_its_word(all_of_them, kind):
+    """Confidence in 0..1, a sentence, all candidates once, finite numbers or none."""
+    found = all_of_them[kind]
+    assert 0.0 <= found.verdict.confidence <= 1.0
+    assert found.verdict.sentence.endswith(".")
+    names = [c.effect for c in found.candidates]
+    assert len(names) == len(set(names))
+    assert found.verdict.effects == list(dict.fromkeys(n for g in found.verdict.acting for n in g))
+    assert names[: len(found.verdict.effects)] == list(found.verdict.effects)
+    assert not set(found.experiments["fit"]) & set(found.experiments["held_out"])
+    for c in found.candidates:
+        assert (c.rejected_because is None) == (c.effect in found.verdict.effects)
+        for a in c.parameters.values():
+            assert math.isfinite(a.value)
+            assert a.ci95 is None or a.ci95[0] <= a.value <= a.ci95[1]
+
+
+@pytest.mark.parametrize("kind", ["friction", "pair", "one_way"])
+def test_the_members_shares_sum_to_1(all_of_them, kind):
+    """Shapley's; nobody else has one."""
+    found = all_of_them[kind]
+    shares = {c.effect: c.shapley_share for c in found.candidates if c.shapley_share is not None}
+    assert sum(shares.values()) == pytest.approx(1.0)
+    assert set(shares) <= set(found.verdict.effects)
+    assert len(shares) == len(found.verdict.acting)
+    assert all(s > 0 for s in shares.values())
+
+
+@pytest.mark.parametrize("kind", ["friction", "pair", "one_way", "foreign"])
+def test_the_sentence_and_the_effects_are_of_the_same_set(all_of_them, kind):
+    """What a prediction adds is one set, the best: a member of each group."""
+    found = all_of_them[kind]
+    added = [e["effect"] for e in found.effects]
+    assert added == [group[0] for group in found.verdict.acting]
+    for entry in found.effects:
+        effect = get_effect(entry["effect"])
+        assert effect.check(entry["parameters"]) == entry["parameters"]
+
+
+def test_the_same_seed_gives_the_same_answer(friction):
+    """To the last digit."""
+    found, _ = friction
+    again, _ = verdict("coulomb_friction:torque=0.1")
+    assert again.as_dict() == found.as_dict()
+
+
+# ---- what closes the gap, and where
+
+
+def test_the_promise_is_that_of_the_predictions(pair):
+    """Before and after are free runs of the held-out experiments by the very effects listed."""
+    found, experiments = pair
+    held = [e for e in experiments if e.number in found.experiments["held_out"]]
+    assert held
+    use = [(get_effect(e["effect"]), e["parameters"]) for e in found.effects]
+    assert errors(held, [free_run(ROTOR, e) for e in held]) == found.gap.before
+    after = errors(held, [free_run(ROTOR, e, use) for e in held])
+    assert after.rmse == pytest.approx(found.gap.after.rmse, rel=1e-9)
+    share = (found.gap.before.rmse**2 - after.rmse**2) / (
+        found.gap.before.rmse**2 - found.gap.noise_std**2
+    )
+    assert found.gap.closed_fraction == pytest.approx(share, rel=1e-6)
+
+
+def test_regimes_cover_the_recording_twice():
+    """By speed, and by whether it rises: each sample is in one of each."""
+    experiments = record(ROTOR, "coulomb_friction:torque=0.1")
+    use = uses(["coulomb_friction:torque=0.1"])
+    before = [free_run(ROTOR, e) for e in experiments]
+    after = [free_run(ROTOR, e, use) for e in experiments]
+    found = regimes(experiments, before, after, NOISE)
+    assert len(found) == 6
+    assert sum(r["samples"] for r in found) == 2 * sum(map(len, experiments))
+    assert all(r["rmse_after"] < 1.2 * NOISE for r in found)
+    assert all(r["closed_fraction"] is None or r["closed_fraction"] > 0.9 for r in found)
+    whole, (low, high) = closed(experiments, before, after, NOISE)
+    assert low <= whole <= high
+
+
+# ---- what is tried
+
+
+def test_the_machines_own_parameters_are_refitted_and_never_named():
+    """Its file has another inertia; what is found is the friction."""
+    effects = ("inertia:factor=1.15", "coulomb_friction:torque=0.1")
+    found, _ = verdict(*effects, refit=["J"])
+    assert list(found.verdict.effects) == ["coulomb_friction"]
+    assert "inertia" not in [c.effect for c in found.candidates]
+    named = {e["effect"]: e["parameters"] for e in found.effects}
+    assert named["inertia"]["factor"] == pytest.approx(1.15, rel=0.03)
+
+
+def test_a_machine_that_only_its_own_parameters_change_has_no_gap():
+    """What the refit explains is no effect."""
+    found, _ = verdict("inertia:factor=1.15", refit=["J"])
+    assert found.verdict.kind == "none"
+
+
+def test_no_refit_can_be_asked_for():
+    assert own_effects(ROTOR, ["none"]) == []
+    assert [e.name for e in own_effects(ROTOR, ["J", "b"])] == ["inertia", "viscous_friction"]
+    with pytest.raises(OptionError, match="refit"):
+        own_effects(MOTOR, ["e"])
+
+
+def test_effects_can_be_left_out_and_a_machine_has_only_those_that_it_can_have():
+    """A motor has no foundation."""
+    assert {e.name for e in library(ROTOR)} == set(EFFECTS.names())
+    motor = {e.name for e in library(MOTOR)}
+    assert motor == set(EFFECTS.names()) - {
+        "unbalance",
+        "foundation_stiffness",
+        "foundation_damping",
+    }
+    left = {e.name for e in library(MOTOR, without=["inertia", "unbalance"])}
+    assert left == motor - {"inertia"}
+    with pytest.raises(OptionError):
+        library(MOTOR, without=["inertai"])
+
+
+@pytest.mark.parametrize("holdout", [0.1, 0.25, 0.5, 0.9])
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 9])
+def test_experiments_are_split_into_two_parts_that_are_not_empty(count, holdout):
+    """Nothing is in both; a few experiments are cut into parts first."""
+    experiments = record(ROTOR, count=count, samples=900)
+    fit, held = split(experiments, holdout, 0)
+    assert fit
+    assert held
+    assert sum(map(len, fit)) + sum(map(len, held)) == sum(map(len, experiments))
+    assert not {id(e) for e in fit} & {id(e) for e in held}
+
+
+def test_too_little_to_go_by_is_refused():
+    with pytest.raises(BadInput, match="at least 400 samples"):
+        split(record(ROTOR, count=1, samples=300), 0.25, 0)
+    with pytest.raises(BadInput, match="holdout"):
+        split(record(ROTOR), 2.0, 0)
