@@ -9,16 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.diagnosis.bench import Bench
-from ldt_core.diagnosis.explain import CLEAR, HALF, MOST, Explained, Search
+from ldt_core.diagnosis.explain import CLEAR, HALF, MOST, WORTH, Explained, Search
 from ldt_core.diagnosis.search import Fit
 
 Array = NDArray[np.float64]
 
 CHANCE = 0.002  # of each of three tests to see a gap where there is none
-WORTH = 0.015  # of the gap that a further effect must explain to be named
 ALIKE = 10.8  # loss by which sets differ that cannot be told apart: chi-square, p = 0.001, and
 ALSO = 0.7  # times what the best leaves itself: no candidate's law is exactly the machine's
-LAWS = 0.02  # of the gap, that a simpler set may leave in addition and still be the answer
+LAWS = 0.01  # of the gap, that a simpler set may leave in addition and still be the answer
 UNEXPLAINED = 0.08  # of the gap: with more left, the best set is not the cause
 BOOTSTRAP = 400  # draws of experiments
 DRAWS = 2000  # of white noise, for the limits of the tests

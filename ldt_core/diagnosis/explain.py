@@ -35,19 +35,20 @@ SCOUT_SAMPLES = 12_000  # of the experiments that the scout works on, and
 SCOUT_EXPERIMENTS = 8  # at most so many of them
 MOST = 6  # effects in a set
 TRIPLE = 3  # effects, up to which sets are tried even where the last one did not help
+WORTH = 0.015  # of the gap in the speed that a further effect must explain to be named, and
 HALF = 0.5  # of what is left, that a further effect must explain
-PAIRS = 6  # fitted because their responses promise most
+PAIRS = 5  # fitted because their responses promise most
 BASES = 3  # sets of one size that are built upon
-ADDED = 4  # effects added to each of them
-RIVALS = 8  # effects that may take the place of one in the chosen set,
+ADDED = 3  # effects added to each of them
+RIVALS = 6  # effects that may take the place of one in the chosen set,
 CLOSE = 0.7  # if they promise this part of what the best promises
-KEPT = 6  # sets of each size that are fitted on all experiments
+KEPT = 4  # sets of each size that are fitted on all experiments
 HOPELESS = 0.5  # of the gap: if all effects together explain no more, no set of them will
 HOPEFUL = 0.3  # of the gap: where a set leaves more, an effect is tried with it only if it promises
 PROMISE = 0.1  # to take away this part of that
 QUICK = 8  # steps of the scout's fits, and
 ROUGH = 1e-4  # of the sum of squares: the scout's fits end there
-NEAR = 4.0  # times the best of its size that a set may leave, to be kept
+NEAR = 3.0  # times the best of its size that a set may leave, to be kept
 CLEAR = 30.0  # fall of the sum of squares that chance does not reach, over all sets that are tried
 
 
@@ -124,19 +125,29 @@ class Search:
         """
         enough = self.band.limit_of(0.01)
         self._alone()
+        bases = BASES
         most = MOST if ceiling(self.found.responses) > HOPELESS else 1
         for count in range(1, most + 1):
             if count == 2:
                 self._pairs()
             if count > 1:
-                self._build_on(count - 1)
+                self._build_on(count - 1, bases)
             self._finish(count)
             best = self._best(count)
-            if not best or self.band.excess(best[0].rest) < enough:
+            if count > 1 and not self._gained(count):
+                bases = 1
+            if not best or self.band.excess(best[0].rest) < enough or self._explained(best[0]):
                 break
             if count >= TRIPLE and not self._gained(count):
                 break
         return self.found
+
+    def _explained(self, best: Fit) -> bool:
+        """Whether so little of the speed's gap is left that no further effect would be named."""
+        band, none = self.band, self.found.scouted[frozenset()]
+        left = max(band.speed_excess(best.rest), 0.0)
+        taken = float((band.speed_loss(none.rest) - band.speed_loss(best.rest)).sum())
+        return left < WORTH * (max(taken, 0.0) + left)
 
     def _gained(self, count: int) -> bool:
         """Whether the best set of a size takes away half of what the best smaller one leaves."""
@@ -154,8 +165,8 @@ class Search:
             z = self.found.responses.z
             self._scout([self.candidates[i], self.candidates[j]], [z[k], z[m]])
 
-    def _build_on(self, count: int) -> None:
-        for base in self._best(count)[:BASES]:
+    def _build_on(self, count: int, bases: int) -> None:
+        for base in self._best(count)[:bases]:
             for candidate, start in self.additions(base, ADDED):
                 self._scout([*base.effects, candidate], [*base.z[: len(base.effects)], start])
 

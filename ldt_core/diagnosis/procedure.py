@@ -299,9 +299,9 @@ class _Report:
         if score is None or score < 0.01:
             return "explains nothing of the gap"
         if d.kind == "unknown":
-            return f"leaves {1 - score:.0%} of the gap's power unexplained"
+            return f"leaves {1 - score:.0%} of the gap"
         best = " and ".join(d.best.names) if d.best else ""
-        return f"leaves {1 - score:.1%} of the gap's power; {best} leaves {self._left():.1%}"
+        return f"leaves {1 - score:.1%} of the gap, {best} {self._left():.1%}"
 
     def _left(self) -> float:
         return max(self.decision.left / self.decision.excess, 0.0)

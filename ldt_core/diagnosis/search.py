@@ -22,6 +22,7 @@ from ldt_core.diagnosis.candidate import Candidate
 Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-3  # of a coordinate, for difference quotients
+AWAY = 4  # steps from the start before its states are sought again
 EVALUATIONS = 12  # steps of one fit
 WORTH_AN_ANGLE = 12.0  # fall of the sum of squares for each experiment's own start angle
 PRECISION = 1e-5  # of the sum of squares: a step that gains less was the last
@@ -138,8 +139,9 @@ def fit(
     if starts[0] is bench.starts:
         z, left, slopes = descend(first, evaluations)
     else:
-        z, _, _ = descend(first, evaluations // 2)
-        starts[0] = settled(z)
+        quick = bench.shaking and precision > PRECISION  # nearly the right angles will do
+        z = first if quick else descend(first, AWAY)[0]
+        starts[0] = starts[0] if quick else settled(z)
         z, left, slopes = descend(z, evaluations)
     sought = bench.shaking or not any(p.rest for p in bench.pieces)
     if not sought and bench.turns(used(members, split(members, z))):

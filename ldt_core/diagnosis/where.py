@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 BINS = 60
 MOST = 0.9  # of the gap's power, that a place must hold
-LIFT = 0.15  # by which a place's share of the gap exceeds its share of the data, to be named
+LIFT = 0.1  # by which a place's share of the gap exceeds its share of the data, to be named
 QUIET = 0.02  # of the samples at either end of a quantity's range that get no bin of their own
 QUANTITIES = {
     "speed": "rad/s",

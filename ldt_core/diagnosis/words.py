@@ -44,7 +44,7 @@ def sentence(
         "" if gap.closed_fraction is None else f" explains {gap.closed_fraction:.0%} of the gap"
     )
     return (
-        f"{what[0].upper()}{what[1:]}{closed}{place.rstrip(',')}; it cuts the error on held-out "
+        f"{what[0].upper()}{what[1:]}{closed}{place.rstrip(',')}; adding {'it' if len(acting) == 1 else 'them'} cuts the error on held-out "
         f"experiments from {gap.before.rmse:.3g} to {gap.after.rmse:.3g} rad/s, noise is "
         f"{gap.noise_std:.3g}."
     )
@@ -87,5 +87,7 @@ def _place(place: Place) -> str:
     if place.quantity == "experiment":
         return f"in experiments {place.begin:.0f} to {place.end:.0f}"
     words = {"speed": "at speeds", "voltage": "at voltages", "time": "in the time"}
-    word = words.get(place.quantity, f"at {place.quantity}s")
+    word = words.get(
+        place.quantity, {"frequency": "at frequencies"}.get(place.quantity, f"at {place.quantity}s")
+    )
     return f"{word} from {place.begin:.3g} to {place.end:.3g}{unit}"
