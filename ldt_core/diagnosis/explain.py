@@ -104,6 +104,8 @@ class Search:
     ) -> None:
         self.bench, self.candidates, self.tick = bench, tuple(candidates), tick
         self.own = tuple(own)
+        #: Effect to those that this recording cannot tell from it, whatever the data are.
+        self.twins: dict[str, set[str]] = {}
         self.scout = bench.part(scouted(bench))
         zeros = [np.zeros(len(c)) for c in self.own]
         count = len(self.own)
@@ -134,10 +136,10 @@ class Search:
                 self._build_on(count - 1, bases)
             self._finish(count)
             best = self._best(count)
-            if count > 1 and not self._gained(count):
-                bases = 1
             if not best or self.band.excess(best[0].rest) < enough or self._explained(best[0]):
                 break
+            if count > 1 and not self._gained(count):
+                bases = 1
             if count >= TRIPLE and not self._gained(count):
                 break
         return self.found
@@ -178,6 +180,15 @@ class Search:
             count: of effects, at most.
             close: part of the best promise that each must reach.
         """
+        enough = max(self.band.excess(base.rest), 0.0)
+        start = self.found.scouted[frozenset()].loss
+        promise = PROMISE * enough if enough > HOPEFUL * start else 0.0
+        ranked = self.ranked(base)
+        best = ranked[0][2] if ranked else 0.0
+        return [(c, z) for c, z, gain in ranked if gain >= max(promise, close * best)][:count]
+
+    def ranked(self, base: Fit) -> list[tuple[Candidate, Array, float]]:
+        """Every other effect with its most promising values beside a set, and what they promise."""
         d = self.found.responses
         left, moved = base.rest, d.responses
         if base.members:
@@ -187,17 +198,12 @@ class Search:
         size, target = np.einsum("ij,ij->i", moved, moved), moved @ left
         scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
         gain = 2 * scale * target - scale**2 * size
-        enough = max(self.band.excess(base.rest), 0.0)
-        start = self.found.scouted[frozenset()].loss
-        promise = PROMISE * enough if enough > HOPEFUL * start else 0.0
         chosen: dict[int, int] = {}
         for k in np.argsort(-gain):
             owner = int(d.owner[k])
-            if gain[k] < max(promise, close * gain.max()):
-                break
             if self.candidates[owner].name not in base.names:
                 chosen.setdefault(owner, int(k))
-        return [(self.candidates[i], d.z[k]) for i, k in list(chosen.items())[:count]]
+        return [(self.candidates[i], d.z[k], float(gain[k])) for i, k in chosen.items()]
 
     def _scout(self, members: Sequence[Candidate], start: Sequence[Array]) -> Fit:
         self.tick("fitting sets of effects")
@@ -258,10 +264,13 @@ class Search:
             z = [base.z[j] for j in range(len(base.effects)) if j != leave]
             known = self.found.scouted.get(frozenset(m.name for m in members))
             rest = self._scout(members, z) if known is None else known
-            for candidate, start in self.additions(rest, count + 1, CLOSE):
+            twins = self.twins.get(base.effects[leave].name, ())
+            tried = self.additions(rest, count + 1, CLOSE)
+            tried += [(c, z) for c, z, _ in self.ranked(rest) if c.name in twins]
+            for candidate, start in tried:
                 if candidate.name not in base.names:
-                    tried = [*rest.effects, candidate]
-                    found.append(self._scout(tried, [*rest.z[: len(rest.effects)], start]))
+                    own = rest.z[: len(rest.effects)]
+                    found.append(self._scout([*rest.effects, candidate], [*own, start]))
         return self._worth(base, found)
 
     def _worth(self, base: Fit, found: Iterable[Fit]) -> list[Fit]:
