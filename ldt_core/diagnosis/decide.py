@@ -106,8 +106,9 @@ def decide(search: Search, seed: int = 0) -> Decision:
     structured = band.excess(best.rest) > band.limit_of(0.01)
     unknown = left - band.speed_limit(0.01) > UNEXPLAINED * gap
     kind = "unknown" if unknown else "ambiguous" if len(alike) > 1 else "effect"
-    rivals = [f for f in pool if f not in alike]
-    sure = _confidence(found, best, [] if unknown else rivals, unknown, seed)
+    least = min(alike, key=lambda f: f.loss)
+    rivals = [f for f in pool if f not in alike and f.loss > least.loss]
+    sure = _confidence(found, least, [] if unknown else rivals, unknown, seed)
     bench = _with_noise(found.bench, band.level)
     return Decision(kind, best, tuple(alike), gap, left, structured, bench, sure)
 

@@ -153,8 +153,21 @@ def diagnose(
     ]
     bench = Bench(machine, fitted, workers=workers, tolerance=TOLERANCE)
     search = Search(bench, candidates, tick, own)
+    tick("what this recording can tell apart")
+    silent, groups = isolability(search)
+    search.twins = {n: {o for g in groups if n in g for o in g} - {n} for g in groups for n in g}
     decision = decide(search, seed)
-    return _Report(machine, search, decision, fitted, held, recordings, seed, tick).diagnosis()
+    report = _Report(machine, search, decision, fitted, held, recordings, seed, tick)
+    return report.diagnosis(silent, groups)
+
+
+def isolability(search: Search) -> tuple[list[str], list[list[str]]]:
+    """(effects that do not show, groups that look alike), by the recording's input alone."""
+    few = search.scout
+    small = few.part(range(min(EXPERIMENTS, len(few.pieces))))
+    scale = search.bench.size / small.size
+    silent = undetectable(small, search.candidates, scale)
+    return silent, ambiguities(small, search.found.responses, silent, scale)
 
 
 class _Report:
@@ -178,8 +191,13 @@ class _Report:
         self.named = decision.best if decision.kind in ("effect", "ambiguous") else None
         self.use = self.named.use if self.named else []
 
-    def diagnosis(self) -> Diagnosis:
-        """All of it."""
+    def diagnosis(self, silent: list[str], groups: list[list[str]]) -> Diagnosis:
+        """All of it.
+
+        Args:
+            silent: effects that the recording could not have shown.
+            groups: those that it cannot tell apart, by its input alone.
+        """
         d = self.decision
         self.tick("measuring what is left")
         noise = self.bench.noise[0]
@@ -204,7 +222,6 @@ class _Report:
             if d.structured
             else []
         )
-        silent, groups = self._isolability()
         return Diagnosis(
             machine=self.machine.name,
             recordings=self.recordings,
@@ -226,14 +243,6 @@ class _Report:
             ],
             shown=self._shown(),
         )
-
-    def _isolability(self) -> tuple[list[str], list[list[str]]]:
-        self.tick("what this recording can tell apart")
-        few = self.search.scout
-        small = few.part(range(min(EXPERIMENTS, len(few.pieces))))
-        scale = self.bench.size / small.size
-        silent = undetectable(small, self.search.candidates, scale)
-        return silent, ambiguities(small, self.search.found.responses, silent, scale)
 
     def _all_groups(
         self, computed: Sequence[Sequence[str]], acting: Sequence[Sequence[str]]

@@ -26,7 +26,10 @@ AWAY = 4  # steps from the start before its states are sought again
 EVALUATIONS = 12  # steps of one fit
 WORTH_AN_ANGLE = 12.0  # fall of the sum of squares for each experiment's own start angle
 PRECISION = 1e-5  # of the sum of squares: a step that gains less was the last
-SHRINK, STRETCH = 0.25, 4.0  # how far a response may be scaled before it is no longer its effect's
+SHRINK, STRETCH = (
+    0.02,
+    4.0,
+)  # how far a response may be scaled: small ones are alike, large ones not
 
 
 @dataclass(frozen=True, eq=False)
