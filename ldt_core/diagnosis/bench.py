@@ -39,9 +39,12 @@ DIVERGED = 1e4  # rad/s, in place of a free run that grows for ever
 AT_REST = 4.0  # noise deviations: a first sample nearer to 0 than this is a machine at rest
 NOISE_FLOOR = 1e-4  # of a channel's size: noise-free simulations must not divide by 0
 COARSE = 2e-3  # s, integration step of a search
-LEAST = 0.8e-3  # s, shortest step, whatever the search tries
+LEAST = 0.5e-3  # s, shortest step, whatever the search tries
 MOTOR_NAMES = ("J", "K_t", "R", "L", "b")  # parameters that shake nothing
-ANGLES = 12  # tried of a turn, and
+ROUNDS = 4  # Gauss-Newton steps for the start of a foundation in motion
+STILL = 0.98  # of the sum of squares: a step that gains less was the last
+NO_OFFSET = np.zeros(0)
+ANGLES = 13  # tried of a turn; a prime, so that a ripple of few periods a turn is seen at each, and
 ANGLE_FOUND = 2e-3  # rad, to which the best is then found
 SENSITIVE = 0.1  # noise deviations: a start angle that moves no sample by more does not matter
 START_STEP = 0.01  # rad, K, ...: of a start state, for difference quotients, and
@@ -73,10 +76,13 @@ class Starts:
     Attributes:
         angles: (experiments,) [rad].
         bases: for each experiment (rows, s) orthonormal directions that an unknown start moves.
+        offsets: for each experiment the change of the states at its first sample from what is
+            guessed, foundation's and effects' included; empty where that is not estimated.
     """
 
     angles: Array
     bases: tuple[Array, ...]
+    offsets: tuple[Array, ...]
 
 
 class Bench:
@@ -123,7 +129,9 @@ class Bench:
         self.size = at
         #: Start states as they are known before any effect is.
         self.starts = Starts(
-            np.zeros(len(self.pieces)), tuple(_basis(p.columns) for p in self.pieces)
+            np.zeros(len(self.pieces)),
+            tuple(_basis(p.columns) for p in self.pieces),
+            (NO_OFFSET,) * len(self.pieces),
         )
         #: Whether the machine shakes a foundation as its file knows it.
         self.shaking = not self.physics.is_linear(self.values)
@@ -151,7 +159,8 @@ class Bench:
             length = len(piece.experiment)
             piece.columns[:length] /= wider[0]
             piece.columns[length:] /= wider[1]
-        self.starts = Starts(self.starts.angles, tuple(_basis(p.columns) for p in self.pieces))
+        bases = tuple(_basis(p.columns) for p in self.pieces)
+        self.starts = Starts(self.starts.angles, bases, self.starts.offsets)
         if self.shaking:
             self.starts = self._settled((), True, 0, True, True, COARSE)
 
@@ -174,7 +183,7 @@ class Bench:
         row = np.empty(self.size)
 
         def fill(i: int) -> None:
-            rest = self._difference(i, use, step, float(begun.angles[i]))
+            rest = self._difference(i, use, step, float(begun.angles[i]), begun.offsets[i])
             row[self.pieces[i].rows] = rest - begun.bases[i] @ (begun.bases[i].T @ rest)
 
         self._each(fill)
@@ -211,18 +220,67 @@ class Bench:
         self, use: Use, moving: bool, states: int, turning: bool, free: bool, step: float
     ) -> Starts:
         angles, bases = self.starts.angles.copy(), list(self.starts.bases)
+        offsets = list(self.starts.offsets)
+        n = len(self.physics.states)
+        # The states of a foundation in motion and of the effects, each with its difference step.
+        unknown = {k: START_STEP * MOTION for k in range(CURRENT + 1, n)} if moving else {}
+        unknown |= {k: START_STEP for k in range(n, n + states)}
+        if turning:
+            unknown[ANGLE] = START_STEP
 
         def work(i: int) -> None:
             piece = self.pieces[i]
             if turning and (free or not piece.rest):
                 angles[i] = self._best_angle(i, use, step)
-            if not piece.rest:
-                count = (len(self.physics.states) - CURRENT - 1 if moving else 0, states)
-                columns = self._state_columns(i, use, step, float(angles[i]), *count, turning)
-                bases[i] = _basis(np.column_stack([piece.columns, columns]))
+            if not piece.rest and unknown:
+                rounds = ROUNDS if moving else 1
+                found = self._start_of(i, use, step, float(angles[i]), unknown, n + states, rounds)
+                offsets[i], bases[i] = found
 
         self._each(work)
-        return Starts(angles, tuple(bases))
+        return Starts(angles, tuple(bases), tuple(offsets))
+
+    def _start_of(
+        self,
+        i: int,
+        use: Use,
+        step: float,
+        angle: float,
+        unknown: Mapping[int, float],
+        count: int,
+        rounds: int,
+    ) -> tuple[Array, Array]:
+        """(offset of the start states, directions in which they move the residuals).
+
+        Gauss-Newton steps from the guess, as long as they help; the first speed and current are
+        left to the directions, in which they are linear.
+        """
+        piece, offset = self.pieces[i], np.zeros(count)
+        names = list(unknown)
+        best, basis, kept = math.inf, self.starts.bases[i], offset
+        for _ in range(rounds):
+            rest = self._difference(i, use, step, angle, offset)
+            columns = np.empty((rest.size, len(names)))
+            for j, state in enumerate(names):
+                moved = offset.copy()
+                moved[state] += unknown[state]
+                columns[:, j] = self._difference(i, use, step, angle, moved) - rest
+            both = np.column_stack([piece.columns, columns])
+            directions = _basis(both)
+            left = rest - directions @ (directions.T @ rest)
+            motor = _basis(piece.columns)
+            loss = float(rest @ rest - np.sum((motor.T @ rest) ** 2))
+            if loss >= best * STILL:
+                break
+            best, basis, kept = loss, directions, offset
+            if float(left @ left) > loss * STILL:
+                break
+            size = np.linalg.norm(both, axis=0) + 1e-300
+            solved = np.linalg.lstsq(both / size, -rest, rcond=1e-8)[0] / size
+            offset = offset.copy()
+            for j, state in enumerate(names):
+                offset[state] += solved[piece.columns.shape[1] + j] * unknown[state]
+        return kept, basis
 
     def turns(self, use: Use) -> bool:
         """Whether the start angle makes a difference with these effects."""
@@ -244,21 +302,6 @@ class Bench:
         near, exact = (best - width, best + width), {"xatol": ANGLE_FOUND}
         return float(minimize_scalar(loss, bounds=near, method="bounded", options=exact).x)
 
-    def _state_columns(
-        self, i: int, use: Use, step: float, angle: float, moving: int, states: int, turning: bool
-    ) -> Array:
-        """(rows, s) change of the residuals per start state of foundation, effects and angle."""
-        base = self._difference(i, use, step, angle)
-        n = len(self.physics.states)
-        columns = []
-        for state in [*range(CURRENT + 1, CURRENT + 1 + moving), *range(n, n + states)]:
-            size = START_STEP if state >= n else START_STEP * MOTION
-            moved = self._difference(i, use, step, angle, (state, size))
-            columns.append((moved - base) / size)
-        if turning:
-            columns.append((self._difference(i, use, step, angle + START_STEP) - base) / START_STEP)
-        return np.column_stack(columns) if columns else np.zeros((base.size, 0))
-
     def _values(self, use: Use) -> Values | None:
         """The machine's parameters with these effects; None where they are impossible."""
         values: Values = self.values
@@ -279,11 +322,11 @@ class Bench:
                 work(i)  # type: ignore[operator]
 
     def _difference(
-        self, i: int, use: Use, step: float, angle: float, pushed: tuple[int, float] | None = None
+        self, i: int, use: Use, step: float, angle: float, offset: Array = NO_OFFSET
     ) -> Array:
         """(rows,) measured minus simulated of one experiment, in noise deviations."""
         e = self.experiments[i]
-        speed, current = self.outputs(i, use, step, angle, pushed=pushed)
+        speed, current = self.outputs(i, use, step, angle, offset=offset)
         rest = (e.speed - speed) / self.noise[0]
         if e.current is not None:
             rest = np.concatenate([rest, (e.current - current) / self.noise[1]])
@@ -297,7 +340,7 @@ class Bench:
         step: float = COARSE,
         angle: float = 0.0,
         follow: bool = True,
-        pushed: tuple[int, float] | None = None,
+        offset: Array = NO_OFFSET,
     ) -> tuple[Array, Array]:
         """(L,) speed as the sensor shows it [rad/s] and (L,) current [A] of experiment i.
 
@@ -307,7 +350,7 @@ class Bench:
             step: longest integration step [s].
             angle: at the first sample [rad].
             follow: False makes it a free run whatever the machine is.
-            pushed: (state, by how much) its first value is changed.
+            offset: (states,) change of the states at the first sample, or none.
         """
         piece = self.pieces[i]
         e, physics = piece.experiment, self.physics
@@ -326,8 +369,8 @@ class Bench:
             terms = [(x, p) for x, p in use if x.torque is not None or x.terminal is not None]
             own = [v for x, p in terms for v in x.first_states(start, p)]
             start = np.concatenate([start, own])
-            if pushed is not None:
-                start[pushed[0]] += pushed[1]
+            if offset.size:
+                start[: offset.size] += offset[: start.size]
             about = e.voltage, e.period, start, use, step
             if not follow or physics.is_linear(values):
                 states = physics.simulate(self.values, *about, least_step=LEAST)

@@ -30,6 +30,7 @@ PARTS = (0.4, 0.55, 0.7, 0.85, 0.95)  # of the largest voltage, for a limit on i
 LEAST_PART = 0.05  # of it, that a fit may come down to
 PHASES = 8  # of a turn
 MOST_STARTS = 96  # of one effect
+MOST_FACTOR = 8.0  # either way: a machine further from its file than that is another machine
 NEAR_BOUND = 1e-6  # of a scale: a fit stays so far inside an open bound
 
 
@@ -120,8 +121,10 @@ class Candidate:
         for j, p in enumerate(self.parameters):
             if logarithmic(p):
                 limit = LEAST_PART * self.most_voltage / p.default if p.unit == "V" else 1e-6
-                low.append(math.log(limit if p.high < math.inf else 0.02))
-                high.append(self.coordinate(j, p.high) if p.high < math.inf else math.log(50.0))
+                low.append(math.log(limit if p.high < math.inf else 1 / MOST_FACTOR))
+                high.append(
+                    self.coordinate(j, p.high) if p.high < math.inf else math.log(MOST_FACTOR)
+                )
             else:
                 s = self.scale(j)
                 low.append((p.low + NEAR_BOUND * s * p.open_low - (p.default or 0.0)) / s)

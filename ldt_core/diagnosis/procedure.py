@@ -237,12 +237,20 @@ class _Report:
             undetectable=silent,
             ambiguities=self._all_groups(groups, acting),
             next_experiment=self._next(),
-            notes=d.notes,
+            notes=self._notes(),
             effects=[
                 {"effect": effect.name, "parameters": dict(given)} for effect, given in self.use
             ],
             shown=self._shown(),
         )
+
+    def _notes(self) -> list[str]:
+        notes = list(self.decision.notes)
+        if {e.number for e in self.fitted} & {e.number for e in self.held}:
+            notes.append(
+                f"fewer than {PARTS} experiments: each was cut into parts, some of them held out"
+            )
+        return notes
 
     def _all_groups(
         self, computed: Sequence[Sequence[str]], acting: Sequence[Sequence[str]]

@@ -39,13 +39,13 @@ def sentence(
             f"Unknown: the gap of {gap.before.rmse:.3g} rad/s on held-out experiments{place} has "
             f"a cause that none of the known effects explains{much}."
         )
+    that = "it" if len(acting) == 1 else "them"
     what = " and ".join(_one(group, amounts) for group in acting)
-    closed = (
-        "" if gap.closed_fraction is None else f" explains {gap.closed_fraction:.0%} of the gap"
-    )
+    verb, part = "explains" if len(acting) == 1 else "explain", gap.closed_fraction
+    closed = "" if part is None else f" {verb} {part:.0%} of the gap"
     return (
-        f"{what[0].upper()}{what[1:]}{closed}{place.rstrip(',')}; adding {'it' if len(acting) == 1 else 'them'} cuts the error on held-out "
-        f"experiments from {gap.before.rmse:.3g} to {gap.after.rmse:.3g} rad/s, noise is "
+        f"{what[0].upper()}{what[1:]}{closed}{place.rstrip(',')}; adding {that} cuts the error on "
+        f"held-out experiments from {gap.before.rmse:.3g} to {gap.after.rmse:.3g} rad/s, noise is "
         f"{gap.noise_std:.3g}."
     )
 

@@ -189,7 +189,6 @@ def test_the_true_effect_left_out_of_the_candidates_is_not_replaced_by_another()
     assert found.verdict.kind == "unknown"
 
 
-@pytest.mark.xfail(strict=True, reason="R times 0.03 with J times 47 imitates a delay to 7.5 %")
 def test_nor_by_two_others_of_absurd_size():
     """A winding of a thirtieth and a shaft of fifty times the file's are no explanation."""
     found, _ = verdict("input_delay:delay=0.1")
