@@ -11,9 +11,16 @@ from ldt_core.cli.options import out_option, parameters
 
 @click.command("simulate")
 @parameters("machine", "run", "plant")
+@click.option(
+    "--next",
+    "designed",
+    default="",
+    metavar="FILE",
+    help="The diagnosis.json whose next experiment to run: its voltage, its channels.",
+)
 @out_option
 @click.option("--namespace", default="", help="Namespace of the machine's topics.")
-def command(settings: dict[str, Any], out: str, namespace: str) -> None:
+def command(settings: dict[str, Any], designed: str, out: str, namespace: str) -> None:
     """Write the experiments of a simulated machine, with effects that its file does not know.
 
     Nothing wears unless --degradation says so.
@@ -23,11 +30,19 @@ def command(settings: dict[str, Any], out: str, namespace: str) -> None:
     from ldt_core.cli.display import track
     from ldt_core.machine import load_machine
     from ldt_core.plant import Plant
+    from ldt_core.plant.voltage import Given
     from ldt_core.recording.writer import BagWriter
 
     machine = load_machine(settings["machine"])
     settings = {**settings, "degradation": settings["degradation"] or "none"}
+    if designed:
+        from ldt_core.diagnosis.recorded import read_next
+
+        machine, volts, current = read_next(designed, machine)
+        settings = {**settings, "measure_current": settings["measure_current"] or current}
     plant = Plant.from_settings(machine, settings)
+    if designed:
+        plant.excitation = Given(volts)
     with BagWriter(out, namespace=namespace, machine=machine.name) as writer:
         for number in track(range(1, settings["experiments"] + 1), "simulating"):
             experiment = plant.experiment(number)

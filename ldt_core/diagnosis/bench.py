@@ -13,16 +13,16 @@ is linear, and smooth in every parameter where it is not.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from ldt_core.cause.free_run import white_noise
+from ldt_core.diagnosis.starts import NO_OFFSET, Starts, basis_of, settle, settled, turns
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
 from ldt_core.physics.integrate import NOT_TRACKED, propagate
@@ -40,15 +40,6 @@ AT_REST = 4.0  # noise deviations: a first sample nearer to 0 than this is a mac
 NOISE_FLOOR = 1e-4  # of a channel's size: noise-free simulations must not divide by 0
 COARSE = 2e-3  # s, integration step of a search
 LEAST = 0.5e-3  # s, shortest step, whatever the search tries
-MOTOR_NAMES = ("J", "K_t", "R", "L", "b")  # parameters that shake nothing
-ROUNDS = 4  # Gauss-Newton steps for the start of a foundation in motion
-STILL = 0.98  # of the sum of squares: a step that gains less was the last
-NO_OFFSET = np.zeros(0)
-ANGLES = 13  # tried of a turn; a prime, so that a ripple of few periods a turn is seen at each, and
-ANGLE_FOUND = 2e-3  # rad, to which the best is then found
-SENSITIVE = 0.1  # noise deviations: a start angle that moves no sample by more does not matter
-START_STEP = 0.01  # rad, K, ...: of a start state, for difference quotients, and
-MOTION = 0.01  # of that for a foundation's, in m and m/s
 ANGLE, SPEED, CURRENT = range(3)
 
 
@@ -69,22 +60,6 @@ class Piece:
     columns: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Starts:
-    """What is taken of the states at the first samples.
-
-    Attributes:
-        angles: (experiments,) [rad].
-        bases: for each experiment (rows, s) orthonormal directions that an unknown start moves.
-        offsets: for each experiment the change of the states at its first sample from what is
-            guessed, foundation's and effects' included; empty where that is not estimated.
-    """
-
-    angles: Array
-    bases: tuple[Array, ...]
-    offsets: tuple[Array, ...]
-
-
 class Bench:
     """Experiments and the machine that is thought to have made them.
 
@@ -97,6 +72,9 @@ class Bench:
             law is exactly a machine's, and a channel measured very well must not count for more.
         workers: threads among which the experiments are spread.
     """
+
+    #: Integration step of a search [s].
+    coarse = COARSE
 
     def __init__(
         self,
@@ -130,13 +108,13 @@ class Bench:
         #: Start states as they are known before any effect is.
         self.starts = Starts(
             np.zeros(len(self.pieces)),
-            tuple(_basis(p.columns) for p in self.pieces),
+            tuple(basis_of(p.columns) for p in self.pieces),
             (NO_OFFSET,) * len(self.pieces),
         )
         #: Whether the machine shakes a foundation as its file knows it.
         self.shaking = not self.physics.is_linear(self.values)
         if self.shaking:
-            self.starts = self._settled((), True, 0, True, True, COARSE)
+            self.starts = settled(self, (), True, 0, True, True, COARSE)
         if tolerance > 0:
             self._tolerate(tolerance)
 
@@ -159,10 +137,10 @@ class Bench:
             length = len(piece.experiment)
             piece.columns[:length] /= wider[0]
             piece.columns[length:] /= wider[1]
-        bases = tuple(_basis(p.columns) for p in self.pieces)
+        bases = tuple(basis_of(p.columns) for p in self.pieces)
         self.starts = Starts(self.starts.angles, bases, self.starts.offsets)
         if self.shaking:
-            self.starts = self._settled((), True, 0, True, True, COARSE)
+            self.starts = settled(self, (), True, 0, True, True, COARSE)
 
     def part(self, numbers: Sequence[int]) -> Bench:
         """The bench with some of the experiments only, by their place in the list."""
@@ -183,126 +161,21 @@ class Bench:
         row = np.empty(self.size)
 
         def fill(i: int) -> None:
-            rest = self._difference(i, use, step, float(begun.angles[i]), begun.offsets[i])
+            rest = self.difference(i, use, step, float(begun.angles[i]), begun.offsets[i])
             row[self.pieces[i].rows] = rest - begun.bases[i] @ (begun.bases[i].T @ rest)
 
-        self._each(fill)
+        self.each(fill)
         return row
 
     def settle(self, use: Use, free: bool = False, step: float = COARSE) -> Starts:
-        """Start states for these effects, where more is unknown than a motor's speed and current.
-
-        A machine that was running has a foundation in motion, a warm winding and the like, each of
-        which moves the residuals in a direction of its own, and an angle that is sought.
-
-        Args:
-            use: effects with all their values.
-            free: seek the angle of machines at rest as well; else it is 0.
-            step: longest integration step [s].
-        """
-        values = self._values(use)
-        if values is None:
-            return self.starts
-        shaken = any(v != self.values[n] for n, v in values.items() if n not in MOTOR_NAMES)
-        states = sum(
-            len(e.states) for e, _ in use if e.torque is not None or e.terminal is not None
-        )
-        # The angles that a shaking machine is known by were sought without the effects.
-        free = free or self.shaking
-        turning = bool(use) and (self.shaking or self.turns(use))
-        running = any(not p.rest for p in self.pieces)
-        if not ((running and (shaken or states or turning)) or (free and turning)):
-            return self.starts
-        moving = not self.physics.is_linear(values)
-        return self._settled(use, moving, states, turning or (shaken and moving), free, step)
-
-    def _settled(
-        self, use: Use, moving: bool, states: int, turning: bool, free: bool, step: float
-    ) -> Starts:
-        angles, bases = self.starts.angles.copy(), list(self.starts.bases)
-        offsets = list(self.starts.offsets)
-        n = len(self.physics.states)
-        # The states of a foundation in motion and of the effects, each with its difference step.
-        unknown = {k: START_STEP * MOTION for k in range(CURRENT + 1, n)} if moving else {}
-        unknown |= {k: START_STEP for k in range(n, n + states)}
-        if turning:
-            unknown[ANGLE] = START_STEP
-
-        def work(i: int) -> None:
-            piece = self.pieces[i]
-            if turning and (free or not piece.rest):
-                angles[i] = self._best_angle(i, use, step)
-            if not piece.rest and unknown:
-                rounds = ROUNDS if moving else 1
-                found = self._start_of(i, use, step, float(angles[i]), unknown, n + states, rounds)
-                offsets[i], bases[i] = found
-
-        self._each(work)
-        return Starts(angles, tuple(bases), tuple(offsets))
-
-    def _start_of(
-        self,
-        i: int,
-        use: Use,
-        step: float,
-        angle: float,
-        unknown: Mapping[int, float],
-        count: int,
-        rounds: int,
-    ) -> tuple[Array, Array]:
-        """(offset of the start states, directions in which they move the residuals).
-
-        Gauss-Newton steps from the guess, as long as they help; the first speed and current are
-        left to the directions, in which they are linear.
-        """
-        piece, offset = self.pieces[i], np.zeros(count)
-        names = list(unknown)
-        best, basis, kept = math.inf, self.starts.bases[i], offset
-        for _ in range(rounds):
-            rest = self._difference(i, use, step, angle, offset)
-            columns = np.empty((rest.size, len(names)))
-            for j, state in enumerate(names):
-                moved = offset.copy()
-                moved[state] += unknown[state]
-                columns[:, j] = self._difference(i, use, step, angle, moved) - rest
-            both = np.column_stack([piece.columns, columns])
-            directions = _basis(both)
-            left = rest - directions @ (directions.T @ rest)
-            motor = _basis(piece.columns)
-            loss = float(rest @ rest - np.sum((motor.T @ rest) ** 2))
-            if loss >= best * STILL:
-                break
-            best, basis, kept = loss, directions, offset
-            if float(left @ left) > loss * STILL:
-                break
-            size = np.linalg.norm(both, axis=0) + 1e-300
-            solved = np.linalg.lstsq(both / size, -rest, rcond=1e-8)[0] / size
-            offset = offset.copy()
-            for j, state in enumerate(names):
-                offset[state] += solved[piece.columns.shape[1] + j] * unknown[state]
-        return kept, basis
+        """Start states for these effects; see `starts.settle`."""
+        return settle(self, use, free, step)
 
     def turns(self, use: Use) -> bool:
         """Whether the start angle makes a difference with these effects."""
-        if not use or not self.pieces:
-            return False
-        one, other = (self._difference(0, use, COARSE, angle) for angle in (0.0, 1.0))
-        return bool(np.max(np.abs(one - other)) > SENSITIVE)
+        return turns(self, use)
 
-    def _best_angle(self, i: int, use: Use, step: float) -> float:
-        basis = self.starts.bases[i]
-
-        def loss(angle: float) -> float:
-            rest = self._difference(i, use, step, angle)
-            along = basis.T @ rest
-            return float(rest @ rest - along @ along)
-
-        width = 2 * math.pi / ANGLES
-        best = min((loss(k * width), k * width) for k in range(ANGLES))[1]
-        near, exact = (best - width, best + width), {"xatol": ANGLE_FOUND}
-        return float(minimize_scalar(loss, bounds=near, method="bounded", options=exact).x)
-
-    def _values(self, use: Use) -> Values | None:
+    def changed(self, use: Use) -> Values | None:
         """The machine's parameters with these effects; None where they are impossible."""
         values: Values = self.values
         try:
@@ -312,16 +185,17 @@ class Bench:
             return None
         return values
 
-    def _each(self, work: object) -> None:
+    def each(self, work: Callable[[int], None]) -> None:
+        """Do something with every experiment, by its place."""
         count = range(len(self.pieces))
         if self.workers > 1 and len(count) > 1:
             with ThreadPoolExecutor(self.workers) as pool:
-                list(pool.map(work, count))  # type: ignore[arg-type]
+                list(pool.map(work, count))
         else:
             for i in count:
-                work(i)  # type: ignore[operator]
+                work(i)
 
-    def _difference(
+    def difference(
         self, i: int, use: Use, step: float, angle: float, offset: Array = NO_OFFSET
     ) -> Array:
         """(rows,) measured minus simulated of one experiment, in noise deviations."""
@@ -407,16 +281,6 @@ class Bench:
                 column = np.concatenate([column, moved[:, CURRENT] / self.noise[1]])
             columns.append(column)
         return np.column_stack(columns)
-
-
-def _basis(columns: Array) -> Array:
-    """Orthonormal directions that span the columns; those that show nothing are left out."""
-    if columns.shape[1] == 0:
-        return columns
-    left, size, _ = np.linalg.svd(
-        columns / (np.linalg.norm(columns, axis=0) + 1e-300), full_matrices=False
-    )
-    return np.asarray(left[:, size > 1e-6])
 
 
 def _motor(values: Values, period: float) -> tuple[Array, Array]:

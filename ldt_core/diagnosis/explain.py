@@ -7,6 +7,7 @@ experiments.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -35,7 +36,7 @@ SCOUT_SAMPLES = 12_000  # of the experiments that the scout works on, and
 SCOUT_EXPERIMENTS = 8  # at most so many of them
 MOST = 6  # effects in a set
 TRIPLE = 3  # effects, up to which sets are tried even where the last one did not help
-WORTH = 0.015  # of the gap in the speed that a further effect must explain to be named, and
+WORTH = 0.025  # of the gap in the speed that a further effect must explain to be named, and
 HALF = 0.5  # of what is left, that a further effect must explain
 PAIRS = 5  # fitted because their responses promise most
 BASES = 3  # sets of one size that are built upon
@@ -49,6 +50,7 @@ PROMISE = 0.1  # to take away this part of that
 QUICK = 8  # steps of the scout's fits, and
 ROUGH = 1e-4  # of the sum of squares: the scout's fits end there
 NEAR = 3.0  # times the best of its size that a set may leave, to be kept
+OPPOSED = -0.95  # cosine of two effects' responses, at which they cancel each other
 CLEAR = 30.0  # fall of the sum of squares that chance does not reach, over all sets that are tried
 
 
@@ -72,6 +74,7 @@ class Explained:
     responses: Dictionary
     fits: dict[Names, Fit] = field(default_factory=dict)
     scouted: dict[Names, Fit] = field(default_factory=dict)
+    _cancelling: dict[Names, bool] = field(default_factory=dict)
 
     @property
     def excess(self) -> float:
@@ -79,9 +82,30 @@ class Explained:
         return self.band.excess(self.base)
 
     def of_size(self, count: int) -> list[Fit]:
-        """Sets of so many effects, fitted on all experiments, best first."""
+        """Sets of so many effects, fitted on all experiments, best first.
+
+        Without those in which two effects all but cancel each other: a drag beside a friction that
+        is negative can imitate nearly anything, and is nothing that a machine has.
+        """
         found = [f for names, f in self.fits.items() if len(names) == count]
-        return sorted(found, key=lambda f: f.loss)
+        return sorted((f for f in found if not self.cancels(f)), key=lambda f: f.loss)
+
+    def cancels(self, fitted: Fit) -> bool:
+        """Whether two members of a set move the experiments in nearly opposite directions."""
+        names = frozenset(fitted.names)
+        if len(names) < 2:
+            return False
+        if names not in self._cancelling:
+            none = self.scouted[frozenset()]
+            base = self.scout.rest(none.use)
+            moved = []
+            for c, z in zip(fitted.effects, fitted.z, strict=False):
+                with_it = self.scout.rest([(c.effect, c.given(z)), *none.use])
+                change = base - with_it
+                moved.append(change / max(float(np.linalg.norm(change)), 1e-12))
+            pairs = itertools.combinations(moved, 2)
+            self._cancelling[names] = any(float(a @ b) < OPPOSED for a, b in pairs)
+        return self._cancelling[names]
 
 
 class Search:

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from ldt_core.diagnosis.bench import COARSE, Bench, Starts
+from ldt_core.diagnosis.bench import COARSE, Bench
 from ldt_core.diagnosis.candidate import Candidate
+from ldt_core.diagnosis.starts import Starts
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.diagnosis.bench import Bench, Starts
+from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.result import Place
+from ldt_core.diagnosis.starts import Starts
 from ldt_core.diagnosis.torque import Torque
 
 Array = NDArray[np.float64]

@@ -17,6 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ldt_core.errors import BadInput, LdtError
+from ldt_core.physics.rigid import run_rigid
 from ldt_core.physics.terms import evaluate, gather
 
 if TYPE_CHECKING:
@@ -267,61 +268,6 @@ def _run_with_terms(
     return -1
 
 
-@njit(cache=True, nogil=True)
-def _run_rigid(
-    edges, volts, steps, samples, start, c, states, seen, gain, terms
-):  # pragma: no cover - compiled
-    """As `_run_with_terms`, for a machine that shakes no foundation: three states, no sines."""
-    a, w, i = start[0], start[1], start[2]
-    if seen.size > 0:
-        w += gain * (seen[0] - w)
-    z = start[7:].copy()
-    moved = z.copy()
-    d1, d2, d3, d4 = z.copy(), z.copy(), z.copy(), z.copy()
-    for k in range(volts.size):
-        v = volts[k]
-        h = (edges[k + 1] - edges[k]) / steps[k]
-        half, sixth = h / 2, h / 6
-        for step in range(steps[k]):
-            t = edges[k] + step * h
-            torque, u = evaluate(terms, t, (a, w, i), v, z, d1)
-            w1 = c.pull * i - c.drag * w + c.ease * torque
-            i1 = c.supply * u - c.loss * i - c.emf * w
-            for j in range(z.size):
-                moved[j] = z[j] + half * d1[j]
-            wa, ia = w + half * w1, i + half * i1
-            torque, u = evaluate(terms, t + half, (a + half * w, wa, ia), v, moved, d2)
-            w2 = c.pull * ia - c.drag * wa + c.ease * torque
-            i2 = c.supply * u - c.loss * ia - c.emf * wa
-            for j in range(z.size):
-                moved[j] = z[j] + half * d2[j]
-            wb, ib = w + half * w2, i + half * i2
-            torque, u = evaluate(terms, t + half, (a + half * wa, wb, ib), v, moved, d3)
-            w3 = c.pull * ib - c.drag * wb + c.ease * torque
-            i3 = c.supply * u - c.loss * ib - c.emf * wb
-            for j in range(z.size):
-                moved[j] = z[j] + h * d3[j]
-            wc, ic = w + h * w3, i + h * i3
-            torque, u = evaluate(terms, t + h, (a + h * wb, wc, ic), v, moved, d4)
-            w4 = c.pull * ic - c.drag * wc + c.ease * torque
-            i4 = c.supply * u - c.loss * ic - c.emf * wc
-            a += sixth * (w + 2 * (wa + wb) + wc)
-            w += sixth * (w1 + 2 * (w2 + w3) + w4)
-            i += sixth * (i1 + 2 * (i2 + i3) + i4)
-            for j in range(z.size):
-                z[j] += sixth * (d1[j] + 2 * (d2[j] + d3[j]) + d4[j])
-        at = samples[k + 1]
-        if at >= 0:
-            states[at, 0], states[at, 1], states[at, 2] = a, w, i
-            for j in range(z.size):
-                states[at, 7 + j] = z[j]
-            if not math.isfinite(a + w + i + z.sum()):
-                return at
-            if seen.size > 0:
-                w += gain * (seen[at] - w)
-    return -1
-
-
 def integrate(
     physics: Physics,
     values: Mapping[str, float],
@@ -380,7 +326,7 @@ def integrate(
     states[0] = start
     if terms and rigid:
         compiled = gather(terms, values)
-        failed = _run_rigid(edges, volts, steps, samples, start, k, states, *tracked, compiled)
+        failed = run_rigid(edges, volts, steps, samples, start, k, states, *tracked, compiled)
     elif terms:
         compiled = gather(terms, values)
         failed = _run_with_terms(

@@ -65,6 +65,21 @@ class Excitation:
         return np.full(samples, random.uniform(self.low, self.high))
 
 
+@dataclass(frozen=True, eq=False)
+class Given:
+    """A voltage that is the same in every experiment.
+
+    Args:
+        volts: (samples,) [V], each held for one period.
+    """
+
+    volts: NDArray[Any]
+
+    def voltage(self, samples: int, period: float, seed: np.random.SeedSequence) -> NDArray[Any]:
+        """(samples,) [V]; neither period nor seed matters."""
+        return self.volts[:samples]
+
+
 def excitation(machine: Machine, kind: str = "") -> Excitation:
     """The excitation that a machine file asks for.
 

@@ -9,6 +9,7 @@ import pytest
 
 from ldt_core.cli import predict, run
 from ldt_core.cli.diagnose import command
+from ldt_core.cli.simulate import command as simulate
 from ldt_core.effects import EFFECTS, parse_effect
 from ldt_core.experiment import Experiment
 from ldt_core.machine import load_machine
@@ -421,3 +422,28 @@ def test_predict_refuses_a_diagnosis_that_is_not_there(friction, tmp_path, capfd
     capfd.readouterr()
     arguments = [friction.bag, "--with", str(tmp_path / "none.json"), "--out", str(tmp_path / "p")]
     sentence(run(predict.command, arguments), capfd, "none.json")
+
+
+def test_the_next_experiment_is_run_as_it_was_designed(tmp_path):
+    """Voltage, sample period and channels are those of the file."""
+    volts = [0.0, 3.0, -3.0, 1.0] * 30
+    asked = {"why": "", "voltage": volts, "sample_period": 0.02, "channels": ["voltage", "current"]}
+    file = tmp_path / "diagnosis.json"
+    file.write_text(json.dumps({"verdict": {"kind": "ambiguous"}, "next_experiment": asked}))
+    about = ["--experiments", "2", "--next", str(file), "--out", str(tmp_path / "made")]
+    assert run(simulate, about) == 0
+    (one, other) = read_bag(str(tmp_path / "made"), "").experiments()
+    assert one.voltage.tolist() == other.voltage.tolist() == volts
+    assert one.period == 0.02
+    assert one.current is not None
+
+
+@pytest.mark.parametrize("asked", [None, {"voltage": "all"}, {"voltage": [99.0], "channels": []}])
+def test_a_next_experiment_that_is_none_is_refused(tmp_path, capsys, asked):
+    """Nothing open, nonsense, and a voltage that the machine cannot have."""
+    file = tmp_path / "diagnosis.json"
+    if asked is not None:
+        asked.setdefault("sample_period", 0.01)
+    file.write_text(json.dumps({"verdict": {}, "next_experiment": asked}))
+    assert run(simulate, ["--next", str(file), "--out", str(tmp_path / "made")]) == BAD
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1

@@ -1,0 +1,187 @@
+"""What the states at an experiment's first sample were, as far as more than noise hides them.
+
+A machine at rest stands still, at an angle that may matter. One that was running has a speed and a
+current, a foundation in motion, a warm winding: all are estimated with the effects, and what is
+still unknown of them is projected out of the residuals.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+if TYPE_CHECKING:
+    from ldt_core.diagnosis.bench import Bench, Use
+
+Array = NDArray[np.float64]
+
+MOTOR_NAMES = ("J", "K_t", "R", "L", "b")  # parameters that shake nothing
+ROUNDS = 4  # Gauss-Newton steps for the start of a foundation in motion
+STILL = 0.98  # of the sum of squares: a step that gains less was the last
+NO_OFFSET = np.zeros(0)
+ANGLES = 13  # tried of a turn; a prime, so that a ripple of few periods a turn is seen at each, and
+ANGLE_FOUND = 2e-3  # rad, to which the best is then found
+SENSITIVE = 0.1  # noise deviations: a start angle that moves no sample by more does not matter
+START_STEP = 0.01  # rad, K, ...: of a start state, for difference quotients, and
+MOTION = 0.01  # of that for a foundation's, in m and m/s
+ANGLE, CURRENT = 0, 2
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """What is taken of the states at the first samples.
+
+    Attributes:
+        angles: (experiments,) [rad].
+        bases: for each experiment (rows, s) orthonormal directions that an unknown start moves.
+        offsets: for each experiment the change of the states at its first sample from what is
+            guessed, foundation's and effects' included; empty where that is not estimated.
+    """
+
+    angles: Array
+    bases: tuple[Array, ...]
+    offsets: tuple[Array, ...]
+
+
+def settle(bench: Bench, use: Use, free: bool, step: float) -> Starts:
+    """Start states for these effects, where more is unknown than a motor's speed and current.
+
+    A machine that was running has a foundation in motion, a warm winding and the like, each of
+    which moves the residuals in a direction of its own, and an angle that is sought.
+
+    Args:
+        bench: experiments.
+        use: effects with all their values.
+        free: seek the angle of machines at rest as well; else it is 0.
+        step: longest integration step [s].
+    """
+    values = bench.changed(use)
+    if values is None:
+        return bench.starts
+    shaken = any(v != bench.values[n] for n, v in values.items() if n not in MOTOR_NAMES)
+    states = sum(len(e.states) for e, _ in use if e.torque is not None or e.terminal is not None)
+    # The angles that a shaking machine is known by were sought without the effects.
+    free = free or bench.shaking
+    turning = bool(use) and (bench.shaking or turns(bench, use))
+    running = any(not p.rest for p in bench.pieces)
+    if not ((running and (shaken or states or turning)) or (free and turning)):
+        return bench.starts
+    moving = not bench.physics.is_linear(values)
+    return settled(bench, use, moving, states, turning or (shaken and moving), free, step)
+
+
+def settled(
+    bench: Bench, use: Use, moving: bool, states: int, turning: bool, free: bool, step: float
+) -> Starts:
+    """The same, once it is known what is unknown.
+
+    Args:
+        bench: experiments.
+        use: effects with all their values.
+        moving: the foundation moves.
+        states: how many states the effects have.
+        turning: the angle matters.
+        free: also that of machines at rest.
+        step: longest integration step [s].
+    """
+    angles, bases = bench.starts.angles.copy(), list(bench.starts.bases)
+    offsets = list(bench.starts.offsets)
+    n = len(bench.physics.states)
+    # The states of a foundation in motion and of the effects, each with its difference step.
+    unknown = {k: START_STEP * MOTION for k in range(CURRENT + 1, n)} if moving else {}
+    unknown |= {k: START_STEP for k in range(n, n + states)}
+    if turning:
+        unknown[ANGLE] = START_STEP
+
+    def work(i: int) -> None:
+        piece = bench.pieces[i]
+        if turning and (free or not piece.rest):
+            angles[i] = _best_angle(bench, i, use, step)
+        if not piece.rest and unknown:
+            rounds = ROUNDS if moving else 1
+            found = _start_of(bench, i, use, step, float(angles[i]), unknown, n + states, rounds)
+            offsets[i], bases[i] = found
+
+    bench.each(work)
+    return Starts(angles, tuple(bases), tuple(offsets))
+
+
+def _start_of(
+    bench: Bench,
+    i: int,
+    use: Use,
+    step: float,
+    angle: float,
+    unknown: Mapping[int, float],
+    count: int,
+    rounds: int,
+) -> tuple[Array, Array]:
+    """(offset of the start states, directions in which they move the residuals).
+
+    Gauss-Newton steps from the guess, as long as they help; the first speed and current are
+    left to the directions, in which they are linear.
+    """
+    piece, offset = bench.pieces[i], np.zeros(count)
+    names = list(unknown)
+    best, basis, kept = math.inf, bench.starts.bases[i], offset
+    for _ in range(rounds):
+        rest = bench.difference(i, use, step, angle, offset)
+        columns = np.empty((rest.size, len(names)))
+        for j, state in enumerate(names):
+            moved = offset.copy()
+            moved[state] += unknown[state]
+            columns[:, j] = bench.difference(i, use, step, angle, moved) - rest
+        both = np.column_stack([piece.columns, columns])
+        directions = basis_of(both)
+        left = rest - directions @ (directions.T @ rest)
+        motor = basis_of(piece.columns)
+        loss = float(rest @ rest - np.sum((motor.T @ rest) ** 2))
+        if loss >= best * STILL:
+            break
+        best, basis, kept = loss, directions, offset
+        if float(left @ left) > loss * STILL:
+            break
+        size = np.linalg.norm(both, axis=0) + 1e-300
+        solved = np.linalg.lstsq(both / size, -rest, rcond=1e-8)[0] / size
+        offset = offset.copy()
+        for j, state in enumerate(names):
+            offset[state] += solved[piece.columns.shape[1] + j] * unknown[state]
+    return kept, basis
+
+
+def turns(bench: Bench, use: Use) -> bool:
+    """Whether the start angle makes a difference with these effects."""
+    if not use or not bench.pieces:
+        return False
+    one, other = (bench.difference(0, use, bench.coarse, angle) for angle in (0.0, 1.0))
+    return bool(np.max(np.abs(one - other)) > SENSITIVE)
+
+
+def _best_angle(bench: Bench, i: int, use: Use, step: float) -> float:
+    basis = bench.starts.bases[i]
+
+    def loss(angle: float) -> float:
+        rest = bench.difference(i, use, step, angle)
+        along = basis.T @ rest
+        return float(rest @ rest - along @ along)
+
+    width = 2 * math.pi / ANGLES
+    best = min((loss(k * width), k * width) for k in range(ANGLES))[1]
+    near, exact = (best - width, best + width), {"xatol": ANGLE_FOUND}
+    return float(minimize_scalar(loss, bounds=near, method="bounded", options=exact).x)
+
+
+def basis_of(columns: Array) -> Array:
+    """Orthonormal directions that span the columns; those that show nothing are left out."""
+    if columns.shape[1] == 0:
+        return columns
+    left, size, _ = np.linalg.svd(
+        columns / (np.linalg.norm(columns, axis=0) + 1e-300), full_matrices=False
+    )
+    return np.asarray(left[:, size > 1e-6])
