@@ -3,7 +3,9 @@
 Noise alone would give the covariance (J'J)^-1. But no candidate's law is exactly the machine's: a
 structured remainder R, in the same units, shows how far off they are where the parameters cannot
 follow, and what is off where they can is as likely of the same size in each direction. A remainder
-of some DIRECTIONS independent shapes adds R / DIRECTIONS to the variance of each.
+of some DIRECTIONS independent shapes adds R / DIRECTIONS to the variance of each. Where nothing
+structured is left, the law may still be off in just the way that its parameters can follow: LEAST
+of the gap's power is taken to be so.
 """
 
 from __future__ import annotations
@@ -19,16 +21,18 @@ from ldt_core.diagnosis.search import Fit
 Array = NDArray[np.float64]
 
 NORMAL = 1.96  # deviations of a 95 % interval
-DIRECTIONS = 10.0  # independent shapes that a remainder consists of
+DIRECTIONS = 3.0  # independent shapes that a remainder consists of
+LEAST = 0.005  # of the gap's power, by which a law is off without a trace
 UNKNOWN = 3.0  # coordinates: a parameter known no better than this is not determined
 
 
-def deviations(fit: Fit, left: float) -> tuple[Array, ...]:
+def deviations(fit: Fit, left: float, gap: float) -> tuple[Array, ...]:
     """Standard deviation of each member's coordinates; infinite where nothing depends on them.
 
     Args:
         fit: the set.
         left: power that it leaves beyond noise.
+        gap: power of the whole gap.
     """
     size = np.linalg.norm(fit.jacobian, axis=0)
     seen = size > 1e-9
@@ -37,15 +41,15 @@ def deviations(fit: Fit, left: float) -> tuple[Array, ...]:
         scaled = fit.jacobian[:, seen] / size[seen]
         _, s, right = np.linalg.svd(scaled, full_matrices=False)
         variance = np.sum((right.T / np.maximum(s, 1e-7)) ** 2, axis=1) / size[seen] ** 2
-        found[seen] = np.sqrt(variance * (1 + max(left, 0.0) / DIRECTIONS))
+        found[seen] = np.sqrt(variance * (1 + (max(left, 0.0) + LEAST * gap) / DIRECTIONS))
     edges = np.cumsum([len(c) for c in fit.members])[:-1]
     return tuple(np.split(found, edges))
 
 
-def amounts(fit: Fit, left: float) -> dict[str, dict[str, Amount]]:
-    """Effect to parameter to amount, of every member of a set."""
+def amounts(fit: Fit, left: float, gap: float) -> dict[str, dict[str, Amount]]:
+    """Effect to parameter to amount, of every member of a set; arguments as of `deviations`."""
     found: dict[str, dict[str, Amount]] = {}
-    for c, z, spread in zip(fit.effects, fit.z, deviations(fit, left), strict=False):
+    for c, z, spread in zip(fit.effects, fit.z, deviations(fit, left, gap), strict=False):
         low, high = c.bounds
         own = {}
         for j, p in enumerate(c.parameters):

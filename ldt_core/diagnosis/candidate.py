@@ -30,7 +30,7 @@ PARTS = (0.4, 0.55, 0.7, 0.85, 0.95)  # of the largest voltage, for a limit on i
 LEAST_PART = 0.05  # of it, that a fit may come down to
 PHASES = 8  # of a turn
 MOST_STARTS = 96  # of one effect
-MOST_FACTOR = 8.0  # either way: a machine further from its file than that is another machine
+MOST_FACTOR = 20.0  # either way: a machine further from its file than that is another machine
 NEAR_BOUND = 1e-6  # of a scale: a fit stays so far inside an open bound
 
 
@@ -130,6 +130,19 @@ class Candidate:
                 low.append((p.low + NEAR_BOUND * s * p.open_low - (p.default or 0.0)) / s)
                 high.append((p.high - (p.default or 0.0)) / s)
         return np.array(low), np.array(high)
+
+    def scaled(self, z: Array, scale: float) -> Array:
+        """Coordinates at which the effect is so many times as strong, as far as one can tell.
+
+        By its first parameter, if that is an amount that is 0 where the effect is absent.
+        """
+        p = self.parameters[0]
+        if logarithmic(p) or p.default != p.low:
+            return z
+        low, high = self.bounds
+        stronger = z.copy()
+        stronger[0] = min(max(z[0] * scale, low[0]), high[0])
+        return stronger
 
     def starts(self) -> list[Array]:
         """Coordinates that a search begins with, over the parameters' plausible ranges."""

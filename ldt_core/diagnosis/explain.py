@@ -169,11 +169,16 @@ class Search:
         return self.found
 
     def _explained(self, best: Fit) -> bool:
-        """Whether so little of the speed's gap is left that no further effect would be named."""
+        """Whether so little of the speed's gap is left that no further effect would be named.
+
+        What lies above the band, such as a ripple, is judged by what the effects promise.
+        """
         band, none = self.band, self.found.scouted[frozenset()]
         left = max(band.speed_excess(best.rest), 0.0)
         taken = float((band.speed_loss(none.rest) - band.speed_loss(best.rest)).sum())
-        return left < WORTH * (max(taken, 0.0) + left)
+        worth = WORTH * (max(taken, 0.0) + left)
+        promised = self.ranked(best)[:1]
+        return left < worth and all(gain < worth for _, _, gain in promised)
 
     def _gained(self, count: int) -> bool:
         """Whether the best set of a size takes away half of what the best smaller one leaves."""
@@ -227,7 +232,10 @@ class Search:
             owner = int(d.owner[k])
             if self.candidates[owner].name not in base.names:
                 chosen.setdefault(owner, int(k))
-        return [(self.candidates[i], d.z[k], float(gain[k])) for i, k in chosen.items()]
+        return [
+            (self.candidates[i], self.candidates[i].scaled(d.z[k], float(scale[k])), float(gain[k]))
+            for i, k in chosen.items()
+        ]
 
     def _scout(self, members: Sequence[Candidate], start: Sequence[Array]) -> Fit:
         self.tick("fitting sets of effects")

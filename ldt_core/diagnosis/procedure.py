@@ -211,7 +211,7 @@ class _Report:
         gap = Gap(noise, was, now, part, interval, by)
         wrong = residual(self.bench, self.search.found.fits[frozenset()].use)
         where = places(wrong) if d.kind != "none" else []
-        found = amounts(self.named, d.left) if self.named else {}
+        found = amounts(self.named, d.left, d.excess) if self.named else {}
         left = d.left / d.excess if d.kind != "none" and d.excess > 0 else None
         acting = d.acting if self.named else []
         effects = list(dict.fromkeys(n for group in acting for n in group))
@@ -287,7 +287,8 @@ class _Report:
                 power = max(band.excess(base), float(base @ base) - alone.loss)
                 score = 1 - band.excess(alone.rest) / power if power > 0 else None
                 if not parameters:
-                    parameters = amounts(alone, max(band.excess(alone.rest), 0.0))[c.name]
+                    left = max(band.excess(alone.rest), 0.0)
+                    parameters = amounts(alone, left, max(power, 0.0))[c.name]
             ranked.append(
                 Ranked(
                     c.name,

@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-3  # of a coordinate, for difference quotients
 AWAY = 4  # steps from the start before its states are sought again
+NOTABLY = 0.3  # by which a response is scaled for that to be another start
 EVALUATIONS = 12  # steps of one fit
 WORTH_AN_ANGLE = 12.0  # fall of the sum of squares for each experiment's own start angle
 PRECISION = 1e-5  # of the sum of squares: a step that gains less was the last
@@ -245,9 +246,12 @@ def best_alone(d: Dictionary, i: int, count: int = 2) -> list[Array]:
     exact = size - 2 * target
     scale = np.clip(target / size, SHRINK, STRETCH)
     scaled = scale**2 * size - 2 * scale * target
-    order = [*own[np.argsort(exact)][:1], *own[np.argsort(scaled)]]
-    kept = list(dict.fromkeys(int(k) for k in order))[:count]
-    return [d.z[k] for k in kept]
+    first, c = int(np.argmin(exact)), d.candidates[i]
+    found = [d.z[own[first]]]
+    for k in np.argsort(scaled):
+        if len(found) < count and (k != first or abs(scale[k] - 1) > NOTABLY):
+            found.append(c.scaled(d.z[own[k]], float(scale[k])))
+    return found
 
 
 def rank_pairs(d: Dictionary) -> dict[tuple[int, int], tuple[float, int, int]]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ldt_core.checks import check_detector
-from ldt_core.cli import effects, ldt, run, simulate
+from ldt_core.cli import diagnose, effects, ldt, run, simulate
 from ldt_core.effects import parse_effect
 from ldt_core.machine import load_machine
 from ldt_core.recording.bag import read_bag
@@ -48,7 +48,9 @@ def test_the_readme_s_detector_keeps_the_protocol(mine):
 def test_the_readme_s_effect_is_checked_and_acts(tmp_path, monkeypatch, capsys):
     """By the commands that stand below it, with fewer experiments."""
     written("cubic_drag.py", tmp_path, monkeypatch)
-    check, use = (c for c in README.splitlines() if c.startswith("ldt") and "cubic_drag.py:" in c)
+    check, use, why = (
+        c for c in README.splitlines() if c.startswith("ldt") and "cubic_drag.py:" in c
+    )
     assert run(effects.command, check.split()[2:]) == 0
     assert "the neutral values change nothing" in capsys.readouterr().out
     arguments = use.replace("--experiments 10", "--experiments 1").split()[2:]
@@ -61,3 +63,7 @@ def test_the_readme_s_effect_is_checked_and_acts(tmp_path, monkeypatch, capsys):
     dragged = machine.model.simulate(*about, [(effect, given)])[:, 1]
     np.testing.assert_allclose(experiment.speed, dragged, atol=1e-9)
     assert np.abs(experiment.speed - machine.model.simulate(*about)[:, 1]).max() > 0.1
+    arguments = use.replace("--experiments 10", "--experiments 2").split()[2:]
+    assert run(simulate.command, [*arguments[:-1], "shorter"]) == 0
+    assert run(diagnose.command, why.replace(" dragged ", " shorter ").split()[2:]) == 0
+    assert "Cubic drag (c = " in capsys.readouterr().out

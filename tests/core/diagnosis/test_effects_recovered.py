@@ -48,7 +48,7 @@ def test_an_effect_of_typical_size_is_recovered(fitted, name):
     """What the amounts call determined is within three of its intervals of the truth."""
     _, found = fitted(name)
     truth = get_effect(name).check(get_effect(name).typical)
-    known = amounts(found, 0.0)[name]
+    known = amounts(found, 0.0, 0.0)[name]
     determined = {n: a for n, a in known.items() if a.ci95 is not None}
     assert determined
     allowed = WIDER if name not in COARSE else 2 * WIDER
