@@ -58,10 +58,10 @@ def ldt() -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run a command; exit 0 when done, 2 on bad input, 1 when the work itself failed."""
-    sys.exit(run(ldt, arguments))
+    sys.exit(invoke(ldt, arguments))
 
 
-def run(command: click.Command, arguments: list[str] | None = None) -> int:
+def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code; a failure becomes one sentence on stderr."""
     try:
         result = command.main(arguments, prog_name=_name(command), standalone_mode=False)
@@ -82,6 +82,9 @@ def run(command: click.Command, arguments: list[str] | None = None) -> int:
         return 1
     except OSError as error:
         return _say(f"{error.filename or 'input or output'}: {error.strerror or error}", 1)
+
+
+run = invoke  # hidden by the file of the command `run` once that is imported
 
 
 def _name(command: click.Command) -> str:

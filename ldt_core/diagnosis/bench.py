@@ -90,8 +90,6 @@ class Bench:
         #: Noise of each channel in the deviations by which residuals are divided.
         self.level = (1.0, 1.0)
         self.workers = workers
-        #: Simulations made so far, each of one experiment.
-        self.simulated = 0
         v = self.values
         #: Time constant with which the motor forgets its speed [s].
         self.memory = v["R"] * v["J"] / (v["R"] * v["b"] + v["K_t"] ** 2)
@@ -228,7 +226,6 @@ class Bench:
         """
         piece = self.pieces[i]
         e, physics = piece.experiment, self.physics
-        self.simulated += 1
         try:
             values: Values = self.values
             for effect, given in use:

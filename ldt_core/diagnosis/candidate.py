@@ -109,11 +109,6 @@ class Candidate:
         """(d,) coordinates of all parameters' values."""
         return np.array([self.coordinate(j, given[p.name]) for j, p in enumerate(self.parameters)])
 
-    def slope(self, j: int, z: float) -> float:
-        """Change of parameter j per coordinate."""
-        p = self.parameters[j]
-        return self.value(j, z) if logarithmic(p) else self.scale(j)
-
     @property
     def bounds(self) -> tuple[Array, Array]:
         """(d,) lowest and (d,) highest coordinates."""

@@ -14,7 +14,7 @@ from ldt_core.diagnosis.search import Fit
 
 Array = NDArray[np.float64]
 
-CHANCE = 0.002  # of each of three tests to see a gap where there is none
+CHANCE = 0.002  # of each of two tests to see a gap where there is none
 ALIKE = 10.8  # loss by which sets differ that cannot be told apart: chi-square, p = 0.001, and
 ALSO = 0.7  # times what the best leaves itself: no candidate's law is exactly the machine's
 LAWS = 0.01  # of the gap, that a simpler set may leave in addition and still be the answer
@@ -31,7 +31,7 @@ class Decision:
         kind: none, effect, ambiguous or unknown.
         best: the chosen set's fit; None for `none`.
         alike: all sets that are as good, the chosen one first.
-        excess: power of the gap beyond noise, without any effect.
+        excess: power of the gap in the speed beyond noise, without any effect.
         left: the same with the chosen set.
         structured: whether what is left is more than noise.
         bench: all experiments, with the noise as it was found.
@@ -67,8 +67,8 @@ class Decision:
 def is_gap(found: Explained, seed: int) -> bool:
     """Whether the residuals without any effect are more than white noise.
 
-    Three tests: power at low frequencies, and the best match with a candidate's response, whose
-    limit comes from draws of white noise on this very input, and the same without the start.
+    Two tests: power at low frequencies, and the best match with a candidate's response, whose limit
+    comes from draws of white noise on this very input.
     """
     if found.excess > found.band.limit_of(CHANCE):
         return True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib
 import json
 import shutil
 import subprocess
@@ -200,3 +201,12 @@ def test_the_command_diagnoses_scores_and_prints_the_hash_first(made, tmp_path):
         assert {"verdict", "gap", "where", "candidates", "effects"} < set(found)
         about = {"case": procedure.digest(out / case), "left_out": None}
         assert kept.read(case, "diagnosis", {**run.stamp(), **about}).seconds > 0
+
+
+def test_a_command_works_after_the_command_run_was_imported(capsys):
+    """Whose file has the name of what once invoked commands, and took its place."""
+    importlib.import_module("ldt_core.cli.run")
+    with pytest.raises(SystemExit) as stopped:
+        main(["challenge", "--help"])
+    assert stopped.value.code == 0
+    assert "sealed" in capsys.readouterr().out

@@ -50,20 +50,6 @@ def test_whatever_the_coordinates_the_effect_accepts_the_values(name, z):
         assert c.effect.check(values) == values
 
 
-@given(
-    st.sampled_from(NAMES),
-    st.sampled_from(sorted(MACHINES)),
-    st.lists(st.floats(0.05, 0.95), min_size=3, max_size=3),
-)
-def test_the_slope_is_that_of_the_values(name, machine, parts):
-    """Central differences, to a millionth of the slope."""
-    c, h = candidate(name, machine), 1e-5
-    z = inside(c, parts)
-    for j in range(len(c)):
-        rise = (c.value(j, z[j] + h) - c.value(j, z[j] - h)) / (2 * h)
-        assert rise == pytest.approx(c.slope(j, z[j]), rel=1e-6)
-
-
 @pytest.mark.parametrize("machine", sorted(MACHINES))
 @pytest.mark.parametrize("name", NAMES)
 def test_a_search_begins_within_the_bounds_and_with_the_effect_there(name, machine):
