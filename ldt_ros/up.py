@@ -21,7 +21,7 @@ import click
 import yaml
 
 import msgs_config
-from ldt_core.cli import run as run_command
+from ldt_core.cli import invoke as run_command
 from ldt_core.cli.display import RunProgress, print_summaries
 from ldt_core.cli.options import json_option, parameters
 from ldt_core.detectors import DETECTORS
