@@ -26,6 +26,7 @@ from ldt_core.diagnosis.starts import NO_OFFSET, Starts, basis_of, settle, settl
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
 from ldt_core.physics.integrate import NOT_TRACKED, propagate
+from ldt_core.physics.motor import memory
 
 if TYPE_CHECKING:
     from ldt_core.effects.base import Effect
@@ -90,9 +91,8 @@ class Bench:
         #: Noise of each channel in the deviations by which residuals are divided.
         self.level = (1.0, 1.0)
         self.workers = workers
-        v = self.values
         #: Time constant with which the motor forgets its speed [s].
-        self.memory = v["R"] * v["J"] / (v["R"] * v["b"] + v["K_t"] ** 2)
+        self.memory = memory(self.values)
         self.pieces: list[Piece] = []
         at = 0
         for e in self.experiments:
@@ -226,10 +226,11 @@ class Bench:
         """
         piece = self.pieces[i]
         e, physics = piece.experiment, self.physics
+        wild = np.full(len(e), DIVERGED)
+        values = self.changed(use)
+        if values is None:
+            return wild, wild
         try:
-            values: Values = self.values
-            for effect, given in use:
-                values = effect.change_parameters(physics, values, given)
             seen = physics.behind_sensor(e.speed, e.period, use)
             first = 0.0 if piece.rest else float(seen[0])
             known = None if e.current is None else float(e.current[0])
@@ -251,7 +252,6 @@ class Bench:
                 states = states.copy()
                 states[:, : CURRENT + 1] -= self._corrections(values, e, states, seen, gain)
         except LdtError:
-            wild = np.full(len(e), DIVERGED)
             return wild, wild
         return physics.measure(states, e.period, use), states[:, CURRENT]
 

@@ -12,6 +12,7 @@ from ldt_core.diagnosis.result import Errors
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
 from ldt_core.machine import Machine
+from ldt_core.metrics import FreeRunError
 from ldt_core.models.physics import PhysicsModel
 
 Array = NDArray[np.float64]
@@ -31,9 +32,10 @@ def free_run(machine: Machine, experiment: Experiment, use: Sequence = ()) -> Ar
 
 def errors(experiments: Sequence[Experiment], predicted: Sequence[Array]) -> Errors:
     """Root mean square over all samples, and mean over experiments of the largest error."""
-    rest = [e.speed - p for e, p in zip(experiments, predicted, strict=True)]
-    square = float(np.mean(np.concatenate(rest) ** 2))
-    return Errors(math.sqrt(square), float(np.mean([np.abs(r).max() for r in rest])))
+    found = FreeRunError()
+    for experiment, run in zip(experiments, predicted, strict=True):
+        found.add(experiment.speed - run)
+    return Errors(found.rmse, found.mean_max_error)
 
 
 def closed(

@@ -36,7 +36,6 @@ class Decision:
         structured: whether what is left is more than noise.
         bench: all experiments, with the noise as it was found.
         confidence: that the verdict is right, as far as the experiments agree with each other.
-        notes: for a person.
     """
 
     kind: str
@@ -46,8 +45,7 @@ class Decision:
     left: float
     structured: bool
     bench: Bench
-    confidence: float = 1.0
-    notes: tuple[str, ...] = ()
+    confidence: float
 
     @property
     def acting(self) -> list[list[str]]:
@@ -73,10 +71,9 @@ def is_gap(found: Explained, seed: int) -> bool:
     if found.excess > found.band.limit_of(CHANCE):
         return True
     d = found.responses
-    size = np.sqrt(np.maximum(np.diag(d.gram), 1e-12))
-    score = np.max(d.target / size)
+    score = np.max(d.target / d.length)
     random = np.random.default_rng(seed)
-    values, vectors = np.linalg.eigh(d.gram / np.outer(size, size))
+    values, vectors = np.linalg.eigh(d.cosine)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     drawn = np.max(root @ random.standard_normal((values.size, DRAWS)), axis=0)
     return bool(score > np.quantile(drawn, 1 - CHANCE))
@@ -153,10 +150,9 @@ def _losses(bench: Bench, rest: Array) -> Array:
 
 def _grow(found: Explained, gap: float) -> Fit:
     """The smallest set that no larger one beats by enough."""
-    chosen = found.of_size(1)[0]
+    chosen, band = found.of_size(1)[0], found.band
     for size in range(2, MOST + 1):
         for larger in found.of_size(size)[:1]:
-            band = found.band
             gain = float((band.speed_loss(chosen.rest) - band.speed_loss(larger.rest)).sum())
             left = max(band.speed_excess(chosen.rest), 0.0)
             added = len(larger.names) - len(chosen.names)

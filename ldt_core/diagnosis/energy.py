@@ -49,12 +49,15 @@ class Band:
                 self._rows.append((i, channel, slice(begin, begin + length)))
         #: Degrees of freedom of the band in each channel.
         self.free = [0.0, 0.0]
+        #: Degrees of freedom of each frequency of an experiment, in the band and above it.
+        self._low = [self._in_band(i) for i in range(len(bench.pieces))]
+        self._high = [self._above(i) for i in range(len(bench.pieces))]
         for i, channel, _ in self._rows:
-            self.free[channel] += float(np.sum(self._low(i)))
+            self.free[channel] += float(np.sum(self._low[i]))
         self.free[0] -= unknown
         #: What the noise of each channel is, in the deviations that the bench assumes.
         self.level = bench.level
-        self.above = sum(float(np.sum(self._high(i))) for i, _, _ in self._rows)
+        self.above = sum(float(np.sum(self._high[i])) for i, _, _ in self._rows)
 
     @property
     def noise(self) -> float:
@@ -65,8 +68,7 @@ class Band:
         e = self.bench.experiments[i]
         return np.fft.rfftfreq(len(e), e.period)
 
-    def _low(self, i: int) -> Array:
-        """Degrees of freedom of each frequency, 0 outside the band."""
+    def _in_band(self, i: int) -> Array:
         e, frequency = self.bench.experiments[i], self._frequency(i)
         count = np.full(frequency.size, 2.0)
         count[0] = 1.0
@@ -74,7 +76,7 @@ class Band:
             count[-1] = 1.0
         return np.where(frequency <= self.limit, count, 0.0)
 
-    def _high(self, i: int) -> Array:
+    def _above(self, i: int) -> Array:
         count = np.where(self._frequency(i) > ABOVE * self.limit, 2.0, 0.0)
         return count if np.count_nonzero(count) >= LEAST_ABOVE else 0.0 * count
 
@@ -89,7 +91,7 @@ class Band:
         for i, channel, rows in self._rows:
             if speed and channel:
                 continue
-            found[i] += float(self._low(i) @ _periodogram(rest[rows]))
+            found[i] += float(self._low[i] @ _periodogram(rest[rows]))
         return found
 
     def excess(self, rest: Array) -> float:
@@ -116,7 +118,7 @@ class Band:
         """
         power: tuple[list[Array], list[Array]] = ([], [])
         for i, channel, rows in self._rows:
-            part, seen = rest[rows], self._high(i) > 0
+            part, seen = rest[rows], self._high[i] > 0
             window = tukey(part.size, TAPER)  # keeps the strong low frequencies from leaking up
             window /= math.sqrt(float(np.mean(window**2)))
             power[channel].append(_periodogram(part * window)[seen])
@@ -132,15 +134,15 @@ class Band:
 
     def limit_of(self, chance: float) -> float:
         """Excess that noise alone passes with this probability, its level judged from above."""
-        free = sum(self.free)
-        above = self.above / MEDIAN if self.above else free
-        return self.noise * (float(fisher.isf(chance, free, above)) - 1)
+        return self._limit(chance, self.noise, sum(self.free))
 
     def speed_limit(self, chance: float) -> float:
         """Of the speed alone."""
-        above = self.above / MEDIAN if self.above else self.free[0]
-        noise = self.free[0] * self.level[0] ** 2
-        return noise * (float(fisher.isf(chance, self.free[0], above)) - 1)
+        return self._limit(chance, self.free[0] * self.level[0] ** 2, self.free[0])
+
+    def _limit(self, chance: float, noise: float, free: float) -> float:
+        above = self.above / MEDIAN if self.above else free
+        return noise * (float(fisher.isf(chance, free, above)) - 1)
 
 
 def _periodogram(part: Array) -> Array:

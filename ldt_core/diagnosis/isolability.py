@@ -52,8 +52,6 @@ def ambiguities(
         scale: samples of all experiments over those of the bench.
     """
     candidates = responses.candidates
-    size = np.sqrt(np.maximum(np.diag(responses.gram), 1e-12))
-    cosine = responses.gram / np.outer(size, size)
     loud = [i for i, c in enumerate(candidates) if c.name not in silent]
     imitates: set[tuple[int, int]] = set()
     for i in loud:
@@ -63,7 +61,7 @@ def ambiguities(
             theirs = np.flatnonzero(responses.owner == j)
             if i == j or mine.size == 0 or theirs.size == 0:
                 continue
-            block = cosine[np.ix_(mine, theirs)]
+            block = responses.cosine[np.ix_(mine, theirs)]
             if block.max() < RELATED:
                 continue
             start = responses.z[theirs[int(np.argmax(block.max(axis=0)))]]

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldt_core.diagnosis.amounts import amounts
 from ldt_core.diagnosis.bench import Bench
@@ -29,7 +30,6 @@ from ldt_core.diagnosis.result import (
     Verdict,
 )
 from ldt_core.diagnosis.scale import factors
-from ldt_core.diagnosis.search import Fit
 from ldt_core.diagnosis.torque import Torque
 from ldt_core.diagnosis.where import places, residual
 from ldt_core.diagnosis.words import sentence
@@ -39,10 +39,11 @@ from ldt_core.errors import BadInput, OptionError
 from ldt_core.experiment import Experiment
 from ldt_core.machine import Machine
 
+Array = NDArray[np.float64]
+
 TOLERANCE = 0.03  # of the gap, by which a law may be off
 HOLDOUT = 0.25  # of the experiments, unless the user says otherwise
 PARTS = 4  # of a single experiment
-BOOTSTRAP = 400
 SAMPLES = 200  # of a part of an experiment, at least
 
 
@@ -241,16 +242,15 @@ class _Report:
             effects=[
                 {"effect": effect.name, "parameters": dict(given)} for effect, given in self.use
             ],
-            shown=self._shown(),
+            shown=self._shown(before, after),
         )
 
     def _notes(self) -> list[str]:
-        notes = list(self.decision.notes)
         if {e.number for e in self.fitted} & {e.number for e in self.held}:
-            notes.append(
+            return [
                 f"fewer than {PARTS} experiments: each was cut into parts, some of them held out"
-            )
-        return notes
+            ]
+        return []
 
     def _all_groups(
         self, computed: Sequence[Sequence[str]], acting: Sequence[Sequence[str]]
@@ -336,7 +336,7 @@ class _Report:
         start = float(explained.base @ explained.base)
         for count in range(1, len(fit.names) + 1):
             for names in itertools.combinations(fit.names, count):
-                worth[frozenset(names)] = start - self._subset(fit, names).loss
+                worth[frozenset(names)] = start - self.search.subset(fit, names).loss
         whole = worth[frozenset(fit.names)]
         shares = dict.fromkeys(fit.names, 0.0)
         orders = list(itertools.permutations(fit.names))
@@ -346,27 +346,26 @@ class _Report:
                 shares[name] += gain / whole / len(orders)
         return shares
 
-    def _subset(self, fit: Fit, names: Sequence[str]) -> Fit:
-        return self.search.subset(fit, names)
+    def _shown(self, before: Sequence[Array], after: Sequence[Array]) -> list[Shown]:
+        """All experiments for the page, from the free runs of those held out."""
+        was = [free_run(self.machine, e) for e in self.fitted]
+        now = [free_run(self.machine, e, self.use) for e in self.fitted] if self.use else was
+        held = zip(self.held, before, after, strict=True)
+        fitted = zip(self.fitted, was, now, strict=True)
+        return [
+            *(self._drawn(e, True, a, b) for e, a, b in held),
+            *(self._drawn(e, False, a, b) for e, a, b in fitted),
+        ]
 
-    def _shown(self) -> list[Shown]:
-        shown = []
-        bench = self.bench
-        held = {id(e) for e in self.held}
-        for e in [*self.held, *self.fitted]:
-            turn = Torque(bench.values["J"], bench.memory, e.period, len(e))
-            before = free_run(self.machine, e)
-            after = free_run(self.machine, e, self.use) if self.use else before
-            shown.append(
-                Shown(
-                    e,
-                    id(e) in held,
-                    before,
-                    after,
-                    turn.of(np.nan_to_num(e.speed - before)),
-                    turn.of(np.nan_to_num(e.speed - after)),
-                    turn.smooth(e.speed),
-                    turn.smooth(e.speed, 1),
-                )
-            )
-        return shown
+    def _drawn(self, e: Experiment, held_out: bool, before: Array, after: Array) -> Shown:
+        turn = Torque(self.bench.values["J"], self.bench.memory, e.period, len(e))
+        return Shown(
+            e,
+            held_out,
+            before,
+            after,
+            turn.of(np.nan_to_num(e.speed - before)),
+            turn.of(np.nan_to_num(e.speed - after)),
+            turn.smooth(e.speed),
+            turn.smooth(e.speed, 1),
+        )

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ldt_core.physics.motor import memory
+
 #: The worked case at 16 V: torque [N m], speed [rad/s], voltage [V], current [A], memory [s].
 REFERENCE = (4.8, 53.3, 16.0, 16.0, 0.2)
 SAME = 3.0  # times: a machine within this of the worked case keeps the library's own round numbers
@@ -16,14 +18,13 @@ SAME = 3.0  # times: a machine within this of the worked case keeps the library'
 
 def factors(values: Mapping[str, float], most_voltage: float) -> dict[str, float]:
     """Unit to the factor by which this machine's sizes differ from the worked case's."""
-    memory = values["R"] * values["J"] / (values["R"] * values["b"] + values["K_t"] ** 2)
     current = most_voltage / values["R"]
     own = (
         values["K_t"] * current,
         most_voltage / values["K_t"],
         most_voltage,
         current,
-        memory,
+        memory(values),
     )
     ratio = [a / b for a, b in zip(own, REFERENCE, strict=True)]
     torque, speed, voltage, amps, time = (1.0 if 1 / SAME < r < SAME else r for r in ratio)

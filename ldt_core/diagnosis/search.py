@@ -8,6 +8,7 @@ best sets are then fitted with all their parameters by nonlinear least squares.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -179,6 +180,16 @@ class Dictionary:
     gram: Array
     base: Array
 
+    @functools.cached_property
+    def cosine(self) -> Array:
+        """(K, K) inner products of the responses, each scaled to length 1."""
+        return np.asarray(self.gram / np.outer(self.length, self.length))
+
+    @functools.cached_property
+    def length(self) -> Array:
+        """(K,) of the responses."""
+        return np.sqrt(np.maximum(np.diag(self.gram), 1e-12))
+
     @property
     def target(self) -> Array:
         """(K,) inner products of the responses with the residual."""
@@ -285,8 +296,7 @@ def ceiling(d: Dictionary) -> float:
 
     To first order: effects that distort each other's responses can do better.
     """
-    size = np.sqrt(np.maximum(np.diag(d.gram), 1e-12))
-    values, vectors = np.linalg.eigh(d.gram / np.outer(size, size))
+    values, vectors = np.linalg.eigh(d.cosine)
     kept = values > 1e-9 * values[-1]
-    along = vectors[:, kept].T @ (d.target / size)
+    along = vectors[:, kept].T @ (d.target / d.length)
     return float(np.sum(along**2 / values[kept])) / float(d.base @ d.base)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ldt_core.diagnosis.result import Amount, Gap, Place
+from ldt_core.effects.words import spoken
 
 
 def sentence(
@@ -56,11 +57,6 @@ def _one(group: Sequence[str], amounts: Mapping[str, Mapping[str, Amount]]) -> s
         return named
     others = " or ".join(spoken(n) for n in group[1:])
     return f"{named} or, not to be told apart here, {others}"
-
-
-def spoken(name: str) -> str:
-    """An effect's name as words."""
-    return name.replace("_", " ")
 
 
 def values(parameters: Mapping[str, Amount]) -> str:

@@ -58,6 +58,11 @@ def motor_rate(values: Values) -> float:
     return fastest_root(r / inductance + b / j, (r * b + k * k) / (inductance * j))
 
 
+def memory(values: Values) -> float:
+    """Time constant with which the motor forgets its speed, its inductance left out [s]."""
+    return values["R"] * values["J"] / (values["R"] * values["b"] + values["K_t"] ** 2)
+
+
 def fastest_root(damping: float, stiffness: float) -> float:
     """Largest |s| with s^2 + damping s + stiffness = 0, for damping, stiffness >= 0 [1/s]."""
     under = damping * damping - 4 * stiffness

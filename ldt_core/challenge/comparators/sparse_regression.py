@@ -21,6 +21,7 @@ from ldt_core.diagnosis.closing import free_run
 from ldt_core.diagnosis.torque import Torque
 from ldt_core.errors import LdtError
 from ldt_core.models.hybrid import HybridModel
+from ldt_core.physics.motor import memory
 
 if TYPE_CHECKING:
     from ldt_core.challenge.comparators.run import Data, Found
@@ -134,8 +135,7 @@ def _signals(machine: Machine, e: Experiment, simulated: bool) -> dict[str, Arra
     The current is that of the motor in slow motion where it is not recorded.
     """
     v = machine.parameters
-    memory = v["R"] * v["J"] / (v["R"] * v["b"] + v["K_t"] ** 2)
-    turn = Torque(v["J"], memory, e.period, len(e))
+    turn = Torque(v["J"], memory(v), e.period, len(e))
     speed = np.nan_to_num(free_run(machine, e)) if simulated else e.speed
     w, volts = turn.smooth(speed), np.asarray(e.voltage)
     current = (volts - v["K_t"] * w) / v["R"] if e.current is None else turn.smooth(e.current)

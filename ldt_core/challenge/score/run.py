@@ -30,7 +30,14 @@ LIBRARIES = ("numba", "numpy", "scikit-learn", "scipy")
 #: Parts of `ldt_core` that decide what a diagnosis finds, and what in them does not.
 DECIDING = (
     *("cause", "challenge/score/run.py", "diagnosis", "effects", "errors.py", "experiment.py"),
-    *("machine.py", "models/__init__.py", "models/base.py", "models/physics.py", "physics"),
+    *(
+        "machine.py",
+        "metrics.py",
+        "models/__init__.py",
+        "models/base.py",
+        "models/physics.py",
+        "physics",
+    ),
     *("registry.py",),
 )
 SHOWING = ("diagnosis/live.py", "diagnosis/page", "diagnosis/recorded.py")
