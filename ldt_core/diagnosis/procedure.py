@@ -24,6 +24,7 @@ from ldt_core.diagnosis.result import (
     Diagnosis,
     Gap,
     NextExperiment,
+    Place,
     Ranked,
     Remainder,
     Shown,
@@ -31,7 +32,7 @@ from ldt_core.diagnosis.result import (
 )
 from ldt_core.diagnosis.scale import factors
 from ldt_core.diagnosis.torque import Torque
-from ldt_core.diagnosis.where import places, residual
+from ldt_core.diagnosis.where import change, places, residual
 from ldt_core.diagnosis.words import sentence
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.effects.base import Effect
@@ -210,8 +211,7 @@ class _Report:
         by = regimes(self.held, before, after, noise) if d.kind != "none" else []
         was, now = errors(self.held, before), errors(self.held, after)
         gap = Gap(noise, was, now, part, interval, by)
-        wrong = residual(self.bench, self.search.found.fits[frozenset()].use)
-        where = places(wrong) if d.kind != "none" else []
+        where = self._where()
         found = amounts(self.named, d.left, d.excess) if self.named else {}
         left = d.left / d.excess if d.kind != "none" and d.excess > 0 else None
         acting = d.acting if self.named else []
@@ -244,6 +244,15 @@ class _Report:
             ],
             shown=self._shown(before, after),
         )
+
+    def _where(self) -> list[Place]:
+        """By what was named, free of noise, or else by all that is wrong."""
+        if self.decision.kind == "none":
+            return []
+        none = self.search.found.fits[frozenset()].use
+        if self.named is None:
+            return places(residual(self.bench, none))
+        return places(change(self.bench, none, self.use, self.named.starts))
 
     def _notes(self) -> list[str]:
         if {e.number for e in self.fitted} & {e.number for e in self.held}:

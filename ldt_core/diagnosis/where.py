@@ -1,4 +1,8 @@
-"""Where the gap lies: the shortest ranges of speed, voltage, time, ... that hold most of it."""
+"""Where the gap lies: the narrowest ranges of speed, voltage, time, ... that hold most of it.
+
+By the power at each value of a quantity, not by how often the recording was there: a gap at a
+resonance lies there also in a recording that mostly ran past it.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,9 @@ Array = NDArray[np.float64]
 BINS = 60
 MOST = 0.9  # of the gap's power, that a place must hold
 LIFT = 0.1  # by which a place's share of the gap exceeds its share of the data, to be named
-QUIET = 0.02  # of the samples at either end of a quantity's range that get no bin of their own
+LEAST = 0.004  # of the samples, that a bin's mean is taken over
+BOTH = 0.3  # of the larger direction's range, that the other reaches, to look at both as one
+CHANCE = 3.0  # deviations of a bin's power that noise alone may give it
 QUANTITIES = {
     "speed": "rad/s",
     "voltage": "V",
@@ -38,6 +44,7 @@ class Residual:
         over: quantity to (N,) values.
         pieces: length of each experiment.
         periods: sample period of each [s].
+        window: samples over which the torque is smoothed.
     """
 
     torque: Array
@@ -45,6 +52,7 @@ class Residual:
     over: dict[str, Array]
     pieces: list[int]
     periods: list[float]
+    window: int
 
     @property
     def power(self) -> Array:
@@ -54,14 +62,43 @@ class Residual:
 
 def residual(bench: Bench, use: Sequence = (), starts: Starts | None = None) -> Residual:
     """The torque left by these effects, and what it may depend on."""
+    left = [
+        e.speed - bench.outputs(i, use, angle=_angle(bench, starts, i))[0]
+        for i, e in enumerate(bench.experiments)
+    ]
+    return _residual(bench, left, bench.noise[0])
+
+
+def change(bench: Bench, use: Sequence, to: Sequence, starts: Starts | None = None) -> Residual:
+    """The torque that effects add to others, as simulated: free of noise.
+
+    Args:
+        bench: experiments.
+        use: effects before.
+        to: effects after.
+        starts: states at the first samples, with the latter.
+    """
+    moved = []
+    for i in range(len(bench.pieces)):
+        after, _ = bench.outputs(i, to, angle=_angle(bench, starts, i))
+        before, _ = bench.outputs(i, use, angle=_angle(bench, bench.starts, i))
+        moved.append(after - before)
+    return _residual(bench, moved, 0.0)
+
+
+def _angle(bench: Bench, starts: Starts | None, i: int) -> float:
+    return float((starts or bench.starts).angles[i])
+
+
+def _residual(bench: Bench, speeds: Sequence[Array], deviation: float) -> Residual:
     torque, noise = [], []
     over: dict[str, list[Array]] = {name: [] for name in QUANTITIES}
-    for i, piece in enumerate(bench.pieces):
-        e = piece.experiment
+    window = 1
+    for e, speed in zip(bench.experiments, speeds, strict=True):
         turn = Torque(bench.values["J"], bench.memory, e.period, len(e))
-        speed, _ = bench.outputs(i, use, angle=float((starts or bench.starts).angles[i]))
-        torque.append(turn.of(e.speed - speed))
-        noise.append(np.full(len(e), turn.noise * bench.noise[0]))
+        torque.append(turn.of(speed))
+        noise.append(np.full(len(e), turn.noise * deviation))
+        window = max(window, turn.window)
         over["speed"].append(turn.smooth(e.speed))
         over["voltage"].append(np.asarray(e.voltage))
         over["acceleration"].append(turn.smooth(e.speed, 1))
@@ -73,46 +110,94 @@ def residual(bench: Bench, use: Sequence = (), starts: Starts | None = None) -> 
         {name: np.concatenate(parts) for name, parts in over.items()},
         [len(e) for e in bench.experiments],
         [e.period for e in bench.experiments],
+        window,
     )
 
 
 def places(found: Residual) -> list[Place]:
     """Ranges that hold most of the gap in a smaller part of the data, the clearest first.
 
-    A gap that lies everywhere alike is given as the whole range of speed.
+    A gap that lies everywhere alike is given as the whole range of speed. What lies at the same
+    sizes of speed or voltage in both directions is given as two ranges.
     """
-    power = found.power
-    total = float(power.sum())
-    if total <= 0:
+    if not float(found.power.sum()) > 0:
         return []
-    named = [p for q in QUANTITIES if (p := _place(q, found.over[q], power, total)) is not None]
+    named = [p for q in QUANTITIES for p in _places(q, found)]
     named += [p] if (p := _frequency(found)) is not None else []
     clear = [p for p in named if p.share_of_gap - p.share_of_data >= LIFT]
     if not clear:
         speed = found.over["speed"]
         return [Place("speed", float(speed.min()), float(speed.max()), "rad/s", 1.0, 1.0)]
+    # Where the gap does not stand out at any speed, its speeds are still what people ask for.
+    clear += [p for p in named if p.quantity == "speed" and p not in clear]
     return sorted(clear, key=lambda p: p.share_of_data - p.share_of_gap)
 
 
-def _place(quantity: str, values: Array, power: Array, total: float) -> Place | None:
-    low, high = np.quantile(values, [0.0, 1.0])
+def _places(quantity: str, found: Residual) -> list[Place]:
+    values = found.over[quantity]
+    low, high = float(values.min()), float(values.max())
     if not high > low:
-        return None
+        return []
+    begin, end, part = _narrowest(quantity, values, found)
+    ranges = [(begin, end)]
+    if quantity in ("speed", "voltage") and min(-low, high) > BOTH * max(-low, high):
+        first, last, folded = _narrowest(quantity, np.abs(values), found)
+        if folded < part:
+            ranges = [(first, last), (-last, -first)]
+    total = float(found.power.sum())
+    named = []
+    for begin, end in ranges:
+        here = (values >= begin) & (values <= end)
+        share = min(max(float(found.power[here].sum()) / total, 0.0), 1.0)
+        data = float(np.count_nonzero(here)) / values.size
+        named.append(Place(quantity, begin, end, QUANTITIES[quantity], share, data))
+    return named
+
+
+def _narrowest(quantity: str, values: Array, found: Residual) -> tuple[float, float, float]:
+    """(from, to, part of the whole range) of the narrowest range with most of the gap."""
     if quantity == "experiment":
-        edges = np.unique(values)
-        edges = np.append(edges - 0.5, edges[-1] + 0.5)
+        numbers = np.unique(values)
+        edges = np.append(numbers, numbers[-1] + 1.0)
     else:
         # Equal steps of the quantity where there are data, so that ends are sharp.
-        edges = np.linspace(low, high, BINS + 1)
-    which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
-    share = np.bincount(which, power, edges.size - 1) / total
-    data = np.bincount(which, minlength=edges.size - 1) / values.size
-    i, j = _shortest(share, data)
-    begin, end = float(edges[i]), float(edges[j + 1])
-    if quantity == "experiment":
-        begin, end = begin + 0.5, end - 0.5
-    inside, part = float(share[i : j + 1].sum()), float(data[i : j + 1].sum())
-    return Place(quantity, begin, end, QUANTITIES[quantity], min(inside, 1.0), part)
+        edges = _merged(np.linspace(values.min(), values.max(), BINS + 1), values)
+    last = edges.size - 2
+    which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, last)
+    power, count = _powers(found, which, last + 1)
+    if not power.sum() > 0:
+        return float(values.min()), float(values.max()), 1.0
+    width = np.diff(edges)
+    mean = power / np.maximum(count, 1) * width
+    i, j = _shortest(mean / mean.sum(), width / width.sum())
+    share = power / power.sum()
+    while share[i : j + 1].sum() < MOST:
+        below, above = (share[i - 1] if i else -1.0), (share[j + 1] if j < last else -1.0)
+        i, j = (i - 1, j) if below > above else (i, j + 1)
+    part = float(width[i : j + 1].sum() / width.sum())
+    end = float(edges[j] if quantity == "experiment" else edges[j + 1])
+    return float(edges[i]), end, part
+
+
+def _merged(edges: Array, values: Array) -> Array:
+    """Edges without those that leave a bin too few samples for a mean."""
+    order = np.sort(values)
+    kept = [edges[0]]
+    for edge in edges[1:-1]:
+        below, above = np.searchsorted(order, [kept[-1], edge])
+        if above - below >= LEAST * values.size and values.size - above >= LEAST * values.size:
+            kept.append(edge)
+    return np.array([*kept, edges[-1]])
+
+
+def _powers(found: Residual, which: NDArray[np.int64], size: int) -> tuple[Array, Array]:
+    """(bins,) sums of power where they are more than noise gives, else 0; and (bins,) counts."""
+    total = np.bincount(which, found.power, size)
+    noise = np.bincount(which, found.noise**4, size)
+    # Smoothed samples are alike over a window, so there are fewer than they seem.
+    chance = CHANCE * np.sqrt(2.0 * found.window * noise)
+    count = np.bincount(which, minlength=size).astype(np.float64)
+    return np.where(total > chance, total, 0.0), count
 
 
 def _shortest(share: Array, data: Array) -> tuple[int, int]:
