@@ -96,11 +96,12 @@ class Explained:
         if len(names) < 2:
             return False
         if names not in self._cancelling:
-            none = self.scouted[frozenset()]
-            base = self.scout.rest(none.use)
+            # The machine's own parameters are the set's: without any effect they make up for it.
+            own = fitted.use[len(names) :]
+            base = self.scout.rest(own)
             moved = []
             for c, z in zip(fitted.effects, fitted.z, strict=False):
-                with_it = self.scout.rest([(c.effect, c.given(z)), *none.use])
+                with_it = self.scout.rest([(c.effect, c.given(z)), *own])
                 change = base - with_it
                 moved.append(change / max(float(np.linalg.norm(change)), 1e-12))
             pairs = itertools.combinations(moved, 2)
