@@ -12,9 +12,12 @@ from rich.table import Table
 
 from ldt_core.cli.options import parameters
 from ldt_core.cli.recordings import progress, read_recordings
+from ldt_core.cli.resumable import ResumableProgress, compute_options
 
 if TYPE_CHECKING:
+    from ldt_core.diagnosis.each import Options
     from ldt_core.diagnosis.result import Diagnosis
+    from ldt_core.machine import Machine
 
 SHOWN = 8  # candidates in the table of the terminal; the page has all
 
@@ -54,6 +57,18 @@ SHOWN = 8  # candidates in the table of the terminal; the page has all
 @click.option(
     "--out", required=True, help="Folder for diagnosis.json and diagnosis.html; made if need be."
 )
+@click.option(
+    "--each",
+    is_flag=True,
+    help="Diagnose every recording by itself, several at once, each into a folder of its own below "
+    "--out; goes on where it was.",
+)
+@compute_options
+@click.option(
+    "--figure",
+    metavar="FILE",
+    help="Draw before and after, where the gap lies, and the shares of a set (.png, .svg, .pdf).",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print diagnosis.json and nothing else.")
 def command(
     settings: dict[str, Any],
@@ -65,26 +80,44 @@ def command(
     refit: str | None,
     namespace: str,
     out: str,
+    each: bool,
+    jobs: int,
+    scheduler: str,
+    figure: str | None,
     as_json: bool,
-) -> None:
+) -> int:
     """Say where the gap between RECORDINGS and the machine file lies, which effect that the file
     lacks causes it, and how far adding it closes the gap on experiments that were held back.
 
     The answer can be none (no gap), an effect or several together, a group that these recordings
-    cannot tell apart, or unknown.
+    cannot tell apart, or unknown. Several recordings are taken for one machine's, and diagnosed
+    together, unless --each is given.
 
     Example: ldt diagnose bag --machine rotor --out diagnosis
     """
+    from ldt_core.calibration.figure import check_figure
+    from ldt_core.diagnosis.each import Options
     from ldt_core.diagnosis.own import own_effects
-    from ldt_core.diagnosis.page import write_page
+    from ldt_core.diagnosis.page import picture, write_page
     from ldt_core.diagnosis.procedure import diagnose, library
+    from ldt_core.errors import BadInput
     from ldt_core.machine import load_machine
 
     machine = load_machine(settings["machine"])
     effects = library(machine, more, without)
     fitted_along = None if refit is None else [n.strip() for n in refit.split(",")]
     own_effects(machine, fitted_along)
+    if (jobs or scheduler) and not each:
+        raise BadInput("--jobs" if jobs else "--scheduler", "--each with it", "a single diagnosis")
+    if figure:
+        if each:
+            raise BadInput("--figure", "a single diagnosis", "--each")
+        check_figure(figure)
     folder = _folder(out)
+    if each:
+        along = None if fitted_along is None else tuple(fitted_along)
+        options = Options(namespace, more, without, along, holdout, seed)
+        return _each(recordings, machine, folder, options, (jobs, scheduler), as_json)
     experiments = read_recordings(recordings, namespace, machine)
     with progress("{}: {}") as tick:
         found = diagnose(
@@ -101,10 +134,46 @@ def command(
         text = json.dumps(found.as_dict(), allow_nan=False, indent=1)
         (folder / "diagnosis.json").write_text(text + "\n", encoding="utf-8")
         write_page(found, folder / "diagnosis.html")
+        if figure:
+            picture(found, figure)
     if as_json:
         click.echo(text)
     else:
         _print(found, folder)
+    return 0
+
+
+def _each(
+    recordings: tuple[str, ...],
+    machine: Machine,
+    folder: Path,
+    options: Options,
+    where: tuple[int, str],
+    as_json: bool,
+) -> int:
+    """Diagnose recordings one by one; the exit code is that of the worst."""
+    from ldt_core.cli.display_each import print_each
+    from ldt_core.diagnosis.each import Answer, diagnose_each
+
+    def say(answer: Answer) -> None:
+        for note in answer.notes:
+            click.echo(note, err=True)
+        if answer.error:
+            click.echo(f"ldt: {answer.error}", err=True)
+
+    with ResumableProgress("diagnose", "recordings", str(folder)) as bar:
+        answers = diagnose_each(
+            recordings,
+            machine,
+            folder,
+            options,
+            jobs=where[0],
+            scheduler=where[1],
+            say=say,
+            progress=bar.show,
+        )
+    print_each(answers, folder, as_json)
+    return max(a.exit_code for a in answers)
 
 
 def _folder(out: str) -> Path:

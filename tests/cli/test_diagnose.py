@@ -255,6 +255,65 @@ def test_several_recordings_are_numbered_on(friction, nothing, tmp_path):
     assert sorted(numbers) == list(range(1, 9))
 
 
+# ---- many recordings, each by itself
+
+
+@pytest.fixture(scope="module")
+def each(folder, friction, nothing):
+    """Two recordings of one name and one that is not there, diagnosed each by itself."""
+    out = folder / "each"
+    bags = [friction.bag, nothing.bag, str(folder / "nowhere")]
+    code = call(*bags, "--each", "--jobs", "2", "--out", out, *without(*TRIED))
+    return code, bags, out
+
+
+def test_each_recording_gets_the_answer_that_it_gets_alone(each, friction, nothing):
+    """In a folder named after it, to the last bit, whatever becomes of the others."""
+    code, _, out = each
+    assert code == BAD
+    for case, name in ((friction, "friction"), (nothing, "nothing")):
+        found = json.loads((out / name / "bag" / "diagnosis.json").read_text())
+        assert found == case.found
+        assert (out / name / "bag" / "diagnosis.html").stat().st_size > 5000
+    assert not (out / "nowhere").exists()
+
+
+def test_each_goes_on_where_it_was_and_says_what_failed(each, capfd, monkeypatch):
+    """Nothing is diagnosed again; the one that fails is one sentence on standard error."""
+    _, bags, out = each
+    monkeypatch.setattr("ldt_core.diagnosis.procedure.diagnose", None)
+    capfd.readouterr()
+    code = call(*bags, "--each", "--jobs", "1", "--json", "--out", out, *without(*TRIED))
+    text, err = capfd.readouterr()
+    assert code == BAD
+    assert err.count("\n") == 1
+    assert "nowhere" in err
+    kinds = [a["diagnosis"] and a["diagnosis"]["verdict"]["kind"] for a in json.loads(text)]
+    assert kinds == ["effect", "none", None]
+    assert [a["recording"] for a in json.loads(text)] == bags
+
+
+def test_each_ends_with_a_table_of_verdicts(each, capfd):
+    """A row for every recording, those that failed included; and exit code 0 without any."""
+    _, bags, out = each
+    options = without(*TRIED)
+    capfd.readouterr()
+    assert call(*bags[:2], "--each", "--jobs", "1", "--out", out, *options) == 0
+    text, err = capfd.readouterr()
+    assert err == ""
+    for word in ("coulomb_friction", "none", "effect"):
+        assert word in text
+
+
+def test_each_diagnoses_again_what_would_come_out_differently(each, capfd, monkeypatch):
+    """Another seed is another answer: what is on disk is not taken for it."""
+    _, bags, out = each
+    monkeypatch.setattr("ldt_core.diagnosis.procedure.diagnose", None)
+    about = ["--each", "--jobs", "1", "--seed", "1", *without(*TRIED)]
+    assert call(bags[0], "--out", out / "friction", *about) == 1
+    assert "TypeError" in capfd.readouterr().err
+
+
 # ---- the promise
 
 
@@ -357,6 +416,10 @@ REFUSED = {
     "too short": (["{folder}/short"], "samples"),
     "outside the limits": (["{folder}/strong"], "voltage"),
     "no recording": ([], "RECORDINGS"),
+    "one recording twice": (["{bag}", "{bag}", "--each"], "twice"),
+    "processes without --each": (["{bag}", "--jobs", "2"], "--each"),
+    "a cluster without --each": (["{bag}", "--scheduler", "tcp://a:1"], "--each"),
+    "no such cluster": (["{bag}", "--each", "--scheduler", "nonsense"], "nonsense"),
     "no such machine": (["{bag}", "--machine", "rotr"], "rotor"),
 }
 
