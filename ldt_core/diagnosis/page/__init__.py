@@ -7,6 +7,7 @@ from pathlib import Path
 from ldt_core.diagnosis.page import sections
 from ldt_core.diagnosis.page.fits import fits, fits_on
 from ldt_core.diagnosis.page.places import places, places_on
+from ldt_core.diagnosis.page.ranking import shares, shares_height, shares_on
 from ldt_core.diagnosis.result import Diagnosis
 from ldt_core.errors import LdtError
 from ldt_core.report import style
@@ -34,7 +35,7 @@ def write_page(diagnosis: Diagnosis, file: Path | str) -> None:
 
 
 def picture(diagnosis: Diagnosis, file: Path | str) -> None:
-    """Draw before and after, and where the gap lies, as one picture.
+    """Draw before and after, where the gap lies, and the shares of a set, as one picture.
 
     Args:
         diagnosis: with `shown`.
@@ -50,9 +51,13 @@ def picture(diagnosis: Diagnosis, file: Path | str) -> None:
     if upper is None or lower is None:
         raise LdtError("nothing to draw: the diagnosis keeps no experiment")
     heights = [upper.height(style.WIDE), lower.height(style.WIDE)]
+    if shares(diagnosis):
+        heights.append(shares_height(diagnosis, style.WIDE))
     with matplotlib.rc_context(style.RC):
         figure = style.blank(style.WIDE, sum(heights))
-        above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=heights).flat
-        fits_on(above, upper, style.WIDE)
-        places_on(below, lower, style.WIDE)
+        parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights).flat
+        fits_on(parts[0], upper, style.WIDE)
+        places_on(parts[1], lower, style.WIDE)
+        for part in parts[2:]:
+            shares_on(part, diagnosis, style.WIDE)
         figure.savefig(file, dpi=style.PNG_DPI, facecolor="white")

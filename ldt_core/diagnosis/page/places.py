@@ -40,6 +40,7 @@ SPECTRAL = ("density [mN m/√Hz]", "amplitude [mN m]")
 COLUMNS = 2
 ROW = 2.05  # inches
 EVERYWHERE = 0.999  # of the samples: a place with more of them is not marked
+LEAST_ORDER = 2.0  # per turn, that the axis of the shaft's orders reaches at least
 MILLI = 0.2  # N m, below which torques are given in mN m
 LEAST = 1e-4  # of its peak, below which a spectrum is not drawn
 LOOKS = (("before", VERMILION, 3), ("after", BLUE, 2))
@@ -185,7 +186,8 @@ def _spectrum(axes: Axes, found: Places, name: str) -> None:
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter(power)
     else:
-        axes.set_xlim(0, MOST_ORDER)
+        seen = max((x[-1] for x, _ in found.spectra[name] if x.size), default=MOST_ORDER)
+        axes.set_xlim(0, max(seen, LEAST_ORDER))
     axes.minorticks_off()
 
 

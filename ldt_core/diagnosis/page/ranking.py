@@ -23,7 +23,7 @@ from ldt_core.report.style import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 MOST = 16  # bars
 ROW, AROUND = 0.26, 0.95  # inches
@@ -100,37 +100,13 @@ def bars(diagnosis: Diagnosis) -> Drawing | None:
 
 def shares(diagnosis: Diagnosis) -> Drawing | None:
     """What each effect of a set contributes; None for less than two."""
-    found = [c for c in diagnosis.candidates if known(c.shapley_share)]
+    found = shared(diagnosis)
     if len(found) < 2:
         return None
-    found = sorted(found, key=lambda c: -(c.shapley_share or 0.0))
 
     def draw(layout: Layout) -> Figure:
-        figure = blank(layout, 1.25 if not layout.narrow else 1.2 + 0.18 * len(found))
-        axes = figure.subplots()
-        ends = _stacked([float(c.shapley_share or 0.0) for c in found])
-        for index, (candidate, (begin, end)) in enumerate(zip(found, ends, strict=True)):
-            share = percent(candidate.shapley_share)
-            axes.barh(
-                0,
-                100 * (end - begin),
-                left=100 * begin,
-                height=0.7,
-                color=PARTS[index % len(PARTS)],
-                edgecolor=PAPER,
-                lw=1.5,
-                label=f"{short(candidate.effect)} {share}",
-            )
-        axes.set_yticks([])
-        axes.spines["left"].set_visible(False)
-        axes.grid(visible=False)
-        low = min(min(e) for e in ends)
-        high = max(max(e) for e in ends)
-        axes.set_xlim(100 * min(low, 0.0), 100 * max(high, 1.0))
-        axes.set_xlabel("share of what the set closes [%]")
-        handles, labels = axes.get_legend_handles_labels()
-        columns = 1 if layout.narrow else 4
-        figure.legend(handles, labels, loc="outside upper left", ncols=columns)
+        figure = blank(layout, shares_height(diagnosis, layout))
+        shares_on(figure, diagnosis, layout)
         return figure
 
     words = listed(f"{c.effect} {percent(c.shapley_share)}" for c in found)
@@ -142,6 +118,45 @@ def shares(diagnosis: Diagnosis) -> Drawing | None:
         f"A bar divided into {words}.",
         draw,
     )
+
+
+def shared(diagnosis: Diagnosis) -> list[Ranked]:
+    """The candidates that have a share, the largest first."""
+    found = [c for c in diagnosis.candidates if known(c.shapley_share)]
+    return sorted(found, key=lambda c: -(c.shapley_share or 0.0))
+
+
+def shares_height(diagnosis: Diagnosis, layout: Layout) -> float:
+    """Of the bar with its legend [inches]."""
+    return 1.2 + 0.18 * len(shared(diagnosis)) if layout.narrow else 1.25
+
+
+def shares_on(figure: Figure | SubFigure, diagnosis: Diagnosis, layout: Layout) -> None:
+    """Draw the bar."""
+    axes, found = figure.subplots(), shared(diagnosis)
+    ends = _stacked([float(c.shapley_share or 0.0) for c in found])
+    for index, (candidate, (begin, end)) in enumerate(zip(found, ends, strict=True)):
+        share = percent(candidate.shapley_share)
+        axes.barh(
+            0,
+            100 * (end - begin),
+            left=100 * begin,
+            height=0.7,
+            color=PARTS[index % len(PARTS)],
+            edgecolor=PAPER,
+            lw=1.5,
+            label=f"{short(candidate.effect)} {share}",
+        )
+    axes.set_yticks([])
+    axes.spines["left"].set_visible(False)
+    axes.grid(visible=False)
+    low = min(min(e) for e in ends)
+    high = max(max(e) for e in ends)
+    axes.set_xlim(100 * min(low, 0.0), 100 * max(high, 1.0))
+    axes.set_xlabel("share of what the set closes [%]")
+    handles, labels = axes.get_legend_handles_labels()
+    columns = 1 if layout.narrow else 4
+    figure.legend(handles, labels, loc="outside upper left", ncols=columns)
 
 
 def _stacked(shares_: Sequence[float]) -> list[tuple[float, float]]:
