@@ -39,6 +39,7 @@ from ldt_core.effects.base import Effect
 from ldt_core.errors import BadInput, OptionError
 from ldt_core.experiment import Experiment
 from ldt_core.machine import Machine
+from ldt_core.threads import one_thread
 
 Array = NDArray[np.float64]
 
@@ -153,14 +154,17 @@ def diagnose(
         for e in (library(machine) if effects is None else effects)
         if e.name not in mine
     ]
-    bench = Bench(machine, fitted, workers=workers, tolerance=TOLERANCE)
-    search = Search(bench, candidates, tick, own)
-    tick("what this recording can tell apart")
-    silent, groups = isolability(search)
-    search.twins = {n: {o for g in groups if n in g for o in g} - {n} for g in groups for n in g}
-    decision = decide(search, seed)
-    report = _Report(machine, search, decision, fitted, held, recordings, seed, tick)
-    return report.diagnosis(silent, groups)
+    with one_thread():  # matrices are small: more threads wait for each other, and round otherwise
+        bench = Bench(machine, fitted, workers=workers, tolerance=TOLERANCE)
+        search = Search(bench, candidates, tick, own)
+        tick("what this recording can tell apart")
+        silent, groups = isolability(search)
+        search.twins = {
+            n: {o for g in groups if n in g for o in g} - {n} for g in groups for n in g
+        }
+        decision = decide(search, seed)
+        report = _Report(machine, search, decision, fitted, held, recordings, seed, tick)
+        return report.diagnosis(silent, groups)
 
 
 def isolability(search: Search) -> tuple[list[str], list[list[str]]]:
