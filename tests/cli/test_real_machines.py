@@ -1,0 +1,77 @@
+"""Measured machines, from their files to a diagnosis, by the commands of the README."""
+
+from __future__ import annotations
+
+import gzip
+import json
+
+import pytest
+
+from ldt_core.cli import calibrate, diagnose, identify, import_file, predict, run
+from ldt_core.effects import EFFECTS
+
+
+def call(command, *arguments):
+    assert run(command.command, [str(a) for a in arguments]) == 0
+
+
+def without(*kept):
+    """The library is long: options that leave all effects out but these."""
+    return [a for name in EFFECTS.names() if name not in kept for a in ("--without", name)]
+
+
+def error(capsys, *arguments):
+    """What `ldt predict` prints as the root mean square error."""
+    capsys.readouterr()
+    call(predict, *arguments, "--json")
+    return json.loads(capsys.readouterr().out)["rmse"]
+
+
+@pytest.fixture
+def generator(measured, tmp_path):
+    """Ten times thinned: 100 s of the first half as experiments of 12.5 s, 50 s of the second."""
+    with gzip.open(measured / "motor_generator" / "motor_generator.csv.gz", "rt") as file:
+        head, *rows = file.read().splitlines()[:300_001]
+    bags = []
+    for name, part, length in (("first", rows[:100_000], 12.5), ("second", rows[250_000:], 50)):
+        source, bag = tmp_path / f"{name}.csv", str(tmp_path / name)
+        source.write_text("\n".join([head, *part[::10]]) + "\n")
+        fields = ["--voltage", "drive", "--speed", "speed", "--sample-period", 0.01]
+        call(import_file, source, *fields, "--length", length, "--out", bag)
+        bags.append(bag)
+    return bags
+
+
+def test_the_motor_generator_s_drive_does_not_brake(generator, tmp_path, capsys):
+    """Named with the sensor's lag, and the error on what was never seen falls to a third."""
+    first, second = generator
+    machine, out = tmp_path / "machine.yaml", tmp_path / "diagnosis"
+    call(identify, first, "--no-offset", "--limits", "0,5", "--out", machine)
+    tried = without("no_regeneration", "sensor_lag", "brush_drop")
+    call(diagnose, first, "--machine", machine, *tried, "--out", out)
+    found = json.loads((out / "diagnosis.json").read_text())
+    assert set(found["verdict"]["effects"]) >= {"no_regeneration", "sensor_lag"}
+    shares = {c["effect"]: c["shapley_share"] for c in found["candidates"]}
+    assert shares["no_regeneration"] > 0.8
+    before = error(capsys, second, "--machine", machine, "--out", tmp_path / "before")
+    with_it = ["--with", out / "diagnosis.json", "--out", tmp_path / "after"]
+    assert error(capsys, second, "--machine", machine, *with_it) < before / 3
+
+
+def test_the_rig_s_step_shows_a_lag(measured, tmp_path, capsys):
+    """Which end of the machine it is at, the step does not tell; it says so, and draws it."""
+    pytest.importorskip("matplotlib")
+    source, bag = measured / "rtl_dcmotor" / "open_loop_5_15V.csv", tmp_path / "rig"
+    fields = ["--voltage", "voltage_V", "--speed", "speed_rpm:rpm", "--time", "time_s"]
+    call(import_file, source, *fields, "--out", bag)
+    machine, out, figure = tmp_path / "rig.yaml", tmp_path / "diagnosis", tmp_path / "rig.png"
+    call(calibrate, bag, "--machine", "dc_motor", "--out", machine)
+    tried = without("input_delay", "sensor_lag", "coulomb_friction", "viscous_friction")
+    call(diagnose, bag, "--machine", machine, *tried, "--out", out, "--figure", figure)
+    found = json.loads((out / "diagnosis.json").read_text())
+    assert found["verdict"]["kind"] == "ambiguous"
+    assert any({"input_delay", "sensor_lag"} <= set(group) for group in found["ambiguities"])
+    assert figure.stat().st_size > 10_000
+    before = error(capsys, bag, "--machine", machine, "--out", tmp_path / "before")
+    with_it = ["--with", out / "diagnosis.json", "--out", tmp_path / "after"]
+    assert error(capsys, bag, "--machine", machine, *with_it) < before / 3
