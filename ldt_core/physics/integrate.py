@@ -17,8 +17,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ldt_core.errors import BadInput, LdtError
-from ldt_core.physics.rigid import run_rigid
-from ldt_core.physics.terms import evaluate, gather
+from ldt_core.physics.rigid import PATIENCE, run_rigid
+from ldt_core.physics.terms import evaluate, forget, gather, is_quiet
 
 if TYPE_CHECKING:
     from ldt_core.effects.base import Effect
@@ -33,6 +33,7 @@ MAX_STEP = 0.25e-3  # s; worst relative speed error 5e-6 over 300 random experim
 MAX_STEP_RATE = 1.0  # step times fastest rate: RK4 is stable to 2.8, and accurate well below
 MAX_STEPS = 2_000_000_000  # of one simulation: some minutes of computing; more is a mistake
 STATES = 7
+QUIET = 1e-3  # of the stall torque and the voltage: a term that changes less needs no short steps
 SMALL_TURN = 0.1  # rad; below, the series of `_turned` is exact to rounding
 
 
@@ -214,21 +215,33 @@ def _run(
 
 @njit(cache=True, nogil=True)
 def _run_with_terms(
-    edges, volts, steps, samples, start, c, rigid, states, seen, gain, terms
+    edges, volts, steps, long, samples, start, c, rigid, states, seen, gain, terms
 ):  # pragma: no cover - compiled
-    """As `_run`, with effects: their states are in columns 7 on of `states`, and in `start`."""
+    """As `_run`, with effects: their states are in columns 7 on of `states`, and in `start`.
+
+    Where `long` has fewer steps than `steps`, those are tried first: a watched term is steep, but
+    rarely where the machine is. If it turns out to be, the interval is run again.
+    """
     y = (start[0], start[1], start[2], start[3], start[4], start[5], start[6])
     if seen.size > 0:
         y = _corrected(y, gain * (seen[0] - y[1]))
     z = start[7:].copy()
     moved = z.copy()
     d1, d2, d3, d4 = z.copy(), z.copy(), z.copy(), z.copy()
-    for k in range(volts.size):
+    before, kept = y, z.copy()
+    k, wait, pause, again = 0, 0, 1, False
+    while k < volts.size:
         v = volts[k]
-        h = (edges[k + 1] - edges[k]) / steps[k]
+        trial = long[k] < steps[k] and wait == 0 and not again
+        count = long[k] if trial else steps[k]
+        if trial:
+            before = y
+            kept[:] = z
+            forget(terms)
+        h = (edges[k + 1] - edges[k]) / count
         half, sixth = h / 2, h / 6
         s, o = math.sin(y[0]), math.cos(y[0])  # anew, so that rounding does not add up
-        for step in range(steps[k]):
+        for step in range(count):
             t = edges[k] + step * h
             torque, u = evaluate(terms, t, y, v, z, d1)
             k1 = _rates(y, s, o, torque, u, c, rigid)
@@ -255,7 +268,17 @@ def _run_with_terms(
             y = _moved(y, sixth, total)
             for i in range(z.size):
                 z[i] += sixth * (d1[i] + 2 * (d2[i] + d3[i]) + d4[i])
-        at = samples[k + 1]
+        if trial:
+            whole = y[0] + y[1] + y[2] + y[3] + y[4] + y[5] + y[6] + z.sum()
+            again = not (is_quiet(terms) and math.isfinite(whole))
+            if again:
+                y = before
+                z[:] = kept
+                wait, pause = pause, min(2 * pause, PATIENCE)
+                continue
+            pause = 1
+        again, wait, k = False, max(wait - 1, 0), k + 1
+        at = samples[k]
         if at >= 0:
             for i in range(7):
                 states[at, i] = y[i]
@@ -302,9 +325,10 @@ def integrate(
     """
     at, levels = switches
     c = physics.constants(values)
-    rate = physics.rate(values, float(np.abs(levels).max()))
-    for effect, given in terms:
-        rate = max(rate, effect.rate(values, float(np.abs(levels).max()), given))
+    most = float(np.abs(levels).max())
+    own_rate = physics.rate(values, most)
+    rates = [effect.rate(values, most, given) for effect, given in terms]
+    rate = max(own_rate, *rates) if rates else own_rate
     step = max(min(max_step, MAX_STEP_RATE / rate), least_step)
     if times[-1] / step > MAX_STEPS:
         raise BadInput(
@@ -314,6 +338,11 @@ def integrate(
         )
     edges, volts, samples = _edges(times, at, levels)
     steps = np.maximum(1, np.ceil(np.diff(edges) / step - 1e-9)).astype(np.int64)
+    long, watched = steps, [False] * len(terms)
+    if least_step > 0 and terms:  # a search, which can do with less
+        calm = max(min(max_step, MAX_STEP_RATE / own_rate), least_step)
+        watched = [min(MAX_STEP_RATE / r, calm) < calm if r > 0 else False for r in rates]
+        long = np.maximum(1, np.ceil(np.diff(edges) / calm - 1e-9)).astype(np.int64)
     n = len(physics.states)
     own = initial[n:]
     if own.size == 0:
@@ -324,13 +353,14 @@ def integrate(
     rigid = bool(c.unbalance == 0 and not start[3:STATES].any())
     states, k = np.zeros((times.size, STATES + own.size)), _coefficients(c)
     states[0] = start
+    if terms:
+        quiet = QUIET * values["K_t"] * most / values["R"], QUIET * most
+        compiled = gather(terms, values, watched, quiet)
     if terms and rigid:
-        compiled = gather(terms, values)
-        failed = run_rigid(edges, volts, steps, samples, start, k, states, *tracked, compiled)
+        failed = run_rigid(edges, volts, steps, long, samples, start, k, states, *tracked, compiled)
     elif terms:
-        compiled = gather(terms, values)
         failed = _run_with_terms(
-            edges, volts, steps, samples, start, k, rigid, states, *tracked, compiled
+            edges, volts, steps, long, samples, start, k, rigid, states, *tracked, compiled
         )
     else:
         failed = _run(edges, volts, steps, samples, start, k, rigid, states, *tracked)

@@ -6,12 +6,14 @@ import math
 
 from numba import njit
 
-from ldt_core.physics.terms import evaluate
+from ldt_core.physics.terms import evaluate, forget, is_quiet
+
+PATIENCE = 16  # intervals with short steps, at most, before long ones are tried again
 
 
 @njit(cache=True, nogil=True)
 def run_rigid(
-    edges, volts, steps, samples, start, c, states, seen, gain, terms
+    edges, volts, steps, long, samples, start, c, states, seen, gain, terms
 ):  # pragma: no cover - compiled
     """As `integrate._run_with_terms`, without sines: angle, speed and current alone."""
     a, w, i = start[0], start[1], start[2]
@@ -20,11 +22,19 @@ def run_rigid(
     z = start[7:].copy()
     moved = z.copy()
     d1, d2, d3, d4 = z.copy(), z.copy(), z.copy(), z.copy()
-    for k in range(volts.size):
+    before, kept = (a, w, i), z.copy()
+    k, wait, pause, again = 0, 0, 1, False
+    while k < volts.size:
         v = volts[k]
-        h = (edges[k + 1] - edges[k]) / steps[k]
+        trial = long[k] < steps[k] and wait == 0 and not again
+        count = long[k] if trial else steps[k]
+        if trial:
+            before = a, w, i
+            kept[:] = z
+            forget(terms)
+        h = (edges[k + 1] - edges[k]) / count
         half, sixth = h / 2, h / 6
-        for step in range(steps[k]):
+        for step in range(count):
             t = edges[k] + step * h
             torque, u = evaluate(terms, t, (a, w, i), v, z, d1)
             w1 = c.pull * i - c.drag * w + c.ease * torque
@@ -52,7 +62,16 @@ def run_rigid(
             i += sixth * (i1 + 2 * (i2 + i3) + i4)
             for j in range(z.size):
                 z[j] += sixth * (d1[j] + 2 * (d2[j] + d3[j]) + d4[j])
-        at = samples[k + 1]
+        if trial:
+            again = not (is_quiet(terms) and math.isfinite(a + w + i + z.sum()))
+            if again:
+                a, w, i = before
+                z[:] = kept
+                wait, pause = pause, min(2 * pause, PATIENCE)
+                continue
+            pause = 1
+        again, wait, k = False, max(wait - 1, 0), k + 1
+        at = samples[k]
         if at >= 0:
             states[at, 0], states[at, 1], states[at, 2] = a, w, i
             for j in range(z.size):

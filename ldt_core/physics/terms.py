@@ -13,6 +13,7 @@ in s, rad, rad/s, A, V. `p` holds the effect's parameters in their order, then t
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -44,6 +45,10 @@ class Terms(NamedTuple):
     first_parameter: NDArray[np.int64]
     first_state: NDArray[np.int64]
     parameters: NDArray[np.float64]
+    watched: NDArray[np.bool_]  # those that ask for shorter steps than the machine itself does
+    least: NDArray[np.float64]  # value of each watched term since `forget`, and
+    most: NDArray[np.float64]
+    quiet: NDArray[np.float64]  # by how much it may change in steps that are too long for it
 
 
 def compile_term(where: str, function: Callable[..., float], stateful: bool) -> Any:
@@ -68,9 +73,19 @@ def compile_term(where: str, function: Callable[..., float], stateful: bool) -> 
 
 
 def gather(
-    terms: Sequence[tuple[Effect, Mapping[str, float]]], values: Mapping[str, float]
+    terms: Sequence[tuple[Effect, Mapping[str, float]]],
+    values: Mapping[str, float],
+    watched: Sequence[bool] = (),
+    quiet: tuple[float, float] = (0.0, 0.0),
 ) -> Terms:
-    """The terms of these effects, for a machine with these parameters."""
+    """The terms of these effects, for a machine with these parameters.
+
+    Args:
+        terms: effects with all their values.
+        values: the machine's parameters.
+        watched: for each term whether it asks for shorter steps than the machine; none if empty.
+        quiet: change of a torque [N m] and of a voltage [V] that needs no shorter steps.
+    """
     parameters: list[float] = []
     first_parameter, first_state, states = [], [], 0
     for effect, given in terms:
@@ -86,6 +101,10 @@ def gather(
         np.array(first_parameter, dtype=np.int64),
         np.array(first_state, dtype=np.int64),
         np.array([*parameters, 0.0]),
+        np.array(watched or [False] * len(terms)),
+        np.zeros(len(terms)),
+        np.zeros(len(terms)),
+        np.array([quiet[effect.terminal is not None] for effect, _ in terms]),
     )
 
 
@@ -126,8 +145,27 @@ def evaluate(terms, t, y, volts, state, rate):  # pragma: no cover - compiled
             value = _call_with_states(terms.address[j], t, y[0], y[1], y[2], volts, p, s, r)
         else:
             value = _call(terms.address[j], t, y[0], y[1], y[2], volts, p)
+        if terms.watched[j]:
+            terms.least[j] = min(terms.least[j], value)
+            terms.most[j] = max(terms.most[j], value)
         if terms.terminal[j]:
             terminal += value
         else:
             torque += value
     return torque, terminal
+
+
+@njit(cache=True, nogil=True)
+def forget(terms):  # pragma: no cover - compiled
+    """Begin to watch anew."""
+    terms.least[:] = math.inf
+    terms.most[:] = -math.inf
+
+
+@njit(cache=True, nogil=True)
+def is_quiet(terms):  # pragma: no cover - compiled
+    """Whether no watched term has changed by more than it may."""
+    for j in range(terms.watched.size):
+        if terms.watched[j] and not terms.most[j] - terms.least[j] <= terms.quiet[j]:
+            return False
+    return True

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ldt_core.effects import parse_effect
 from ldt_core.errors import BadInput, LdtError
 from ldt_core.machine import load_machine
-from ldt_core.physics.integrate import MAX_STEP, SMALL_TURN, _turned, integrate
+from ldt_core.physics.integrate import MAX_STEP, NOT_TRACKED, SMALL_TURN, _turned, integrate
 from ldt_core.physics.motor import MOTOR
 from ldt_core.physics.rotor import ROTOR
 
@@ -120,3 +121,27 @@ def test_a_simulation_goes_on_where_an_earlier_one_ended():
     second = ROTOR.simulate(v, volts[200:], PERIOD, first[-1])
     np.testing.assert_array_equal(first, whole[:201])
     np.testing.assert_allclose(second, whole[200:], rtol=1e-9, atol=1e-9)
+
+
+STEEP = (
+    "no_regeneration",
+    "brush_drop",
+    "gear_friction:coefficient=0.4",
+    "stribeck_friction:static=0.6",
+    "cogging_torque",
+    "winding_heating",
+)
+
+
+@pytest.mark.parametrize("eccentricity", [0.0, 0.004])
+@pytest.mark.parametrize("effect", STEEP)
+def test_a_search_takes_long_steps_only_where_they_do(effect, eccentricity):
+    """A tenth of a sensor's noise at most from fine steps, also where an effect is steep."""
+    values = VALUES | {"e": eccentricity}
+    use, (_, volts) = [parse_effect(effect)], steps(np.random.default_rng(3), 10, -12.0, 12.0)
+    found = [
+        ROTOR.simulate(values, volts, PERIOD, REST, use, *how)[:, 1]
+        for how in ((2e-3, NOT_TRACKED, 0.5e-3), (0.1e-3,))
+    ]
+    assert np.abs(found[0] - found[1]).max() < 0.01
+    assert np.sqrt(np.mean((found[0] - found[1]) ** 2)) < 0.003
