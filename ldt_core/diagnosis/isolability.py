@@ -56,7 +56,7 @@ def ambiguities(
     imitates: set[tuple[int, int]] = set()
     for i in loud:
         mine = np.flatnonzero(responses.owner == i)
-        truth = _made(bench, candidates[i])
+        truth: Bench | None = None
         for j in loud:
             theirs = np.flatnonzero(responses.owner == j)
             if i == j or mine.size == 0 or theirs.size == 0:
@@ -65,6 +65,7 @@ def ambiguities(
             if block.max() < RELATED:
                 continue
             start = responses.z[theirs[int(np.argmax(block.max(axis=0)))]]
+            truth = truth or _made(bench, candidates[i])
             copy = fit(truth, [candidates[j]], [start], evaluations=EVALUATIONS)
             if copy.loss * scale < ALIKE:
                 imitates.add((i, j))

@@ -134,7 +134,7 @@ def fit(
             gtol=1e-8,
             max_nfev=count,
         )
-        return solved.x, rest(solved.x), solved.jac
+        return solved.x, solved.fun, solved.jac
 
     def settled(z: Array, free: bool = False) -> Starts:
         return bench.settle(used(members, split(members, z)), free, step)

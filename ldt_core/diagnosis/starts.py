@@ -130,8 +130,12 @@ def _start_of(
     piece, offset = bench.pieces[i], np.zeros(count)
     names = list(unknown)
     best, basis, kept = math.inf, bench.starts.bases[i], offset
+    motor = basis_of(piece.columns)
     for _ in range(rounds):
         rest = bench.difference(i, use, step, angle, offset)
+        loss = float(rest @ rest - np.sum((motor.T @ rest) ** 2))
+        if loss >= best * STILL:
+            break
         columns = np.empty((rest.size, len(names)))
         for j, state in enumerate(names):
             moved = offset.copy()
@@ -140,10 +144,6 @@ def _start_of(
         both = np.column_stack([piece.columns, columns])
         directions = basis_of(both)
         left = rest - directions @ (directions.T @ rest)
-        motor = basis_of(piece.columns)
-        loss = float(rest @ rest - np.sum((motor.T @ rest) ** 2))
-        if loss >= best * STILL:
-            break
         best, basis, kept = loss, directions, offset
         if float(left @ left) > loss * STILL:
             break
