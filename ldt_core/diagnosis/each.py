@@ -21,7 +21,6 @@ from ldt_core.errors import BadInput, LdtError
 from ldt_core.machine import Machine
 from ldt_core.parallel import Workers
 from ldt_core.stamp import fingerprint, parts, versions
-from ldt_core.study.store import write
 
 FORMAT = "ldt-each-1"
 LIBRARIES = ("numba", "numpy", "scikit-learn", "scipy")
@@ -281,6 +280,6 @@ def _write(folder: Path, made: Made, origin: Mapping[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     digest = hashlib.sha256(made.text.encode()).hexdigest()
     record = {"format": FORMAT, "origin": dict(origin), "found": digest}
-    write(folder / JSON, made.text)
-    write(folder / PAGE, made.page)
-    write(folder / RUN, json.dumps(record, indent=1) + "\n")
+    # Last what makes an answer of the others: after an interruption there is none.
+    for name, text in ((JSON, made.text), (PAGE, made.page), (RUN, json.dumps(record) + "\n")):
+        (folder / name).write_text(text, encoding="utf-8")
