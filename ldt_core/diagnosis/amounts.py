@@ -15,6 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ldt_core.diagnosis.candidate import turning
 from ldt_core.diagnosis.result import Amount
 from ldt_core.diagnosis.search import Fit
 
@@ -57,6 +58,9 @@ def amounts(fit: Fit, left: float, gap: float) -> dict[str, dict[str, Amount]]:
             if spread[j] < UNKNOWN:
                 ends = np.clip(z[j] + NORMAL * spread[j] * np.array([-1, 1]), low[j], high[j])
                 interval = c.value(j, float(ends[0])), c.value(j, float(ends[1]))
+                if turning(p):  # of which an end may lie beyond the range
+                    half, value = NORMAL * spread[j] * c.scale(j), c.value(j, float(z[j]))
+                    interval = value - half, value + half
             own[p.name] = Amount(c.value(j, float(z[j])), p.unit, interval)
         found[c.name] = own
     return found

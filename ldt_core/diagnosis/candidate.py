@@ -30,7 +30,7 @@ PARTS = (0.4, 0.55, 0.7, 0.85, 0.95)  # of the largest voltage, for a limit on i
 LEAST_PART = 0.05  # of it, that a fit may come down to
 PHASES = 8  # of a turn
 MOST_STARTS = 96  # of one effect
-MOST_FACTOR = 20.0  # either way: a machine further from its file than that is another machine
+LEAST_FACTOR = 0.05  # a machine further below its file than that is another machine
 NEAR_BOUND = 1e-6  # of a scale: a fit stays so far inside an open bound
 
 
@@ -92,6 +92,8 @@ class Candidate:
         p = self.parameters[j]
         neutral = float(p.default or 0.0)
         value = neutral * math.exp(z) if logarithmic(p) else neutral + z * self.scale(j)
+        if turning(p) and not p.low <= value <= p.high:
+            return p.low + (value - p.low) % (2 * math.pi)
         low = p.low + (NEAR_BOUND * self.scale(j) if p.open_low else 0.0)
         return min(max(value, low), p.high)
 
@@ -114,11 +116,16 @@ class Candidate:
         """(d,) lowest and (d,) highest coordinates."""
         low, high = [], []
         for j, p in enumerate(self.parameters):
-            if logarithmic(p):
+            if turning(p):  # a fit must get from one end of the range to the other
+                low.append(-math.inf)
+                high.append(math.inf)
+            elif logarithmic(p):
                 limit = LEAST_PART * self.most_voltage / p.default if p.unit == "V" else 1e-6
-                low.append(math.log(limit if p.high < math.inf else 1 / MOST_FACTOR))
+                low.append(math.log(limit if p.high < math.inf else LEAST_FACTOR))
                 high.append(
-                    self.coordinate(j, p.high) if p.high < math.inf else math.log(MOST_FACTOR)
+                    self.coordinate(j, p.high)
+                    if p.high < math.inf
+                    else math.log(self.effect.most_factor)
                 )
             else:
                 s = self.scale(j)
@@ -157,6 +164,11 @@ class Candidate:
 def logarithmic(p: Parameter) -> bool:
     """Whether the parameter is a factor or a limit: above 0, and neutral at a positive value."""
     return p.open_low and p.low == 0 and (p.default or 0.0) > 0
+
+
+def turning(p: Parameter) -> bool:
+    """Whether the parameter is an angle that may be anything within one turn."""
+    return p.unit == "rad" and math.isclose(p.high - p.low, 2 * math.pi)
 
 
 def _levels(p: Parameter, most_voltage: float) -> list[float]:

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 DRAWS = 2000  # of the bootstrap over experiments
 LEAST = 20  # samples of a regime
+SURE = 3.0  # deviations of a noise's estimate, beyond which it is no chance
 FLAT = 0.005  # of the noise's power: with a smaller gap before, a closed fraction says nothing
 
 
@@ -38,6 +39,33 @@ def errors(experiments: Sequence[Experiment], predicted: Sequence[Array]) -> Err
     return Errors(found.rmse, found.mean_max_error)
 
 
+def noise_there(
+    experiments: Sequence[Experiment], predicted: Sequence[Array], noise: float, band: float
+) -> float:
+    """Deviation of the noise as it fell out in these experiments [rad/s].
+
+    A gap smaller than the noise is the difference of two large powers: what the noise happened to
+    be would count as part of it. Beyond the band in which a machine can be wrong it is measured;
+    within, it is taken to be as everywhere.
+
+    Args:
+        experiments: measured.
+        predicted: (L,) speeds of each [rad/s].
+        noise: its deviation on average [rad/s].
+        band: highest frequency at which the predictions may be wrong [Hz].
+    """
+    power, count = 0.0, 0
+    for e, run in zip(experiments, predicted, strict=True):
+        squared = np.abs(np.fft.rfft(e.speed - run)) ** 2
+        squared[1:] *= 2
+        high = np.fft.rfftfreq(len(e), e.period) > band
+        power += float(squared[high].sum()) / len(e) + noise**2 * 2 * float(np.sum(~high))
+        count += len(e)
+    there = math.sqrt(power / count) if math.isfinite(power) else noise
+    chance = SURE / math.sqrt(2 * count)
+    return min(max(there, noise * (1 - chance)), noise * (1 + chance))
+
+
 def closed(
     experiments: Sequence[Experiment],
     before: Sequence[Array],
@@ -45,7 +73,7 @@ def closed(
     noise: float,
     seed: int = 0,
 ) -> tuple[float | None, tuple[float, float] | None]:
-    """(closed fraction, its 95 % interval): (before^2 - after^2) / (before^2 - noise^2)."""
+    """(closed fraction in 0..1, its 95 % interval): (before^2 - after^2) / (before^2 - noise^2)."""
     size = np.array([len(e) for e in experiments], dtype=np.float64)
     was, now = (
         np.array([float(np.sum((e.speed - p) ** 2)) for e, p in zip(experiments, run, strict=True)])
@@ -54,13 +82,13 @@ def closed(
     gap = was - size * noise**2
     if not gap.sum() > FLAT * noise**2 * size.sum():
         return None, None
-    part = float((was - now).sum() / gap.sum())
+    part = float(np.clip((was - now).sum() / gap.sum(), 0.0, 1.0))
     if len(experiments) < 2:
         return part, None
     pick = np.random.default_rng(seed).integers(0, size.size, (DRAWS, size.size))
     below = gap[pick].sum(axis=1)
     drawn = (was - now)[pick].sum(axis=1)[below > 0] / below[below > 0]
-    low, high = np.quantile(drawn, [0.025, 0.975])
+    low, high = np.clip(np.quantile(drawn, [0.025, 0.975]), 0.0, 1.0)
     return part, (float(low), float(high))
 
 

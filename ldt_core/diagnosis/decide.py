@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.diagnosis.bench import Bench
-from ldt_core.diagnosis.explain import CLEAR, HALF, MOST, WORTH, Explained, Search
+from ldt_core.diagnosis.explain import CLEAR, MOST, Explained, Search
 from ldt_core.diagnosis.search import Fit
+from ldt_core.diagnosis.worth import earned, kin
 
 Array = NDArray[np.float64]
 
@@ -98,6 +99,7 @@ def decide(search: Search, seed: int = 0) -> Decision:
     reach = max(ALIKE, ALSO * band.excess(pool[0].rest))
     alike = [f for f in pool if f.loss - pool[0].loss <= reach]
     alike = _plainest(found, alike, pool, _gap(found, pool[0]))
+    alike = sorted(alike, key=lambda f: kin(f.effects))  # else the best first, as before
     best = alike[0]
     left, gap = band.speed_excess(best.rest), _gap(found, best)
     structured = band.excess(best.rest) > band.limit_of(0.01)
@@ -152,13 +154,23 @@ def _grow(found: Explained, gap: float) -> Fit:
     """The smallest set that no larger one beats by enough."""
     chosen, band = found.of_size(1)[0], found.band
     for size in range(2, MOST + 1):
-        for larger in found.of_size(size)[:1]:
+        for larger in _good(found, found.of_size(size))[:1]:
             gain = float((band.speed_loss(chosen.rest) - band.speed_loss(larger.rest)).sum())
             left = max(band.speed_excess(chosen.rest), 0.0)
-            added = len(larger.names) - len(chosen.names)
-            if gain > max(CLEAR, WORTH * gap) * added and gain > HALF * left:
+            clear = gain > CLEAR * (len(larger.names) - len(chosen.names))
+            if clear and earned(chosen.effects, larger.effects, gain, left, gap):
                 chosen = larger
     return chosen
+
+
+def _good(found: Explained, pool: Sequence[Fit]) -> list[Fit]:
+    """Sets that are as good as the first, those with the fewest effects of one family."""
+    if not pool:
+        return []
+    reach = max(ALIKE, ALSO * found.band.excess(pool[0].rest))
+    close = [f for f in pool if f.loss - pool[0].loss <= reach]
+    least = min(kin(f.effects) for f in close)
+    return [f for f in close if kin(f.effects) == least]
 
 
 def _plainest(found: Explained, alike: Sequence[Fit], pool: Sequence[Fit], gap: float) -> list[Fit]:

@@ -7,6 +7,7 @@ experiments.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -28,6 +29,7 @@ from ldt_core.diagnosis.search import (
     rank_pairs,
     simulate_all,
 )
+from ldt_core.diagnosis.worth import HALF, WORTH, earned
 
 Array = NDArray[np.float64]
 Names = frozenset[str]
@@ -36,8 +38,6 @@ SCOUT_SAMPLES = 12_000  # of the experiments that the scout works on, and
 SCOUT_EXPERIMENTS = 8  # at most so many of them
 MOST = 6  # effects in a set
 TRIPLE = 3  # effects, up to which sets are tried even where the last one did not help
-WORTH = 0.025  # of the gap in the speed that a further effect must explain to be named, and
-HALF = 0.5  # of what is left, that a further effect must explain
 PAIRS = 5  # fitted because their responses promise most
 BASES = 3  # sets of one size that are built upon
 ADDED = 3  # effects added to each of them
@@ -47,8 +47,12 @@ KEPT = 4  # sets of each size that are fitted on all experiments
 HOPELESS = 0.5  # of the gap: if all effects together explain no more, no set of them will
 HOPEFUL = 0.3  # of the gap: where a set leaves more, an effect is tried with it only if it promises
 PROMISE = 0.1  # to take away this part of that
+PROMISED = 0.7  # of what an effect explains that its response alone promises, at worst
 QUICK = 8  # steps of the scout's fits, and
 ROUGH = 1e-4  # of the sum of squares: the scout's fits end there
+MANY = 3  # parameters, with which a fit may not have reached its best, and
+UNSURE = 0.005  # of the gap that it then leaves: it goes on, for
+PATIENT = 30  # steps
 NEAR = 3.0  # times the best of its size that a set may leave, to be kept
 OPPOSED = -0.95  # cosine of two effects' responses, at which they cancel each other
 CLEAR = 30.0  # fall of the sum of squares that chance does not reach, over all sets that are tried
@@ -177,9 +181,11 @@ class Search:
         band, none = self.band, self.found.scouted[frozenset()]
         left = max(band.speed_excess(best.rest), 0.0)
         taken = float((band.speed_loss(none.rest) - band.speed_loss(best.rest)).sum())
-        worth = WORTH * (max(taken, 0.0) + left)
-        promised = self.ranked(best)[:1]
-        return left < worth and all(gain < worth for _, _, gain in promised)
+        gap = max(taken, 0.0) + left
+        return left < WORTH * gap and not any(
+            earned(best.effects, [*best.effects, c], gain / PROMISED, left, gap)
+            for c, _, gain in self.ranked(best)
+        )
 
     def _gained(self, count: int) -> bool:
         """Whether the best set of a size takes away half of what the best smaller one leaves."""
@@ -190,6 +196,11 @@ class Search:
         for i, c in enumerate(self.candidates):
             for start in best_alone(self.found.responses, i):
                 self._scout([c], [start])
+        none = self.found.scouted[frozenset()]
+        turned = {int(self.found.responses.owner[g[0]]) for g in self._angular}
+        for c, start, _ in self.ranked(none) if turned else ():
+            if self.candidates.index(c) in turned:
+                self._scout([c], [start])
 
     def _pairs(self) -> None:
         ranked = sorted(rank_pairs(self.found.responses).items(), key=lambda q: -q[1][0])
@@ -198,7 +209,7 @@ class Search:
             self._scout([self.candidates[i], self.candidates[j]], [z[k], z[m]])
 
     def _build_on(self, count: int, bases: int) -> None:
-        for base in self._best(count)[:bases]:
+        for base in _of_each_kind(self._best(count))[:bases]:
             for candidate, start in self.additions(base, ADDED):
                 self._scout([*base.effects, candidate], [*base.z[: len(base.effects)], start])
 
@@ -228,6 +239,8 @@ class Search:
         size, target = np.einsum("ij,ij->i", moved, moved), moved @ left
         scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
         gain = 2 * scale * target - scale**2 * size
+        for group in self._angular:
+            gain[group], scale[group] = self._at_any_angle(moved[group], left)
         chosen: dict[int, int] = {}
         for k in np.argsort(-gain):
             owner = int(d.owner[k])
@@ -237,6 +250,41 @@ class Search:
             (self.candidates[i], self.candidates[i].scaled(d.z[k], float(scale[k])), float(gain[k]))
             for i, k in chosen.items()
         ]
+
+    @functools.cached_property
+    def _angular(self) -> list[NDArray[np.int64]]:
+        """Places of responses that differ by a phase alone, if start angles are not known."""
+        d, found = self.found.responses, []
+        if all(p.rest for p in self.scout.pieces):
+            return []
+        for i, c in enumerate(d.candidates):
+            own = np.flatnonzero(d.owner == i)
+            other = [j for j, p in enumerate(c.parameters) if p.unit != "rad"]
+            if len(other) == len(c.parameters) or not self.scout.angular([(c.effect, {})]):
+                continue
+            same: dict[bytes, list[int]] = {}
+            for k in own:
+                same.setdefault(d.z[k][other].tobytes(), []).append(int(k))
+            found += [np.array(group) for group in same.values()]
+        return found
+
+    def _at_any_angle(self, moved: Array, left: Array) -> tuple[float, float]:
+        """(promise, how many times as strong) of an effect whose phase each experiment may choose.
+
+        Args:
+            moved: (phases, size) responses that differ by the phase alone.
+            left: (size,) residuals.
+        """
+        gain = size = 0.0
+        for piece in self.scout.pieces:
+            part = moved[:, piece.rows]
+            power, along = np.linalg.eigh(part @ part.T)
+            kept = along[:, -2:][:, power[-2:] > 1e-9 * max(power[-1], 1e-300)]  # a sine, a cosine
+            onto = kept.T @ (part @ left[piece.rows])
+            gain += float(np.sum(onto**2 / power[-2:][-kept.shape[1] :])) if onto.size else 0.0
+            size += float(power.sum()) / power.size
+        scale = float(np.clip(np.sqrt(gain / max(size, 1e-9)), SHRINK, STRETCH))
+        return gain, scale
 
     def _scout(self, members: Sequence[Candidate], start: Sequence[Array]) -> Fit:
         self.tick("fitting sets of effects")
@@ -279,7 +327,16 @@ class Search:
                 self.found.fits[names] = fit(
                     self.bench, scouted.members, scouted.z, own=len(self.own)
                 )
+            self._polish(names)
         return self.found.fits[names]
+
+    def _polish(self, names: Names) -> None:
+        """Go on with a fit that may have ended before its many parameters were at their best."""
+        found = self.found.fits[names]
+        left = self.found.band.excess(found.rest)
+        if found.free >= MANY and UNSURE * self.found.excess < left < HOPEFUL * self.found.excess:
+            more = fit(self.bench, found.members, found.z, evaluations=PATIENT, own=len(self.own))
+            self.found.fits[names] = min(found, more, key=lambda f: f.loss)
 
     def subset(self, base: Fit, names: Sequence[str]) -> Fit:
         """A part of a set, fitted on all experiments."""
@@ -310,6 +367,14 @@ class Search:
         scouted = self.found.scouted.get(frozenset(base.names), base)
         floor = scouted.loss + NEAR * max(self.band.excess(scouted.rest), 0.0) + CLEAR
         return [self.finish(f) for f in found if f.loss <= floor]
+
+
+def _of_each_kind(fits: Sequence[Fit]) -> list[Fit]:
+    """The first of those sets that consist of effects of the same families."""
+    first: dict[Names, Fit] = {}
+    for f in fits:
+        first.setdefault(frozenset(c.effect.family or c.name for c in f.effects), f)
+    return list(first.values())
 
 
 def _empty(bench: Bench) -> Fit:

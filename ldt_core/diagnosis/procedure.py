@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ldt_core.diagnosis.amounts import amounts
 from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.closing import closed, errors, free_run, regimes
+from ldt_core.diagnosis.closing import closed, errors, free_run, noise_there, regimes
 from ldt_core.diagnosis.decide import Decision, decide
 from ldt_core.diagnosis.explain import Search
 from ldt_core.diagnosis.isolability import EXPERIMENTS, ambiguities, undetectable
@@ -32,7 +32,7 @@ from ldt_core.diagnosis.result import (
 )
 from ldt_core.diagnosis.scale import factors
 from ldt_core.diagnosis.torque import Torque
-from ldt_core.diagnosis.where import change, places, residual
+from ldt_core.diagnosis.where import change, places, residual, sharp_residual
 from ldt_core.diagnosis.words import sentence
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.effects.base import Effect
@@ -206,9 +206,10 @@ class _Report:
         """
         d = self.decision
         self.tick("measuring what is left")
-        noise = self.bench.noise[0]
         before = [free_run(self.machine, e) for e in self.held]
         after = [free_run(self.machine, e, self.use) for e in self.held] if self.use else before
+        band = self.search.found.band.limit
+        noise = noise_there(self.held, after, self.bench.noise[0], band)
         part, interval = closed(self.held, before, after, noise, self.seed)
         if d.kind == "none":
             part, interval = None, None
@@ -255,7 +256,7 @@ class _Report:
             return []
         none = self.search.found.fits[frozenset()].use
         if self.named is None:
-            return places(residual(self.bench, none))
+            return places(sharp_residual(self.bench, none))
         return places(change(self.bench, none, self.use, self.named.starts))
 
     def _notes(self) -> list[str]:

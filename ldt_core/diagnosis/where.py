@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.result import Place
 from ldt_core.diagnosis.starts import Starts
-from ldt_core.diagnosis.torque import Torque
+from ldt_core.diagnosis.torque import WINDOW, Torque
 
 Array = NDArray[np.float64]
 
@@ -23,6 +23,8 @@ BINS = 60
 MOST = 0.9  # of the gap's power, that a place must hold
 LIFT = 0.1  # by which a place's share of the gap exceeds its share of the data, to be named
 LEAST = 0.004  # of the samples, that a bin's mean is taken over
+SHARP = (0.05, 0.1, 0.2, 0.4)  # memories of the motor to smooth over, if the noise allows:
+QUIET = 0.05  # of the torque's power, at most
 BOTH = 0.3  # of the larger direction's range, that the other reaches, to look at both as one
 CHANCE = 3.0  # deviations of a bin's power that noise alone may give it
 QUANTITIES = {
@@ -60,13 +62,28 @@ class Residual:
         return self.torque**2 - self.noise**2
 
 
-def residual(bench: Bench, use: Sequence = (), starts: Starts | None = None) -> Residual:
+def residual(
+    bench: Bench, use: Sequence = (), starts: Starts | None = None, window: float = WINDOW
+) -> Residual:
     """The torque left by these effects, and what it may depend on."""
-    left = [
+    return _residual(bench, _left(bench, use, starts), bench.noise[0], window)
+
+
+def sharp_residual(bench: Bench, use: Sequence = (), starts: Starts | None = None) -> Residual:
+    """The same, smoothed no longer than the noise asks for: sharp where the gap is large."""
+    left = _left(bench, use, starts)
+    for window in SHARP:
+        found = _residual(bench, left, bench.noise[0], window)
+        if float(np.mean(found.noise**2)) < QUIET * float(np.mean(found.torque**2)):
+            return found
+    return _residual(bench, left, bench.noise[0])
+
+
+def _left(bench: Bench, use: Sequence, starts: Starts | None) -> list[Array]:
+    return [
         e.speed - bench.outputs(i, use, angle=_angle(bench, starts, i))[0]
         for i, e in enumerate(bench.experiments)
     ]
-    return _residual(bench, left, bench.noise[0])
 
 
 def change(bench: Bench, use: Sequence, to: Sequence, starts: Starts | None = None) -> Residual:
@@ -83,22 +100,24 @@ def change(bench: Bench, use: Sequence, to: Sequence, starts: Starts | None = No
         after, _ = bench.outputs(i, to, angle=_angle(bench, starts, i))
         before, _ = bench.outputs(i, use, angle=_angle(bench, bench.starts, i))
         moved.append(after - before)
-    return _residual(bench, moved, 0.0)
+    return _residual(bench, moved, 0.0, SHARP[0])
 
 
 def _angle(bench: Bench, starts: Starts | None, i: int) -> float:
     return float((starts or bench.starts).angles[i])
 
 
-def _residual(bench: Bench, speeds: Sequence[Array], deviation: float) -> Residual:
+def _residual(
+    bench: Bench, speeds: Sequence[Array], deviation: float, window: float = WINDOW
+) -> Residual:
     torque, noise = [], []
     over: dict[str, list[Array]] = {name: [] for name in QUANTITIES}
-    window = 1
+    samples = 1
     for e, speed in zip(bench.experiments, speeds, strict=True):
-        turn = Torque(bench.values["J"], bench.memory, e.period, len(e))
+        turn = Torque(bench.values["J"], bench.memory, e.period, len(e), window)
         torque.append(turn.of(speed))
         noise.append(np.full(len(e), turn.noise * deviation))
-        window = max(window, turn.window)
+        samples = max(samples, turn.window)
         over["speed"].append(turn.smooth(e.speed))
         over["voltage"].append(np.asarray(e.voltage))
         over["acceleration"].append(turn.smooth(e.speed, 1))
@@ -110,7 +129,7 @@ def _residual(bench: Bench, speeds: Sequence[Array], deviation: float) -> Residu
         {name: np.concatenate(parts) for name, parts in over.items()},
         [len(e) for e in bench.experiments],
         [e.period for e in bench.experiments],
-        window,
+        samples,
     )
 
 

@@ -76,6 +76,10 @@ class Effect:
         fastest: (values, voltage, **p) -> fastest rate of change that the effect brings with it
             [1/s], from the machine's parameters and its largest voltage; bounds the step.
         reference: where the formula is from.
+        family: of effects that are alike but for details of their laws. As no law is exactly a
+            machine's, a diagnosis names a second one of a family only on stronger evidence.
+        most_factor: times its value that a parameter may have become, for a diagnosis; with more,
+            it takes the machine for another one.
         search: values of parameters that a diagnosis begins its search with, every combination;
             for those that are not named it takes values about their scale.
 
@@ -98,6 +102,8 @@ class Effect:
     needs: tuple[str, ...] = ()
     fastest: Callable[..., float] | None = None
     reference: str = ""
+    family: str = ""
+    most_factor: float = 20.0
     search: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -75,6 +75,7 @@ def _delayed(times, volts, delay):
 
 ARMATURE_RESISTANCE = Effect(
     name="armature_resistance",
+    family="resistance",
     description="resistance of the winding other than in the machine file",
     equation="R := factor R",
     parameters=(factor_of("of the resistance"),),
@@ -97,6 +98,7 @@ MOTOR_CONSTANT = Effect(
 
 ARMATURE_INDUCTANCE = Effect(
     name="armature_inductance",
+    family="lag",
     description="inductance of the winding other than in the machine file",
     equation="L := factor L",
     parameters=(factor_of("of the inductance"),),
@@ -104,10 +106,12 @@ ARMATURE_INDUCTANCE = Effect(
     on_parameters=lambda values, factor: scaled(values, factor, "L"),
     needs=("L",),
     reference=f"{LEONHARD}, chapter 5 (separately excited DC machine)",
+    most_factor=100.0,  # the file's is often a guess, since it shows little
 )
 
 WINDING_HEATING = Effect(
     name="winding_heating",
+    family="resistance",
     description="the winding warms with its losses, and its resistance with it; cold at the start",
     equation="R(T) = R (1 + 0.00393 T), tau T' = R_th R(T) i^2 - T",
     parameters=(
@@ -133,6 +137,7 @@ WINDING_HEATING = Effect(
 
 SOURCE_RESISTANCE = Effect(
     name="source_resistance",
+    family="resistance",
     description="the supply's voltage falls with the current (looks like a larger armature "
     "resistance unless the voltage is measured at the terminals)",
     equation="terminal voltage = V - R_s i",
@@ -150,6 +155,7 @@ SOURCE_RESISTANCE = Effect(
 
 BRUSH_DROP = Effect(
     name="brush_drop",
+    family="dry friction",
     description="voltage that is lost at the brushes, nearly the same at every current",
     equation="terminal voltage = V - V_b sign(i), the sign smoothed over i = 0.1 V / R",
     parameters=(
@@ -215,6 +221,7 @@ VOLTAGE_SATURATION = Effect(
 
 INPUT_DEADZONE = Effect(
     name="input_deadzone",
+    family="dry friction",
     description="the driver ignores small commands and loses as much of the others",
     equation="V := sign(V) max(|V| - width, 0)",
     parameters=(
@@ -227,6 +234,7 @@ INPUT_DEADZONE = Effect(
 
 INPUT_DELAY = Effect(
     name="input_delay",
+    family="lag",
     description="commands arrive late; before, the voltage is what kept the first state steady",
     equation="V(t) := V(t - delay)",
     parameters=(Parameter("delay", "s", 0.0, default=0.0, description="of commands", scale=0.05),),

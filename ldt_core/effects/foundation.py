@@ -17,6 +17,7 @@ def _axes(values, name, x, y):
 
 UNBALANCE = Effect(
     name="unbalance",
+    family="foundation",
     description="the rotor's mass sits beside its axis and shakes the foundation (Sommerfeld)",
     equation="e := e + increment",
     parameters=(Parameter("e", "m", 0.0, default=0.0, description="increment of e", scale=0.008),),
@@ -29,6 +30,7 @@ UNBALANCE = Effect(
 
 FOUNDATION_STIFFNESS = Effect(
     name="foundation_stiffness",
+    family="foundation",
     description="foundation stiffer or softer than in the machine file; seen only with unbalance",
     equation="K_x := x K_x, K_y := y K_y",
     parameters=(factor_of("of K_x", "x"), factor_of("of K_y", "y")),
@@ -41,6 +43,7 @@ FOUNDATION_STIFFNESS = Effect(
 
 FOUNDATION_DAMPING = Effect(
     name="foundation_damping",
+    family="foundation",
     description="foundation damped more or less than in the machine file; seen only with unbalance",
     equation="R_x := x R_x, R_y := y R_y",
     parameters=(factor_of("of R_x", "x"), factor_of("of R_y", "y")),

@@ -55,6 +55,7 @@ def _viscous(values, b):
 
 COULOMB_FRICTION = Effect(
     name="coulomb_friction",
+    family="dry friction",
     description="dry friction of the same size at every speed",
     equation="torque = -T sign(omega), the sign smoothed over 0.02 rad/s",
     parameters=(
@@ -69,6 +70,7 @@ COULOMB_FRICTION = Effect(
 
 ASYMMETRIC_FRICTION = Effect(
     name="asymmetric_friction",
+    family="dry friction",
     description="dry friction of another size forward than backward (a worn bearing, a worm gear)",
     equation="torque = -T_f for omega > 0, +T_b for omega < 0, smoothed over 0.02 rad/s",
     parameters=(
@@ -90,6 +92,7 @@ ASYMMETRIC_FRICTION = Effect(
 
 GEAR_FRICTION = Effect(
     name="gear_friction",
+    family="dry friction",
     description="dry friction of a gear, in proportion to the torque that it passes on",
     equation="torque = -mu |K_t i| sign(omega), the sign smoothed over 0.02 rad/s, the size over "
     "i = 0.1 V / R",
@@ -114,6 +117,7 @@ GEAR_FRICTION = Effect(
 
 STRIBECK_FRICTION = Effect(
     name="stribeck_friction",
+    family="dry friction",
     description="dry friction that is larger near standstill",
     equation="torque = -(T + T_s exp(-(omega / omega_s)^2)) sign(omega), smoothed over 0.02 rad/s",
     parameters=(
@@ -138,6 +142,7 @@ STRIBECK_FRICTION = Effect(
 
 VISCOUS_FRICTION = Effect(
     name="viscous_friction",
+    family="drag",
     description="viscous friction other than in the machine file (an increment: b may be 0 there)",
     equation="b := b + increment, which must stay at least 0",
     parameters=(Parameter("b", "N m s", default=0.0, description="increment of b", scale=0.005),),
@@ -149,6 +154,7 @@ VISCOUS_FRICTION = Effect(
 
 QUADRATIC_DRAG = Effect(
     name="quadratic_drag",
+    family="drag",
     description="drag of a fan or a stirrer, with the square of the speed",
     equation="torque = -c omega |omega|",
     parameters=(

@@ -28,6 +28,7 @@ CONSTANT_LOAD = Effect(
 
 GRAVITY_IMBALANCE = Effect(
     name="gravity_imbalance",
+    family="angle",
     description="an eccentric mass on a horizontal shaft that weighs more than it shakes",
     equation="torque = -T cos(theta + phi), T = m g e; theta counts from the experiment's start",
     parameters=(

@@ -46,6 +46,7 @@ SENSOR_BIAS = Effect(
 
 SENSOR_LAG = Effect(
     name="sensor_lag",
+    family="lag",
     description="the sensor is slow: a filter of first order, settled at the first sample",
     equation="tau measured' = omega - measured",
     parameters=(Parameter("time_constant", "s", 0.0, default=0.0, description="tau", scale=0.05),),

@@ -42,6 +42,7 @@ def _compliance_rate(values, voltage, share, stiffness, damping):
 
 INERTIA = Effect(
     name="inertia",
+    family="inertia",
     description="moment of inertia other than in the machine file",
     equation="J := factor J",
     parameters=(factor_of("of the moment of inertia"),),
@@ -53,6 +54,7 @@ INERTIA = Effect(
 
 COGGING_TORQUE = Effect(
     name="cogging_torque",
+    family="angle",
     description="the motor's teeth hold on to its magnets",
     equation="torque = -T sin(n theta + phi); theta counts from the start of the experiment",
     parameters=(
@@ -91,6 +93,7 @@ COGGING_TORQUE = Effect(
 
 TORSIONAL_COMPLIANCE = Effect(
     name="torsional_compliance",
+    family="inertia",
     description="part of the inertia sits behind an elastic coupling (an eccentric mass does not)",
     equation="J := (1 - s) J; torque = -M, s J omega_far' = M, "
     "M = k (theta - theta_far) + d (omega - omega_far)",
