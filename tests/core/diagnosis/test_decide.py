@@ -9,7 +9,7 @@ import pytest
 from recorded_machines import MOTOR, NOISE, ROTOR, candidates, record, uses
 
 from ldt_core.diagnosis.bench import Bench
-from ldt_core.diagnosis.closing import closed, errors, free_run, regimes
+from ldt_core.diagnosis.closing import closed, errors, free_run, noise_there, regimes
 from ldt_core.diagnosis.decide import is_gap
 from ldt_core.diagnosis.explain import Search
 from ldt_core.diagnosis.own import own_effects
@@ -333,3 +333,33 @@ def test_too_little_to_go_by_is_refused():
         split(record(ROTOR, count=1, samples=300), 0.25, 0)
     with pytest.raises(BadInput, match="holdout"):
         split(record(ROTOR), 2.0, 0)
+
+
+def test_the_noise_is_what_it_was_in_these_experiments():
+    """Louder by chance is measured above the band; a wrong level by far is not believed."""
+    experiments = record(MOTOR, samples=2000, count=3)
+    still = [np.full(len(e), 0.0) for e in experiments]
+    flat = [
+        type(e)(e.number, e.start, e.period, e.voltage, 1.01 * NOISE * noise)
+        for e, noise in zip(
+            experiments, np.random.default_rng(3).standard_normal((3, 2000)), strict=True
+        )
+    ]
+    found = noise_there(flat, still, NOISE, 5.0)
+    true = math.sqrt(np.mean([e.speed**2 for e in flat]))
+    assert abs(found - true) < 0.3 * abs(NOISE - true) + 1e-4
+    chance = 3.0 / math.sqrt(2 * 6000)
+    assert noise_there(flat, still, NOISE / 2, 5.0) == pytest.approx(NOISE / 2 * (1 + chance))
+    assert noise_there(flat, [s * math.nan for s in still], NOISE, 5.0) == NOISE
+
+
+def test_a_closed_part_is_a_part():
+    """Chance does not promise more than all of a gap, nor less than none."""
+    experiments = record(MOTOR)
+    before = [e.speed + NOISE for e in experiments]
+    after = [np.array(e.speed) for e in experiments]
+    assert closed(experiments, before, after, 0.9 * NOISE)[0] == 1.0
+    worse = [e.speed + 2 * NOISE for e in experiments]
+    part, interval = closed(experiments, before, worse, 0.5 * NOISE)
+    assert part == 0.0
+    assert interval == (0.0, 0.0)

@@ -9,7 +9,8 @@ import pytest
 from recorded_machines import NOISE, ROTOR, record, steps
 
 from ldt_core.diagnosis.bench import Bench
-from ldt_core.diagnosis.where import LIFT, MOST, places, residual
+from ldt_core.diagnosis.where import LIFT, MOST, change, places, residual
+from ldt_core.effects import get_effect
 from ldt_core.effects.base import Effect
 from ldt_core.physics.parameter import Parameter
 
@@ -131,3 +132,32 @@ def test_the_noise_alone_has_no_power():
     bench = Bench(ROTOR, record(ROTOR), (NOISE, 1.0))
     power = residual(bench).power
     assert abs(float(power.mean())) < 0.3 * float(np.mean(residual(bench).noise ** 2))
+
+
+def both_ways(t, theta, omega, current, voltage, p):
+    return -p[0] * (1.0 if omega > 0 else -1.0) if 12.0 < abs(omega) < 20.0 else 0.0
+
+
+def test_what_lies_at_the_same_speeds_in_both_directions_is_two_ranges():
+    """One for each direction, and both right."""
+    effect = confined("both_ways", both_ways)
+    listed = found(made(effect, count=6, volts=(-14.0, 14.0), hold=120))
+    ranges = [(p.begin, p.end) for p in listed if p.quantity == "speed"]
+    assert len(ranges) == 2
+    assert {b > 0 for b, _ in ranges} == {True, False}
+    for p in (p for p in listed if p.quantity == "speed"):
+        low, high = sorted((abs(p.begin), abs(p.end)))
+        assert (min(high, 20.0) - max(low, 12.0)) / (max(high, 20.0) - min(low, 12.0)) >= 0.5
+
+
+def test_a_named_effect_lies_where_it_acts_not_where_the_recording_was():
+    """Only a fortieth of the samples reach the limit of the supply; all of its place is there."""
+    limit = {"limit": 13.0}
+    effect = get_effect("voltage_saturation")
+    experiments = made((effect, limit), volts=(2.0, 14.0), count=6)
+    bench = Bench(ROTOR, experiments, (NOISE, 1.0))
+    (first, *_) = places(change(bench, [], [(effect, limit)]))
+    assert first.quantity == "voltage"
+    assert 12.9 < first.begin < 13.4
+    assert first.share_of_gap > MOST
+    assert first.share_of_data < 0.3

@@ -1,0 +1,109 @@
+"""Claims about further effects: which are named beside those that are named already."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from recorded_machines import MOTOR, NOISE, ROTOR, candidates, record
+
+from ldt_core.diagnosis.bench import Bench
+from ldt_core.diagnosis.explain import Search
+from ldt_core.diagnosis.procedure import TOLERANCE, diagnose
+from ldt_core.diagnosis.search import fit
+from ldt_core.diagnosis.worth import HALF, KIN, LITTLE, NEARLY_ALL, WORTH, earned, kin
+from ldt_core.effects import EFFECTS, get_effect
+
+GAP = 1000.0
+
+
+def members(*names):
+    return candidates(ROTOR, names)
+
+
+def test_effects_of_one_family_are_kin_and_own_ones_are_not():
+    """Three kinds of dry friction are two too many; what has no family is nobody's kin."""
+    dry = members("coulomb_friction", "stribeck_friction", "gear_friction")
+    assert kin(dry) == 2
+    assert kin(members("constant_load", "sensor_bias", "coulomb_friction")) == 0
+    assert kin([]) == 0
+
+
+def test_every_family_has_at_least_two_effects():
+    """One alone would be a name without a meaning."""
+    families = [get_effect(n).family for n in EFFECTS.names()]
+    assert all(families.count(f) > 1 for f in families if f)
+
+
+def test_a_large_part_of_the_gap_and_of_what_is_left_earns_a_name():
+    """Neither alone is enough."""
+    one, two = members("inertia"), members("inertia", "coulomb_friction")
+    gain = 1.1 * WORTH * GAP
+    assert earned(one, two, gain, gain / HALF * 0.9, GAP)
+    assert not earned(one, two, gain, gain / HALF * 1.1, GAP)
+    assert not earned(one, two, 0.9 * WORTH * GAP, 0.9 * WORTH * GAP / NEARLY_ALL * 1.1, GAP)
+
+
+def test_a_small_part_earns_it_if_it_is_nearly_all_that_was_left():
+    """Not one so small that the laws' own errors reach it."""
+    one, two = members("quadratic_drag"), members("quadratic_drag", "coulomb_friction")
+    gain = 2 * LITTLE * GAP
+    assert earned(one, two, gain, gain / NEARLY_ALL * 0.9, GAP)
+    assert not earned(one, two, gain, gain / NEARLY_ALL * 1.1, GAP)
+    assert not earned(one, two, 0.9 * LITTLE * GAP, 0.9 * LITTLE * GAP, GAP)
+
+
+def test_a_relative_of_what_is_named_needs_more():
+    """A harmonic beside gravity is what gravity's own law may look like."""
+    one, two = members("gravity_imbalance"), members("gravity_imbalance", "cogging_torque")
+    assert not earned(one, two, 0.9 * KIN * GAP, 0.9 * KIN * GAP, GAP)
+    assert earned(one, two, 1.1 * KIN * GAP, 1.1 * KIN * GAP, GAP)
+
+
+def test_a_weak_friction_beside_a_strong_drag_is_named():
+    """It explains a hundredth of the gap, and all that the drag leaves."""
+    experiments = record(
+        ROTOR,
+        "quadratic_drag:c=4.5e-4",
+        "coulomb_friction:torque=0.012",
+        count=4,
+        volts=(-16.0, 16.0),
+    )
+    names = ("quadratic_drag", "coulomb_friction", "viscous_friction", "inertia", "sensor_gain")
+    found = diagnose(ROTOR, experiments, effects=[get_effect(n) for n in names], workers=1)
+    assert {n for group in found.verdict.acting for n in group} >= {names[0], names[1]}
+    assert len(found.verdict.acting) == 2
+    share = next(c.shapley_share for c in found.candidates if c.effect == names[1])
+    assert 0 < share < 0.3
+
+
+def test_a_fit_passes_from_one_end_of_a_turn_to_the_other():
+    """A phase just below pi is found from a start just above -pi."""
+    experiments = record(MOTOR, "gravity_imbalance:torque=0.02,phase=3.0", volts=(-6.0, 6.0))
+    bench = Bench(MOTOR, experiments, (NOISE, 1.0))
+    (c,) = candidates(MOTOR, ["gravity_imbalance"])
+    start = c.coordinates({"torque": 0.015, "phase": -3.0})
+    found = fit(bench, [c], [start])
+    phase = c.given(found.z[0])["phase"]
+    assert abs(math.remainder(phase - 3.0, 2 * math.pi)) < 0.1
+    assert -math.pi <= phase <= math.pi
+
+
+def test_a_set_is_built_on_the_best_of_each_family():
+    """Three frictions that fit alike do not take every place."""
+    experiments = record(ROTOR, "coulomb_friction:torque=0.1", "constant_load:torque=0.1")
+    bench = Bench(ROTOR, experiments, tolerance=TOLERANCE)
+    names = ["coulomb_friction", "stribeck_friction", "gear_friction", "constant_load"]
+    search = Search(bench, candidates(ROTOR, names))
+    search.run()
+    built = [set(names) for names in search.found.scouted if len(names) == 2]
+    assert {"coulomb_friction", "constant_load"} in built
+
+
+def test_the_angle_matters_for_what_pulls_at_an_angle_alone():
+    """Gravity and cogging follow the measured speed; friction runs free."""
+    bench = Bench(ROTOR, record(ROTOR), (NOISE, 1.0))
+    for name, expected in (("gravity_imbalance", True), ("coulomb_friction", False)):
+        effect = get_effect(name)
+        assert bench.angular([(effect, effect.check(effect.typical))]) is expected
+    assert np.isfinite(bench.rest()).all()
