@@ -183,7 +183,7 @@ class Search:
         taken = float((band.speed_loss(none.rest) - band.speed_loss(best.rest)).sum())
         gap = max(taken, 0.0) + left
         return left < WORTH * gap and not any(
-            earned(best.effects, [*best.effects, c], gain / PROMISED, left, gap)
+            gain > CLEAR and earned(best.effects, [*best.effects, c], gain / PROMISED, left, gap)
             for c, _, gain in self.ranked(best)
         )
 
