@@ -2,51 +2,33 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from ldt_core.experiment import Experiment, Level, Signal
+from ldt_core.experiment import Experiment, Signal
 from ldt_core.twin import build_diagnoser
-from ldt_ros.convert import from_message, to_message
-from ldt_ros.node import TwinNode
-from ldt_ros.pairing import Pairing
+from ldt_ros.convert import to_message
+from ldt_ros.paired_node import PairedNode
 
-WAITING = (
-    1000  # experiments that may wait for a diagnosis under way; beyond, the newest is left out
-)
 NEWS = 0.2  # s, how soon the end of a run learns that nothing waits any more
 
 
-class DiagnoserNode(TwinNode):
+class DiagnoserNode(PairedNode):
     """Says at positives what has happened to the machine.
 
-    The diagnosis runs on a thread of its own, so that health is told meanwhile; experiments that
-    come then wait for it in order. Told to stop, it is broken off, and nobody waits for it.
-
-    | received | what happens |
-    |---|---|
-    | `experiment`, `signal` | the two of one number go through the diagnoser |
-    | more than 1000 while a diagnosis runs | the newest is left out and counted |
-    | one without the other | dropped when 100 newer ones have come, and counted |
-    | a number that waits already | dropped and counted: the first one counts |
-    | anything malformed | counted, logged once per kind |
+    Told to stop, it breaks off the diagnosis, and nobody waits for it. What it does with what it
+    receives is said at `PairedNode`; a thousand experiments may wait.
     """
+
+    waiting = 1000
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("diagnoser", "machine", "diagnosis", **node_arguments)
         self.diagnoser = build_diagnoser(self.machine, self.settings)
-        self._worker = ThreadPoolExecutor(1, thread_name_prefix="diagnoser")
-        # One thread writes each, so that neither needs a lock.
-        self._begun = 0
-        self._ended = 0
         self._last = 0
         self._told_last = 0
         self._made = 0
-        self._left_out = 0
-        self._pairs: Pairing[Experiment, Signal] = Pairing(self._on_pair)
         self._diagnosis = self.publishes("diagnosis")
-        self.listens("experiment", self._on_experiment)
-        self.listens("signal", self._on_signal)
+        self.listen()
         self.create_timer(NEWS, self._tell_progress, clock=self.steady)
 
     def health(self) -> dict[str, Any]:
@@ -54,9 +36,9 @@ class DiagnoserNode(TwinNode):
         values = {
             "experiment": self._last,
             "diagnoses": self._made,
-            "diagnosing": str(self._begun > self._ended).lower(),
-            "dropped": self._left_out,
-            "unpaired": self._pairs.dropped,
+            "diagnosing": str(self.busy).lower(),
+            "dropped": self.left_out,
+            "unpaired": self.pairs.dropped,
         }
         trouble = self.diagnoser.trouble
         return {**values, "no diagnosis": trouble} if trouble else values
@@ -68,36 +50,10 @@ class DiagnoserNode(TwinNode):
     def close(self) -> None:
         """Begin nothing more."""
         self.diagnoser.cancel()
-        self._worker.shutdown(wait=False, cancel_futures=True)
+        self.worker.shutdown(wait=False, cancel_futures=True)
 
-    def _on_experiment(self, message: Any) -> None:
-        experiment = from_message("experiment", message)
-        # What the twin refuses and tells of must not wait here for its corrected successor.
-        if self.machine.may_have_made(experiment):
-            self._pairs.left(experiment.number, experiment)
-
-    def _on_signal(self, message: Any) -> None:
-        signal = from_message("signal", message)
-        self._pairs.right(signal.experiment, signal)
-
-    def _on_pair(self, experiment: Experiment, signal: Signal) -> None:
-        if self._begun - self._ended > WAITING:
-            self._left_out += 1
-        elif signal.level is Level.POSITIVE or self._begun > self._ended:
-            self._begun += 1
-            self._worker.submit(self._step_on_thread, experiment, signal)
-        else:
-            self._step(experiment, signal)
-
-    def _step_on_thread(self, experiment: Experiment, signal: Signal) -> None:
-        try:
-            self._step(experiment, signal)
-        except Exception as error:  # would be lost in the thread's future
-            self.failure = error
-        finally:
-            self._ended += 1
-
-    def _step(self, experiment: Experiment, signal: Signal) -> None:
+    def step(self, experiment: Experiment, signal: Signal) -> None:
+        """Diagnose where it is positive."""
         found = self.diagnoser.step(experiment, signal)
         if found is not None and not self.diagnoser.cancelled:
             self._diagnosis.publish(to_message(found, experiment.end, self.machine.name))
@@ -106,6 +62,6 @@ class DiagnoserNode(TwinNode):
 
     def _tell_progress(self) -> None:
         """The end of a run waits for the last experiment to be dealt with."""
-        if self._last != self._told_last and self._begun == self._ended:
+        if self._last != self._told_last and not self.busy:
             self._told_last = self._last
             self.tell()

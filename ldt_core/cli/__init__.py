@@ -84,9 +84,6 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
         return _say(f"{error.filename or 'input or output'}: {error.strerror or error}", 1)
 
 
-run = invoke  # hidden by the file of the command `run` once that is imported
-
-
 def _name(command: click.Command) -> str:
     return "ldt" if command is ldt else f"ldt {command.name}"
 

@@ -18,7 +18,7 @@ import pytest
 import yaml
 
 import msgs_config
-from ldt_core.cli import ldt, run
+from ldt_core.cli import invoke, ldt
 from ldt_core.experiment import Experiment
 from ldt_core.recording.codec import encode
 from ldt_core.recording.writer import BagWriter
@@ -321,7 +321,7 @@ def test_bad_input_is_answered_by_one_sentence(
     monkeypatch.chdir(tmp_path)
     before = digest(files)
     arguments = [part.replace("{files}", str(files)) for part in shlex.split(line)]
-    got = run(ldt, arguments)
+    got = invoke(ldt, arguments)
     output, errors = capfd.readouterr()
     assert got == code, errors
     assert errors.startswith("ldt: "), errors

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from ldt_core.cli import ldt, run
+from ldt_core.cli import invoke, ldt
 from ldt_core.recording.bag import read_bag
 
 BAD = 2  # exit code: what was given cannot be used
@@ -87,14 +87,14 @@ def test_a_domain_that_cannot_be_is_refused(domain, tmp_path, monkeypatch, capfd
     """Fast DDS would end the process without a word of ours."""
     pytest.importorskip("rclpy")
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
-    code = run(ldt, ["up", "--experiments", "1", "--bag", str(tmp_path / "bag")])
+    code = invoke(ldt, ["up", "--experiments", "1", "--bag", str(tmp_path / "bag")])
     assert code == BAD
     one_sentence(capfd.readouterr().err, "ROS_DOMAIN_ID", "0 to 232", repr(domain))
 
 
 def test_a_reader_that_leaves_early_is_no_traceback():
     """`ldt --help | head -1`."""
-    command = [sys.executable, "-c", "from ldt_core.cli import main; main(['run', '--help'])"]
+    command = [sys.executable, "-c", "from ldt_core.cli import main; main(['invoke', '--help'])"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     assert process.stderr is not None

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from ldt_core.cli import import_file, predict, run
+from ldt_core.cli import import_file, invoke, predict
 from ldt_core.cli.calibrate import command
 from ldt_core.experiment import Experiment
 from ldt_core.machine import load_machine
@@ -38,7 +38,7 @@ def bag(tmp_path):
 
 
 def call(*arguments):
-    return run(command, [str(a) for a in arguments])
+    return invoke(command, [str(a) for a in arguments])
 
 
 def test_the_file_it_writes_is_a_machine(bag, tmp_path, capsys):
@@ -58,7 +58,8 @@ def test_the_file_it_writes_is_a_machine(bag, tmp_path, capsys):
 
     def error(name, target):
         assert (
-            run(predict.command, [bag, "--machine", str(name), "--out", str(target), "--json"]) == 0
+            invoke(predict.command, [bag, "--machine", str(name), "--out", str(target), "--json"])
+            == 0
         )
         return json.loads(capsys.readouterr().out)["rmse"]
 
@@ -158,7 +159,7 @@ def test_a_real_motor_is_imported_and_calibrated(measured, tmp_path, capsys):
         target = tmp_path / f"{name}{len(more)}"
         fields = ["--voltage", "voltage_V", "--speed", "speed_rpm:rpm", "--time", "time_s"]
         source = str(folder / f"{name}.csv")
-        assert run(import_file.command, [source, *fields, *more, "--out", str(target)]) == 0
+        assert invoke(import_file.command, [source, *fields, *more, "--out", str(target)]) == 0
         return str(target)
 
     step = load("open_loop_5_15V", "--length", "6")
@@ -172,6 +173,6 @@ def test_a_real_motor_is_imported_and_calibrated(measured, tmp_path, capsys):
         for i, machine in enumerate(("dc_motor", out)):
             target = str(tmp_path / f"predicted_{name}_{i}")
             arguments = [other, "--machine", str(machine), "--out", target, "--json"]
-            assert run(predict.command, arguments) == 0
+            assert invoke(predict.command, arguments) == 0
             errors.append(json.loads(capsys.readouterr().out)["rmse"])
         assert errors[1] < errors[0] / 10

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from ldt_core.cli import predict, run
+from ldt_core.cli import invoke, predict
 from ldt_core.cli.diagnose import command
 from ldt_core.cli.simulate import command as simulate
 from ldt_core.effects import EFFECTS, parse_effect
@@ -62,7 +62,7 @@ def without(*kept):
 
 
 def call(*arguments):
-    return run(command, [str(a) for a in arguments])
+    return invoke(command, [str(a) for a in arguments])
 
 
 class Case:
@@ -320,7 +320,7 @@ def test_each_diagnoses_again_what_would_come_out_differently(each, capfd, monke
 def held_out_rmse(case, tmp_path, *options):
     """Of the predictions that `ldt predict` writes."""
     out = tmp_path / "predicted"
-    assert run(predict.command, [case.bag, "--out", str(out), *map(str, options)]) == 0
+    assert invoke(predict.command, [case.bag, "--out", str(out), *map(str, options)]) == 0
     measured = {e.number: e for e in read_bag(case.bag).experiments()}
     predicted = {p.number: p for p in read_bag(str(out)).records("prediction")}
     rest = [measured[n].speed - predicted[n].speed for n in case.found["experiments"]["held_out"]]
@@ -377,7 +377,9 @@ def test_predict_takes_an_effect_of_ones_own_only_when_it_is_given(own, tmp_path
     """A file's text is never run for being named in a diagnosis."""
     name, case = own
     diagnosis = case.out / "diagnosis.json"
-    code = run(predict.command, [case.bag, "--out", str(tmp_path / "no"), "--with", str(diagnosis)])
+    code = invoke(
+        predict.command, [case.bag, "--out", str(tmp_path / "no"), "--with", str(diagnosis)]
+    )
     sentence(code, capfd, "cubic_drag")
     after = held_out_rmse(case, tmp_path, "--with", diagnosis, "--effect", name)
     assert after == pytest.approx(case.found["gap"]["after"]["rmse"], rel=1e-9)
@@ -476,7 +478,7 @@ def test_predict_refuses_what_is_no_diagnosis(friction, name, tmp_path, capfd):
     file, out = tmp_path / "diagnosis.json", tmp_path / "predicted"
     file.write_text(BROKEN[name])
     capfd.readouterr()
-    code = run(predict.command, [friction.bag, "--with", str(file), "--out", str(out)])
+    code = invoke(predict.command, [friction.bag, "--with", str(file), "--out", str(out)])
     sentence(code, capfd)
     assert not out.exists()
 
@@ -484,7 +486,7 @@ def test_predict_refuses_what_is_no_diagnosis(friction, name, tmp_path, capfd):
 def test_predict_refuses_a_diagnosis_that_is_not_there(friction, tmp_path, capfd):
     capfd.readouterr()
     arguments = [friction.bag, "--with", str(tmp_path / "none.json"), "--out", str(tmp_path / "p")]
-    sentence(run(predict.command, arguments), capfd, "none.json")
+    sentence(invoke(predict.command, arguments), capfd, "none.json")
 
 
 def test_the_next_experiment_is_run_as_it_was_designed(tmp_path):
@@ -494,7 +496,7 @@ def test_the_next_experiment_is_run_as_it_was_designed(tmp_path):
     file = tmp_path / "diagnosis.json"
     file.write_text(json.dumps({"verdict": {"kind": "ambiguous"}, "next_experiment": asked}))
     about = ["--experiments", "2", "--next", str(file), "--out", str(tmp_path / "made")]
-    assert run(simulate, about) == 0
+    assert invoke(simulate, about) == 0
     (one, other) = read_bag(str(tmp_path / "made"), "").experiments()
     assert one.voltage.tolist() == other.voltage.tolist() == volts
     assert one.period == 0.02
@@ -508,5 +510,5 @@ def test_a_next_experiment_that_is_none_is_refused(tmp_path, capsys, asked):
     if asked is not None:
         asked.setdefault("sample_period", 0.01)
     file.write_text(json.dumps({"verdict": {}, "next_experiment": asked}))
-    assert run(simulate, ["--next", str(file), "--out", str(tmp_path / "made")]) == BAD
+    assert invoke(simulate, ["--next", str(file), "--out", str(tmp_path / "made")]) == BAD
     assert len(capsys.readouterr().err.strip().splitlines()) == 1

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from ldt_core.cli import run
+from ldt_core.cli import invoke
 from ldt_core.cli.effects import command
 from ldt_core.effects import EFFECTS
 
@@ -37,7 +37,7 @@ def mine(tmp_path, monkeypatch):
 
 def test_the_list_has_every_effect_with_all_that_a_user_needs(capsys):
     """Name, equation, parameters with unit and bounds, reference."""
-    assert run(command, []) == 0
+    assert invoke(command, []) == 0
     shown = capsys.readouterr().out
     for name in EFFECTS.names():
         assert f"{name}: {EFFECTS.get(name).description}" in shown
@@ -49,7 +49,7 @@ def test_the_list_has_every_effect_with_all_that_a_user_needs(capsys):
 
 def test_the_list_as_json(capsys):
     """One object an effect; a bound that is none is null."""
-    assert run(command, ["--json"]) == 0
+    assert invoke(command, ["--json"]) == 0
     listed = {e["name"]: e for e in json.loads(capsys.readouterr().out)}
     assert sorted(listed) == EFFECTS.names()
     assert listed["brush_drop"]["parameters"] == [
@@ -69,11 +69,11 @@ def test_the_list_as_json(capsys):
 def test_an_effect_that_keeps_its_promises_is_told_so(mine, capsys):
     """It says what was checked, as text and as JSON."""
     name = mine("MINE = effect(torque=lambda t, a, w, i, u, p: -p[0] * math.tanh(w))")
-    assert run(command, [name]) == 0
+    assert invoke(command, [name]) == 0
     shown = capsys.readouterr().out
     assert "reads no further than its parameters" in shown
     assert "the neutral values change nothing" in shown
-    assert run(command, [name, "--json"]) == 0
+    assert invoke(command, [name, "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["checked"]) == 6
 
 
@@ -106,7 +106,7 @@ def test_an_effect_that_keeps_its_promises_is_told_so(mine, capsys):
 def test_an_effect_that_does_not_is_told_in_a_sentence(mine, capsys, text, words):
     """Exit code 2 and the first promise that is not kept."""
     name = mine(text)
-    assert run(command, [name]) == 2
+    assert invoke(command, [name]) == 2
     shown = capsys.readouterr()
     assert words in shown.err
     assert shown.err.count("\n") == 1

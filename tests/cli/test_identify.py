@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from ldt_core.cli import import_file, predict, run
+from ldt_core.cli import import_file, invoke, predict
 from ldt_core.cli.identify import command
 from ldt_core.effects import parse_effect
 from ldt_core.experiment import Experiment
@@ -44,7 +44,7 @@ def answer(machine):
 
 
 def call(*arguments):
-    return run(command, [str(a) for a in arguments])
+    return invoke(command, [str(a) for a in arguments])
 
 
 def identified(tmp_path, *arguments, **recording):
@@ -86,7 +86,7 @@ def test_the_file_predicts_what_it_was_made_from_and_more(tmp_path, capsys):
     shown = json.loads(capsys.readouterr().out)
     assert machine.name == shown["machine"] == "press"
     arguments = [bag, "--machine", str(out), "--out", str(tmp_path / "predicted"), "--json"]
-    assert run(predict.command, arguments) == 0
+    assert invoke(predict.command, arguments) == 0
     rmse = json.loads(capsys.readouterr().out)["rmse"]
     assert rmse < 0.12
     samples = {True: 0, False: 0}
@@ -186,13 +186,13 @@ def test_a_real_motor_is_identified(measured, tmp_path, capsys):
     bags = []
     for name in ("open_loop_5_15V", "closed_loop_20_25_a"):
         source, bag = measured / "rtl_dcmotor" / f"{name}.csv", str(tmp_path / name)
-        assert run(import_file.command, [str(source), *fields, "--out", bag]) == 0
+        assert invoke(import_file.command, [str(source), *fields, "--out", bag]) == 0
         bags.append(bag)
     out, errors = tmp_path / "rig.yaml", []
     assert call(bags[0], "--out", out, "--no-offset", "--limits", "-24,24") == 0
     capsys.readouterr()
     for i, machine in enumerate(("dc_motor", out)):
         arguments = [bags[1], "--machine", str(machine), "--out", str(tmp_path / str(i)), "--json"]
-        assert run(predict.command, arguments) == 0
+        assert invoke(predict.command, arguments) == 0
         errors.append(json.loads(capsys.readouterr().out)["rmse"])
     assert errors[1] < errors[0] / 10

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ldt_core.checks import check_detector
-from ldt_core.cli import diagnose, effects, ldt, run, simulate
+from ldt_core.cli import diagnose, effects, invoke, ldt, simulate
 from ldt_core.effects import parse_effect
 from ldt_core.machine import load_machine
 from ldt_core.recording.bag import read_bag
@@ -36,7 +36,7 @@ def test_the_readme_s_detector_runs(mine, capsys):
     """By the command that stands below it, with fewer experiments."""
     command = next(c for c in README.splitlines() if "mine.py:RootMeanSquare" in c)
     arguments = command.replace("--experiments 20", "--experiments 3").split()[1:]
-    assert run(ldt, [*arguments, "--model", "physics", "--no-bag"]) == 0
+    assert invoke(ldt, [*arguments, "--model", "physics", "--no-bag"]) == 0
     assert "mine.py:RootMeanSquare detector" in capsys.readouterr().out
 
 
@@ -51,10 +51,10 @@ def test_the_readme_s_effect_is_checked_and_acts(tmp_path, monkeypatch, capsys):
     check, use, why = (
         c for c in README.splitlines() if c.startswith("ldt") and "cubic_drag.py:" in c
     )
-    assert run(effects.command, check.split()[2:]) == 0
+    assert invoke(effects.command, check.split()[2:]) == 0
     assert "the neutral values change nothing" in capsys.readouterr().out
     arguments = use.replace("--experiments 10", "--experiments 1").split()[2:]
-    assert run(simulate.command, [*arguments, "--noise", "0"]) == 0
+    assert invoke(simulate.command, [*arguments, "--noise", "0"]) == 0
     assert "cubic_drag:c=2e-06" in capsys.readouterr().out
     machine, (effect, given) = load_machine("rotor"), parse_effect(arguments[3])
     experiment = next(read_bag("dragged").experiments())
@@ -64,6 +64,6 @@ def test_the_readme_s_effect_is_checked_and_acts(tmp_path, monkeypatch, capsys):
     np.testing.assert_allclose(experiment.speed, dragged, atol=1e-9)
     assert np.abs(experiment.speed - machine.model.simulate(*about)[:, 1]).max() > 0.1
     arguments = use.replace("--experiments 10", "--experiments 2").split()[2:]
-    assert run(simulate.command, [*arguments[:-1], "shorter"]) == 0
-    assert run(diagnose.command, why.replace(" dragged ", " shorter ").split()[2:]) == 0
+    assert invoke(simulate.command, [*arguments[:-1], "shorter"]) == 0
+    assert invoke(diagnose.command, why.replace(" dragged ", " shorter ").split()[2:]) == 0
     assert "Cubic drag (c = " in capsys.readouterr().out

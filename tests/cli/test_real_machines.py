@@ -7,12 +7,12 @@ import json
 
 import pytest
 
-from ldt_core.cli import calibrate, diagnose, identify, import_file, predict, run
+from ldt_core.cli import calibrate, diagnose, identify, import_file, invoke, predict
 from ldt_core.effects import EFFECTS
 
 
 def call(command, *arguments):
-    assert run(command.command, [str(a) for a in arguments]) == 0
+    assert invoke(command.command, [str(a) for a in arguments]) == 0
 
 
 def without(*kept):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from ldt_core.cli import ldt, run
+from ldt_core.cli import invoke, ldt
 from ldt_core.study import engine, page
 from ldt_core.study.study import Study
 
@@ -29,7 +29,7 @@ def small(machine: str, out: Path, *more: str) -> list[str]:
 def done(short_rotor, tmp_path_factory) -> Path:
     """Folder of a small study."""
     out = tmp_path_factory.mktemp("study") / "out"
-    assert run(ldt, small(short_rotor, out)) == 0
+    assert invoke(ldt, small(short_rotor, out)) == 0
     return out
 
 
@@ -64,7 +64,7 @@ def test_it_writes_the_table_the_page_and_the_figures(done):
 
 def test_it_ends_with_the_papers_table_beside_ours(done, short_rotor, capsys, quick_page):
     """And with where the page is; on a pipe there is nothing else."""
-    assert run(ldt, small(short_rotor, done)) == 0
+    assert invoke(ldt, small(short_rotor, done)) == 0
     shown = capsys.readouterr()
     assert shown.err == ""
     assert "in the paper" in shown.out
@@ -75,7 +75,7 @@ def test_it_ends_with_the_papers_table_beside_ours(done, short_rotor, capsys, qu
 
 def test_json_is_all_that_is_printed(done, short_rotor, capsys, quick_page):
     """Rows of the table, means with intervals, where the page is."""
-    assert run(ldt, small(short_rotor, done, "--json")) == 0
+    assert invoke(ldt, small(short_rotor, done, "--json")) == 0
     record = json.loads(capsys.readouterr().out)
     assert len(record["table"]) == record["runs"] == 12
     assert [list(r) for r in record["table"]] == [COLUMNS.split(",")] * 12
@@ -88,7 +88,7 @@ def test_the_page_is_made_again_without_computing(done, monkeypatch):
     before = (done / "study.html").read_text()
     (done / "study.html").unlink()
     monkeypatch.setattr(engine, "work", None)
-    assert run(ldt, ["study", "--out", str(done), "--page-only"]) == 0
+    assert invoke(ldt, ["study", "--out", str(done), "--page-only"]) == 0
     assert (done / "study.html").read_text() == before
 
 
@@ -115,7 +115,7 @@ def test_an_interrupted_study_goes_on_where_it_was(done, short_rotor, tmp_path, 
         assert "Traceback" not in said
     kept = {p: p.stat().st_mtime_ns for p in out.glob("runs/*.json")}
     assert 2 <= len(kept) < 12
-    assert run(ldt, small(short_rotor, out)) == 0
+    assert invoke(ldt, small(short_rotor, out)) == 0
     assert {p: p.stat().st_mtime_ns for p in kept} == kept
     assert (out / "table.csv").read_text() == (done / "table.csv").read_text()
 
@@ -138,7 +138,7 @@ def test_quick_is_for_trying_out(monkeypatch, tmp_path, quick_page, given, seeds
         return Study({}, ())
 
     monkeypatch.setattr(engine, "conduct", conduct)
-    assert run(ldt, ["study", "--out", str(tmp_path), *given]) == 0
+    assert invoke(ldt, ["study", "--out", str(tmp_path), *given]) == 0
     assert (asked[0].seeds, asked[0].experiments) == (seeds, experiments)
 
 
@@ -159,7 +159,7 @@ def test_quick_is_for_trying_out(monkeypatch, tmp_path, quick_page, given, seeds
 def test_bad_input_is_one_sentence(tmp_path, capsys, arguments, words):
     """Exit code 2, and nothing is written."""
     out = tmp_path / "out"
-    assert run(ldt, ["study", "--out", str(out), *arguments.split()]) == 2
+    assert invoke(ldt, ["study", "--out", str(out), *arguments.split()]) == 2
     said = capsys.readouterr().err
     assert words in said
     assert len(said.strip().splitlines()) == 1
@@ -170,7 +170,7 @@ def test_bad_input_is_one_sentence(tmp_path, capsys, arguments, words):
 def test_a_folder_that_is_no_studys_is_left_alone(tmp_path, capsys, damage):
     """Even when a file there is called as ours are."""
     (tmp_path / "study.json").write_text(damage)
-    assert run(ldt, ["study", "--out", str(tmp_path), "--quick"]) == 2
+    assert invoke(ldt, ["study", "--out", str(tmp_path), "--quick"]) == 2
     assert str(tmp_path) in capsys.readouterr().err
     assert [p.read_text() for p in tmp_path.iterdir()] == [damage]
 
@@ -179,7 +179,7 @@ def test_a_damaged_result_is_said(done, short_rotor, capsys, quick_page):
     """And computed anew."""
     file = next((done / "runs").iterdir())
     file.write_text("")
-    assert run(ldt, small(short_rotor, done)) == 0
+    assert invoke(ldt, small(short_rotor, done)) == 0
     assert f"could not be read and were computed anew, the first being {file}" in (
         capsys.readouterr().out
     )

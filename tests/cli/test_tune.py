@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ldt_core.cli import replay, run
+from ldt_core.cli import invoke, replay
 from ldt_core.cli import simulate as simulation
 from ldt_core.cli.tune import DETECTORS, command
 from ldt_core.tuning.setting import TUNED
@@ -20,7 +20,7 @@ QUICK = ["--model", "linear", "--order", "1", "--values", "2", "--jobs", "1"]
 
 
 def call(*arguments):
-    return run(command, [str(a) for a in arguments])
+    return invoke(command, [str(a) for a in arguments])
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def bag(tmp_path_factory, short_rotor):
     """Two dozen short experiments of a rotor that wears."""
     out = tmp_path_factory.mktemp("bag") / "bag"
     words = f"--machine {short_rotor} --experiments 24 --seed 4 --degradation ramp --out {out}"
-    assert run(simulation.command, words.split()) == 0
+    assert invoke(simulation.command, words.split()) == 0
     return out
 
 
@@ -53,7 +53,7 @@ def test_the_sample_recording_is_tuned_end_to_end(tmp_path, capsys):
         (["--settings", str(out / "tune.json")], [*QUICK[:4], *record["options"].split()])
     ):
         target = tmp_path / f"again{index}"
-        assert run(replay.command, [str(SAMPLE), *options, "--out", str(target), "--json"]) == 0
+        assert invoke(replay.command, [str(SAMPLE), *options, "--out", str(target), "--json"]) == 0
         again = json.loads(capsys.readouterr().out)["runs"][0]
         assert again["adaptations"] == record["adaptations"]
         assert again["mme"] == pytest.approx(record["mme"], rel=1e-12)
@@ -110,7 +110,7 @@ def test_what_is_wrong_gets_one_sentence(bag, short_rotor, tmp_path, capsys, arg
 def test_a_recording_too_short_is_named(short_rotor, tmp_path, capsys):
     short = tmp_path / "short"
     words = f"--machine {short_rotor} --experiments 5 --out {short}"
-    assert run(simulation.command, words.split()) == 0
+    assert invoke(simulation.command, words.split()) == 0
     capsys.readouterr()
     arguments = ["--machine", short_rotor, "--adaptations", "3", "--out", tmp_path / "out"]
     assert call(short, *arguments) == 2
@@ -136,7 +136,7 @@ def test_a_bad_file_of_parameters_gets_one_sentence(bag, tmp_path, capsys, text,
     file = tmp_path / "bad.json"
     file.write_text(text)
     arguments = [str(bag), "--settings", str(file), "--out", str(tmp_path / "out")]
-    assert run(replay.command, arguments) == 2
+    assert invoke(replay.command, arguments) == 2
     said = capsys.readouterr().err
     assert sentence in said
     assert said.count("\n") == 1
@@ -148,7 +148,7 @@ def test_options_go_before_a_file_of_parameters(bag, short_rotor, tmp_path, caps
         f"machine: {short_rotor}\nmodel: physics\ndetector: window\nwindow: 3\nseed: 5\n"
     )
     arguments = [str(bag), "--settings", str(file), "--window", "4", "--json", "--out"]
-    assert run(replay.command, [*arguments, str(tmp_path / "out")]) == 0
+    assert invoke(replay.command, [*arguments, str(tmp_path / "out")]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record["settings"]["window"] == 4
     assert record["settings"]["model"] == "physics"

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 import msgs_config
-from ldt_core.cli import run
+from ldt_core.cli import invoke
 from ldt_core.cli.options import parameters
 from ldt_core.errors import OptionError
 from ldt_core.recording.bag import read_bag
@@ -54,7 +54,7 @@ def as_option(capsys, *arguments: str) -> tuple[int, dict, str]:
         seen.update(settings)
 
     seen = settings
-    code = run(command, list(arguments))
+    code = invoke(command, list(arguments))
     return code, settings, capsys.readouterr().err
 
 
