@@ -133,7 +133,9 @@ class Physics(abc.ABC):
             BadInput: an effect that this machine cannot have, or a machine too stiff to simulate.
             LdtError: the simulated state grows without bound.
         """
-        volts = np.ascontiguousarray(voltage, dtype=np.float64)
+        # A record's arrays are read-only: kernels would be compiled once more for them.
+        volts = np.require(voltage, np.float64, ["C", "W"])
+        tracked = np.require(tracked[0], np.float64, ["C", "W"]), tracked[1]
         state = np.ascontiguousarray(initial, dtype=np.float64)
         for effect, given in effects:
             values = effect.change_parameters(self, values, given)
