@@ -113,6 +113,7 @@ def build() -> None:
         packages=find_packages(include=["ldt_core*", "ldt_ros*", "msgs_config*"]),
         package_data={
             "ldt_core.report": ["templates/*"],
+            "ldt_core.run_page": ["templates/*", "uplot/*"],
             "msgs_config": ["*.yaml", "*.xml", "machines/*.yaml"],
         },
         data_files=[
@@ -160,18 +161,21 @@ def build() -> None:
                 "calibrate = ldt_core.cli.calibrate:command",
                 "challenge = ldt_core.cli.challenge:command",
                 "diagnose = ldt_core.cli.diagnose:command",
+                "doctor = ldt_core.cli.doctor:command",
                 "effects = ldt_core.cli.effects:command",
                 "identify = ldt_core.cli.identify:command",
                 "import = ldt_core.cli.import_file:command",
                 "plot = ldt_core.cli.plot:command",
                 "predict = ldt_core.cli.predict:command",
                 "replay = ldt_core.cli.replay:command",
+                "report = ldt_core.cli.report:command",
                 "run = ldt_core.cli.run:command",
                 "simulate = ldt_core.cli.simulate:command",
                 "study = ldt_core.cli.study:command",
                 "tune = ldt_core.cli.tune:command",
                 "up = ldt_ros.up:command",
             ],
+            "ldt.check": ["ros = ldt_ros.doctor:PROBES"],
         },
     )
 

@@ -10,7 +10,8 @@ from typing import Self
 SHARED = Path("/dev/shm")
 # The tracing library that rclpy is linked with makes its files whether or not anything is traced;
 # Fast DDS makes its own where a profile allows shared memory, and leaves them when it is killed.
-OURS = ("lttng-ust-wait-", "fastrtps_", "fastdds_", "sem.fastrtps_", "sem.fastdds_")
+DDS = ("fastrtps_", "fastdds_", "sem.fastrtps_", "sem.fastdds_")
+OURS = ("lttng-ust-wait-", *DDS)
 
 
 class SharedMemory:
@@ -20,23 +21,29 @@ class SharedMemory:
     """
 
     def __enter__(self) -> Self:
-        self._before = self._files()
+        self._before = _files()
         return self
 
     def __exit__(self, *_: object) -> None:
-        for name in self._files() - self._before - _mapped_by_others():
+        for name in _files() - self._before - _mapped_by_others():
             with contextlib.suppress(OSError):
                 (SHARED / name).unlink()
 
-    def _files(self) -> set[str]:
-        if not SHARED.is_dir():
-            return set()
-        own = set()
-        for path in SHARED.iterdir():
-            with contextlib.suppress(OSError):
-                if path.name.startswith(OURS) and path.stat().st_uid == os.getuid():
-                    own.add(path.name)
-        return own
+
+def leftovers() -> set[str]:
+    """Names of Fast DDS' files of this user that no live process has mapped."""
+    return {n for n in _files() - _mapped_by_others() if n.startswith(DDS)}
+
+
+def _files() -> set[str]:
+    if not SHARED.is_dir():
+        return set()
+    own = set()
+    for path in SHARED.iterdir():
+        with contextlib.suppress(OSError):
+            if path.name.startswith(OURS) and path.stat().st_uid == os.getuid():
+                own.add(path.name)
+    return own
 
 
 def _mapped_by_others() -> set[str]:

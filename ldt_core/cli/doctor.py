@@ -1,0 +1,57 @@
+"""`ldt doctor`: what is wrong with this machine or with a recording, and how to mend it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import click
+
+from ldt_core.cli.options import json_option, namespace_option
+
+if TYPE_CHECKING:
+    from ldt_core.doctor.check import Finding
+
+COLOURS = {"ok": "green", "warning": "yellow", "problem": "red"}
+
+
+@click.command("doctor")
+@click.argument("recording", required=False)
+@click.option(
+    "--bag", default="", help="Folder that a run would record to, if not under ldt_recordings."
+)
+@namespace_option
+@json_option
+def command(recording: str | None, bag: str, namespace: str, as_json: bool) -> int:
+    """Look for what keeps `ldt up` from running well here, or for damage in RECORDING.
+
+    One line a check: ok, warning or problem, with what to do about it. Exit code 0 when there is no
+    problem, 1 otherwise. Nothing is changed.
+
+    Example: ldt doctor
+    """
+    from ldt_core.doctor import check, machine
+
+    if recording is None:
+        found = check.examine([*machine.probes(bag), *check.found_probes()])
+    else:
+        from ldt_core.doctor.recording import findings
+        from ldt_core.recording.health import inspect
+
+        found = findings(inspect(recording, namespace))
+    passed = check.passed(found)
+    if as_json:
+        click.echo(json.dumps({"ok": passed, "checks": [f.as_dict() for f in found]}))
+    else:
+        _print(found)
+    return 0 if passed else 1
+
+
+def _print(found: Sequence[Finding]) -> None:
+    width = max(len(f.name) for f in found)
+    for finding in found:
+        grade = click.style(f"{finding.grade:8}", fg=COLOURS[finding.grade])
+        remedy = f": {finding.remedy}" if finding.remedy else ""
+        sentence = " ".join(f"{finding.message}{remedy}".split())
+        click.echo(f"{grade} {finding.name:{width}}  {sentence}")

@@ -1,0 +1,109 @@
+"""What is wrong with a recording, in findings."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from ldt_core.doctor.check import Finding, ok, problem, warning
+from ldt_core.recording.health import ANSWERS, Health
+
+LISTED = 5  # numbers that a line shows
+AGAIN = "commands use what is there; record again if that is not enough"
+
+
+def findings(health: Health) -> list[Finding]:
+    """The lines on a recording, damage first."""
+    return [
+        *_files(health),
+        *_messages(health),
+        *_experiments(health),
+        *_answers(health),
+        *_rejected(health),
+        _settings(health),
+    ]
+
+
+def _files(health: Health) -> list[Finding]:
+    total = sum(health.counts.values())
+    size = sum(health.files.values()) / 1e6
+    shown = f"{len(health.files)} file(s), {size:.1f} MB, {total} messages"
+    found = [problem("files", note, AGAIN) for note in health.notes]
+    if health.declared is not None:
+        told = f"{shown}, metadata.yaml counts {health.declared}"
+        remedy = "its recorder was killed or files were changed; ros2 bag reindex corrects it"
+        found.append(warning("metadata", told, remedy))
+    if found:
+        return found
+    first, last = health.span or (0.0, 0.0)
+    began = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(first))
+    return [ok("files", f"complete: {shown}, {last - first:.0f} s from {began} UTC")]
+
+
+def _messages(health: Health) -> list[Finding]:
+    remedy = "commands refuse these messages: mend what publishes them, and record again"
+    return [
+        problem("messages", f"{topic}: {count} cannot be used, the first because {why}", remedy)
+        for topic, (count, why) in sorted(health.unreadable.items())
+    ]
+
+
+def _experiments(health: Health) -> list[Finding]:
+    name = "experiments"
+    if not health.numbers:
+        told = f"none; topics are {', '.join(sorted(health.counts)) or 'none'}"
+        return [problem(name, told, "make them of other topics by ldt import")]
+    found = []
+    if health.missing:
+        many = f"{_listed(health.missing)} missing"
+        remedy = "look whether the recorder had a burst, or the machine a pause, at that time"
+        found.append(warning(name, many, remedy))
+    if health.repeated:
+        remedy = "number the experiments on from run to run; a run takes the first of a number"
+        found.append(warning(name, f"{_listed(health.repeated)} recorded repeatedly", remedy))
+    if health.backwards:
+        told = f"{_listed(health.backwards)} start before the one before has ended"
+        remedy = "the machine's clock was set in the run; set it before (ldt doctor looks at it)"
+        found.append(warning(name, told, remedy))
+    if len(health.samples) > 1:
+        told = f"of {len(health.samples)} lengths or sample periods"
+        found.append(warning(name, told, "record one kind of experiment in one recording"))
+    first, last = min(health.numbers), max(health.numbers)
+    length, period = health.samples.most_common(1)[0][0]
+    all_well = f"{len(health.numbers)}, numbers {first} to {last}, {length} samples at {period:g} s"
+    return found or [ok(name, all_well)]
+
+
+def _answers(health: Health) -> list[Finding]:
+    if not any(health.answered.get(topic) for topic in ("signal", "adaptation")):
+        return []
+    found = [
+        warning("answers", f"{_listed(lacking)} without {topic}", "replay it by ldt replay")
+        for topic in ANSWERS
+        if (lacking := health.unanswered(topic))
+    ]
+    return found or [ok("answers", f"every experiment has {', '.join(ANSWERS)}")]
+
+
+def _rejected(health: Health) -> list[Finding]:
+    if not health.rejected:
+        return []
+    counts = ", ".join(f"{what}: {count}" for what, count in sorted(health.rejected.items()))
+    why = "; ".join(sorted(set(health.last_rejection.values())))
+    remedy = "mend what publishes them; the nodes went on without these messages"
+    return [warning("rejected", f"{counts} ({why})", remedy)]
+
+
+def _settings(health: Health) -> Finding:
+    parts = [f"machine {health.machine}" if health.machine else "machine not recorded"]
+    for kind, versions in sorted(health.models.items()):
+        parts.append(f"model {kind} ({len(versions)} version(s))")
+    if health.detectors:
+        parts.append(f"detector {', '.join(sorted(health.detectors))}")
+    return ok("settings", ", ".join(parts))
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    more = len(numbers) - LISTED
+    shown = ", ".join(map(str, numbers[:LISTED])) + (f" and {more} more" if more > 0 else "")
+    return f"number {shown}" if len(numbers) == 1 else f"numbers {shown}"

@@ -1,0 +1,154 @@
+"""The checks of `ldt doctor` that need no ROS, each with its fault provoked."""
+
+from __future__ import annotations
+
+import itertools
+import resource
+import shutil
+import time
+from importlib import metadata
+from types import SimpleNamespace
+
+import pytest
+
+from ldt_core.doctor import machine
+from ldt_core.doctor.check import Grade, Probe, examine, found_probes, ok, passed
+
+OK, WARNING, PROBLEM = Grade.OK, Grade.WARNING, Grade.PROBLEM
+
+
+def one(found, grade: Grade, *words: str) -> None:
+    """One finding of this grade that says the words; what is not well has a remedy."""
+    (finding,) = found
+    assert finding.grade is grade, finding
+    assert bool(finding.remedy) == (grade is not OK), finding
+    for word in words:
+        assert word in f"{finding.message}: {finding.remedy}"
+
+
+def test_a_probe_that_raises_or_hangs_is_a_problem_and_the_others_answer():
+    """The report never waits longer than its limit, and keeps the probes' order."""
+
+    def broken():
+        raise RuntimeError("two\nlines")
+
+    probes = [
+        Probe("hangs", lambda: time.sleep(60) or []),
+        Probe("breaks", broken),
+        Probe("fine", lambda: [ok("fine", "well")]),
+    ]
+    began = time.monotonic()
+    found = examine(probes, limit=0.5)
+    assert time.monotonic() - began < 5
+    assert [f.name for f in found] == ["hangs", "breaks", "fine"]
+    assert [f.grade for f in found] == [PROBLEM, PROBLEM, OK]
+    assert "no answer within 0.5 s" in found[0].message
+    assert "RuntimeError: two lines" in found[1].message
+    assert not passed(found)
+    assert passed(found[2:])
+
+
+def test_the_checks_of_another_part_that_cannot_be_loaded_are_one_problem(monkeypatch):
+    """An entry point of a broken package ends nothing."""
+
+    def load():
+        raise ImportError("no such thing")
+
+    broken = SimpleNamespace(name="other", load=load)
+    monkeypatch.setattr("ldt_core.doctor.check.entry_points", lambda group: [broken])
+    one(examine(found_probes()), PROBLEM, "ImportError: no such thing")
+
+
+def test_this_environment_is_well():
+    """The tests run in what the project asks for."""
+    one(machine.python(), OK, "3.")
+    one(machine.libraries(), OK, "ldt ", "numba ", "rosbags ")
+    one(machine.temporary(), OK, "free in")
+    one(machine.clock(0.1), OK, "steady")
+
+
+def test_a_library_that_is_missing_or_old_is_named(monkeypatch):
+    """With the version that is there and the one that is wanted."""
+    versions = {"ldt": "0.1.0", "numpy": "1.9.3", "scipy": "1.14"}
+
+    def version(name):
+        if name not in versions:
+            raise metadata.PackageNotFoundError(name)
+        return versions[name]
+
+    wanted = ["numpy>=1.26", "scipy>=1.14", "numba>=0.61", 'river>=1; extra == "river"']
+    monkeypatch.setattr(metadata, "version", version)
+    monkeypatch.setattr(metadata, "requires", lambda name: wanted)
+    words = ("numpy 1.9.3 is older than 1.26", "numba is missing", "pip install")
+    one(machine.libraries(), PROBLEM, *words)
+
+
+def test_kernels_that_cannot_be_loaded_are_a_problem(monkeypatch):
+    """As numba refuses when it may keep what it compiles nowhere; and when it takes too long."""
+    one(machine.kernels(), OK)
+    refusal = "cannot cache function: no locator available"
+    monkeypatch.setattr(machine, "KERNELS", f"raise RuntimeError('{refusal}')")
+    one(machine.kernels(), PROBLEM, refusal, "NUMBA_CACHE_DIR")
+    monkeypatch.setattr(machine, "KERNELS", "import time; time.sleep(60)")
+    monkeypatch.setattr(machine, "KERNELS_PATIENCE", 0.2)
+    one(machine.kernels(), WARNING, "not loaded within 0.2 s")
+
+
+def test_a_place_for_recordings_is_told_with_its_room(tmp_path, monkeypatch):
+    """The folder that a run would make need not be there yet, and is not made."""
+    monkeypatch.chdir(tmp_path)
+    one(machine.recordings(), OK, str(tmp_path), "experiments")
+    one(machine.recordings("deep/down/here"), OK, str(tmp_path))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("free", "grade"), [(10**6, PROBLEM), (10**8, WARNING), (10**10, OK)])
+def test_a_disk_that_is_nearly_full_is_told(free, grade, tmp_path, monkeypatch):
+    """A default run does not fit, or a long one may not."""
+    monkeypatch.chdir(tmp_path)
+    usage = SimpleNamespace(free=free)
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: usage)
+    one(machine.recordings(), grade, "free in")
+
+
+def test_a_place_that_cannot_be_written_is_a_problem(tmp_path):
+    """Existing recording, a file in the way, a file system that takes nothing."""
+    (tmp_path / "there").mkdir()
+    (tmp_path / "file").write_text("")
+    one(machine.recordings(str(tmp_path / "there")), PROBLEM, "exists already")
+    one(machine.recordings(str(tmp_path / "file" / "run")), PROBLEM, "is a file")
+    one(machine.recordings("/proc/ldt/run"), PROBLEM, "cannot be written in /proc")
+
+
+def test_no_folder_for_temporary_files_is_a_problem(monkeypatch):
+    """The nodes' output goes there."""
+
+    def none():
+        raise FileNotFoundError(2, "No usable temporary directory")
+
+    monkeypatch.setattr(machine.tempfile, "gettempdir", none)
+    one(machine.temporary(), PROBLEM, "No usable temporary directory", "TMPDIR")
+
+
+def test_a_clock_that_jumps_or_is_decades_off_is_told():
+    """The wall clock is set while it is watched; or it began in 1970."""
+    ahead = itertools.chain([0.0] * 5, itertools.repeat(0.5))
+    one(machine.clock(0.2, lambda: time.time() + next(ahead)), WARNING, "moved by 0.500 s")
+    one(machine.clock(0.1, lambda: time.time() - 1.6e9), WARNING, "19", "timedatectl")
+
+
+def test_little_memory_is_told(tmp_path):
+    """And a system that tells nothing of its memory is no traceback."""
+    table = tmp_path / "meminfo"
+    table.write_text("MemTotal: 2000000 kB\nMemAvailable:     300000 kB\n")
+    one(machine.memory(table), WARNING, "293 MiB available")
+    one(machine.memory(tmp_path / "nowhere"), WARNING, "cannot be read")
+
+
+def test_tight_limits_of_files_are_told(monkeypatch):
+    """Few descriptors; files cut at a size."""
+    given = {resource.RLIMIT_NOFILE: (64, 4096), resource.RLIMIT_FSIZE: (10**6, 10**6)}
+    monkeypatch.setattr(resource, "getrlimit", given.__getitem__)
+    files, size = machine.limits()
+    one([files], WARNING, "64 open files", "at most 4096 here")
+    one([size], WARNING, "files of at most 1 MiB")

@@ -1,0 +1,165 @@
+"""The health of a recording: each thing that can be wrong with one, made and found again."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ldt_core.doctor.check import Grade
+from ldt_core.doctor.recording import findings
+from ldt_core.experiment import (
+    Action,
+    Adaptation,
+    Experiment,
+    Level,
+    ModelRecord,
+    Prediction,
+    Signal,
+)
+from ldt_core.recording.codec import encode
+from ldt_core.recording.health import inspect
+from ldt_core.recording.messages import standard
+from ldt_core.recording.writer import BagWriter
+
+OK, WARNING, PROBLEM = Grade.OK, Grade.WARNING, Grade.PROBLEM
+RUN = Path(__file__).resolve().parents[2] / "bags" / "rotor_drift"
+
+
+def experiment(number: int, start: float = 0.0, length: int = 50) -> Experiment:
+    rest = np.zeros(length)
+    return Experiment(number, start or 1e9 + 100 * number, 0.01, rest + 10, rest)
+
+
+def recorded(folder: Path, *messages: object, namespace: str = "") -> Path:
+    """A recording of experiments, or of (topic, record or message)."""
+    with BagWriter(folder, namespace=namespace, machine="rotor") as writer:
+        for index, message in enumerate(messages):
+            topic, record = message if isinstance(message, tuple) else ("experiment", message)
+            writer.write(topic, record, 1e9 + index)
+    return folder
+
+
+def found(bag: Path, name: str, namespace: str = "") -> list[tuple[Grade, str]]:
+    """Grade and sentence of the findings of that name."""
+    lines = findings(inspect(bag, namespace))
+    for line in lines:
+        assert bool(line.remedy) == (line.grade is not OK), line
+    return [(f.grade, f.message) for f in lines if f.name == name]
+
+
+def answers(number: int) -> list[tuple[str, object]]:
+    rest = np.zeros(50)
+    return [
+        ("prediction", Prediction(number, 1e9 + 100 * number, 0.01, 0, rest)),
+        ("signal", Signal(number, Level.NEGATIVE, "lddm", 0, 0.1)),
+        ("adaptation", Adaptation(number, Action.KEPT, 0, "because")),
+    ]
+
+
+def test_a_run_that_is_whole_has_nothing_but_ok():
+    """The recording that ships with LDT; its counts are those of metadata.yaml."""
+    lines = findings(inspect(RUN))
+    assert {line.grade for line in lines} == {OK}
+    told = {line.name: line.message for line in lines}
+    assert "218 messages" in told["files"]
+    assert told["experiments"].startswith("40, numbers 1 to 40, 2000 samples at 0.01 s")
+    assert "machine rotor, model hybrid (18 version(s)), detector threshold" in told["settings"]
+
+
+def test_a_recording_that_was_cut_off_is_a_problem_with_what_is_left(tmp_path):
+    """Its recorder was killed: no end; the experiments before it count."""
+    bag = tmp_path / "cut"
+    shutil.copytree(RUN, bag)
+    file = bag / "rotor_drift_0.mcap"
+    file.write_bytes(file.read_bytes()[:1_500_000])
+    assert found(bag, "files")[0][0] is PROBLEM
+    assert "has no end" in found(bag, "files")[0][1]
+    ((grade, told),) = found(bag, "metadata")
+    assert (grade, "counts 218" in told) == (WARNING, True)
+    assert 0 < len(inspect(bag).numbers) < 40
+
+
+def test_a_damaged_chunk_is_a_problem(tmp_path):
+    """Bytes in the middle changed: the checksum tells."""
+    bag = tmp_path / "damaged"
+    shutil.copytree(RUN, bag)
+    file = bag / "rotor_drift_0.mcap"
+    data = bytearray(file.read_bytes())
+    data[1_000_000:1_000_100] = b"\x00" * 100
+    file.write_bytes(data)
+    assert any(grade is PROBLEM and "damaged" in told for grade, told in found(bag, "files"))
+
+
+def test_gaps_repetitions_and_clocks_set_back_are_told(tmp_path):
+    """By experiment number; experiments of two lengths as well."""
+    start = 1e9 + 1000
+    bag = recorded(
+        tmp_path / "odd",
+        *(experiment(1), experiment(2), experiment(2), experiment(6, start)),
+        *(experiment(7, start - 500), experiment(8, start + 900, length=70)),
+    )
+    told = "; ".join(sentence for _, sentence in found(bag, "experiments"))
+    assert "numbers 3, 4, 5 missing" in told
+    assert "number 2 recorded repeatedly" in told
+    assert "numbers 2, 7 start before" in told
+    assert "of 2 lengths" in told
+    assert {grade for grade, _ in found(bag, "experiments")} == {WARNING}
+
+
+def test_a_number_that_claims_anything_costs_nothing(tmp_path):
+    """Experiment two thousand million follows experiment 1: no list of all that is missing."""
+    bag = recorded(tmp_path / "far", experiment(1), experiment(2_000_000_000))
+    assert 1000 <= len(inspect(bag).missing) < 2000
+
+
+def test_messages_that_are_no_records_are_counted_and_the_first_explained(tmp_path):
+    """What every other command would refuse at once; the good ones still count."""
+    bad = encode(experiment(2))
+    bad.data[10] = np.nan
+    bag = recorded(tmp_path / "bad", experiment(1), bad, bad, experiment(3))
+    ((grade, told),) = found(bag, "messages")
+    assert grade is PROBLEM
+    assert told.startswith("/experiment: 2 cannot be used, the first because /experiment")
+    assert "finite" in told
+    assert sorted(inspect(bag).numbers) == [1, 3]
+
+
+def test_no_experiments_is_a_problem(tmp_path):
+    """A recording of a run's other topics alone."""
+    bag = recorded(tmp_path / "none", answers(1)[1])
+    assert found(bag, "experiments")[0][0] is PROBLEM
+
+
+def test_experiments_without_an_answer_are_told_by_kind(tmp_path):
+    """A run that ended in the middle of experiment 2; experiments alone lack nothing."""
+    everything = [experiment(1), *answers(1), experiment(2), answers(2)[0]]
+    bag = recorded(tmp_path / "half", ("model", ModelRecord(0, "physics", (), {})), *everything)
+    sentences = [told for grade, told in found(bag, "answers") if grade is WARNING]
+    assert sentences == ["number 2 without signal", "number 2 without adaptation"]
+    assert found(recorded(tmp_path / "alone", experiment(1)), "answers") == []
+
+
+@pytest.mark.parametrize("namespace", ["", "press"])
+def test_what_the_nodes_refused_is_told_with_the_reason(tmp_path, namespace):
+    """Counts grow while a run goes on: the last is what counts; another machine's are its own."""
+    make = standard()
+
+    def health(name: str, count: int) -> tuple[str, object]:
+        pairs = {"rejected experiment: ExperimentError": count, "last rejection": "NaN in it"}
+        values = [make.KeyValue(key=k, value=str(v)) for k, v in pairs.items()]
+        status = make.DiagnosticStatus(
+            level=make.level(1), name=name, message="", hardware_id="", values=values
+        )
+        stamp = make.Time(sec=1, nanosec=0)
+        header = make.Header(stamp=stamp, frame_id="")
+        return "/diagnostics", make.DiagnosticArray(header=header, status=[status])
+
+    mine = f"{namespace}/twin".lstrip("/")
+    messages = [experiment(1), health(mine, 1), health(mine, 3), health("mill/twin", 9)]
+    bag = recorded(tmp_path / "refused", *messages, namespace=namespace)
+    ((grade, told),) = found(bag, "rejected", namespace)
+    assert grade is WARNING
+    assert told == f"{mine} rejected experiment: ExperimentError: 3 (NaN in it)"
