@@ -159,6 +159,7 @@ def build() -> None:
             "ldt.command": [
                 "calibrate = ldt_core.cli.calibrate:command",
                 "challenge = ldt_core.cli.challenge:command",
+                "completion = ldt_core.cli.completion:command",
                 "diagnose = ldt_core.cli.diagnose:command",
                 "doctor = ldt_core.cli.doctor:command",
                 "effects = ldt_core.cli.effects:command",

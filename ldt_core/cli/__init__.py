@@ -5,12 +5,14 @@ A command file holds the arguments, their checks, and the call of the core; noth
 
 from __future__ import annotations
 
-import difflib
+import os
 import sys
 from importlib.metadata import entry_points
 
 import click
+from click.shell_completion import CompletionItem
 
+from ldt_core.cli.spelling import Group, unknown_option
 from ldt_core.errors import LdtError
 
 GROUP = "ldt.command"
@@ -18,7 +20,7 @@ GROUP = "ldt.command"
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
-class Commands(click.Group):
+class Commands(Group):
     """Commands by entry point, imported when they are called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -32,17 +34,11 @@ class Commands(click.Group):
                 return entry.load()
         return None
 
-    def resolve_command(self, ctx, args):
-        """As click's, with the nearest command named when there is none."""
-        try:
-            return super().resolve_command(ctx, args)
-        except click.UsageError:
-            names = self.list_commands(ctx)
-            close = difflib.get_close_matches(args[0], names, n=1)
-            hint = f"did you mean {close[0]!r}? " if close else ""
-            raise click.UsageError(
-                f"there is no command {args[0]!r}; {hint}commands are {', '.join(names)}"
-            ) from None
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Names of commands, without their help: that would import them all, which takes 1 s."""
+        if incomplete.startswith("-"):
+            return super().shell_complete(ctx, incomplete)
+        return [CompletionItem(n) for n in self.list_commands(ctx) if n.startswith(incomplete)]
 
 
 @click.command(cls=Commands, context_settings=CONTEXT)
@@ -63,6 +59,10 @@ def main(arguments: list[str] | None = None) -> None:
 
 def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code; a failure becomes one sentence on stderr."""
+    if "_LDT_COMPLETE" in os.environ:  # a shell asks what can follow
+        from ldt_core.cli.completion import register
+
+        register()
     try:
         result = command.main(arguments, prog_name=_name(command), standalone_mode=False)
         return result if isinstance(result, int) else 0
@@ -73,6 +73,8 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
         return 2
+    except click.NoSuchOption as error:
+        return _say(unknown_option(error), 2)
     except click.ClickException as error:
         return _say(error.format_message(), 2)
     except LdtError as error:

@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from ldt_core.cli.options import parameters
+from ldt_core.cli.options import json_option, namespace_option, parameters
 from ldt_core.cli.recordings import progress, read_recordings
 
 if TYPE_CHECKING:
@@ -40,11 +40,11 @@ def _names(_context: click.Context, _option: click.Parameter, text: str | None) 
     metavar="FRACTION",
     help="Share of the experiments to judge by, not to fit (a quarter when there are 4 or more).",
 )
-@click.option("--namespace", default="", help="Machine whose topics are meant, if several.")
+@namespace_option
 @click.option(
     "--figure", metavar="FILE", help="Draw measured, before and after (.png, .svg, .pdf)."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@json_option
 def command(
     settings: dict[str, Any],
     recordings: tuple[str, ...],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -9,9 +10,10 @@ import click
 
 from ldt_core.cli.options import json_option
 from ldt_core.cli.resumable import ResumableProgress, compute_options
+from ldt_core.cli.spelling import Group
 
 
-@click.group("challenge")
+@click.group("challenge", cls=Group)
 def command() -> None:
     """Make sealed cases for a diagnosis, and score it on them.
 
@@ -45,7 +47,16 @@ def command() -> None:
     default=0,
     help="Processes on this machine; by default as many as there are cores.",
 )
-def make(cases: int, seed: int, out: str, key: str, leave_one_out: bool, jobs: int) -> None:
+@json_option
+def make(
+    cases: int,
+    seed: int,
+    out: str,
+    key: str,
+    leave_one_out: bool,
+    jobs: int,
+    as_json: bool,
+) -> None:
     """Write sealed cases, and their answers into a key apart.
 
     Each case is a folder with a machine file, a recording to diagnose and one of further
@@ -56,8 +67,11 @@ def make(cases: int, seed: int, out: str, key: str, leave_one_out: bool, jobs: i
     """
     from ldt_core.challenge.make import make_challenge
 
+    digests: list[str] = []
+
     def say(digest: str) -> None:
-        click.echo(f"SHA-256 of the key: {digest}")
+        digests.append(digest)
+        click.echo(f"SHA-256 of the key: {digest}", err=as_json)
 
     written = make_challenge(
         cases,
@@ -69,7 +83,11 @@ def make(cases: int, seed: int, out: str, key: str, leave_one_out: bool, jobs: i
         say=say,
         progress=_progress,
     )
-    click.echo(f"{cases} cases: {out}; key: {written}")
+    if as_json:
+        record = {"cases": cases, "out": out, "key": str(written), "sha256": digests[0]}
+        click.echo(json.dumps(record))
+    else:
+        click.echo(f"{cases} cases: {out}; key: {written}")
 
 
 @command.command("score")

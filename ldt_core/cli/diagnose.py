@@ -10,7 +10,8 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from ldt_core.cli.options import parameters
+from ldt_core.cli.completion import known
+from ldt_core.cli.options import namespace_option, parameters
 from ldt_core.cli.recordings import progress, read_recordings
 from ldt_core.cli.resumable import ResumableProgress, compute_options
 
@@ -45,6 +46,7 @@ SHOWN = 8  # candidates in the table of the terminal; the page has all
     "--without",
     multiple=True,
     metavar="NAME",
+    shell_complete=known("effect"),
     help="Effect not to try; can be given several times.",
 )
 @click.option(
@@ -53,7 +55,7 @@ SHOWN = 8  # candidates in the table of the terminal; the page has all
     help="Parameters of the machine to fit along and never to name, or none; those that the file "
     "says were calibrated if not given.",
 )
-@click.option("--namespace", default="", help="Machine whose topics are meant, if several.")
+@namespace_option
 @click.option(
     "--out", required=True, help="Folder for diagnosis.json and diagnosis.html; made if need be."
 )

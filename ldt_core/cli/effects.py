@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ldt_core.cli.completion import known
 from ldt_core.cli.options import json_option
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @click.command("effects")
-@click.argument("effect", required=False)
+@click.argument("effect", required=False, shell_complete=known("effect"))
 @json_option
 def command(effect: str | None, as_json: bool) -> None:
     """List the effects that --effect takes, or check EFFECT, a name or FILE.py:NAME.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ldt_core.cli.options import json_option
+from ldt_core.cli.options import json_option, namespace_option
 from ldt_core.cli.recordings import progress, read_recordings
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def _range(
     metavar="FRACTION",
     help="Share of the experiments to judge by, not to fit (a quarter when there are 4 or more).",
 )
-@click.option("--namespace", default="", help="Machine whose topics are meant, if several.")
+@namespace_option
 @json_option
 def command(
     recordings: tuple[str, ...],

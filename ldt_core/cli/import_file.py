@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
+
 import click
+
+from ldt_core.cli.options import json_option, out_option
 
 UNIT_HELP = "with a unit if it is not SI, for example"
 
 
 @click.command("import")
 @click.argument("file")
-@click.option("--out", required=True, help="Folder of the recording, which must not exist.")
+@out_option
 @click.option(
     "--voltage",
     required=True,
@@ -36,6 +40,7 @@ UNIT_HELP = "with a unit if it is not SI, for example"
     metavar="SECONDS",
     help="Cut into experiments of this length; a remainder is dropped.",
 )
+@json_option
 def command(
     file: str,
     out: str,
@@ -45,6 +50,7 @@ def command(
     time: str | None,
     sample_period: float | None,
     length: float | None,
+    as_json: bool,
 ) -> None:
     """Turn FILE, a CSV (.gz too) or a foreign bag, into a recording of experiments.
 
@@ -66,6 +72,16 @@ def command(
         for experiment in imported.experiments:
             writer.write("experiment", experiment, experiment.end)
     first = imported.experiments[0]
+    if as_json:
+        record = {
+            "experiments": len(imported.experiments),
+            "samples": len(first),
+            "sample_period": first.period,
+            "notes": list(imported.notes),
+            "recording": out,
+        }
+        click.echo(json.dumps(record))
+        return
     for note in imported.notes:
         click.echo(note)
     click.echo(

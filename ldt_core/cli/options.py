@@ -11,6 +11,7 @@ import click
 import yaml
 
 import msgs_config
+from ldt_core.cli.completion import among, known
 from ldt_core.errors import BadInput, OptionError, did_you_mean
 from ldt_core.settings import check
 
@@ -95,11 +96,13 @@ def _option(name: str, declaration: Mapping[str, Any]) -> Callable:
     flag = "--" + name.replace("_", "-")
     kind, unit, default = declaration["type"], declaration.get("unit", ""), declaration["default"]
     text = declaration["description"] + (f" [{unit}]" if unit else "")
-    if choices := [c for c in declaration.get("choices", ()) if c]:
+    choices = [c for c in declaration.get("choices", ()) if c]
+    if choices:
         text += f" One of {', '.join(choices)}."
     if kind == "bool":
         return click.option(f"{flag}/--no-{flag[2:]}", name, default=default, help=text)
     many = kind == "string_array"
+    completer = among(choices) if choices else known(name)
 
     def checked(_context: click.Context, _parameter: click.Parameter, value: Any) -> Any:
         return check(flag, list(value) if many else value, declaration)
@@ -112,5 +115,6 @@ def _option(name: str, declaration: Mapping[str, Any]) -> Callable:
         default=default,
         show_default=default not in UNSET,
         callback=checked,
+        shell_complete=completer,
         help=text,
     )

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+
 import click
+
+from ldt_core.cli.options import json_option, namespace_option
 
 
 @click.command("plot")
@@ -14,16 +18,27 @@ import click
     help="Experiment to show over time; without, the one in "
     "which the twin gained most on the original model.",
 )
-@click.option(
-    "--namespace", default="", help="Machine whose topics are meant, if there are several."
-)
+@namespace_option
 @click.option("--title", default="", help="Title of the picture.")
-def command(recording: str, out: str, experiment: int | None, namespace: str, title: str) -> None:
+@json_option
+def command(
+    recording: str,
+    out: str,
+    experiment: int | None,
+    namespace: str,
+    title: str,
+    as_json: bool,
+) -> None:
     """Draw RECORDING, a run of `ldt up`, `run` or `replay`: one experiment, and all errors.
 
     Example: ldt plot my_run --out my_run.png
     """
     from ldt_core.figures import load_run, plot_run
 
-    plot_run(load_run(recording, namespace, experiment), out, title)
-    click.echo(out)
+    run = load_run(recording, namespace, experiment)
+    plot_run(run, out, title)
+    if as_json:
+        record = {"figure": out, "shown": run.shown[0].number, "experiments": len(run.signals)}
+        click.echo(json.dumps(record))
+    else:
+        click.echo(out)

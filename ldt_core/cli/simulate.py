@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import click
 
-from ldt_core.cli.options import out_option, parameters
+from ldt_core.cli.options import json_option, out_option, parameters
 
 
 @click.command("simulate")
@@ -20,7 +21,10 @@ from ldt_core.cli.options import out_option, parameters
 )
 @out_option
 @click.option("--namespace", default="", help="Namespace of the machine's topics.")
-def command(settings: dict[str, Any], designed: str, out: str, namespace: str) -> None:
+@json_option
+def command(
+    settings: dict[str, Any], designed: str, out: str, namespace: str, as_json: bool
+) -> None:
     """Write the experiments of a simulated machine, with effects that its file does not know.
 
     Nothing wears unless --degradation says so.
@@ -47,6 +51,16 @@ def command(settings: dict[str, Any], designed: str, out: str, namespace: str) -
         for number in track(range(1, settings["experiments"] + 1), "simulating"):
             experiment = plant.experiment(number)
             writer.write("experiment", experiment, experiment.end)
+    if as_json:
+        record = {
+            "machine": machine.name,
+            "experiments": settings["experiments"],
+            "samples": machine.samples,
+            "simulated": plant.describe(),
+            "recording": out,
+        }
+        click.echo(json.dumps(record))
+        return
     click.echo(
         f"{settings['experiments']} experiments of {machine.samples} samples "
         f"({', '.join(plant.describe())}): {out}"

@@ -9,6 +9,7 @@ import click
 
 from ldt_core.cli.options import json_option, namespace_option, parameters
 from ldt_core.cli.resumable import ResumableProgress, compute_options
+from ldt_core.cli.spelling import Choice
 
 if TYPE_CHECKING:
     from ldt_core.tuning.procedure import Tuning
@@ -39,7 +40,7 @@ DETECTORS = ("threshold", "lddm", "window", "calibrated")
 @click.option(
     "--detector",
     "detectors",
-    type=click.Choice(DETECTORS),
+    type=Choice(DETECTORS),
     multiple=True,
     help="Detector to choose from; may be given several times; without, all of them.",
 )

@@ -146,7 +146,7 @@ ROWS: list[tuple[str, int, list[str]]] = [
     # the command line itself
     ("rnu", BAD, ["'rnu'", "did you mean 'run'"]),
     ("fly", BAD, ["'fly'", "commands are", "replay"]),
-    ("run --treshold 2", BAD, ["--treshold", "--threshold"]),
+    ("run --treshold 2", BAD, ["--treshold", "did you mean '--threshold'?"]),
     ("run --experiments ten", BAD, ["--experiments", "'ten'", "integer"]),
     ("run --experiments", BAD, ["--experiments", "argument"]),
     ("run --experiments 0", BAD, ["--experiments", "1 to", "got 0"]),

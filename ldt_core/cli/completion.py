@@ -1,0 +1,124 @@
+"""`ldt completion`: names in the shell by the tabulator key; what they are completed from.
+
+Commands, options and choices come from click; machines, models, detectors and effects from where
+they are declared; wherever nothing of that kind fits, files are offered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+from click.shell_completion import (
+    BashComplete,
+    CompletionItem,
+    FishComplete,
+    ShellComplete,
+    ZshComplete,
+    add_completion_class,
+    get_completion_class,
+)
+
+from ldt_core.cli.spelling import Choice
+
+VARIABLE = "_LDT_COMPLETE"  # by which the shell's function asks the program
+SHELLS = ("bash", "zsh", "fish")
+
+Completer = Callable[[click.Context, click.Parameter, str], list[str]]
+
+
+def known(kind: str) -> Completer | None:
+    """A completer for the values of an option, None when nothing is known of them.
+
+    Args:
+        kind: name of the parameter: machine, model, detector or effect.
+    """
+    listed = _KNOWN.get(kind)
+    if listed is None:
+        return None
+
+    def complete(_context: click.Context, _parameter: click.Parameter, begun: str) -> list[str]:
+        return [name for name in listed() if name.startswith(begun)]
+
+    return complete
+
+
+def among(names: list[str]) -> Completer:
+    """A completer for one of these names."""
+
+    def complete(_context: click.Context, _parameter: click.Parameter, begun: str) -> list[str]:
+        return [name for name in names if name.startswith(begun)]
+
+    return complete
+
+
+def _machines() -> list[str]:
+    import msgs_config
+
+    return msgs_config.machine_names()
+
+
+def _models() -> list[str]:
+    from ldt_core.models import MODELS
+
+    return MODELS.names()
+
+
+def _detectors() -> list[str]:
+    from ldt_core.detectors import DETECTORS
+
+    return DETECTORS.names()
+
+
+def _effects() -> list[str]:
+    from ldt_core.effects import EFFECTS
+
+    return EFFECTS.names()
+
+
+_KNOWN = {"machine": _machines, "model": _models, "detector": _detectors, "effect": _effects}
+
+
+class _OrFiles(ShellComplete):
+    """Offers files where nothing else fits, as shells do by themselves."""
+
+    def get_completions(self, args: list[str], incomplete: str) -> list[CompletionItem[Any]]:
+        """As click's, or files."""
+        found = super().get_completions(args, incomplete)
+        return found or [CompletionItem(incomplete, type="file")]
+
+
+class _Bash(_OrFiles, BashComplete):
+    pass
+
+
+class _Zsh(_OrFiles, ZshComplete):
+    pass
+
+
+class _Fish(_OrFiles, FishComplete):
+    pass
+
+
+def register() -> None:
+    """Let click answer shells by our classes."""
+    for kind in (_Bash, _Zsh, _Fish):
+        add_completion_class(kind)
+
+
+@click.command("completion")
+@click.argument("shell", type=Choice(SHELLS), metavar="SHELL")
+def command(shell: str) -> None:
+    """Print what lets SHELL complete commands, options and names by the tabulator key.
+
+    For bash put eval "$(ldt completion bash)" into ~/.bashrc, for zsh the same with zsh into
+    ~/.zshrc; for fish run ldt completion fish > ~/.config/fish/completions/ldt.fish.
+
+    Example: eval "$(ldt completion bash)"
+    """
+    register()
+    kind = get_completion_class(shell)
+    assert kind is not None
+    root = click.get_current_context().find_root().command
+    click.echo(kind(root, {}, "ldt", VARIABLE).source())

@@ -1,0 +1,67 @@
+"""What was meant by a name that does not exist: commands, options, choices."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import Any
+
+import click
+
+from ldt_core.errors import did_you_mean
+
+
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """The name that begins so, if there is one only, else the most similar one, if any is.
+
+    >>> nearest("--exp", ["--experiments", "--help", "--error-threshold"])
+    '--experiments'
+    """
+    names = sorted(known)
+    begun = [n for n in names if n.startswith(name.replace("_", "-"))]
+    if len(begun) == 1:
+        return begun[0]
+    close = difflib.get_close_matches(name, begun or names, n=1)
+    return close[0] if close else None
+
+
+def unknown_option(error: click.NoSuchOption) -> str:
+    """A sentence on an option that its command does not have."""
+    sentence = f"there is no option {error.option_name!r}"
+    if error.ctx is None:
+        return sentence
+    flags = [
+        flag
+        for p in error.ctx.command.get_params(error.ctx)
+        for flag in (*p.opts, *p.secondary_opts)
+    ]
+    close = nearest(error.option_name, (f for f in flags if f.startswith("--")))
+    hint = f"; did you mean {close!r}?" if close else ""
+    return f"{sentence}{hint} ({error.ctx.command_path} --help lists all)"
+
+
+class Group(click.Group):
+    """A group whose answer to an unknown command names those that there are."""
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """As click's, with the nearest command named when there is none."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.NoSuchOption:
+            raise
+        except click.UsageError:
+            names = self.list_commands(ctx)
+            close = nearest(args[0], names)
+            hint = f"did you mean {close!r}? " if close else ""
+            raise click.UsageError(
+                f"there is no command {args[0]!r}; {hint}commands are {', '.join(names)}"
+            ) from None
+
+
+class Choice(click.Choice):
+    """A choice whose answer to an unknown name says which is nearest."""
+
+    def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
+        """As all other messages of ours."""
+        names = (str(choice) for choice in self.choices)
+        return f"expected {did_you_mean(str(value), names)}, got {value!r}"
