@@ -26,8 +26,8 @@ COLOURS = {"ok": "green", "warning": "yellow", "problem": "red"}
 def command(recording: str | None, bag: str, namespace: str, as_json: bool) -> int:
     """Look for what keeps `ldt up` from running well here, or for damage in RECORDING.
 
-    One line a check: ok, warning or problem, with what to do about it. Exit code 0 when there is no
-    problem, 1 otherwise. Nothing is changed.
+    One line a check: ok, warning or problem, and behind -> what to do about it. Exit code 0 when
+    there is no problem, 1 otherwise. Nothing is changed.
 
     Example: ldt doctor
     """
@@ -52,6 +52,6 @@ def _print(found: Sequence[Finding]) -> None:
     width = max(len(f.name) for f in found)
     for finding in found:
         grade = click.style(f"{finding.grade:8}", fg=COLOURS[finding.grade])
-        remedy = f": {finding.remedy}" if finding.remedy else ""
+        remedy = f" -> {finding.remedy}" if finding.remedy else ""
         sentence = " ".join(f"{finding.message}{remedy}".split())
         click.echo(f"{grade} {finding.name:{width}}  {sentence}")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
-import os
 import resource
 import shutil
 import subprocess
@@ -11,12 +11,12 @@ import sys
 import time
 from pathlib import Path
 
-import pytest
 from test_bad_surroundings import BLOCK, ldt_process
 
 from ldt_core.cli import invoke, ldt
 
 RUN = Path(__file__).resolve().parents[2] / "bags" / "rotor_drift"
+PR_CAPBSET_DROP, CAP_DAC_OVERRIDE = 24, 1  # linux/prctl.h, linux/capability.h
 
 
 def checks(output: str) -> dict[str, dict]:
@@ -33,7 +33,7 @@ def test_without_ros_it_says_so_and_looks_at_the_rest(tmp_path):
     lines = {line[9:26].strip(): line for line in shown.splitlines()}
     assert lines["ROS 2"].startswith("problem ")
     assert "no module rclpy" in lines["ROS 2"]
-    assert "pip install 'ldt[ros]'" in lines["ROS 2"]
+    assert "-> pip install 'ldt[ros]'" in lines["ROS 2"]
     assert lines["clock"].startswith(("ok ", "warning "))
     assert "DDS" not in lines
     assert not any(tmp_path.iterdir())
@@ -56,12 +56,17 @@ def test_a_full_disk_is_a_problem_with_a_remedy(tmp_path):
     assert "--bag" in found["remedy"]
 
 
-@pytest.mark.skipif(os.getuid() == 0, reason="nothing is forbidden to root")
 def test_a_folder_without_the_right_to_write_is_a_problem(tmp_path):
-    """As `/proc` is for everybody, which the tests of the checks try."""
+    """Also for root, once it has given up the power to write everywhere."""
+
+    def give_up() -> None:
+        ctypes.CDLL(None).prctl(PR_CAPBSET_DROP, CAP_DAC_OVERRIDE)
+
     tmp_path.chmod(0o500)
-    code, shown, _ = ldt_process("doctor", "--json", "--bag", str(tmp_path / "run"), code=BLOCK)
-    assert code == 1
+    arguments = ("doctor", "--json", "--bag", str(tmp_path / "run"))
+    code, shown, errors = ldt_process(*arguments, code=BLOCK, before=give_up)
+    tmp_path.chmod(0o700)
+    assert (code, errors) == (1, "")
     assert "Permission denied" in checks(shown)["recordings"]["message"]
 
 
