@@ -113,6 +113,7 @@ def build() -> None:
         packages=find_packages(include=["ldt_core*", "ldt_ros*", "msgs_config*"]),
         package_data={
             "ldt_core.report": ["templates/*"],
+            "ldt_core.run_page": ["templates/*", "uplot/*"],
             "msgs_config": ["*.yaml", "*.xml", "machines/*.yaml"],
         },
         data_files=[
@@ -168,6 +169,7 @@ def build() -> None:
                 "plot = ldt_core.cli.plot:command",
                 "predict = ldt_core.cli.predict:command",
                 "replay = ldt_core.cli.replay:command",
+                "report = ldt_core.cli.report:command",
                 "run = ldt_core.cli.run:command",
                 "simulate = ldt_core.cli.simulate:command",
                 "study = ldt_core.cli.study:command",

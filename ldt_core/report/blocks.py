@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from markupsafe import Markup
+
 from ldt_core.report.style import NARROW, WIDE, Drawing, inline_svg
 
 
@@ -151,7 +153,15 @@ class Figure:
         return cls(*words, wide, narrow, files)
 
 
-Block = Text | Table | Folded | Items | Pairs | Links | Figure
+@dataclass(frozen=True)
+class Own:
+    """Markup of our own making, whose values are escaped already."""
+
+    markup: Markup
+    kind: str = "own"
+
+
+Block = Text | Table | Folded | Items | Pairs | Links | Figure | Own
 
 
 @dataclass

@@ -1,0 +1,39 @@
+"""`ldt report`: a run as a page to look at."""
+
+from __future__ import annotations
+
+import click
+
+from ldt_core.cli.options import json_option, namespace_option
+
+
+@click.command("report")
+@click.argument("recording")
+@click.option("-o", "--out", required=True, help="File of the page: .html.")
+@namespace_option
+@json_option
+def command(recording: str, out: str, namespace: str, as_json: bool) -> None:
+    """Make one page of RECORDING, a run of `ldt up`, `run` or `replay`, that opens in any browser.
+
+    It has every experiment measured and predicted, worst first, the error and the detector's
+    statistic over the run, what was learned from what, diagnoses, and the recording's health. The
+    plots zoom; nothing is loaded from a network.
+
+    Example: ldt report my_run -o my_run.html
+    """
+    import json
+    from pathlib import Path
+
+    from ldt_core.errors import OptionError
+    from ldt_core.run_page import write_page
+
+    if Path(out).suffix.lower() not in (".html", ".htm"):
+        raise OptionError("out", "a file ending in .html", out)
+    if not Path(out).absolute().parent.is_dir():
+        raise OptionError("out", "a file in a folder that exists", out)
+    run = write_page(recording, out, namespace)
+    if as_json:
+        facts = {"page": out, "bytes": Path(out).stat().st_size, **run.summary.as_dict()}
+        click.echo(json.dumps(facts, indent=2))
+    else:
+        click.echo(out)

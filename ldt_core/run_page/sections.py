@@ -1,0 +1,159 @@
+"""The sections of a run's page, in the order in which they are read."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+import jinja2
+from markupsafe import Markup
+
+from ldt_core.experiment import Level
+from ldt_core.report.blocks import Answer, Item, Items, Mark, Own, Section, Table, Text
+from ldt_core.report.number import number
+from ldt_core.run_page import setting
+from ldt_core.run_page.health import complaints, nodes
+from ldt_core.run_page.learning import adaptations, models
+from ldt_core.run_page.run import Run
+from ldt_core.run_page.statistic import Statistic
+
+FOOTER = (
+    "Errors are maxima over an experiment of the distance between measured and predicted speed; "
+    "predictions are free runs, which see the voltage alone. The page is whole: it loads nothing."
+)
+TONES = {Level.NEGATIVE: "good", Level.WARNING: "open", Level.POSITIVE: "bad"}
+KINDS = {"none": "good", "effect": "found", "ambiguous": "vague", "unknown": "open"}
+
+
+def title(run: Run) -> str:
+    """Of the page."""
+    return f"Run {run.name}"
+
+
+def lead(run: Run) -> str:
+    """What has run."""
+    last = run.turns[-1].signal
+    kind = run.models[0].kind if run.models else "unrecorded"
+    machine = f"machine {run.machine}" if run.machine else "an unnamed machine"
+    return (
+        f"{_count(run.summary.experiments, 'experiment')} of {machine}, with a {kind} model and "
+        f"the detector {last.detector}."
+    )
+
+
+def answer(run: Run) -> Answer:
+    """How well the twin followed, and where it stands."""
+    summary, last = run.summary, run.turns[-1].signal
+    mean, original = summary.mme or 0.0, summary.mme_original
+    sentence = f"The twin's largest error in an experiment was {number(mean)} rad/s in the mean"
+    if original:
+        share = number(100 * mean / original, 2)
+        sentence += f", {share} % of the {number(original)} rad/s of the model that never learns"
+    worst = run.turns[run.worst_first[0]]
+    sentence += (
+        f"; the worst was experiment {worst.experiment} with {number(worst.signal.max_error)}. "
+        f"The detector was positive {_times(summary.positives)}, and "
+        f"{_count(summary.adaptations, 'new model')} came into force."
+    )
+    aside = f"the last signal, of experiment {last.experiment}"
+    return Answer(Mark(last.level.word, TONES[last.level]), aside, sentence)
+
+
+def sections(run: Run, compared: Statistic) -> list[Section]:
+    """All of them."""
+    return [
+        _course(compared),
+        _experiment(run),
+        Section("learning", "What was learned", [*adaptations(run), *models(run)]),
+        _diagnoses(run),
+        Section("setting", "Machine and settings", setting.blocks(run, compared)),
+        _health(run),
+        _every(run),
+    ]
+
+
+def _course(compared: Statistic) -> Section:
+    limits = "its limits" if any(compared.drift) else "no limits recorded"
+    return Section(
+        "course", "Over the run", [_template("course.html", label=compared.label, limits=limits)]
+    )
+
+
+def _experiment(run: Run) -> Section:
+    note = "All samples are in the page."
+    if run.thinned:
+        kept = [t.samples.kept for t in run.turns if t.samples]
+        note = (
+            f"Samples are thinned to at most {max(kept)} in an experiment; the extremes of every "
+            "curve over short stretches are among them."
+        )
+    bare = sum(turn.samples is None for turn in run.turns)
+    if bare:
+        note += f" The {bare} experiments with the least error are without samples: no room."
+    return Section("experiment", "One experiment", [_template("chooser.html", note=note)])
+
+
+def _diagnoses(run: Run) -> Section:
+    section = Section("diagnoses", "Diagnoses")
+    if run.diagnoses:
+        rows = [
+            (f"Experiment {d.experiment}", Mark(d.kind, KINDS.get(d.kind, "open")), d.sentence)
+            for d in run.diagnoses
+        ]
+        head = ("after", "verdict", "in words")
+        section.blocks.append(Table("What was to blame, at each positive", head, rows, cards=True))
+    else:
+        none = "None was made in this run: --diagnose makes one at a positive."
+        section.blocks.append(Text(none, "missing"))
+    return section
+
+
+def _health(run: Run) -> Section:
+    section = Section("health", "Health of the recording")
+    odd = complaints(run)
+    if odd:
+        section.blocks.append(Items([Item(sentence) for sentence in odd]))
+    else:
+        section.blocks.append(
+            Text("No experiment is missing, repeated, late or unused, and no file is damaged.")
+        )
+    told = nodes(run)
+    if not told:
+        absent = "No node's health was recorded: this was no run of the graph."
+        section.blocks.append(Text(absent, "missing"))
+        return section
+    rows = [
+        (
+            node.name,
+            node.message,
+            "; ".join(f"{count} × {kind}" for kind, count in node.rejected) or "nothing",
+            node.last or "-",
+        )
+        for node in told
+    ]
+    head = ("node", "said last", "rejected", "why, the last time")
+    section.blocks.append(Table("The nodes of the graph", head, rows, cards=True))
+    return section
+
+
+def _every(run: Run) -> Section:
+    rows = [run.turns[index] for index in run.worst_first]
+    link = "#experiment-{}"
+    table = _template("every.html", rows=rows, link=link, number=number)
+    return Section("every", "All experiments, worst first", [table])
+
+
+def _template(name: str, **values: object) -> Own:
+    """Markup of ours, every value in it escaped."""
+    source = (files("ldt_core.run_page") / "templates" / name).read_text(encoding="utf-8")
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
+    )
+    return Own(Markup(environment.from_string(source).render(**values)))
+
+
+def _count(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def _times(count: int) -> str:
+    return {0: "never", 1: "once", 2: "twice"}.get(count, f"{count} times")

@@ -1,0 +1,70 @@
+"""The machine and the settings of a run, as far as its recording tells."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+from ldt_core.report.blocks import Block, Folded, Pairs, Table
+from ldt_core.report.number import number
+from ldt_core.run_page.run import Run
+from ldt_core.run_page.statistic import Statistic
+
+
+def blocks(run: Run, compared: Statistic) -> list[Block]:
+    """Machine, experiments, model, detector; the machine file's parameters, folded."""
+    turns = run.turns
+    signal = turns[-1].signal
+    pairs = [
+        ("machine", run.machine or "not recorded"),
+        ("topics", run.namespace or "of no namespace"),
+        ("recording", f"{run.name}, from {_moment(turns[0].start)} to {_moment(turns[-1].end)}"),
+        ("experiments", f"{len(turns)}, numbers {turns[0].experiment} to {turns[-1].experiment}"),
+        ("samples", f"{_span([t.length for t in turns])} in an experiment"),
+        ("sample period", f"{_span([1e3 * t.period for t in turns])} ms"),
+        ("duration", f"{_span([t.period * t.length for t in turns])} s"),
+        ("voltage", f"{_outer([t.voltage for t in turns])} V"),
+        ("speed", f"{_outer([t.speed for t in turns])} rad/s"),
+        ("model", ", ".join(dict.fromkeys(m.kind for m in run.models)) or "not recorded"),
+        ("detector", ", ".join(dict.fromkeys(t.signal.detector for t in turns))),
+        ("it compares", compared.label),
+    ]
+    limits = {"warning_limit": "warns above", "drift_limit": "is positive above"}
+    for name, words in limits.items():
+        values = [t.signal.statistics[name] for t in turns if name in t.signal.statistics]
+        if values:
+            pairs.append((words, f"{_span(values)} {compared.unit}".strip()))
+    own = {n: v for n, v in signal.statistics.items() if n not in limits}
+    if own:
+        text = ", ".join(f"{name.replace('_', ' ')} {number(v)}" for name, v in own.items())
+        pairs.append(("last statistics", text))
+    found: list[Block] = [Pairs(pairs)]
+    parameters = run.models[0].parameters.get("machine") if run.models else None
+    if isinstance(parameters, dict):
+        rows = [(str(n), _value(v)) for n, v in parameters.items()]
+        table = Table(
+            "As the twin knows the machine, in SI units", ("parameter", "value"), rows, (1,)
+        )
+        found.append(Folded("Parameters of the machine", table))
+    return found
+
+
+def _value(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, int | float) else str(value)
+
+
+def _moment(seconds: float) -> str:
+    try:
+        moment = datetime.fromtimestamp(seconds, UTC)
+    except (OverflowError, ValueError, OSError):
+        return f"{seconds:.0f} s"
+    return f"{moment:%Y-%m-%d %H:%M:%S} UTC"
+
+
+def _span(values: list[float]) -> str:
+    low, high = f"{min(values):.4g}", f"{max(values):.4g}"
+    return low if low == high else f"{low} to {high}"
+
+
+def _outer(ranges: list[tuple[float, float]]) -> str:
+    low, high = min(r[0] for r in ranges), max(r[1] for r in ranges)
+    return f"{number(low)} to {number(high)}"
