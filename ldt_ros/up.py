@@ -241,6 +241,7 @@ class Graph:
         self.supervisor.wait = time.sleep
         for monitor in self.monitors:
             monitor.destroy_node()
+        self.executor.shutdown()
         rclpy.try_shutdown(context=self.context)
 
     def _finished(self) -> bool:

@@ -208,7 +208,7 @@ def test_real_time_paces_the_experiments(domain, tmp_path):
 
 
 def test_the_caller_keeps_its_own_ros_and_its_environment(domain, tmp_path):
-    """`launch` from other code leaves the default context and the environment as they were."""
+    """`launch` from other code leaves the default context, the environment and the domain alone."""
     import rclpy
 
     from ldt_ros.up import launch
@@ -220,6 +220,10 @@ def test_the_caller_keeps_its_own_ros_and_its_environment(domain, tmp_path):
         assert run.summary.experiments == 2
         assert rclpy.ok()
         assert dict(os.environ) == before
+        observer = rclpy.create_node("observer")
+        time.sleep(0.5)
+        assert observer.get_node_names() == ["observer"]
+        observer.destroy_node()
     finally:
         rclpy.try_shutdown()
 
