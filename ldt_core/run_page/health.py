@@ -53,7 +53,9 @@ def ranges(numbers: Sequence[int]) -> str:
 
 def complaints(run: Run) -> list[str]:
     """A sentence for each thing that is odd about the recording; none is good."""
-    found = [note.removeprefix(f"{run.bag.path}: ") for note in run.bag.notes]
+    # Where the recording lay is no business of those to whom the page is sent.
+    path = str(run.bag.path)
+    found = [n.removeprefix(f"{path}: ").replace(f"{path}/", "") for n in run.bag.notes]
     if run.unused:
         found.append(f"recorded, but not predicted and judged: {_named(run.unused)}")
     undone = [t.experiment for t in run.turns if t.adaptation is None]
@@ -101,7 +103,7 @@ def _times(turns: Sequence[Turn]) -> list[str]:
     found = []
     if late:
         longest = ", ".join(f"{s:.1f} s before experiment {n}" for s, n in sorted(late)[-LISTED:])
-        found.append(f"{len(late)} pauses longer than an experiment, the longest {longest}")
+        found.append(f"pauses longer than an experiment: {len(late)}, the longest {longest}")
     if early:
         found.append(f"begun before the one before had ended: {_named(early)}")
     return found

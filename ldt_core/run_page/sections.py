@@ -34,9 +34,11 @@ def lead(run: Run) -> str:
     last = run.turns[-1].signal
     kind = run.models[0].kind if run.models else "unrecorded"
     machine = f"machine {run.machine}" if run.machine else "an unnamed machine"
+    odd = len(complaints(run)) + sum(bool(node.rejected) for node in nodes(run))
+    warning = f" Mind the health of the recording: {_count(odd, 'remark')}." if odd else ""
     return (
         f"{_count(run.summary.experiments, 'experiment')} of {machine}, with a {kind} model and "
-        f"the detector {last.detector}."
+        f"the detector {last.detector}.{warning}"
     )
 
 

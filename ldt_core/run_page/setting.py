@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-from ldt_core.report.blocks import Block, Folded, Pairs, Table
+from ldt_core.report.blocks import Block, Pairs
 from ldt_core.report.number import number
 from ldt_core.run_page.run import Run
 from ldt_core.run_page.statistic import Statistic
 
 
 def blocks(run: Run, compared: Statistic) -> list[Block]:
-    """Machine, experiments, model, detector; the machine file's parameters, folded."""
+    """Machine, experiments, model and detector."""
     turns = run.turns
     signal = turns[-1].signal
     pairs = [
@@ -37,15 +37,11 @@ def blocks(run: Run, compared: Statistic) -> list[Block]:
     if own:
         text = ", ".join(f"{name.replace('_', ' ')} {number(v)}" for name, v in own.items())
         pairs.append(("last statistics", text))
-    found: list[Block] = [Pairs(pairs)]
     parameters = run.models[0].parameters.get("machine") if run.models else None
     if isinstance(parameters, dict):
-        rows = [(str(n), _value(v)) for n, v in parameters.items()]
-        table = Table(
-            "As the twin knows the machine, in SI units", ("parameter", "value"), rows, (1,)
-        )
-        found.append(Folded("Parameters of the machine", table))
-    return found
+        told = ", ".join(f"{name}\u00a0=\u00a0{_value(v)}" for name, v in parameters.items())
+        pairs.insert(1, ("as its file has it", f"{told} (SI units)"))
+    return [Pairs(pairs)]
 
 
 def _value(value: object) -> str:

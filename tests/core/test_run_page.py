@@ -231,6 +231,7 @@ def test_what_is_odd_about_the_recording_is_said(tmp_path):
     assert "recorded, but not predicted and judged: experiment 2" in found
     assert "pauses longer than an experiment" in found
     assert "before experiment 6" in found
+    assert "Mind the health of the recording: 3 remarks." in page(run)
     assert str(tmp_path) not in page(run)
 
 
@@ -238,6 +239,7 @@ def test_a_sound_recording_is_said_to_be_sound(tmp_path):
     """Not left open."""
     run = read_run(fake_run(tmp_path / "run"))
     assert complaints(run) == []
+    assert "Mind the health" not in page(run)
     assert "No experiment is missing, repeated, late or unused" in page(run)
 
 
