@@ -3,7 +3,7 @@
 The plots are drawn by uPlot (`uplot/`, version 1.6.32, MIT licence, as its authors distribute it):
 51 kB without dependencies, where plotly's basic bundle has 1.2 MB and bokeh's 1.4 MB of the 5 MB
 that a page may have, and its series are typed arrays. Zoom, hover and legend by touch, keyboard and
-screen reader are in `templates/run.js`, as uPlot has them for the mouse alone.
+screen reader are in `templates/group.js`, as uPlot has them for the mouse alone.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from ldt_core.run_page.run import Run, read_run
 from ldt_core.run_page.statistic import statistic
 
 STYLES = ("uplot/uPlot.min.css", "templates/run.css")
-SCRIPTS = ("uplot/uPlot.iife.min.js", "templates/run.js")
+LIBRARY = "uplot/uPlot.iife.min.js"
+#: Parts of one script, in the order in which they build on each other.
+PARTS = tuple(f"templates/{name}.js" for name in ("rows", "plot", "group", "page"))
 
 __all__ = ["Run", "page", "read_run", "write_page"]
 
@@ -43,8 +45,9 @@ def write_page(recording: str | Path, out: str | Path, namespace: str = "") -> R
 def page(run: Run) -> str:
     """The page as text."""
     compared = statistic([turn.signal for turn in run.turns])
+    script = "".join(_own(name) for name in PARTS)
     program = Program(
-        [_own(name) for name in SCRIPTS],
+        [_own(LIBRARY), f'"use strict";\n(() => {{\n{script}}})();\n'],
         "".join(_own(name) for name in STYLES),
         data(run, compared),
     )

@@ -1,0 +1,241 @@
+// One plot: its curves by uPlot, and the marks beside them.
+function shape(ctx, kind, x, y, r) {
+  ctx.beginPath();
+  if (kind === "square") ctx.rect(x - r, y - r, 2 * r, 2 * r);
+  else if (kind === "triangle") {
+    ctx.moveTo(x, y - r * 1.2);
+    ctx.lineTo(x + r * 1.1, y + r);
+    ctx.lineTo(x - r * 1.1, y + r);
+    ctx.closePath();
+  } else ctx.arc(x, y, r, 0, 2 * Math.PI);
+}
+
+function visible(u, i) {
+  const { min, max } = u.scales.x,
+    x = u.data[0][i];
+  return x >= min && x <= max;
+}
+
+function verticals(u) {
+  // behind the curves: new models, and the experiment chosen
+  const { ctx, bbox } = u,
+    ratio = uPlot.pxRatio;
+  ctx.save();
+  RUN.number.forEach((number, i) => {
+    if (!visible(u, i)) return;
+    const x = Math.round(u.valToPos(number, "x", true));
+    if (i === chosen) {
+      ctx.globalAlpha = 0.22;
+      ctx.fillStyle = color("sky");
+      ctx.fillRect(x - 5 * ratio, bbox.top, 10 * ratio, bbox.height);
+      ctx.globalAlpha = 1;
+    }
+    if (RUN.action[i] !== "adapted") return;
+    ctx.strokeStyle = color("green");
+    ctx.lineWidth = 1.2 * ratio;
+    ctx.setLineDash([4 * ratio, 4 * ratio]);
+    ctx.beginPath();
+    ctx.moveTo(x, bbox.top);
+    ctx.lineTo(x, bbox.top + bbox.height);
+    ctx.stroke();
+  });
+  ctx.restore();
+}
+
+function levels(u) {
+  // in front: a shape for each signal that is not negative
+  const { ctx } = u,
+    ratio = uPlot.pxRatio;
+  ctx.save();
+  RUN.level.forEach((level, i) => {
+    const value = u.data[1][i];
+    if (level < 0 || value == null || !visible(u, i) || (u.scales.y.distr === 3 && value <= 0))
+      return;
+    const x = u.valToPos(u.data[0][i], "x", true),
+      y = u.valToPos(value, "y", true);
+    shape(ctx, level > 0 ? "square" : "triangle", x, y, (level > 0 ? 3.6 : 4.6) * ratio);
+    ctx.fillStyle = color(level > 0 ? "vermilion" : "paper");
+    ctx.fill();
+    ctx.lineWidth = 1.6 * ratio;
+    ctx.strokeStyle = color(level > 0 ? "vermilion" : "ink");
+    ctx.stroke();
+  });
+  ctx.restore();
+}
+
+function learned(u) {
+  // a dot where a version learned from an experiment
+  const { ctx } = u,
+    ratio = uPlot.pxRatio,
+    { min, max } = u.scales.x;
+  ctx.save();
+  ctx.fillStyle = color("paper");
+  ctx.strokeStyle = color("green");
+  ctx.lineWidth = 1.8 * ratio;
+  Object.keys(RUN.models).forEach((version) =>
+    RUN.models[version].learned.forEach((number) => {
+      if (number < min || number > max) return;
+      shape(
+        ctx,
+        "dot",
+        u.valToPos(number, "x", true),
+        u.valToPos(+version, "y", true),
+        3.4 * ratio,
+      );
+      ctx.fill();
+      ctx.stroke();
+    }),
+  );
+  ctx.restore();
+}
+
+const MARKS = {
+  error: [
+    ["square", "vermilion", "positive"],
+    ["triangle", "ink", "warning"],
+    ["line", "green", "new model"],
+  ],
+  statistic: [],
+  versions: [["ring", "green", "learned from"]],
+};
+
+function plot(group, name, x, rows) {
+  const place = document.querySelector(`[data-plot="${name}"]`),
+    course = group.name === "course";
+  const log = Boolean(logarithmic[name]);
+  const series = [{}],
+    bands = [];
+  rows.forEach(([label, , look], i) => {
+    const dotted = look.shape === "dot";
+    series.push({
+      label,
+      stroke: color(look.color),
+      width: dotted ? 0 : look.width,
+      spanGaps: false,
+      show: !group.hidden.has(name + label),
+      dash: look.dash && look.dash !== "none" ? DASHES[look.dash] : [],
+      paths: dotted ? () => null : look.step ? uPlot.paths.stepped({ align: 1 }) : undefined,
+      points: {
+        show: dotted || (course && i === 0 && name !== "versions"),
+        size: dotted ? 5 : 4,
+        width: 1,
+        stroke: color(look.color),
+        fill: color(dotted ? "paper" : look.color),
+      },
+    });
+    if (look.band) bands.push({ series: [i + 2, i + 1], fill: color("sky") + "38" });
+  });
+  const ticks = {
+    stroke: color("ink"),
+    grid: { stroke: color("faint"), width: 1 },
+    ticks: { stroke: color("faint"), width: 1 },
+    font: "12px system-ui, sans-serif",
+  };
+  const values = (u, splits) => splits.map((v) => (v == null ? "" : four(v)));
+  const u = new uPlot(
+    {
+      width: printing ? PRINTED : place.clientWidth,
+      height: HEIGHTS[name] * (place.clientWidth < 500 ? 0.85 : 1),
+      series,
+      bands,
+      legend: { show: false },
+      padding: [10, 12, 0, 0],
+      cursor: {
+        y: false,
+        sync: { key: group.name, setSeries: false },
+        drag: { x: true, y: false },
+        points: { size: 9 },
+      },
+      scales: {
+        x: {
+          time: false,
+          range: (_, low, high) => (low === high ? [low - 1, high + 1] : [low, high]),
+        },
+        y: log
+          ? { distr: 3, range: (_, low, high) => [Math.max(low, high * 1e-6) / 1.2, high * 1.2] }
+          : name === "error"
+            ? { range: (_, low, high) => [0, high * 1.06 || 1] }
+            : name === "versions"
+              ? { range: (_, low, high) => [Math.min(0, low), Math.max(high, 1) + 0.5] }
+              : {},
+      },
+      axes: [
+        {
+          ...ticks,
+          values: course ? values : (u, s) => values(u, s).map((v) => v && `${v} s`),
+          incrs: course ? WHOLE : undefined,
+          space: 60,
+          size: 32,
+          ...(name === "versions"
+            ? {
+                label: "number of the experiment",
+                labelSize: 18,
+                labelFont: "12px system-ui, sans-serif",
+              }
+            : {}),
+        },
+        {
+          ...ticks,
+          values,
+          size: 58,
+          ...(log ? { splits: decades, filter: (u, ticks) => ticks } : {}),
+          incrs: name === "versions" ? WHOLE : undefined,
+          space: name === "versions" || name === "voltage" ? 26 : 34,
+        },
+      ],
+      hooks: {
+        drawAxes: course ? [verticals] : [],
+        draw: name === "versions" ? [learned] : course ? [levels] : [],
+        setScale: [
+          (self, key) => {
+            if (key === "x") group.zoomed(self);
+          },
+        ],
+        setCursor: [(self) => group.hovered(self, name, rows)],
+      },
+    },
+    [x, ...rows.map((row) => row[1])],
+    place,
+  );
+  u.over.addEventListener("click", () => {
+    if (!group.dragged) group.clicked(u.cursor.idx);
+  });
+  return u;
+}
+
+function swatch(kind, name, dash) {
+  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+  const put = (tag, more) => {
+    const e = document.createElementNS("http://www.w3.org/2000/svg", tag);
+    Object.entries(more).forEach(([k, v]) => e.setAttribute(k, v));
+    svg.append(e);
+  };
+  svg.setAttribute("viewBox", "0 0 26 12");
+  svg.setAttribute("aria-hidden", "true");
+  const paint = `var(--${name})`;
+  if (kind === "square") put("rect", { x: 9, y: 2, width: 8, height: 8, fill: paint });
+  else if (kind === "triangle")
+    put("path", {
+      d: "M13 1l5.4 9.6H7.6z",
+      fill: "var(--paper)",
+      stroke: paint,
+      "stroke-width": 1.6,
+    });
+  else if (kind === "ring")
+    put("circle", {
+      cx: 13,
+      cy: 6,
+      r: 4,
+      fill: "var(--paper)",
+      stroke: paint,
+      "stroke-width": 1.8,
+    });
+  else
+    put("path", {
+      d: "M0 6h26",
+      stroke: paint,
+      "stroke-width": 2.4,
+      "stroke-dasharray": (kind === "line" ? [4, 4] : DASHES[dash || "solid"]).join(" ") || "none",
+    });
+  return svg;
+}
