@@ -38,11 +38,11 @@ DECIDING = (
         "models/physics.py",
         "physics",
     ),
-    *("registry.py",),
+    *("registry.py", "threads.py"),
 )
 SHOWING = ("diagnosis/live.py", "diagnosis/page", "diagnosis/recorded.py")
 #: What decides a comparator's answer besides.
-COMPARING = ("challenge/comparators", "gaussian_process", "models/hybrid.py", "threads.py")
+COMPARING = ("challenge/comparators", "gaussian_process", "models/hybrid.py")
 
 
 @dataclass(frozen=True)
