@@ -224,9 +224,13 @@ class Search:
         enough = max(self.band.excess(base.rest), 0.0)
         start = self.found.scouted[frozenset()].loss
         promise = PROMISE * enough if enough > HOPEFUL * start else 0.0
-        ranked = self.ranked(base)
+        d, ranked = self.found.responses, self.ranked(base)
         best = ranked[0][2] if ranked else 0.0
-        return [(c, z) for c, z, gain in ranked if gain >= max(promise, close * best)][:count]
+        enough_for = [(c, z) for c, z, gain in ranked if gain >= max(promise, close * best)]
+        # Where each experiment may choose an angle, a ripple promises more than it can keep.
+        turned = {d.candidates[int(d.owner[g[0]])].name for g in self._angular}
+        kept = [(c, z) for c, z in enough_for if c.name not in turned][:count]
+        return [(c, z) for c, z in enough_for[:count] if c.name in turned] + kept
 
     def ranked(self, base: Fit) -> list[tuple[Candidate, Array, float]]:
         """Every other effect with its most promising values beside a set, and what they promise."""
