@@ -100,7 +100,7 @@ def change(bench: Bench, use: Sequence, to: Sequence, starts: Starts | None = No
         after, _ = bench.outputs(i, to, angle=_angle(bench, starts, i))
         before, _ = bench.outputs(i, use, angle=_angle(bench, bench.starts, i))
         moved.append(after - before)
-    return _residual(bench, moved, 0.0, SHARP[0])
+    return _residual(bench, moved, 0.0)  # smoothed: a ripple of no mean is no place
 
 
 def _angle(bench: Bench, starts: Starts | None, i: int) -> float:
