@@ -23,6 +23,7 @@ from xml.etree import ElementTree
 
 from ldt_core.doctor.check import Finding, Probe, ok, problem, warning
 from ldt_core.errors import BadInput
+from ldt_core.words import few
 from ldt_ros.environment import MODULES, one_line, require_ros
 from ldt_ros.leftovers import SHARED, SharedMemory, leftovers
 
@@ -157,19 +158,13 @@ def _domain(met: dict[str, Any]) -> list[Finding]:
     where = f"ROS_DOMAIN_ID {number}"
     taken = [t for t in met["publishers"] if t.count("/") == 1]
     if taken:
-        told = (
-            f"{where} has a publisher of {_listed(taken)} already (nodes {_listed(met['nodes'])})"
-        )
+        nodes = few(met["nodes"], LISTED)
+        told = f"{where} has a publisher of {few(taken, LISTED)} already (nodes {nodes})"
         remedy = "end that graph, set another ROS_DOMAIN_ID, or give ldt up a --namespace"
         return [problem("domain", told, remedy)]
     if met["nodes"]:
-        return [warning("domain", f"{where} has nodes {_listed(met['nodes'])}", ANOTHER_DOMAIN)]
+        return [warning("domain", f"{where} has nodes {few(met['nodes'], LISTED)}", ANOTHER_DOMAIN)]
     return [ok("domain", f"{where}, nobody else is in it")]
-
-
-def _listed(names: list[str]) -> str:
-    more = len(names) - LISTED
-    return ", ".join(names[:LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _security(library: str | None) -> list[Finding]:
@@ -251,7 +246,7 @@ def shared_memory() -> list[Finding]:
         remedy = f"remove what nobody uses in {SHARED} (docker run --shm-size=256m)"
         found.append(warning(name, room, remedy))
     if left := sorted(leftovers()):
-        told = f"{len(left)} file(s) left by ended processes ({_listed(left)})"
+        told = f"{len(left)} file(s) left by ended processes ({few(left, LISTED)})"
         remedy = f"rm {' '.join(str(SHARED / n) for n in left[:LISTED])}"
         found.append(warning(name, told, remedy + (" …" if len(left) > LISTED else "")))
     return found or [ok(name, room)]

@@ -16,12 +16,12 @@ from rclpy.node import Node
 
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Adaptation, Signal
+from ldt_core.recording.node_status import HEALTH_TOPIC, NodeStatus, node_statuses
 from ldt_ros.convert import from_message
 from ldt_ros.interfaces import LISTENER_DEPTH, message_type, qos
 from ldt_ros.node import REFUSED
 
 SOURCES = ("plant", "player")
-DIGITS = 16  # of an experiment number, which a double has to hold; anybody may say more
 CAPACITY = 200  # signals that wait for their adaptation; what is older has lost it
 
 
@@ -41,8 +41,8 @@ class Monitor(Node):
     ) -> None:
         super().__init__("monitor", namespace=namespace, **node_arguments)
         self.on_step = on_step
-        #: Health of each node, by role: the values it told last.
-        self.health: dict[str, dict[str, str]] = {}
+        #: What each node told of itself last, by role.
+        self.health: dict[str, NodeStatus] = {}
         self.last_experiment = 0
         self.last_step = 0
         self.last_signal = 0
@@ -52,43 +52,40 @@ class Monitor(Node):
             self.create_subscription(
                 message_type(topic), topic, callback, qos(topic, LISTENER_DEPTH)
             )
-        self.create_subscription(
-            DiagnosticArray, "/diagnostics", self._on_health, qos("/diagnostics")
-        )
+        self.create_subscription(DiagnosticArray, HEALTH_TOPIC, self._on_health, qos(HEALTH_TOPIC))
 
     @property
     def source_finished(self) -> bool:
         """Whether the plant or player has nothing more to send."""
-        return any(self.health.get(r, {}).get("finished") == "true" for r in SOURCES)
+        return any(self._told(role, "finished") == "true" for role in SOURCES)
 
     @property
     def idle(self) -> bool:
         """Whether every experiment that was sent has gone all the way, or was refused."""
         started = any(role in self.health for role in SOURCES)
-        diagnoser = self.health.get("diagnoser", {"experiment": str(self.last_signal)})
-        if diagnoser.get("experiment") != str(self.last_signal):
+        diagnosed = self._told("diagnoser", "experiment")
+        if "diagnoser" in self.health and diagnosed != str(self.last_signal):
             return False
         return self.last_step >= self.last_experiment and (self.source_finished or not started)
 
     @property
     def busy(self) -> bool:
         """Whether a node has told that it works on experiments that have not gone all the way."""
-        adaptor, twin = self.health.get("adaptor", {}), self.health.get("twin", {})
-        diagnosing = self.health.get("diagnoser", {}).get("diagnosing") == "true"
-        training = adaptor.get("training") == "true"
-        return diagnosing or training or twin.get("waiting", "0") != "0"
+        diagnosing = self._told("diagnoser", "diagnosing") == "true"
+        training = self._told("adaptor", "training") == "true"
+        return diagnosing or training or self._told("twin", "waiting") not in ("", "0")
+
+    def _told(self, role: str, key: str) -> str:
+        """What a node told last under a key, "" when it did not."""
+        return self.health[role].values.get(key, "") if role in self.health else ""
 
     def _on_health(self, message: DiagnosticArray) -> None:
-        prefix = self.get_namespace().strip("/")
-        for status in message.status:
-            namespace, _, role = status.name.rpartition("/")
-            if namespace == prefix:
-                told = self.health[role] = {v.key: v.value for v in status.values}
-                sent = told.get("experiment", "")
-                if role in SOURCES and sent.isdecimal() and len(sent) < DIGITS:
-                    self.last_experiment = max(self.last_experiment, int(sent))
-                if told.get(REFUSED) == str(self.last_experiment):
-                    self.last_step = max(self.last_step, self.last_experiment)
+        for told in node_statuses(message, self.get_namespace()):
+            self.health[told.role] = told
+            if told.role in SOURCES:
+                self.last_experiment = max(self.last_experiment, told.number("experiment") or 0)
+            if told.values.get(REFUSED) == str(self.last_experiment):
+                self.last_step = max(self.last_step, self.last_experiment)
 
     def _on_signal(self, message: Any) -> None:
         with contextlib.suppress(LdtError):  # the nodes count it

@@ -16,6 +16,7 @@ from rclpy.subscription import Subscription
 import msgs_config
 from ldt_core.errors import LdtError
 from ldt_core.machine import load_machine
+from ldt_core.recording.node_status import HEALTH_TOPIC, LAST_REJECTION, REJECTED
 from ldt_ros.interfaces import declare, message_type, qos
 
 HEALTH_PERIOD = 1.0  # s, as the stock diagnostic aggregator expects
@@ -53,7 +54,7 @@ class TwinNode(Node):
         self._last_rejection = ""
         self._outputs: dict[str, Publisher] = {}
         self._inputs: dict[str, Subscription] = {}
-        self._health = self.create_publisher(DiagnosticArray, "/diagnostics", qos("/diagnostics"))
+        self._health = self.create_publisher(DiagnosticArray, HEALTH_TOPIC, qos(HEALTH_TOPIC))
         self._told: tuple = ()
         self._told_at = 0.0
         self.create_timer(CHECK_PERIOD, self._tell, clock=self.steady)
@@ -151,9 +152,9 @@ class TwinNode(Node):
         values = {"ready": _word(ready), "finished": _word(self.finished)}
         values |= self.health()
         values |= {f"received {t}": n for t, n in self.counts.items()}
-        values |= {f"rejected {kind}": n for kind, n in self.rejected.items()}
+        values |= {f"{REJECTED}{kind}": n for kind, n in self.rejected.items()}
         if self._last_rejection:
-            values["last rejection"] = self._last_rejection
+            values[LAST_REJECTION] = self._last_rejection
         status.values = [KeyValue(key=k, value=str(v)) for k, v in values.items()]
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()

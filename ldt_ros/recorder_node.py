@@ -8,6 +8,7 @@ from typing import Any
 
 import msgs_config
 from ldt_core.errors import LdtError
+from ldt_core.recording.node_status import HEALTH_TOPIC
 from ldt_core.recording.writer import BagWriter
 from ldt_core.session import new_recording
 from ldt_ros.interfaces import LISTENER_DEPTH
@@ -67,6 +68,6 @@ class RecorderNode(TwinNode):
                 self.get_logger().error(str(error))
 
     def _write(self, name: str, kind: str, data: bytes) -> None:
-        if name != "/diagnostics":
+        if name != HEALTH_TOPIC:
             self._last = time.monotonic()
         self._writer.write_raw(name, kind, data, time.time_ns())

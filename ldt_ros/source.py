@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
 from ldt_core.pace import parse_rate
+from ldt_core.recording.node_status import HEALTH_TOPIC, node_statuses
 from ldt_ros.convert import from_message, to_message
 from ldt_ros.interfaces import qos
 from ldt_ros.node import LINGER, REFUSED, TwinNode
@@ -41,9 +42,7 @@ class SourceNode(TwinNode):
         self._publisher = self.publishes("experiment")
         self.listens("adaptation", self._on_adaptation)
         self._ready_peers: set[str] = set()
-        self.create_subscription(
-            DiagnosticArray, "/diagnostics", self._on_health, qos("/diagnostics")
-        )
+        self.create_subscription(DiagnosticArray, HEALTH_TOPIC, self._on_health, qos(HEALTH_TOPIC))
         self._next: Experiment | None = None
         self._message: Any = None
         self._sent: Experiment | None = None
@@ -81,15 +80,11 @@ class SourceNode(TwinNode):
         return not self._under_way and time.monotonic() - self._waiting_since > LINGER
 
     def _on_health(self, message: DiagnosticArray) -> None:
-        prefix = self.full_name.removesuffix(self.role)
-        for status in message.status:
-            if not status.name.startswith(prefix):
-                continue
-            role = status.name.removeprefix(prefix)
-            values = {v.key: v.value for v in status.values}
-            if values.get("ready") == "true":
-                self._ready_peers.add(role)
-            if role == "twin" and self._sent and values.get(REFUSED) == str(self._sent.number):
+        for told in node_statuses(message, self.get_namespace()):
+            if told.values.get("ready") == "true":
+                self._ready_peers.add(told.role)
+            sent = self._sent
+            if told.role == "twin" and sent and told.values.get(REFUSED) == str(sent.number):
                 self._go_on()
 
     def _on_adaptation(self, message: DiagnosticArray) -> None:

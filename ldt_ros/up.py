@@ -314,19 +314,19 @@ class Graph:
         """What the nodes counted that a person should know, and what is missing."""
         for run, monitor in zip(self.runs, self.monitors, strict=True):
             summary, health = run.summary, monitor.health
-            for role, values in health.items():
-                for key, count in values.items():
-                    if key.startswith("rejected "):
-                        summary.note(f"{role} {key}: {count} ({values.get('last rejection')})")
-                    elif key == "no diagnosis":
+            for role, told in health.items():
+                for key, count in told.values.items():
+                    if key == "no diagnosis":
                         summary.note(f"{key}: {count}")
                     elif key in COUNTS and count != "0":
                         summary.note(f"{role}, {key}: {count}")
-            refused = health.get("twin", {}).items()
-            summary.rejected += sum(
-                int(n) for k, n in refused if k.startswith("rejected experiment:")
-            )
-            sent = int(health.get(run.source, {}).get("sent", 0))
+                for kind, times in told.rejected.items():
+                    summary.note(f"{role} rejected {kind}: {times} ({told.last_rejection})")
+            if twin := health.get("twin"):
+                refused = (n for kind, n in twin.rejected.items() if kind.startswith("experiment:"))
+                summary.rejected += sum(refused)
+            source = health.get(run.source)
+            sent = (source.number("sent") if source else 0) or 0
             missing = sent - summary.rejected - summary.experiments
             if missing > 0:
                 summary.note(f"{missing} of {sent} experiments sent did not go all the way")

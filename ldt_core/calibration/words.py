@@ -10,6 +10,7 @@ from ldt_core.calibration.coordinates import SEARCH, Array, Coordinates
 from ldt_core.calibration.identifiability import Identifiability
 from ldt_core.calibration.result import Calibration
 from ldt_core.experiment import Experiment
+from ldt_core.words import listed
 
 NOT_NAMED = "not freed"
 AS_ASKED = "as asked"
@@ -33,7 +34,7 @@ def notes(calibration: Calibration, seen: Identifiability, white: float, same: f
     for name, exponents in seen.groups.items():
         moves = ", ".join(f"{n} {c:+.2g} %" for n, c in exponents.items())
         said.append(
-            f"{_listed([name, *exponents])} cannot all be told apart: {name} was kept at "
+            f"{listed([name, *exponents])} cannot all be told apart: {name} was kept at "
             f"{values[name]:.4g} {units[name]}; for each per cent it is larger in truth: {moves}."
         )
     if seen.products:
@@ -42,7 +43,7 @@ def notes(calibration: Calibration, seen: Identifiability, white: float, same: f
         said.append("The intervals hold if what was kept is right.")
     if seen.silent:
         said.append(
-            f"{_listed(seen.silent)} {'do' if len(seen.silent) > 1 else 'does'} not show in these "
+            f"{listed(seen.silent)} {'do' if len(seen.silent) > 1 else 'does'} not show in these "
             f"recordings and {'keep their values' if len(seen.silent) > 1 else 'keeps its value'}."
         )
     for name, reason in calibration.fixed.items():
@@ -113,7 +114,3 @@ def nothing_determined(experiments: Sequence[Experiment]) -> str:
 def _constant(experiments: Sequence[Experiment]) -> float | None:
     volts = np.concatenate([e.voltage for e in experiments])
     return float(volts.mean()) if np.ptp(volts) <= STEADY * np.abs(volts).max() else None
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -37,9 +37,10 @@ def command(recording: str | None, bag: str, namespace: str, as_json: bool) -> i
         found = check.examine([*machine.probes(bag), *check.found_probes()])
     else:
         from ldt_core.doctor.recording import findings
+        from ldt_core.recording.bag import read_bag
         from ldt_core.recording.health import inspect
 
-        found = findings(inspect(recording, namespace))
+        found = findings(inspect(read_bag(recording, namespace)))
     passed = check.passed(found)
     if as_json:
         click.echo(json.dumps({"ok": passed, "checks": [f.as_dict() for f in found]}))

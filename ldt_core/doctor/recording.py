@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 from ldt_core.doctor.check import Finding, ok, problem, warning
 from ldt_core.recording.health import ANSWERS, Health
+from ldt_core.words import numbered, spans
 
-LISTED = 5  # numbers that a line shows
+LISTED = 5  # stretches of numbers, or pauses, that a line shows
 AGAIN = "commands use what is there; record again if that is not enough"
+REPLAY = "replay it by ldt replay"
 
 
 def findings(health: Health) -> list[Finding]:
@@ -18,6 +20,7 @@ def findings(health: Health) -> list[Finding]:
         *_files(health),
         *_messages(health),
         *_experiments(health),
+        *_pauses(health),
         *_answers(health),
         *_rejected(health),
         _settings(health),
@@ -55,7 +58,7 @@ def _experiments(health: Health) -> list[Finding]:
         return [problem(name, told, "make them of other topics by ldt import")]
     found = []
     if health.missing:
-        many = f"{_listed(health.missing)} missing"
+        many = f"{numbered('number', health.missing, LISTED)} missing"
         remedy = "look whether the recorder had a burst, or the machine a pause, at that time"
         found.append(warning(name, many, remedy))
     if health.repeated:
@@ -74,24 +77,41 @@ def _experiments(health: Health) -> list[Finding]:
     return found or [ok(name, all_well)]
 
 
+def _pauses(health: Health) -> list[Finding]:
+    if not health.pauses:
+        return []
+    longest = sorted(health.pauses.items(), key=lambda p: -p[1])[:LISTED]
+    shown = ", ".join(f"{wait:.3g} s before number {number}" for number, wait in longest)
+    count = len(health.pauses)
+    told = f"{count} longer than an experiment, " + ("" if count == 1 else "the longest ") + shown
+    remedy = "look whether the machine stood still then, or what it sent was not recorded"
+    return [warning("pauses", told, remedy)]
+
+
 def _answers(health: Health) -> list[Finding]:
     if not any(health.answered.get(topic) for topic in ("signal", "adaptation")):
         return []
+    lacking: dict[tuple[int, ...], list[str]] = {}
+    for topic in ANSWERS:
+        lacking.setdefault(tuple(health.unanswered(topic)), []).append(topic)
     found = [
-        warning("answers", f"{_listed(lacking)} without {topic}", "replay it by ldt replay")
-        for topic in ANSWERS
-        if (lacking := health.unanswered(topic))
+        warning("answers", f"{_listed(numbers)} without {', '.join(topics)}", REPLAY)
+        for numbers, topics in lacking.items()
+        if numbers
     ]
     return found or [ok("answers", f"every experiment has {', '.join(ANSWERS)}")]
 
 
 def _rejected(health: Health) -> list[Finding]:
-    if not health.rejected:
+    nodes = [health.nodes[name] for name in sorted(health.nodes)]
+    counts = [
+        f"{n.name} rejected {what}: {count}" for n in nodes for what, count in n.rejected.items()
+    ]
+    if not counts:
         return []
-    counts = ", ".join(f"{what}: {count}" for what, count in sorted(health.rejected.items()))
-    why = "; ".join(sorted(set(health.last_rejection.values())))
+    why = "; ".join(sorted({n.last_rejection for n in nodes if n.last_rejection}))
     remedy = "mend what publishes them; the nodes went on without these messages"
-    return [warning("rejected", f"{counts} ({why})", remedy)]
+    return [warning("rejected", f"{', '.join(counts)} ({why})", remedy)]
 
 
 def _settings(health: Health) -> Finding:
@@ -103,7 +123,5 @@ def _settings(health: Health) -> Finding:
     return ok("settings", ", ".join(parts))
 
 
-def _listed(numbers: Sequence[int]) -> str:
-    more = len(numbers) - LISTED
-    shown = ", ".join(map(str, numbers[:LISTED])) + (f" and {more} more" if more > 0 else "")
-    return f"number {shown}" if len(numbers) == 1 else f"numbers {shown}"
+def _listed(numbers: Iterable[int]) -> str:
+    return numbered("number", spans(numbers), LISTED)

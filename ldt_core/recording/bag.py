@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,8 +12,9 @@ from ldt_core.experiment import Experiment
 from ldt_core.recording.codec import DECODERS, Record, decode
 from ldt_core.recording.messages import deserialize
 from ldt_core.recording.storage import Raw, Storage
+from ldt_core.words import gaps, numbered, spans
 
-LISTED = 5  # gaps or repetitions that a note names one by one
+LISTED = 5  # stretches of numbers that a note names one by one
 
 
 class Recorded(NamedTuple):
@@ -41,6 +41,17 @@ class Bag:
             for topic, kind in storage.topics.items()
             if topic.rpartition("/")[0] == namespace or topic in msgs_config.topics()
         }
+
+    @property
+    def machine(self) -> str:
+        """Its name, "" when the recording does not say."""
+        return str(self._custom.get("machine") or "")
+
+    @property
+    def _custom(self) -> dict[Any, Any]:
+        """What `metadata.yaml` holds beside what rosbag2 needs."""
+        custom = self.storage.metadata.get("custom_data")
+        return custom if isinstance(custom, dict) else {}
 
     @property
     def notes(self) -> list[str]:
@@ -107,11 +118,11 @@ class Bag:
             got = f"none ({self.damage})" if self.damage else "none"
             raise RecordingError(f"{self.path}, {self.topic('experiment')}", "experiments", got)
         if repeated:
-            self.storage.note(f"{self.path}: recorded more than once: {_listed(repeated)}")
-        numbers = sorted(seen)
-        gaps = [(a + 1, b - 1) for a, b in itertools.pairwise(numbers) if b > a + 1]
-        if gaps:
-            self.storage.note(f"{self.path}: missing: {_listed(gaps)}")
+            told = numbered("experiment", spans(repeated), LISTED)
+            self.storage.note(f"{self.path}: recorded more than once: {told}")
+        if missing := gaps(seen):
+            told = numbered("experiment", missing, LISTED)
+            self.storage.note(f"{self.path}: missing: {told}")
 
     def _required(self, name: str) -> str:
         topic = self.topic(name)
@@ -178,14 +189,3 @@ def _machines(topics: dict[str, str]) -> list[str]:
 
 def _because(storage: Storage) -> str:
     return f" ({'; '.join(storage.notes)})" if storage.notes else ""
-
-
-def _listed(items: list) -> str:
-    words = [
-        f"experiment {i}"
-        if isinstance(i, int)
-        else (f"experiment {i[0]}" if i[0] == i[1] else f"experiments {i[0]} to {i[1]}")
-        for i in items[:LISTED]
-    ]
-    more = len(items) - LISTED
-    return ", ".join(words) + (f" and {more} more" if more > 0 else "")

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Adaptation, Experiment, ModelRecord, Prediction, Signal
-from ldt_core.recording.bag import read_bag
+from ldt_core.recording.bag import Bag
 from ldt_core.recording.codec import DECODERS, decode
 from ldt_core.recording.messages import deserialize
+from ldt_core.recording.node_status import HEALTH_TOPIC, NodeStatus, node_statuses
 from ldt_core.recording.storage import Raw
+from ldt_core.words import Span, gaps
 
-HEALTH_TOPIC = "/diagnostics"
-REJECTED = "rejected "  # how the keys begin under which a node counts what it refused
 ANSWERS = ("prediction", "signal", "adaptation")  # what each experiment of a run gets
+PAUSE = 1.0  # share of an experiment's duration by which the next may begin later, unmentioned
 
 
 @dataclass
@@ -33,10 +33,11 @@ class Health:
         numbers: experiment number → how often it was recorded.
         samples: (samples, sample period [s]) → experiments that have it.
         backwards: numbers of experiments that start before the one recorded before them ends.
+        pauses: number of an experiment → seconds after the end of the one recorded before it, where
+            that is longer than an experiment.
         unreadable: absolute topic → (messages that are no such record, why the first is not).
         answered: topic of an answer → numbers of the experiments that got it.
-        rejected: node and what it refused → how many messages, as it told itself.
-        last_rejection: why, of each node.
+        nodes: name of a node of this machine → what it told of itself last.
         models: kind → versions.
         detectors: names, of all signals.
         span: first and last time of a message [s since the epoch], None without messages.
@@ -51,23 +52,18 @@ class Health:
     numbers: Counter[int] = field(default_factory=Counter)
     samples: Counter[tuple[int, float]] = field(default_factory=Counter)
     backwards: list[int] = field(default_factory=list)
+    pauses: dict[int, float] = field(default_factory=dict)
     unreadable: dict[str, tuple[int, str]] = field(default_factory=dict)
     answered: dict[str, set[int]] = field(default_factory=dict)
-    rejected: dict[str, int] = field(default_factory=dict)
-    last_rejection: dict[str, str] = field(default_factory=dict)
+    nodes: dict[str, NodeStatus] = field(default_factory=dict)
     models: dict[str, set[int]] = field(default_factory=dict)
     detectors: set[str] = field(default_factory=set)
     span: tuple[float, float] | None = None
 
     @property
-    def missing(self) -> list[int]:
-        """Numbers between the first and the last experiment that were not recorded."""
-        if not self.numbers:
-            return []
-        first, last = min(self.numbers), max(self.numbers)
-        # A number may claim anything; nobody reads more than the first few that are missing.
-        few = range(first, min(last, first + 10 * len(self.numbers) + 1000) + 1)
-        return [n for n in few if n not in self.numbers]
+    def missing(self) -> list[Span]:
+        """Stretches of numbers between the first and the last experiment that are not recorded."""
+        return gaps(self.numbers)
 
     @property
     def repeated(self) -> list[int]:
@@ -79,86 +75,93 @@ class Health:
         return sorted(set(self.numbers) - self.answered.get(topic, set()))
 
 
-def inspect(path: str | Path, namespace: str = "") -> Health:
+def inspect(bag: Bag) -> Health:
     """Read a recording from its first to its last message.
 
-    Args:
-        path: rosbag2 folder or a bare file of one.
-        namespace: which machine, if there are several.
-
     Raises:
-        RecordingError: as `read_bag`.
+        RecordingError: a file of it cannot be read any more.
     """
-    bag = read_bag(path, namespace)
     metadata = bag.storage.metadata
-    custom = metadata.get("custom_data")
-    health = Health(bag.path)
-    health.machine = str(custom.get("machine", "")) if isinstance(custom, dict) else ""
+    health = Health(bag.path, bag.machine)
     health.files = {f.name: f.stat().st_size for f in bag.storage.files}
     total = metadata.get("message_count")
     health.declared = total if isinstance(total, int) else None
-    end = float("-inf")
+    reading = _Reading(health, bag.namespace)
     # All messages of all machines: what metadata.yaml counts, and what can be damaged.
     whole = 0
     for raw in bag.storage.messages():
         whole += 1
-        if raw.topic not in bag.topics:
-            continue
-        health.counts[raw.topic] += 1
-        time = raw.time_ns / 1e9
-        health.span = (
-            (min(health.span[0], time), max(health.span[1], time))
-            if health.span
-            else (
-                time,
-                time,
-            )
-        )
-        try:
-            end = _take(health, raw, bag.namespace, end)
-        except LdtError as error:
-            count, why = health.unreadable.get(raw.topic, (0, str(error)))
-            health.unreadable[raw.topic] = (count + 1, why)
+        if raw.topic in bag.topics:
+            reading.take(raw)
+    health.answered.setdefault("prediction", set()).update(reading.predicted())
     health.notes = bag.notes
     if health.declared == whole:
         health.declared = None
     return health
 
 
-def _take(health: Health, raw: Raw, namespace: str, end: float) -> float:
-    """Take one message in; the end of the last experiment so far."""
-    name = raw.topic.rpartition("/")[2]
-    if raw.topic == HEALTH_TOPIC:
-        _take_status(health, deserialize(raw.data, raw.kind, raw.topic), namespace)
-        return end
-    if name not in DECODERS:
-        return end
-    record = decode(name, deserialize(raw.data, raw.kind, raw.topic), raw.topic)
-    match record:
-        case Experiment():
-            health.numbers[record.number] += 1
-            health.samples[len(record), record.period] += 1
-            if record.start < end - record.period:
+class _Reading:
+    """Takes in one message after the other.
+
+    Args:
+        health: is filled.
+        namespace: of the machine.
+    """
+
+    def __init__(self, health: Health, namespace: str) -> None:
+        self.health, self.namespace = health, namespace
+        self._last: Experiment | None = None
+        self._measured: set[tuple[int, float, int]] = set()
+        self._predicted: set[tuple[int, float, int]] = set()
+
+    def take(self, raw: Raw) -> None:
+        """A message of this machine; what cannot be read is counted."""
+        health, time = self.health, raw.time_ns / 1e9
+        health.counts[raw.topic] += 1
+        first, last = health.span or (time, time)
+        health.span = (min(first, time), max(last, time))
+        try:
+            self._take(raw)
+        except LdtError as error:
+            count, why = health.unreadable.get(raw.topic, (0, str(error)))
+            health.unreadable[raw.topic] = (count + 1, why)
+
+    def predicted(self) -> set[int]:
+        """Numbers of the experiments of which no recorded one lacks its prediction."""
+        # A number may come twice: the experiment that was predicted has the prediction's start.
+        lacking = {number for number, *_ in self._measured - self._predicted}
+        return {number for number, *_ in self._measured} - lacking
+
+    def _take(self, raw: Raw) -> None:
+        health, name = self.health, raw.topic.rpartition("/")[2]
+        if raw.topic == HEALTH_TOPIC:
+            message = deserialize(raw.data, raw.kind, raw.topic)
+            health.nodes |= {s.name: s for s in node_statuses(message, self.namespace)}
+            return
+        if name not in DECODERS:
+            return
+        record = decode(name, deserialize(raw.data, raw.kind, raw.topic), raw.topic)
+        match record:
+            case Experiment():
+                self._measure(record)
+            case Prediction() if name == "prediction":
+                self._predicted.add((record.number, record.start, len(record)))
+            case Signal() | Adaptation():
+                health.answered.setdefault(name, set()).add(record.experiment)
+                if isinstance(record, Signal):
+                    health.detectors.add(record.detector)
+            case ModelRecord():
+                health.models.setdefault(record.kind, set()).add(record.version)
+
+    def _measure(self, record: Experiment) -> None:
+        health = self.health
+        health.numbers[record.number] += 1
+        health.samples[len(record), record.period] += 1
+        self._measured.add((record.number, record.start, len(record)))
+        if self._last is not None:
+            wait = record.start - self._last.end
+            if wait < -record.period:
                 health.backwards.append(record.number)
-            return record.end
-        case Prediction():
-            health.answered.setdefault(name, set()).add(record.number)
-        case Signal() | Adaptation():
-            health.answered.setdefault(name, set()).add(record.experiment)
-            if isinstance(record, Signal):
-                health.detectors.add(record.detector)
-        case ModelRecord():
-            health.models.setdefault(record.kind, set()).add(record.version)
-    return end
-
-
-def _take_status(health: Health, message: Any, namespace: str) -> None:
-    """What the nodes of this machine told of themselves; their counts grow, the last is whole."""
-    for status in message.status:
-        if status.name.rpartition("/")[0] != namespace.strip("/"):
-            continue
-        for pair in status.values:
-            if pair.key == "last rejection":
-                health.last_rejection[status.name] = pair.value
-            elif pair.key.startswith(REJECTED) and pair.value.isdigit():
-                health.rejected[f"{status.name} {pair.key}"] = int(pair.value)
+            elif wait > PAUSE * (self._last.end - self._last.start):
+                health.pauses[record.number] = wait
+        self._last = record

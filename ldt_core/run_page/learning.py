@@ -5,8 +5,8 @@ from __future__ import annotations
 from ldt_core.experiment import Action, ModelRecord
 from ldt_core.report.blocks import Block, Mark, Table, Text
 from ldt_core.report.number import number
-from ldt_core.run_page.health import ranges
 from ldt_core.run_page.run import Run, Turn
+from ldt_core.words import ranges, spans
 
 MARKS = {Action.ADAPTED: Mark("adapted", "good"), Action.REFUSED: Mark("refused", "open")}
 
@@ -35,9 +35,9 @@ def models(run: Run) -> list[Block]:
     for model in {m.version: m for m in run.models}.values():
         used = by_version.get(model.version, [])
         errors = [turn.signal.max_error for turn in used]
-        learned = "nothing" if not model.trained_on else ranges(model.trained_on)
+        learned = "nothing" if not model.trained_on else ranges(spans(model.trained_on))
         mean = number(sum(errors) / len(errors)) if errors else "-"
-        force = ranges([turn.experiment for turn in used])
+        force = ranges(spans(turn.experiment for turn in used))
         rows.append((f"Version {model.version}", model.kind, learned, force, mean, _cause(model)))
     head = (
         "model",

@@ -17,6 +17,7 @@ from ldt_core.experiment import (
 )
 from ldt_core.metrics import Summary
 from ldt_core.recording.bag import Bag, read_bag
+from ldt_core.recording.health import Health, inspect
 from ldt_core.run_page.samples import Packed, pack, room
 
 CHANNELS = 6  # that an experiment has at most: time, voltage, three speeds, deviation
@@ -59,22 +60,18 @@ class Run:
 
     Attributes:
         name: of the recording.
-        machine: its name, "" when the recording does not say.
-        namespace: of its topics.
-        turns: by number.
-        unused: numbers of recorded experiments that have no prediction and signal.
+        bag: the recording.
+        health: of the recording.
+        turns: by number, those that were predicted and judged.
         models: in the order in which they were sent.
         diagnoses: in their order.
         summary: figures of all turns.
-        bag: complete notes; its health is still to be read.
     """
 
     name: str
-    machine: str
-    namespace: str
     bag: Bag
+    health: Health
     turns: list[Turn] = field(default_factory=list)
-    unused: list[int] = field(default_factory=list)
     models: list[ModelRecord] = field(default_factory=list)
     diagnoses: list[DiagnosisRecord] = field(default_factory=list)
     summary: Summary = field(default_factory=Summary)
@@ -112,7 +109,7 @@ def read_run(recording: str | Path, namespace: str = "") -> Run:
             f"no topic {' and no topic '.join(missing)}",
         )
     signals = {s.experiment: s for s in bag.records("signal")}
-    run = Run(bag.path.resolve().name, _machine(bag), bag.namespace, bag)
+    run = Run(bag.path.resolve().name, bag, inspect(bag))
     run.models = list(_records(bag, "model"))
     run.diagnoses = list(_records(bag, "diagnosis"))
     _read_turns(run, signals)
@@ -134,7 +131,6 @@ def _read_turns(run: Run, signals: dict[int, Signal]) -> None:
         number = experiment.number
         prediction, signal = predictions.get(number), signals.get(number)
         if prediction is None or signal is None or not _same(prediction, experiment):
-            run.unused.append(number)
             continue
         original = originals.get(number)
         if original is not None and not _same(original, experiment):
@@ -163,12 +159,6 @@ def _same(prediction: Prediction, experiment: Experiment) -> bool:
 def _records(bag: Bag, topic: str) -> Iterator:
     """Records of a topic that not every run has."""
     return bag.records(topic) if bag.topic(topic) else iter(())
-
-
-def _machine(bag: Bag) -> str:
-    custom = bag.storage.metadata.get("custom_data")
-    name = custom.get("machine") if isinstance(custom, dict) else None
-    return str(name) if name else ""
 
 
 def _sum_up(run: Run) -> None:

@@ -94,19 +94,23 @@ def _of_parts(rows: NDArray[np.float64], width: int) -> NDArray[np.intp]:
 
 
 def pack(
-    experiment: Experiment, prediction: Prediction, original: Prediction | None, most: int
+    experiment: Experiment, prediction: Prediction | None, original: Prediction | None, most: int
 ) -> Packed:
-    """Voltage, speed, predictions and deviation of an experiment over time, thinned to `most`."""
-    rows = {
-        "voltage": experiment.voltage,
-        "measured": experiment.speed,
-        "predicted": prediction.speed,
-    }
+    """Voltage, speed, predictions and deviation of an experiment over time, thinned to `most`.
+
+    The rows of what is None are left out.
+    """
+    rows = {"voltage": experiment.voltage, "measured": experiment.speed}
+    if prediction is not None:
+        rows["predicted"] = prediction.speed
     if original is not None:
         rows["original"] = original.speed
-    if prediction.speed_std is not None:
-        rows["deviation"] = prediction.speed_std
-    judged = [*rows.values(), prediction.residual(experiment)]
+    judged = list(rows.values())
+    if prediction is not None:
+        judged.append(prediction.residual(experiment))
+        if prediction.speed_std is not None:
+            rows["deviation"] = prediction.speed_std
+            judged.append(prediction.speed_std)
     at = extremes(np.stack(judged), most)
     every = -(-len(experiment) // (LEVELS + 1))  # an index has to be a code as well
     channels, codes = [Channel("time", 0.0, experiment.period * every)], [at // every]

@@ -8,10 +8,9 @@ import jinja2
 from markupsafe import Markup
 
 from ldt_core.experiment import Level
-from ldt_core.report.blocks import Answer, Item, Items, Mark, Own, Section, Table, Text
+from ldt_core.report.blocks import Answer, Mark, Own, Section, Table, Text
 from ldt_core.report.number import number
-from ldt_core.run_page import setting
-from ldt_core.run_page.health import complaints, nodes
+from ldt_core.run_page import health, setting
 from ldt_core.run_page.learning import adaptations, models
 from ldt_core.run_page.run import Run
 from ldt_core.run_page.statistic import Statistic
@@ -33,8 +32,8 @@ def lead(run: Run) -> str:
     """What has run."""
     last = run.turns[-1].signal
     kind = run.models[0].kind if run.models else "unrecorded"
-    machine = f"machine {run.machine}" if run.machine else "an unnamed machine"
-    odd = len(complaints(run)) + sum(bool(node.rejected) for node in nodes(run))
+    machine = f"machine {run.bag.machine}" if run.bag.machine else "an unnamed machine"
+    odd = len(health.remarks(run))
     warning = f" Mind the health of the recording: {_count(odd, 'remark')}." if odd else ""
     return (
         f"{_count(run.summary.experiments, 'experiment')} of {machine}, with a {kind} model and "
@@ -68,7 +67,7 @@ def sections(run: Run, compared: Statistic) -> list[Section]:
         Section("learning", "What was learned", [*adaptations(run), *models(run)]),
         _diagnoses(run),
         Section("setting", "Machine and settings", setting.blocks(run, compared)),
-        _health(run),
+        health.section(run),
         _every(run),
     ]
 
@@ -106,34 +105,6 @@ def _diagnoses(run: Run) -> Section:
     else:
         none = "None was made in this run: --diagnose makes one at a positive."
         section.blocks.append(Text(none, "missing"))
-    return section
-
-
-def _health(run: Run) -> Section:
-    section = Section("health", "Health of the recording")
-    odd = complaints(run)
-    if odd:
-        section.blocks.append(Items([Item(sentence) for sentence in odd]))
-    else:
-        section.blocks.append(
-            Text("No experiment is missing, repeated, late or unused, and no file is damaged.")
-        )
-    told = nodes(run)
-    if not told:
-        absent = "No node's health was recorded: this was no run of the graph."
-        section.blocks.append(Text(absent, "missing"))
-        return section
-    rows = [
-        (
-            node.name,
-            node.message,
-            "; ".join(f"{count} × {kind}" for kind, count in node.rejected) or "nothing",
-            node.last or "-",
-        )
-        for node in told
-    ]
-    head = ("node", "said last", "rejected", "why, the last time")
-    section.blocks.append(Table("The nodes of the graph", head, rows, cards=True))
     return section
 
 

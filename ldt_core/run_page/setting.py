@@ -15,8 +15,8 @@ def blocks(run: Run, compared: Statistic) -> list[Block]:
     turns = run.turns
     signal = turns[-1].signal
     pairs = [
-        ("machine", run.machine or "not recorded"),
-        ("topics", run.namespace or "of no namespace"),
+        ("machine", run.bag.machine or "not recorded"),
+        ("topics", run.bag.namespace or "of no namespace"),
         ("recording", f"{run.name}, from {_moment(turns[0].start)} to {_moment(turns[-1].end)}"),
         ("experiments", f"{len(turns)}, numbers {turns[0].experiment} to {turns[-1].experiment}"),
         ("samples", f"{_span([t.length for t in turns])} in an experiment"),

@@ -274,7 +274,7 @@ def test_repeated_and_missing_numbers_are_noted(tmp_path):
     """They are read all the same."""
     notes = experiments(write(tmp_path / "run", [2, 3, 3, 7, 9])).notes
     assert any("more than once: experiment 3" in n for n in notes)
-    assert any("missing: experiments 4 to 6, experiment 8" in n for n in notes)
+    assert any("missing: experiments 4 to 6, 8" in n for n in notes)
 
 
 def test_a_bad_experiment_in_a_recording_is_named_by_file_topic_and_message(tmp_path):

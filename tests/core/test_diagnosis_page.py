@@ -19,7 +19,7 @@ from ldt_core.diagnosis.page import picture, write_page
 from ldt_core.diagnosis.page.curves import binned, orders, spectrum, thinned
 from ldt_core.diagnosis.page.fits import fits
 from ldt_core.diagnosis.page.further import corners
-from ldt_core.diagnosis.page.words import amount, numbers, percent, value_of
+from ldt_core.diagnosis.page.words import amount, percent, value_of
 from ldt_core.diagnosis.result import Amount, Errors, Gap, Place
 from ldt_core.errors import LdtError
 
@@ -360,13 +360,11 @@ def test_amounts_show_their_intervals_width(found, text):
     assert amount("p", found) == text
 
 
-def test_shares_and_numbers_of_experiments():
-    """Whole per cents but near 0 and 100; runs of numbers as ranges."""
+def test_shares():
+    """Whole per cents but near 0 and 100."""
     given_ = (0.004, 0.5, 0.996, 0.9999, 1.0, -0.0001, -2.4)
     words = ["0.4 %", "50 %", "99.6 %", "100 %", "100 %", "0 %", "−240 %"]
     assert [percent(v) for v in given_] == words
-    assert numbers([4, 2, 3, 9, 10]) == "2–4, 9, 10"
-    assert numbers([]) == "none"
 
 
 def test_a_place_is_marked_in_its_panel(diagnoses):

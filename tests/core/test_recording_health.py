@@ -19,13 +19,19 @@ from ldt_core.experiment import (
     Prediction,
     Signal,
 )
+from ldt_core.recording.bag import read_bag
 from ldt_core.recording.codec import encode
-from ldt_core.recording.health import inspect
+from ldt_core.recording.health import Health
+from ldt_core.recording.health import inspect as inspect_bag
 from ldt_core.recording.messages import standard
 from ldt_core.recording.writer import BagWriter
 
 OK, WARNING, PROBLEM = Grade.OK, Grade.WARNING, Grade.PROBLEM
 RUN = Path(__file__).resolve().parents[2] / "bags" / "rotor_drift"
+
+
+def inspect(path: Path, namespace: str = "") -> Health:
+    return inspect_bag(read_bag(path, namespace))
 
 
 def experiment(number: int, start: float = 0.0, length: int = 50) -> Experiment:
@@ -102,7 +108,7 @@ def test_gaps_repetitions_and_clocks_set_back_are_told(tmp_path):
         *(experiment(7, start - 500), experiment(8, start + 900, length=70)),
     )
     told = "; ".join(sentence for _, sentence in found(bag, "experiments"))
-    assert "numbers 3, 4, 5 missing" in told
+    assert "numbers 3 to 5 missing" in told
     assert "number 2 recorded repeatedly" in told
     assert "numbers 2, 7 start before" in told
     assert "of 2 lengths" in told
@@ -112,7 +118,7 @@ def test_gaps_repetitions_and_clocks_set_back_are_told(tmp_path):
 def test_a_number_that_claims_anything_costs_nothing(tmp_path):
     """Experiment two thousand million follows experiment 1: no list of all that is missing."""
     bag = recorded(tmp_path / "far", experiment(1), experiment(2_000_000_000))
-    assert 1000 <= len(inspect(bag).missing) < 2000
+    assert inspect(bag).missing == [(2, 1_999_999_999)]
 
 
 def test_messages_that_are_no_records_are_counted_and_the_first_explained(tmp_path):
@@ -138,7 +144,7 @@ def test_experiments_without_an_answer_are_told_by_kind(tmp_path):
     everything = [experiment(1), *answers(1), experiment(2), answers(2)[0]]
     bag = recorded(tmp_path / "half", ("model", ModelRecord(0, "physics", (), {})), *everything)
     sentences = [told for grade, told in found(bag, "answers") if grade is WARNING]
-    assert sentences == ["number 2 without signal", "number 2 without adaptation"]
+    assert sentences == ["number 2 without signal, adaptation"]
     assert found(recorded(tmp_path / "alone", experiment(1)), "answers") == []
 
 

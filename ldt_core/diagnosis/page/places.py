@@ -11,7 +11,7 @@ import numpy as np
 
 from ldt_core.diagnosis.page.curves import MOST_ORDER, Array, Binned, binned, orders, spectrum
 from ldt_core.diagnosis.page.fits import changed
-from ldt_core.diagnosis.page.words import listed, percent, unit_of, value_of
+from ldt_core.diagnosis.page.words import percent, unit_of, value_of
 from ldt_core.diagnosis.result import Diagnosis, Place, Shown
 from ldt_core.report.style import (
     BLUE,
@@ -24,6 +24,7 @@ from ldt_core.report.style import (
     legend,
     power,
 )
+from ldt_core.words import listed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

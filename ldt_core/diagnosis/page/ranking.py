@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ldt_core.diagnosis.page.words import known, listed, percent, short
+from ldt_core.diagnosis.page.words import known, percent, short
 from ldt_core.diagnosis.result import Diagnosis, Ranked
 from ldt_core.report.style import (
     BLUE,
@@ -21,6 +21,7 @@ from ldt_core.report.style import (
     blank,
     legend,
 )
+from ldt_core.words import listed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure

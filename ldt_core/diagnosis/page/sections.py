@@ -12,8 +12,6 @@ from ldt_core.diagnosis.page.words import (
     amount,
     description,
     known,
-    listed,
-    numbers,
     percent,
     percents,
     value_of,
@@ -33,6 +31,7 @@ from ldt_core.report.blocks import (
     Text,
     Value,
 )
+from ldt_core.words import listed, ranges, spans
 
 FOOTER = "Made by ldt diagnose. The same for programs: diagnosis.json beside this page."
 TONES = {"none": "good", "effect": "found", "ambiguous": "vague", "unknown": "bad"}
@@ -302,7 +301,9 @@ def done(diagnosis: Diagnosis) -> Section:
     names = {"fit": "fitted", "held_out": HELD_OUT}
     pairs = [("machine", diagnosis.machine), ("recordings", ", ".join(diagnosis.recordings))]
     for key, found in diagnosis.experiments.items():
-        pairs.append((f"experiments {names.get(key, key)}", f"{numbers(found)} ({len(found)})"))
+        pairs.append(
+            (f"experiments {names.get(key, key)}", f"{ranges(spans(found))} ({len(found)})")
+        )
     pairs.append(("candidates", str(len(diagnosis.candidates))))
     pairs.append(("noise of the speed", f"{value_of(diagnosis.gap.noise_std)} rad/s"))
     section.blocks.append(Pairs(pairs))

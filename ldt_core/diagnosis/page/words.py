@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TypeGuard
 
 from ldt_core.diagnosis.result import Amount
@@ -92,34 +92,6 @@ def amount(name: str, found: Amount) -> tuple[str, str]:
 def short(name: str) -> str:
     """A name in a figure, the end of it where it is long."""
     return name if len(name) <= LONGEST else f"…{name[1 - LONGEST :]}"
-
-
-def listed(names: Iterable[str], last: str = "and") -> str:
-    """In a sentence.
-
-    >>> listed(["a", "b", "c"], "or")
-    'a, b or c'
-    """
-    *most, end = names
-    return f"{', '.join(most)} {last} {end}" if most else end
-
-
-def numbers(found: Sequence[int]) -> str:
-    """Numbers of experiments, runs of them shortened.
-
-    >>> numbers([1, 2, 3, 7, 9, 10])
-    '1–3, 7, 9, 10'
-    """
-    runs: list[list[int]] = []
-    for n in sorted(set(found)):
-        if runs and n == runs[-1][1] + 1:
-            runs[-1][1] = n
-        else:
-            runs.append([n, n])
-    words: list[str] = []
-    for first, last in runs:
-        words += [f"{first}–{last}"] if last > first + 1 else map(str, sorted({first, last}))
-    return ", ".join(words) or "none"
 
 
 def description(effect: str) -> str:

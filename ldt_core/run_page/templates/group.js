@@ -27,6 +27,24 @@ function Group(name, click, sentence) {
     });
   };
 
+  group.update = (x, rowsByPlot) => {
+    // new values of the same curves: zoom, cursor, and the key's boxes stay as they are
+    const names = (rows) => (rows ? JSON.stringify(rows.map(([label, , look]) => [label, look])) : "");
+    const all = Object.entries(rowsByPlot);
+    if (!all.every(([plotName, rows]) => group.rows && names(rows) === names(group.rows[plotName])))
+      return group.draw(x, rowsByPlot);
+    group.x = x;
+    group.busy = true;
+    all.forEach(([plotName, rows]) => {
+      rows.forEach(([, values], i) => (group.rows[plotName][i][1] = values));
+      group.plots[plotName].setData([x, ...rows.map((row) => row[1])], !group.range);
+    });
+    queueMicrotask(() => {
+      group.busy = false;
+      if (group.range) group.zoom(...group.range);
+    });
+  };
+
   function key(plotName, rows) {
     const list = document.querySelector(`[data-key="${plotName}"]`);
     list.replaceChildren(

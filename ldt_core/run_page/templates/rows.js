@@ -82,7 +82,10 @@ function courseRows() {
 }
 
 function samplesOf(index) {
-  const packed = RUN.samples[index];
+  return unpacked(RUN.samples[index]);
+}
+
+function unpacked(packed) {
   if (!packed) return null;
   const bytes = Uint8Array.from(atob(packed.data), (c) => c.charCodeAt(0));
   const codes = new Uint16Array(bytes.buffer),
@@ -101,7 +104,8 @@ function experimentRows(samples) {
   const speed = [["measured", samples.measured, { color: "ink", width: 1.1 }]];
   if (samples.original)
     speed.push(["original model", samples.original, { color: "orange", dash: "dotted", width: 2 }]);
-  speed.push(["predicted", samples.predicted, { color: "blue", width: 2 }]);
+  if (samples.predicted)
+    speed.push(["predicted", samples.predicted, { color: "blue", width: 2 }]);
   if (samples.deviation) {
     const edge = (sign) => samples.predicted.map((v, i) => v + sign * 2 * samples.deviation[i]);
     speed.push([
@@ -111,10 +115,12 @@ function experimentRows(samples) {
     ]);
     speed.push(["to +2 σ", edge(1), { color: "sky", width: 0.8, dash: "dashed" }]);
   }
-  const residual = samples.measured.map((v, i) => v - samples.predicted[i]);
+  const residual = samples.predicted && samples.measured.map((v, i) => v - samples.predicted[i]);
   return {
     speed,
-    residual: [["measured − predicted", residual, { color: "vermilion", width: 1.2 }]],
+    residual: residual
+      ? [["measured − predicted", residual, { color: "vermilion", width: 1.2 }]]
+      : [],
     voltage: [["voltage", samples.voltage, { color: "green", width: 1.5, step: true }]],
   };
 }

@@ -1,0 +1,65 @@
+"""What a node of the graph tells of itself on `/diagnostics`: its words, and who reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+HEALTH_TOPIC = "/diagnostics"
+REJECTED = "rejected "  # how the keys begin under which a node counts what it refused
+LAST_REJECTION = "last rejection"
+DIGITS = 16  # of a number, which a double has to hold; anybody may say more
+
+
+@dataclass(frozen=True)
+class NodeStatus:
+    """One statement of a node.
+
+    Args:
+        name: with the machine's namespace ("press/twin").
+        message: its state in words.
+        values: all that it told, by key.
+    """
+
+    name: str
+    message: str
+    values: Mapping[str, str]
+
+    @property
+    def role(self) -> str:
+        """Its name below the machine's namespace."""
+        return self.name.rpartition("/")[2]
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Topic and kind of error → messages refused since the node began."""
+        return {
+            key.removeprefix(REJECTED): count
+            for key in self.values
+            if key.startswith(REJECTED) and (count := self.number(key)) is not None
+        }
+
+    @property
+    def last_rejection(self) -> str:
+        """Why, the last time; "" when nothing was refused."""
+        return self.values.get(LAST_REJECTION, "")
+
+    def number(self, key: str) -> int | None:
+        """A whole number from 0 that it told under this key; None where it told none."""
+        text = self.values.get(key, "")
+        return int(text) if text.isdecimal() and len(text) < DIGITS else None
+
+
+def node_statuses(message: Any, namespace: str) -> Iterator[NodeStatus]:
+    """Statements of one machine's nodes in a message of `/diagnostics`.
+
+    Args:
+        message: DiagnosticArray of ROS or of a recording; of what is none nothing comes.
+        namespace: of the machine's topics, with or without slashes at its ends.
+    """
+    machine = namespace.strip("/")
+    for status in getattr(message, "status", ()):
+        name = status.name.strip("/")
+        if name.rpartition("/")[0] == machine:
+            yield NodeStatus(name, status.message, {v.key: v.value for v in status.values})

@@ -1,0 +1,81 @@
+"""Names and numbers put into a sentence."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+
+Span = tuple[int, int]  # first and last of whole numbers without a gap
+
+
+def listed(names: Iterable[str], last: str = "and") -> str:
+    """All of them.
+
+    >>> listed(["a", "b", "c"], "or")
+    'a, b or c'
+    """
+    *most, end = names
+    return f"{', '.join(most)} {last} {end}" if most else end
+
+
+def few(names: Sequence[str], most: int) -> str:
+    """The first ones, and how many more there are.
+
+    >>> few(["a", "b", "c", "d"], 2)
+    'a, b and 2 more'
+    """
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
+
+
+def spans(numbers: Iterable[int]) -> list[Span]:
+    """Whole numbers as stretches without a gap.
+
+    >>> spans([9, 7, 8, 12])
+    [(7, 9), (12, 12)]
+    """
+    found: list[Span] = []
+    for number in sorted(set(numbers)):
+        if found and number == found[-1][1] + 1:
+            found[-1] = (found[-1][0], number)
+        else:
+            found.append((number, number))
+    return found
+
+
+def gaps(numbers: Iterable[int]) -> list[Span]:
+    """What lies between whole numbers, however far they are apart.
+
+    >>> gaps([1, 2, 6, 8])
+    [(3, 5), (7, 7)]
+    """
+    held = spans(numbers)
+    return [(a + 1, b - 1) for (_, a), (b, _) in itertools.pairwise(held)]
+
+
+def ranges(stretches: Iterable[Span], most: int | None = None) -> str:
+    """Whole numbers in words, of many stretches the first ones.
+
+    >>> ranges(spans([7, 8, 9, 12])), ranges([(4, 5)]), ranges([])
+    ('7 to 9, 12', '4, 5', 'none')
+    >>> ranges(gaps([1, 6, 8, 12]), most=2)
+    '2 to 5, 7 and 3 more'
+    """
+    there = list(stretches)
+    shown = there if most is None else there[:most]
+    words = []
+    for first, last in shown:
+        between = ", " if last == first + 1 else " to "
+        words.append(str(first) if first == last else f"{first}{between}{last}")
+    more = sum(last - first + 1 for first, last in there[len(shown) :])
+    return (", ".join(words) or "none") + (f" and {more} more" if more else "")
+
+
+def numbered(what: str, stretches: Sequence[Span], most: int | None = None) -> str:
+    """The same with the noun before it.
+
+    >>> numbered("experiment", [(3, 3)]), numbered("experiment", [(3, 4)])
+    ('experiment 3', 'experiments 3, 4')
+    """
+    one = len(stretches) == 1 and stretches[0][0] == stretches[0][1]
+    return f"{what}{'' if one else 's'} {ranges(stretches, most)}"
