@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -99,8 +98,10 @@ def command(
     """
     from ldt_core.calibration.figure import check_figure
     from ldt_core.diagnosis.each import Options
+    from ldt_core.diagnosis.files import as_json as in_json
+    from ldt_core.diagnosis.files import write_files
     from ldt_core.diagnosis.own import own_effects
-    from ldt_core.diagnosis.page import picture, write_page
+    from ldt_core.diagnosis.page import picture
     from ldt_core.diagnosis.procedure import diagnose, library
     from ldt_core.errors import BadInput
     from ldt_core.machine import load_machine
@@ -133,13 +134,11 @@ def command(
             tick=tick,
         )
         tick("drawing the page")
-        text = json.dumps(found.as_dict(), allow_nan=False, indent=1)
-        (folder / "diagnosis.json").write_text(text + "\n", encoding="utf-8")
-        write_page(found, folder / "diagnosis.html")
+        write_files(found, folder)
         if figure:
             picture(found, figure)
     if as_json:
-        click.echo(text)
+        click.echo(in_json(found), nl=False)
     else:
         _print(found, folder)
     return 0
@@ -189,6 +188,7 @@ def _folder(out: str) -> Path:
 
 
 def _print(found: Diagnosis, folder: Path) -> None:
+    from ldt_core.diagnosis.files import JSON, PAGE
     from ldt_core.diagnosis.words import values
 
     console = Console(soft_wrap=True)
@@ -211,6 +211,4 @@ def _print(found: Diagnosis, folder: Path) -> None:
         console.print(f"next: {found.next_experiment.why}", markup=False, highlight=False)
     for note in found.notes:
         console.print(f"- {note}", markup=False, highlight=False)
-    console.print(
-        f"{folder / 'diagnosis.html'}, {folder / 'diagnosis.json'}", markup=False, highlight=False
-    )
+    console.print(f"{folder / PAGE}, {folder / JSON}", markup=False, highlight=False)

@@ -11,20 +11,21 @@ import functools
 import hashlib
 import json
 import os
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ldt_core.diagnosis.files import JSON, PAGE, as_json
 from ldt_core.errors import BadInput, LdtError
+from ldt_core.kept import digest, keep, recall
 from ldt_core.machine import Machine
 from ldt_core.parallel import Workers
 from ldt_core.stamp import fingerprint, parts, versions
 
 FORMAT = "ldt-each-1"
 LIBRARIES = ("numba", "numpy", "scikit-learn", "scipy")
-JSON, PAGE, RUN = "diagnosis.json", "diagnosis.html", "diagnosis.run.json"
+RUN = "diagnosis.run.json"
 CRASHED = 1  # exit code of what should not have happened
 
 
@@ -140,9 +141,9 @@ def diagnose_each(
     for recording, name in zip(recordings, names, strict=True):
         folder = Path(out) / name
         origins[name] = _origin(recording, machine, options)
-        text = _read(folder, origins[name])
-        if text is not None:
-            found[name] = Answer(recording, folder, json.loads(text))
+        kept = recall(folder / RUN, folder / JSON, FORMAT, origins[name])
+        if kept is not None and (folder / PAGE).exists():
+            found[name] = Answer(recording, folder, json.loads(kept.text))
         else:
             tasks.append(Task(name, os.path.abspath(recording), machine, options))
     named = dict(zip(names, recordings, strict=True))
@@ -150,7 +151,7 @@ def diagnose_each(
     with Workers(jobs, scheduler, stamp) as workers:
         for task, made in workers.map(diagnose_one, tasks):
             folder = Path(out) / task.name
-            _write(folder, made, origins[task.name])
+            _keep(folder, made, origins[task.name])
             known = json.loads(made.text) if made.text else None
             about = (made.notes, made.error, made.exit_code)
             found[task.name] = Answer(named[task.name], folder, known, *about)
@@ -174,7 +175,7 @@ def diagnose_one(task: Task) -> Made:
 
 
 def _diagnosed(task: Task) -> Made:
-    from ldt_core.diagnosis.page import write_page
+    from ldt_core.diagnosis.page import page
     from ldt_core.diagnosis.procedure import diagnose, library
     from ldt_core.errors import ExperimentError
     from ldt_core.recording.bag import read_bag
@@ -199,11 +200,7 @@ def _diagnosed(task: Task) -> Made:
         seed=options.seed,
         workers=1,
     )
-    text = json.dumps(found.as_dict(), allow_nan=False, indent=1) + "\n"
-    with tempfile.TemporaryDirectory() as folder:
-        write_page(found, Path(folder) / PAGE)
-        page = (Path(folder) / PAGE).read_text(encoding="utf-8")
-    return Made(text, page, tuple(bag.notes))
+    return Made(as_json(found), page(found), tuple(bag.notes))
 
 
 def folders(recordings: Sequence[str]) -> list[str]:
@@ -239,47 +236,18 @@ def _origin(recording: str, machine: Machine, options: Options) -> dict[str, Any
     about = {
         **stamp(),
         "recording": os.path.abspath(recording),
-        "content": [_digest(Path(p)) for p in (recording, *files)],
+        "content": [digest(Path(p)) for p in (recording, *files)],
         "machine": hashlib.sha256(repr(machine).encode()).hexdigest(),
         "options": asdict(options),
     }
     return dict(json.loads(json.dumps(about)))
 
 
-def _digest(place: Path) -> str:
-    """SHA-256 of all bytes of a file, or of the files in a folder; of nothing if there is none."""
-    total = hashlib.sha256()
-    files = [place] if place.is_file() else sorted(p for p in place.rglob("*") if p.is_file())
-    for file in files:
-        total.update(f"{file.name}\n".encode())
-        with file.open("rb") as stream:
-            total.update(hashlib.file_digest(stream, "sha256").digest())
-    return total.hexdigest()
-
-
-def _read(folder: Path, origin: Mapping[str, Any]) -> str | None:
-    """`diagnosis.json` of the same origin; None if there is none that can be used."""
-    try:
-        record = json.loads((folder / RUN).read_text(encoding="utf-8"))
-        text = (folder / JSON).read_text(encoding="utf-8")
-        if (record["format"], record["origin"]) != (FORMAT, dict(origin)):
-            return None
-        if record["found"] != hashlib.sha256(text.encode()).hexdigest():
-            return None
-        return text if (folder / PAGE).exists() else None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None
-
-
-def _write(folder: Path, made: Made, origin: Mapping[str, Any]) -> None:
+def _keep(folder: Path, made: Made, origin: Mapping[str, Any]) -> None:
     """Write the files; of a failure, leave none that would be taken for its answer."""
     if made.error:
         for name in (RUN, JSON, PAGE):
             (folder / name).unlink(missing_ok=True)
         return
-    folder.mkdir(parents=True, exist_ok=True)
-    digest = hashlib.sha256(made.text.encode()).hexdigest()
-    record = {"format": FORMAT, "origin": dict(origin), "found": digest}
-    # Last what makes an answer of the others: after an interruption there is none.
-    for name, text in ((JSON, made.text), (PAGE, made.page), (RUN, json.dumps(record) + "\n")):
-        (folder / name).write_text(text, encoding="utf-8")
+    page = {folder / PAGE: made.page}
+    keep(folder / RUN, folder / JSON, made.text, FORMAT, origin, beside=page)

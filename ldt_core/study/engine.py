@@ -10,6 +10,7 @@ from typing import Any
 
 from ldt_core.detectors import build_detector
 from ldt_core.errors import BadInput, LdtError
+from ldt_core.kept import write
 from ldt_core.machine import Machine, load_machine
 from ldt_core.models import build_model
 from ldt_core.parallel import Workers
@@ -20,7 +21,7 @@ from ldt_core.study.groups import GROUPS
 from ldt_core.study.plan import Plan, Planned
 from ldt_core.study.run import run_case
 from ldt_core.study.stamp import stamp
-from ldt_core.study.store import FORMAT, Store, write
+from ldt_core.study.store import FORMAT, Store
 from ldt_core.study.study import Entry, Study
 
 FILE = "study.json"

@@ -9,8 +9,8 @@ from ldt_core.stamp import fingerprint, parts, versions
 LIBRARIES = ("numba", "numpy", "scikit-learn", "scipy")
 #: Parts of `ldt_core` that show, store or fetch numbers and decide none.
 SHOWING = (
-    *("calibration", "challenge", "cli", "figures.py", "parallel.py", "recording", "report"),
-    *("session.py", "stamp.py", "study", "tuning"),
+    *("calibration", "challenge", "cli", "doctor", "figures.py", "kept.py", "parallel.py"),
+    *("recording", "report", "run_page", "session.py", "stamp.py", "study", "tuning", "words.py"),
 )
 #: What of `ldt_core.study` decides numbers after all.
 DECIDING = ("study/region.py", "study/run.py", "study/stream.py")

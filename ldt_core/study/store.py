@@ -11,11 +11,11 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ldt_core.kept import write
 from ldt_core.machine import Machine
 from ldt_core.study.case import Case, Result
 from ldt_core.study.facts import Facts, stream_key
@@ -110,16 +110,6 @@ class Store:
         record = {"format": FORMAT, "key": key, "origin": self.origin}
         record |= {"case": dataclasses.asdict(case), "content": content}
         write(path, json.dumps(record, separators=(",", ":"), allow_nan=False))
-
-
-def write(path: Path, text: str) -> None:
-    """Write a file as a whole: a reader, or an interruption, never meets half of it."""
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        part.write_text(text, encoding="utf-8")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _result(case: Case, plain: Mapping[str, Any]) -> Result:

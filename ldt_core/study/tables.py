@@ -8,9 +8,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ldt_core.kept import write
 from ldt_core.study.scores import Score, score
 from ldt_core.study.statistics import mean
-from ldt_core.study.store import write
 from ldt_core.study.study import Entry, Study
 
 TABLE = "table.csv"

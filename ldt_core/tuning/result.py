@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import msgs_config
-from ldt_core.study.store import write
+from ldt_core.kept import write
 from ldt_core.tuning.choice import pareto
 from ldt_core.tuning.procedure import Tuning
 from ldt_core.tuning.setting import NEVER

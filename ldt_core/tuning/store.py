@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from ldt_core.errors import BadInput
+from ldt_core.kept import write
 from ldt_core.study.stamp import stamp
-from ldt_core.study.store import write
 from ldt_core.tuning.setting import Setting
 from ldt_core.tuning.trial import Job, Tried
 

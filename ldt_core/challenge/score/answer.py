@@ -7,7 +7,6 @@ answer counts only if both still fit.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -15,7 +14,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ldt_core.study.store import write
+from ldt_core.kept import keep, recall
 
 FORMAT = "ldt-score-1"
 DIAGNOSIS = "diagnosis"
@@ -110,41 +109,33 @@ class Answers:
     def read(self, case: str, who: str, origin: Mapping[str, Any]) -> Answer | None:
         """An answer of the same origin; None if there is none that can be used."""
         found, run = self._files(case, who)
+        kept = recall(run, found, FORMAT, origin)
+        if kept is None:
+            return None
         try:
-            record = json.loads(run.read_text(encoding="utf-8"))
-            text = found.read_bytes()
-            if (record["format"], record["origin"]) != (FORMAT, dict(origin)):
-                return None
-            if record["found"] != hashlib.sha256(text).hexdigest():
-                return None
             further = tuple(
                 Further(**{**f, "after": math.inf if f["after"] is None else f["after"]})
-                for f in record["further"]
+                for f in kept.about["further"]
             )
-            known = {name: record[name] for name in ("seconds", "seen", "error")}
-            return Answer(who, json.loads(text), further, **known)
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            known = {name: kept.about[name] for name in ("seconds", "seen", "error")}
+            return Answer(who, json.loads(kept.text), further, **known)
+        except (ValueError, KeyError, TypeError, RecursionError):
             return None
 
     def write(self, case: str, answer: Answer, origin: Mapping[str, Any]) -> None:
         """Keep an answer; a reader sees all of it or nothing."""
         found, run = self._files(case, answer.who)
-        found.parent.mkdir(parents=True, exist_ok=True)
         text = json.dumps(answer.found, allow_nan=False, indent=1) + "\n"
         further = [asdict(f) for f in answer.further]
         for f in further:
             f["after"] = f["after"] if math.isfinite(f["after"]) else None
-        record = {
-            "format": FORMAT,
-            "origin": dict(origin),
-            "found": hashlib.sha256(text.encode()).hexdigest(),
+        about = {
             "seconds": answer.seconds,
             "error": answer.error,
             "seen": dict(answer.seen),
             "further": further,
         }
-        write(found, text)
-        write(run, json.dumps(record, allow_nan=False, indent=1) + "\n")
+        keep(run, found, text, FORMAT, origin, about)
 
     def _files(self, case: str, who: str) -> tuple[Path, Path]:
         folder = self.out / case

@@ -12,7 +12,7 @@ from ldt_core.challenge.score.judge import Judged
 from ldt_core.challenge.score.pictures import write_pictures
 from ldt_core.challenge.score.procedure import SAME_CASES, Score
 from ldt_core.challenge.score.text import markdown
-from ldt_core.study.store import write
+from ldt_core.kept import write
 
 
 def write_files(score: Score, folder: str | Path) -> list[Path]:

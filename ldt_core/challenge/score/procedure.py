@@ -14,9 +14,10 @@ from ldt_core.challenge.score.answer import DIAGNOSIS, Answer, Answers
 from ldt_core.challenge.score.judge import Judged, judge
 from ldt_core.challenge.score.key import Truth, left_out, read_keys, sha256
 from ldt_core.challenge.score.run import Task, answer, stamp
-from ldt_core.challenge.score.sealed import cases, check_entries, digest
+from ldt_core.challenge.score.sealed import cases, check_entries
 from ldt_core.challenge.score.table import Table
 from ldt_core.errors import BadInput
+from ldt_core.kept import digest
 from ldt_core.parallel import Workers
 
 OUT_SUFFIX = ".score"

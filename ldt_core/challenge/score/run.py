@@ -40,7 +40,10 @@ DECIDING = (
     ),
     *("registry.py", "threads.py"),
 )
-SHOWING = ("diagnosis/live.py", "diagnosis/page", "diagnosis/recorded.py")
+SHOWING = (
+    *("diagnosis/each.py", "diagnosis/files.py", "diagnosis/live.py", "diagnosis/page"),
+    "diagnosis/recorded.py",
+)
 #: What decides a comparator's answer besides.
 COMPARING = ("challenge/comparators", "gaussian_process", "models/hybrid.py")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,15 +67,6 @@ def cases(folder: str | Path) -> dict[str, Path]:
         wanted = f"a folder of cases, each with {', '.join(parts)} and {FURTHER}"
         raise BadInput(folder, wanted, "none" if top.is_dir() else "no folder")
     return found
-
-
-def digest(folder: Path) -> str:
-    """SHA-256 of all bytes of a case, so that an answer is never taken for another's."""
-    total = hashlib.sha256()
-    for file in sorted(p for p in folder.rglob("*") if p.is_file()):
-        total.update(f"{file.relative_to(folder).as_posix()}\n".encode())
-        total.update(hashlib.sha256(file.read_bytes()).digest())
-    return total.hexdigest()
 
 
 def read_sealed(folder: Path) -> Sealed:

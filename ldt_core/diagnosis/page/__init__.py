@@ -10,6 +10,7 @@ from ldt_core.diagnosis.page.places import places, places_on
 from ldt_core.diagnosis.page.ranking import shares, shares_height, shares_on
 from ldt_core.diagnosis.result import Diagnosis
 from ldt_core.errors import LdtError
+from ldt_core.kept import write
 from ldt_core.report import style
 from ldt_core.report.page import render
 
@@ -22,16 +23,24 @@ def write_page(diagnosis: Diagnosis, file: Path | str) -> None:
     Raises:
         LdtError: matplotlib is not installed.
     """
+    write(Path(file), page(diagnosis))
+
+
+def page(diagnosis: Diagnosis) -> str:
+    """The page as text.
+
+    Raises:
+        LdtError: matplotlib is not installed.
+    """
     style.require(WHO)
     made = [part for make in sections.SECTIONS if (part := make(diagnosis))]
-    page = render(
+    return render(
         f"Gap diagnosis of {diagnosis.machine}",
         sections.lead(diagnosis),
         sections.FOOTER,
         made,
         sections.answer(diagnosis),
     )
-    Path(file).write_text(page, encoding="utf-8")
 
 
 def picture(diagnosis: Diagnosis, file: Path | str) -> None:

@@ -1,0 +1,82 @@
+"""Results kept in files: found again only as they were written, and never half written."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from ldt_core.kept import digest, keep, recall, write
+
+ORIGIN = {"code": "abc", "options": {"seed": 0}, "left_out": None}
+
+
+@pytest.fixture
+def kept(tmp_path):
+    """A record, a result, and a page beside it."""
+    record, found, page = (tmp_path / "new" / n for n in ("r.run.json", "r.json", "r.html"))
+    keep(record, found, "{}\n", "one-1", ORIGIN, {"seconds": 2.5}, {page: "<p>"})
+    return record, found, page
+
+
+def test_what_was_kept_comes_back_with_what_was_noted(kept):
+    """The folder is made; nothing but the three files is left in it."""
+    record, found, page = kept
+    assert recall(record, found, "one-1", ORIGIN) == ("{}\n", {"seconds": 2.5})
+    assert page.read_text() == "<p>"
+    assert set(record.parent.iterdir()) == set(kept)
+
+
+def test_another_origin_format_or_content_is_not_used(kept):
+    """Nor a record that is none."""
+    record, found, _ = kept
+    assert recall(record, found, "one-1", {**ORIGIN, "code": "abd"}) is None
+    assert recall(record, found, "one-2", ORIGIN) is None
+    found.write_text("{ }\n")
+    assert recall(record, found, "one-1", ORIGIN) is None
+    found.write_text("{}\n")
+    assert recall(record, found, "one-1", ORIGIN) is not None
+    for text in ("", "[]", "1", "{}", "[" * 100_000, json.dumps({"format": "one-1"})):
+        record.write_text(text)
+        assert recall(record, found, "one-1", ORIGIN) is None
+    record.unlink()
+    assert recall(record, found, "one-1", ORIGIN) is None
+
+
+def test_an_interrupted_second_writing_leaves_no_answer(kept, monkeypatch):
+    """The old record does not fit the new result, so that neither is used."""
+    record, found, page = kept
+
+    def fails(path, text):
+        if path == page:
+            raise KeyboardInterrupt
+        write(path, text)
+
+    monkeypatch.setattr("ldt_core.kept.write", fails)
+    with pytest.raises(KeyboardInterrupt):
+        keep(record, found, '{"a": 1}\n', "one-1", ORIGIN, beside={page: "<b>"})
+    assert recall(record, found, "one-1", ORIGIN) is None
+
+
+def test_a_file_is_written_whole_or_stays_as_it_was(tmp_path):
+    """What cannot be encoded fails in the middle: the old text is there, and no other file."""
+    file = tmp_path / "a.txt"
+    write(file, "old")
+    with pytest.raises(UnicodeEncodeError):
+        write(file, "new " * 10_000 + "\ud800")
+    assert file.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_digest_changes_with_bytes_and_names(tmp_path):
+    """Of files in folders below as well; nothing has a digest of its own."""
+    folder = tmp_path / "case"
+    (folder / "inner").mkdir(parents=True)
+    (folder / "inner" / "a").write_bytes(b"1")
+    seen = {digest(folder)}
+    (folder / "inner" / "a").rename(folder / "a")
+    seen.add(digest(folder))
+    (folder / "a").write_bytes(b"2")
+    seen |= {digest(folder), digest(folder / "a"), digest(tmp_path / "none")}
+    assert len(seen) == 4
+    assert digest(folder) == digest(folder / "a")
