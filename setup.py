@@ -19,6 +19,7 @@ ENVIRONMENT = HERE / ".venv"
 # Unpinned ros-* names give another ROS distribution, so both are pinned.
 ROS = ["ros-jazzy-rclpy[fastrtps]==7.1.6", "ros-jazzy-common-interfaces==5.3.6"]
 TEST = [
+    "axe-playwright-python>=0.1.7",
     "colcon-common-extensions",
     "dask>=2024.8",
     "distributed>=2024.8",
@@ -26,6 +27,7 @@ TEST = [
     "import-linter>=2.0",
     "mcap-ros2-support>=0.5.5",
     "mypy>=1.15",
+    "playwright>=1.50",
     "psutil>=5.9",
     "pysindy>=2",
     "pytest>=8",
@@ -114,6 +116,7 @@ def build() -> None:
         package_data={
             "ldt_core.report": ["templates/*"],
             "ldt_core.run_page": ["templates/*", "uplot/*"],
+            "ldt_core.watch": ["templates/*"],
             "msgs_config": ["*.yaml", "*.xml", "machines/*.yaml"],
         },
         data_files=[
@@ -144,6 +147,7 @@ def build() -> None:
             "cluster": ["dask>=2024.8", "distributed>=2024.8"],
             "challenge": ["pysindy>=2"],
             "river": ["river>=0.21"],
+            "watch": ["aiohttp>=3.10"],
             "test": TEST,
         },
         entry_points={
@@ -175,17 +179,19 @@ def build() -> None:
                 "study = ldt_core.cli.study:command",
                 "tune = ldt_core.cli.tune:command",
                 "up = ldt_ros.up:command",
+                "watch = ldt_core.cli.watch:command",
             ],
             "ldt.check": ["ros = ldt_ros.doctor:PROBES"],
+            "ldt.watch": ["graph = ldt_ros.watch:GraphSource"],
         },
     )
 
 
 if __name__ == "__main__" and sys.argv[1:2] == ["up"]:
-    bootstrap("ros,plot")
+    bootstrap("ros,plot,watch")
     run("ldt", "up", *sys.argv[2:])
 elif __name__ == "__main__" and sys.argv[1:2] == ["test"]:
-    bootstrap("ros,plot,river,test")
+    bootstrap("ros,plot,river,watch,test")
     # All tests take all cores; those of one file share what it sets up.
     run("python", "-m", "pytest", *(sys.argv[2:] or ["-n", "auto", "--dist", "loadfile"]))
 else:

@@ -147,7 +147,7 @@ def read_bag(path: str | Path, namespace: str | None = None) -> Bag:
         RecordingError: nothing there, empty, foreign, several machines, or no such one.
     """
     storage = Storage(path)
-    machines = _machines(storage.topics)
+    machines = namespaces(storage.topics)
     if not machines:
         there = ", ".join(f"{t} ({k})" for t, k in sorted(storage.topics.items())) or "no messages"
         got = f"only {there}" if storage.topics else f"{there}{_because(storage)}"
@@ -178,7 +178,7 @@ def experiments(path: str | Path, namespace: str | None = None) -> Recorded:
     return Recorded(found, bag.notes)
 
 
-def _machines(topics: dict[str, str]) -> list[str]:
+def namespaces(topics: dict[str, str]) -> list[str]:
     """Namespaces that hold experiments; without any, those that hold another of our topics."""
     ours = [
         t for t, kind in topics.items() if DECODERS.get(t.rpartition("/")[2], "")[:1] == (kind,)

@@ -1,0 +1,69 @@
+"""`ldt watch`: the twin live in a browser."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+from ldt_core.cli.options import json_option, namespace_option
+
+PORT = 8766
+
+
+@click.command("watch")
+@click.argument("recording", required=False)
+@click.option(
+    "--rate",
+    default="1",
+    show_default=True,
+    help="Speed at which RECORDING is played relative to real time, or max.",
+)
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to serve at. The default is this machine alone; 0.0.0.0 lets anybody look.",
+)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=PORT,
+    show_default=True,
+    help="Port to serve at; 0 takes any that is free.",
+)
+@namespace_option
+@json_option
+def command(
+    recording: str | None, rate: str, host: str, port: int, namespace: str, as_json: bool
+) -> None:
+    """Show the running graph, or RECORDING played back, live in the browser, until Ctrl-C.
+
+    The experiment as it arrives, measured and predicted; the signal as a traffic light; what was
+    adapted; the last diagnosis; the nodes' health. All machines of the ROS domain are found by
+    themselves and listed worst first. Nothing is sent to the graph, nothing loaded from a network.
+
+    Example: ldt watch my_run --rate 20
+    """
+    from ldt_core.watch.fleet import Fleet
+    from ldt_core.watch.page import assets
+    from ldt_core.watch.playback import Playback
+    from ldt_core.watch.server import is_loopback, serve
+    from ldt_core.watch.source import Source, graph
+
+    source: Source = Playback(recording, namespace, rate) if recording else graph(namespace)
+
+    def ready(address: str) -> None:
+        if not is_loopback(host):
+            warning = (
+                f"WARNING: bound to {host}: everybody on this network can see the machines, "
+                "unencrypted and without a password"
+            )
+            click.secho(warning, err=True, fg="red", bold=True)
+        if as_json:
+            click.echo(json.dumps({"address": address, "watched": source.words}))
+        else:
+            click.echo(f"{source.words}: {address} (Ctrl-C ends it)")
+
+    fleet = Fleet(source.live)
+    serve(fleet, source, assets(source.words), host, port, ready)

@@ -1,0 +1,45 @@
+// The signal as a traffic light: place, shape and colour say the same, and a word stands beside it.
+const SVG = "http://www.w3.org/2000/svg";
+const LAMPS = [
+  [1, "positive", "M5 4h16v16H5z", "M9 8l8 8m0-8l-8 8"],
+  [0, "warning", "M13 26l9.5 16.5h-19z", "M13 31.5v5m0 2.2v.6"],
+  [-1, "negative", "M13 48a8.5 8.5 0 1 1-.01 0z", "M9.2 56.6l2.8 2.8 5-5.4"],
+];
+const TONES = { 1: "bad", 0: "vague", "-1": "good" };
+
+function drawn(tag, more) {
+  const e = document.createElementNS(SVG, tag);
+  Object.entries(more).forEach(([k, v]) => e.setAttribute(k, v));
+  return e;
+}
+
+function light() {
+  const svg = drawn("svg", { viewBox: "0 0 26 70", class: "light", "aria-hidden": "true" });
+  svg.append(drawn("rect", { x: 1, y: 1, width: 24, height: 68, rx: 5, class: "case" }));
+  LAMPS.forEach(([, word, lamp, sign]) =>
+    svg.append(
+      drawn("path", { d: lamp, class: `lamp ${word}` }),
+      drawn("path", { d: sign, class: `sign ${word}` }),
+    ),
+  );
+  svg.set = (level) =>
+    LAMPS.forEach(([own, word]) => {
+      svg.querySelector(`.lamp.${word}`).classList.toggle("lit", own === level);
+      svg.querySelector(`.sign.${word}`).classList.toggle("shown", own === level);
+    });
+  return svg;
+}
+
+// Text is written only where it has changed: a screen reader and a selection stay where they are.
+function write(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+const ago = (seconds) =>
+  seconds == null
+    ? ""
+    : seconds < 90
+      ? `${Math.round(seconds)} s ago`
+      : seconds < 5400
+        ? `${Math.round(seconds / 60)} min ago`
+        : `${Math.round(seconds / 3600)} h ago`;

@@ -1,0 +1,305 @@
+"""What the live page shows, without web and without ROS: true, worst first, bounded."""
+
+from __future__ import annotations
+
+import json
+import threading
+
+import numpy as np
+import pytest
+from fake_run import fake_run
+from hypothesis import given
+from hypothesis import strategies as st
+from watched import HOSTILE, LENGTH, feed, health, measured, predicted
+
+from ldt_core.errors import OptionError, RecordingError
+from ldt_core.experiment import Level, ModelRecord, Prediction, Signal
+from ldt_core.recording.bag import read_bag
+from ldt_core.recording.writer import BagWriter
+from ldt_core.run_page.samples import Channel, Packed, unpack
+from ldt_core.watch.fleet import MACHINES, Fleet
+from ldt_core.watch.machine import EVENTS, GREATEST, KEPT, LONGEST, MODELS, MOST, SHOWN, WHOLE
+from ldt_core.watch.nodes import NODES, SILENT
+from ldt_core.watch.playback import Playback
+
+
+class Clock:
+    """Time that passes when it is told to."""
+
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def rows_of(found: dict) -> dict[str, np.ndarray]:
+    channels = tuple(Channel(*c) for c in found["channels"])
+    return unpack(Packed(channels, found["data"], found["kept"], found["of"]))
+
+
+def test_an_experiment_is_shown_as_it_arrives():
+    """First measured, then predicted with its band, then judged; each step is told."""
+    fleet, one = Fleet(), measured(1)
+    told: list[int] = []
+    fleet.on_change = lambda: told.append(fleet.count)
+    fleet.feed("/press", "experiment", one)
+    rows = rows_of(fleet.experiment("/press", 1))
+    assert set(rows) == {"time", "voltage", "measured"}
+    np.testing.assert_allclose(rows["measured"], one.speed, atol=1e-4)
+    assert fleet.machine("/press")["turns"][0]["level"] is None
+    fleet.feed("/press", "prediction", predicted(one, 4.0))
+    rows = rows_of(fleet.experiment("/press", 1))
+    assert {"predicted", "deviation"} <= set(rows)
+    assert np.abs(rows["measured"] - rows["predicted"]).max() == pytest.approx(4.0, abs=1e-3)
+    fleet.feed("/press", "signal", Signal(1, Level.POSITIVE, "threshold", 0, 4.0))
+    turn = fleet.machine("/press")["turns"][0]
+    assert (turn["error"], turn["level"], turn["value"]) == (4.0, 1, 4.0)
+    assert fleet.overview()["machines"][0]["word"] == "positive"
+    assert told == [1, 2, 3]
+
+
+def test_only_what_has_changed_is_told_again():
+    """By the count that came with what was told before; 0 tells all."""
+    fleet = Fleet()
+    for number in (1, 2, 3):
+        feed(fleet, "", number, level=Level.POSITIVE)
+    whole = fleet.machine("/")
+    assert whole["whole"]
+    assert [t["number"] for t in whole["turns"]] == [1, 2, 3]
+    kinds = [kind for *_, kind, _ in whole["events"]]
+    assert kinds == ["model", "diagnosis", "adapted"] * 3
+    assert whole["diagnosis"]["sentence"] == "It is unbalance."
+    feed(fleet, "", 4)
+    news = fleet.machine("/", whole["count"])
+    assert not news["whole"]
+    assert [t["number"] for t in news["turns"]] == [4]
+    assert news["numbers"] == [1, 2, 3, 4]
+    assert news["events"] == []
+    assert "diagnosis" not in news
+    assert fleet.machine("/", news["count"])["turns"] == []
+
+
+def test_the_worst_machine_comes_first():
+    """Positive, then fallen silent, then warning, then negative, then nothing yet."""
+    clock = Clock()
+    fleet = Fleet(clock=clock)
+    fleet.expect("/new")
+    feed(fleet, "/good", 1, 0.5)
+    feed(fleet, "/lost", 1, 0.4)
+    feed(fleet, "/warned", 1, 4.0, Level.WARNING)
+    feed(fleet, "/bad", 1, 7.0, Level.POSITIVE)
+    feed(fleet, "/worse", 1, 9.0, Level.POSITIVE)
+    fleet.feed("", "/diagnostics", health("lost/twin"))
+    clock.now += SILENT + 1
+    fleet.feed("", "/diagnostics", health("good/twin"))
+    cards = fleet.overview()["machines"]
+    order = ["/worse", "/bad", "/lost", "/warned", "/good", "/new"]
+    assert [c["key"] for c in cards] == order
+    assert cards[2]["trouble"] == "silent: twin"
+    assert cards[0]["age"] == SILENT + 1
+
+
+def test_a_graph_that_has_ended_is_not_in_trouble():
+    """Nor is one that is played back: its nodes are not there."""
+    clock = Clock()
+    for live, finished, silent in ((True, "true", []), (True, "false", ["twin"]), (False, "", [])):
+        fleet = Fleet(live, clock)
+        feed(fleet, "", 1)
+        fleet.feed("", "/diagnostics", health("twin"))
+        fleet.feed("", "/diagnostics", health("plant", finished=finished))
+        clock.now += SILENT + 1
+        fleet.feed("", "/diagnostics", health("plant", finished=finished))
+        trouble = fleet.overview()["machines"][0]["trouble"]
+        assert trouble == "".join(f"silent: {s}" for s in silent)
+
+
+def test_the_nodes_of_a_machine_are_told_apart_from_others():
+    """By namespace, and by what only the twin's nodes tell; what was refused is shown."""
+    fleet = Fleet()
+    feed(fleet, "/a", 1)
+    refused = {"rejected experiment: ExperimentError": "2", "last_rejection": f"why{HOSTILE}"}
+    fleet.feed("", "/diagnostics", health("a/twin", message="2 messages rejected", **refused))
+    fleet.feed("", "/diagnostics", health("b/twin"))
+    foreign = health("a/lidar")
+    foreign.status[0].values.clear()
+    fleet.feed("", "/diagnostics", foreign)
+    (node,) = fleet.machine("/a")["nodes"]
+    assert (node["role"], node["warns"]) == ("twin", True)
+    assert node["rejected"] == "2 × experiment: ExperimentError"
+    assert node["why"] == f"why{HOSTILE}"
+    assert fleet.overview()["machines"][0]["trouble"] == "a node warns"
+    for k in range(2 * NODES):
+        fleet.feed("", "/diagnostics", health(f"a/node_{k}"))
+    assert len(fleet.machine("/a")["nodes"]) == NODES
+
+
+def test_memory_is_bounded_whatever_comes():
+    """Experiments, samples, events, versions, texts, machines."""
+    fleet = Fleet()
+    for number in range(1, KEPT + 30):
+        feed(fleet, "", number, level=Level.POSITIVE, words="x" * 2 * SHOWN)
+    state = fleet.machines[""]
+    assert len(state.turns) == KEPT
+    assert min(state.turns) == 30
+    assert len(state.models) == MODELS
+    assert len(state.events) == EVENTS
+    assert sum(t.experiment is not None for t in state.turns.values()) == WHOLE
+    told = fleet.machine("/")
+    assert max(len(words) for *_, words in told["events"]) == SHOWN
+    assert len(told["turns"][0]["reason"]) == SHOWN
+    for k in range(3 * MACHINES):
+        fleet.expect(f"/m{k}")
+    assert len(fleet.overview()["machines"]) == MACHINES
+    assert fleet.overview()["left"] == MACHINES
+
+
+def test_a_long_experiment_is_thinned_with_its_extremes():
+    """At once and later; one that nobody could show is refused and counted."""
+    fleet, long = Fleet(), measured(1, length=50_000)
+    fleet.feed("", "experiment", long)
+    fleet.feed("", "prediction", predicted(long, 9.0))
+    now = fleet.experiment("/", 1)
+    for number in range(2, 2 + WHOLE):
+        feed(fleet, "", number, start=long.end + number)
+    for found in (now, fleet.experiment("/", 1)):
+        assert found["kept"] <= MOST < found["of"]
+        rows = rows_of(found)
+        assert np.abs(rows["measured"] - rows["predicted"]).max() == pytest.approx(9.0, abs=1e-3)
+    fleet.feed("", "experiment", measured(90, length=LONGEST + 1))
+    assert 90 not in fleet.machines[""].turns
+    assert "samples to show" in fleet.machine("/")["last_unreadable"]
+
+
+def test_a_number_that_a_browser_cannot_count_is_refused():
+    """It would stay the newest for ever."""
+    fleet = Fleet()
+    for number in (GREATEST * 10, GREATEST + 1):
+        fleet.feed("", "signal", Signal(number, Level.POSITIVE, "threshold", 0, 1.0))
+    fleet.feed("", "model", ModelRecord(GREATEST + 1, "kind", (), {}))
+    assert fleet.machine("/")["numbers"] == []
+    assert fleet.machine("/")["unreadable"] == 3
+
+
+def test_a_run_that_begins_anew_takes_the_place_of_the_old():
+    """A graph that was started again counts from 1; the page is told to forget."""
+    fleet = Fleet()
+    for number in (1, 2, 3):
+        feed(fleet, "", number, level=Level.POSITIVE)
+    before = fleet.machine("/")["count"]
+    later = measured(3).end + 50
+    feed(fleet, "", 1, start=later)
+    news = fleet.machine("/", before)
+    assert news["whole"]
+    assert news["numbers"] == [1]
+    assert news["diagnosis"] is None
+    assert news["models"] == {}
+    assert ("begun", 1) in [(e[3], e[2]) for e in news["events"]]
+    fleet.feed("", "experiment", measured(1, start=later))  # the same again is no new run
+    assert fleet.machine("/")["turns"][0]["level"] == -1
+
+
+def test_a_prediction_of_another_run_is_not_drawn():
+    """The number is the same, the start is not."""
+    fleet = Fleet()
+    fleet.feed("", "prediction", predicted(measured(1, start=5.0), 9.0))
+    fleet.feed("", "experiment", measured(1))
+    assert "predicted" not in rows_of(fleet.experiment("/", 1))
+    short = measured(1, length=LENGTH // 2)
+    stranger = Prediction(1, measured(1).start, short.period, 0, short.speed)
+    fleet.feed("", "prediction", stranger)
+    assert "predicted" not in rows_of(fleet.experiment("/", 1))
+
+
+def test_there_is_no_such_thing():
+    """A machine, an experiment, samples that nobody measured."""
+    fleet = Fleet()
+    assert fleet.machine("/none") is None
+    assert fleet.experiment("/none", 1) is None
+    fleet.feed("", "signal", Signal(1, Level.NEGATIVE, "threshold", 0, float("inf")))
+    assert fleet.experiment("/", 1) is None
+    assert fleet.machine("/")["turns"][0]["error"] is None
+
+
+@given(st.lists(st.tuples(st.integers(1, 12), st.sampled_from(["a", "b"])), max_size=40))
+def test_what_was_told_bit_by_bit_is_the_whole(fed):
+    """A browser that merges what has changed knows what a new one is told."""
+    fleet, held, since = Fleet(clock=lambda: 0.0, world=lambda: 0.0), {}, 0
+    for i, (number, namespace) in enumerate(fed):
+        feed(fleet, namespace, number, start=1e9 + i)
+        news = fleet.machine("/a", since)
+        if news is None:
+            continue
+        since = news["count"]
+        held = {} if news["whole"] else held
+        held |= {t["number"]: t for t in news["turns"]}
+        held = {n: held[n] for n in news["numbers"]}
+        assert list(held.values()) == sorted(
+            fleet.machine("/a")["turns"], key=lambda t: t["number"]
+        )
+    json.dumps(fleet.overview(), allow_nan=False)
+
+
+# ---- a recording played back
+
+
+def played(source: Playback) -> Fleet:
+    fleet = Fleet(source.live)
+    source.run(fleet, threading.Event())
+    return fleet
+
+
+def test_a_recording_shows_what_was_recorded(tmp_path):
+    """All of its experiments, judged, with the machine's name; and that it has ended."""
+    fleet = played(Playback(fake_run(tmp_path / "run"), rate="max"))
+    told = fleet.machine("/")
+    assert told["card"]["title"] == "rig"
+    assert told["numbers"] == [1, 2, 3, 4, 5, 6]
+    assert [t["error"] for t in told["turns"]] == [1.0 + 7 * n % 11 for n in range(1, 7)]
+    assert told["diagnosis"]["sentence"] == "it is"
+    assert "has ended" in fleet.overview()["state"]
+
+
+def test_several_machines_of_a_recording_are_shown_or_one(tmp_path):
+    """By namespace."""
+    one = read_bag(fake_run(tmp_path / "one"))
+    with BagWriter(tmp_path / "both", "rig") as bag:
+        for raw in one.messages():
+            for name in ("a", "b"):
+                bag.write_raw(f"/{name}{raw.topic}", raw.kind, raw.data, raw.time_ns)
+    assert set(played(Playback(tmp_path / "both", rate="max")).machines) == {"a", "b"}
+    assert set(played(Playback(tmp_path / "both", "b", "max")).machines) == {"b"}
+    with pytest.raises(RecordingError, match="a machine under /c"):
+        Playback(tmp_path / "both", "c")
+
+
+def test_what_cannot_be_read_is_counted_and_the_rest_shown(tmp_path):
+    """As the nodes do it."""
+    one = read_bag(fake_run(tmp_path / "one"))
+    with BagWriter(tmp_path / "odd", "rig") as bag:
+        for i, raw in enumerate(one.messages()):
+            data = raw.data[:30] if i == 1 else raw.data
+            bag.write_raw(raw.topic, raw.kind, data, raw.time_ns)
+    told = played(Playback(tmp_path / "odd", rate="max")).machine("/")
+    assert told["unreadable"] == 1
+    assert "/experiment" in told["last_unreadable"]
+    assert 6 in told["numbers"]
+
+
+def test_a_recording_is_played_at_its_pace_and_stops_at_once(tmp_path):
+    """The first experiment at once, the next when a machine would have finished it."""
+    source = Playback(fake_run(tmp_path / "run"), rate="0.01")  # 60 s an experiment
+    fleet, stop, shown = Fleet(False), threading.Event(), threading.Event()
+    fleet.on_change = lambda: 1 in getattr(fleet.machines.get(""), "turns", {}) and shown.set()
+    thread = threading.Thread(target=source.run, args=(fleet, stop))
+    thread.start()
+    assert shown.wait(20)
+    stop.set()
+    thread.join(20)
+    assert not thread.is_alive()
+    assert fleet.machine("/")["numbers"] in ([1], [1, 2])
+
+
+def test_a_rate_that_is_none_is_refused(tmp_path):
+    """By the one rule for rates."""
+    with pytest.raises(OptionError, match="max or a number above 0"):
+        Playback(fake_run(tmp_path / "run"), rate="fast")

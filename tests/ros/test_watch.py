@@ -1,0 +1,155 @@
+"""The live page's ear: machines are found, strangers' words do no harm, a real graph is shown."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ldt_core.errors import BadInput
+from ldt_core.watch.fleet import Fleet
+from ldt_core.watch.source import graph
+
+rclpy = pytest.importorskip("rclpy")
+
+from std_msgs.msg import Float64MultiArray, String  # noqa: E402
+from stranger import PATIENCE, answer, experiment, prediction  # noqa: E402
+
+from ldt_ros.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.watch import GraphSource  # noqa: E402
+from ldt_ros.watch_node import WatchNode  # noqa: E402
+
+
+@pytest.fixture
+def watched(stranger):
+    """What a page would show of the stranger's domain."""
+    fleet = Fleet()
+    node = WatchNode(fleet, context=stranger.context)
+    stranger.executor.add_node(node)
+    yield fleet
+    node.destroy_node()
+
+
+def test_machines_are_found_as_they_come(stranger, watched):
+    """By their topics with the right type; what else is in the domain is none of ours."""
+    stranger.node.create_publisher(String, "chatter/experiment", 10)
+    stranger.node.create_publisher(Float64MultiArray, "image", 10)
+    stranger.send("press/experiment", experiment(1))
+    stranger.send("mill/line_2/experiment", experiment(7))
+    stranger.until(lambda: len(watched.machines) == 2, "both machines")
+    stranger.send("press/experiment", experiment(2))
+    stranger.send("press/prediction", prediction(2))
+    stranger.send("press/signal", answer(2))
+    stranger.until(lambda: watched.machine("/press")["card"]["level"] == -1, "the signal")
+    assert watched.machine("/press")["numbers"][-1] == 2
+    stranger.until(lambda: watched.experiment("/press", 2) is not None)
+    assert set(watched.machines) == {"press", "mill/line_2"}
+
+
+def test_a_machine_that_is_named_is_watched_before_it_is_there(stranger):
+    """And no other."""
+    fleet = Fleet()
+    node = WatchNode(fleet, "press", context=stranger.context)
+    stranger.executor.add_node(node)
+    stranger.send("press/experiment", experiment(1))
+    stranger.node.create_publisher(Float64MultiArray, "mill/experiment", 10)
+    stranger.until(lambda: fleet.experiment("/press", 1), "the first experiment")
+    stranger.spin(0.5)
+    assert set(fleet.machines) == {"press"}
+    node.destroy_node()
+
+
+def test_what_is_malformed_is_counted_and_the_rest_shown(stranger, watched):
+    """The page says what was wrong with the last one."""
+    stranger.send("experiment", experiment(1))
+    stranger.until(lambda: watched.machines, "the machine")
+    stranger.send("experiment", Float64MultiArray(), experiment(2))
+    stranger.until(lambda: 2 in watched.machine("/")["numbers"], "the good one")
+    told = watched.machine("/")
+    assert told["unreadable"] == 1
+    assert "experiment" in told["last_unreadable"]
+
+
+def test_it_publishes_nothing_and_nodes_are_told_of(stranger, watched):
+    """It is an ear only; the twin's health is shown under its machine."""
+    stranger.start(PredictorNode, namespace="press", model="physics")
+    stranger.until(lambda: watched.machines.get("press"), "the machine")
+    stranger.until(lambda: watched.machine("/press")["nodes"], "its health")
+    assert watched.machine("/press")["nodes"][0]["role"] == "twin"
+    names = stranger.node.get_publisher_names_and_types_by_node("watch", "/")
+    assert {name for name, _ in names} <= {"/rosout", "/parameter_events"}
+
+
+def test_the_source_stops_at_once(domain):
+    """And leaves nothing that runs."""
+    source, stop, before = GraphSource("press"), threading.Event(), threading.active_count()
+    thread = threading.Thread(target=source.run, args=(Fleet(), stop))
+    thread.start()
+    time.sleep(0.3)
+    stop.set()
+    thread.join(PATIENCE)
+    assert not thread.is_alive()
+    assert threading.active_count() == before
+
+
+def test_a_namespace_that_cannot_exist_is_refused(domain):
+    """In one sentence."""
+    with pytest.raises(BadInput, match="namespace: expected words of letters"):
+        graph("9 lives")
+
+
+def started(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
+    code = "from ldt_core.cli import main; main()"
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *arguments],
+        cwd=cwd,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+
+
+def machines(address: str) -> list[dict[str, Any]]:
+    with urllib.request.urlopen(f"{address}machines", timeout=PATIENCE) as answered:
+        return json.load(answered)["machines"]
+
+
+def test_a_graph_of_two_machines_is_watched_live(domain, tmp_path, short_rotor):
+    """Found by themselves, judged, healthy; the samples are there; Ctrl-C ends it with 0."""
+    watch = started("watch", "--port", "0", "--json", cwd=tmp_path)
+    up = None
+    try:
+        address = json.loads(watch.stdout.readline())["address"]
+        assert machines(address) == []
+        many = ("--machines", "2", "--experiments", "100000", "--rate", "20")
+        with_model = ("--machine", short_rotor, "--model", "physics", "--bag", "run")
+        up = started("up", *many, *with_model, cwd=tmp_path)
+        end = time.monotonic() + 3 * PATIENCE
+        while time.monotonic() < end:
+            cards = {c["key"]: c for c in machines(address) if (c["experiment"] or 0) > 3}
+            if len(cards) == 2:
+                break
+            time.sleep(0.1)
+        assert set(cards) == {"/machine_1", "/machine_2"}
+        assert {c["machine"] for c in cards.values()} == {"rotor"}
+        assert all(c["error"] > 0 and c["trouble"] == "" for c in cards.values())
+        number = cards["/machine_2"]["experiment"]
+        query = f"experiment?machine=/machine_2&number={number}"
+        with urllib.request.urlopen(address + query, timeout=PATIENCE) as answered:
+            assert json.load(answered)["of"] == 200
+    finally:
+        for process in (up, watch):
+            if process is not None:
+                process.send_signal(signal.SIGINT)
+        ends = [p.communicate(timeout=PATIENCE) for p in (up, watch) if p is not None]
+    assert (watch.returncode, ends[-1]) == (0, ("", ""))
+    assert up.returncode == 0
