@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ldt_core.errors import LdtError, OptionError
+from ldt_core.errors import OptionError
 from ldt_core.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal
+from ldt_core.kept import check_target
 from ldt_core.recording.bag import read_bag
+from ldt_core.report import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +21,6 @@ if TYPE_CHECKING:
 MEASURED, TWIN, ORIGINAL, POSITIVE = "#000000", "#0072B2", "#E69F00", "#D55E00"
 SIZE = (9.0, 6.5)  # inches; readable at the width of a README
 DPI = 120
-FORMATS = (".png", ".svg", ".pdf")
 
 
 @dataclass
@@ -77,18 +78,14 @@ def plot_run(run: RunRecords, out: str | Path, title: str = "") -> None:
     """Draw one experiment over time, and the errors over the run.
 
     Raises:
-        OptionError: a file ending other than png, svg or pdf.
+        OptionError: a file ending other than png, svg or pdf, or in no folder.
         LdtError: matplotlib is not installed.
     """
-    if Path(out).suffix not in FORMATS:
-        raise OptionError("out", f"a file ending in {', '.join(FORMATS)}", str(out))
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise LdtError(
-            "a picture needs matplotlib, which is not installed: pip install 'ldt[plot]'"
-        ) from error
+    check_target(out, endings=style.PICTURES)
+    style.require("a picture")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=SIZE, layout="constrained")
     FigureCanvasAgg(figure)
     upper, lower = figure.subplots(2, 1)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping
 from typing import Any
 
 import msgs_config
 from ldt_core.errors import OptionError, did_you_mean
+
+UNSET = ("", -1.0, [])  # defaults that mean "take it from elsewhere", not worth showing
 
 
 def resolve(given: Mapping[str, Any], *groups: str) -> dict[str, Any]:
@@ -55,6 +58,26 @@ def check(name: str, value: Any, declaration: Mapping[str, Any]) -> Any:
         if choices and word not in choices:
             raise OptionError(name, did_you_mean(str(word), filter(None, choices)), repr(word))
     return value
+
+
+def as_options(settings: Mapping[str, Any]) -> str:
+    """Options of the command line that give these parameters; those at their defaults left out.
+
+    >>> as_options({"model": "hybrid", "seed": 3, "offset": False, "effect": ["unbalance:e=0.005"]})
+    '--seed 3 --no-offset --effect unbalance:e=0.005'
+    """
+    declared = msgs_config.parameters()
+    words: list[str] = []
+    for name, value in settings.items():
+        if name in declared and value == declared[name]["default"]:
+            continue
+        flag = name.replace("_", "-")
+        if isinstance(value, bool):
+            words.append(f"--{flag}" if value else f"--no-{flag}")
+            continue
+        for one in value if isinstance(value, list) else [value]:
+            words += [f"--{flag}", shlex.quote(str(one))]
+    return " ".join(words)
 
 
 def _number(name: str, value: Any, kind: str) -> int | float:

@@ -18,6 +18,15 @@ def listed(names: Iterable[str], last: str = "and") -> str:
     return f"{', '.join(most)} {last} {end}" if most else end
 
 
+def spoken(name: str) -> str:
+    """A name of the code, an effect's for one, as words.
+
+    >>> spoken("coulomb_friction")
+    'coulomb friction'
+    """
+    return name.replace("_", " ")
+
+
 def few(names: Sequence[str], most: int) -> str:
     """The first ones, and how many more there are.
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from ldt_core.calibration.result import Calibration
-from ldt_core.errors import LdtError, OptionError
 from ldt_core.experiment import Experiment, rms
+from ldt_core.kept import check_target
 from ldt_core.models.physics import PhysicsModel
+from ldt_core.report import style
 
 PANELS = 3  # experiments shown side by side
-SUFFIXES = (".png", ".svg", ".pdf")
 BEFORE, AFTER = "#d55e00", "#0072b2"  # told apart by the colour-blind as well (Okabe and Ito)
 
 
@@ -24,17 +24,8 @@ def check_figure(file: str | Path) -> None:
         OptionError: an ending that is no picture's, or a folder that does not exist.
         LdtError: matplotlib is not installed.
     """
-    path = Path(file)
-    if path.suffix.lower() not in SUFFIXES:
-        raise OptionError("--figure", f"a file ending in {' or '.join(SUFFIXES)}", str(path))
-    if not path.parent.is_dir():
-        raise OptionError("--figure", "a file in a folder that exists", str(path))
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        raise LdtError(
-            "--figure needs matplotlib, which is not installed: pip install 'ldt[plot]'"
-        ) from None
+    check_target(file, "--figure", style.PICTURES)
+    style.require("--figure")
 
 
 def draw(calibration: Calibration, experiments: Sequence[Experiment], file: str | Path) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from ldt_core import kept
 from ldt_core.calibration.equivalent import Equivalent
 from ldt_core.calibration.result import Calibration
 from ldt_core.errors import OptionError
@@ -43,26 +43,20 @@ def write(text: str, file: str | Path, force: bool) -> None:
     Raises:
         OptionError, OSError: as `write_machine_file`.
     """
-    path = Path(file)
-    check_target(path, force)
-    draft = path.with_name(f".{path.name}.part")
-    draft.write_text(text, encoding="utf-8")
-    os.replace(draft, path)
+    check_new(file, force)
+    kept.write(Path(file), text)
 
 
-def check_target(path: str | Path, force: bool, option: str = "--out") -> None:
+def check_new(file: str | Path, force: bool) -> None:
     """Refuse a file that exists or cannot be made, before any work is done.
 
     Raises:
         OptionError: as `write_machine_file`.
     """
-    path = Path(path)
-    if path.is_dir():
-        raise OptionError(option, "a file", f"the folder {path}")
-    if path.exists() and not force:
-        raise OptionError(option, "a new file, or --force to overwrite it", f"{path}, which exists")
-    if not path.parent.is_dir():
-        raise OptionError(option, "a file in a folder that exists", str(path))
+    kept.check_target(file)
+    if Path(file).exists() and not force:
+        expected = "a new file, or --force to overwrite it"
+        raise OptionError("--out", expected, f"{file}, which exists")
 
 
 def machine_text(calibration: Calibration) -> str:

@@ -12,6 +12,7 @@ from importlib.metadata import entry_points
 import click
 from click.shell_completion import CompletionItem
 
+from ldt_core.cli.completion import VARIABLE, register
 from ldt_core.cli.spelling import Group, unknown_option
 from ldt_core.errors import LdtError
 
@@ -59,9 +60,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code; a failure becomes one sentence on stderr."""
-    if "_LDT_COMPLETE" in os.environ:  # a shell asks what can follow
-        from ldt_core.cli.completion import register
-
+    if VARIABLE in os.environ:  # a shell asks what can follow
         register()
     try:
         result = command.main(arguments, prog_name=_name(command), standalone_mode=False)

@@ -66,13 +66,13 @@ def command(
     """
     from ldt_core.calibration import calibrate
     from ldt_core.calibration.figure import check_figure, draw
-    from ldt_core.calibration.machine_file import check_target, write_machine_file
+    from ldt_core.calibration.machine_file import check_new, write_machine_file
     from ldt_core.calibration.procedure import check_names, split
     from ldt_core.machine import load_machine
 
     machine = load_machine(settings["machine"])
     check_names(machine, free, fixed)
-    check_target(out, force)
+    check_new(out, force)
     if figure:
         check_figure(figure)
     experiments = read_recordings(recordings, namespace, machine)

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from ldt_core.cli.options import json_option
-from ldt_core.cli.resumable import ResumableProgress, compute_options
+from ldt_core.cli.resumable import ResumableProgress, compute_options, jobs_option
 from ldt_core.cli.spelling import Group
 
 
@@ -41,12 +41,7 @@ def command() -> None:
     is_flag=True,
     help="Single effects only, each by turns one that the diagnosis has to do without.",
 )
-@click.option(
-    "--jobs",
-    type=click.IntRange(0, 10_000),
-    default=0,
-    help="Processes on this machine; by default as many as there are cores.",
-)
+@jobs_option
 @json_option
 def make(
     cases: int,

@@ -77,9 +77,9 @@ def command(
     Example: ldt identify bag --out unknown.yaml
     """
     from ldt_core.calibration.equivalent import identify_machine
-    from ldt_core.calibration.machine_file import check_target, write_equivalent
+    from ldt_core.calibration.machine_file import check_new, write_equivalent
 
-    check_target(out, force)
+    check_new(out, force)
     experiments = read_recordings(recordings, namespace)
     with progress() as tick:
         found = identify_machine(

@@ -13,10 +13,9 @@ import yaml
 import msgs_config
 from ldt_core.cli.completion import among, known
 from ldt_core.errors import BadInput, OptionError, did_you_mean
-from ldt_core.settings import check
+from ldt_core.settings import UNSET, check
 
 _TYPES = {"integer": click.INT, "double": click.FLOAT, "string": click.STRING}
-UNSET = ("", -1.0, [])  # defaults that mean "take it from elsewhere", not worth showing
 
 out_option = click.option(
     "--out", required=True, help="Folder of the new recording, which must not exist."
@@ -48,6 +47,11 @@ def parameters(*groups: str) -> Callable:
         return _settings_option(call)
 
     return decorate
+
+
+def declared_option(name: str) -> Callable:
+    """Decorator: the option of one declared parameter, whose value comes under its own name."""
+    return _option(name, msgs_config.parameters()[name])
 
 
 def _settings_option(function: Callable) -> Callable:

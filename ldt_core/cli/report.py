@@ -24,13 +24,10 @@ def command(recording: str, out: str, namespace: str, as_json: bool) -> None:
     import json
     from pathlib import Path
 
-    from ldt_core.errors import OptionError
+    from ldt_core.kept import check_target
     from ldt_core.run_page import write_page
 
-    if Path(out).suffix.lower() not in (".html", ".htm"):
-        raise OptionError("out", "a file ending in .html", out)
-    if not Path(out).absolute().parent.is_dir():
-        raise OptionError("out", "a file in a folder that exists", out)
+    check_target(out, endings=(".html", ".htm"))
     run = write_page(recording, out, namespace)
     if as_json:
         facts = {"page": out, "bytes": Path(out).stat().st_size, **run.summary.as_dict()}

@@ -9,21 +9,22 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+jobs_option = click.option(
+    "--jobs",
+    type=click.IntRange(0, 10_000),
+    default=0,
+    help="Processes on this machine; by default as many as there are cores.",
+)
+scheduler_option = click.option(
+    "--scheduler",
+    default="",
+    help="Address of a Dask scheduler (tcp://host:port) whose workers compute instead.",
+)
+
 
 def compute_options(command: Callable) -> Callable:
     """--jobs and --scheduler: where it is computed."""
-    jobs = click.option(
-        "--jobs",
-        type=click.IntRange(0, 10_000),
-        default=0,
-        help="Processes on this machine; by default as many as there are cores.",
-    )
-    scheduler = click.option(
-        "--scheduler",
-        default="",
-        help="Address of a Dask scheduler (tcp://host:port) whose workers compute instead.",
-    )
-    return jobs(scheduler(command))
+    return jobs_option(scheduler_option(command))
 
 
 class ResumableProgress:

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ldt_core.cli.options import json_option, out_option, parameters
+from ldt_core.cli.options import declared_option, json_option, out_option, parameters
 
 
 @click.command("simulate")
@@ -20,7 +20,7 @@ from ldt_core.cli.options import json_option, out_option, parameters
     help="The diagnosis.json whose next experiment to run: its voltage, its channels.",
 )
 @out_option
-@click.option("--namespace", default="", help="Namespace of the machine's topics.")
+@declared_option("namespace")
 @json_option
 def command(
     settings: dict[str, Any], designed: str, out: str, namespace: str, as_json: bool

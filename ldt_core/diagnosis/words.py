@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ldt_core.diagnosis.result import Amount, Gap, Place
-from ldt_core.effects.words import spoken
+from ldt_core.words import spoken
 
 
 def sentence(

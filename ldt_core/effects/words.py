@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from ldt_core.words import spoken
+
 if TYPE_CHECKING:
     from ldt_core.effects.base import Effect
-
-
-def spoken(name: str) -> str:
-    """An effect's or parameter's name as words."""
-    return name.replace("_", " ")
 
 
 def amount(value: float, unit: str) -> str:

@@ -15,12 +15,13 @@ from ldt_core.cause.learn import Learned, Learner
 from ldt_core.cause.members import Member
 from ldt_core.cause.search import Search
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.effects.words import change_of, spoken
+from ldt_core.effects.words import change_of
 from ldt_core.errors import LdtError, OptionError
 from ldt_core.experiment import DiagnosisRecord, Experiment, Prediction, Samples
 from ldt_core.machine import Machine
 from ldt_core.models.base import Model
 from ldt_core.models.physics import PhysicsModel
+from ldt_core.words import spoken
 
 if TYPE_CHECKING:
     from ldt_core.effects.base import Effect

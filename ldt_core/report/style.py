@@ -44,6 +44,7 @@ FONT = 9  # points; 12 pixels at the width in which a figure is shown
 LONGEST = 16  # letters of a name in a label; names of users' own parts are paths
 PIXELS = 96  # per inch, CSS
 PNG_DPI = 144
+PICTURES = (".png", ".svg", ".pdf")  # endings of a figure by itself
 
 RC: Any = {
     "font.family": "sans-serif",

@@ -6,7 +6,7 @@ from ldt_core.experiment import Action, ModelRecord
 from ldt_core.report.blocks import Block, Mark, Table, Text
 from ldt_core.report.number import number
 from ldt_core.run_page.run import Run, Turn
-from ldt_core.words import ranges, spans
+from ldt_core.words import ranges, spans, spoken
 
 MARKS = {Action.ADAPTED: Mark("adapted", "good"), Action.REFUSED: Mark("refused", "open")}
 
@@ -62,4 +62,4 @@ def _cause(model: ModelRecord) -> str:
         for name, value in cause["parameters"].items()
         if isinstance(value, int | float)
     ]
-    return f"{str(cause.get('effect', '')).replace('_', ' ')}: {', '.join(amounts)}"
+    return f"{spoken(str(cause.get('effect', '')))}: {', '.join(amounts)}"

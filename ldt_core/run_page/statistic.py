@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ldt_core.experiment import Signal
+from ldt_core.words import spoken
 
 LIMITS = ("warning_limit", "drift_limit")
 #: Detector → (its statistic, what that is, unit).
@@ -53,7 +54,7 @@ def statistic(signals: list[Signal]) -> Statistic:
     key, name, unit = KNOWN.get(detector, ("", "", ""))
     if not key and own:
         key = own[0]
-        name = key.replace("_", " ")
+        name = spoken(key)
     elif not key:
         key, name, unit = KNOWN["threshold"]
     rows = [{"max_error": s.max_error, **s.statistics} for s in signals]

@@ -84,7 +84,7 @@ def test_the_command_writes_one_page(tmp_path, capsys):
     ("recording", "out", "words"),
     [
         ("no_such_bag", "run.html", "no_such_bag: expected a recording"),
-        (str(SAMPLE), "run.pdf", "out: expected a file ending in .html, got run.pdf"),
+        (str(SAMPLE), "run.pdf", "out: expected a file ending in .html or .htm, got run.pdf"),
         (str(SAMPLE), "no/run.html", "out: expected a file in a folder that exists"),
     ],
 )

@@ -14,6 +14,7 @@ from ldt_core.challenge.score.judge import Judged
 from ldt_core.challenge.score.table import POINTS
 from ldt_core.effects import EFFECTS
 from ldt_core.report import style
+from ldt_core.words import spoken
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -127,7 +128,7 @@ def _confusion(name: str, judged: Sequence[Judged]) -> style.Drawing:
 
 
 def _words(names: Sequence[str]) -> list[str]:
-    return [name.replace("_", " ") for name in names]
+    return [spoken(name) for name in names]
 
 
 def _closure(judged: Sequence[Judged]) -> style.Drawing:

@@ -31,7 +31,7 @@ from ldt_core.report.blocks import (
     Text,
     Value,
 )
-from ldt_core.words import listed, ranges, spans
+from ldt_core.words import listed, ranges, spans, spoken
 
 FOOTER = "Made by ldt diagnose. The same for programs: diagnosis.json beside this page."
 TONES = {"none": "good", "effect": "found", "ambiguous": "vague", "unknown": "bad"}
@@ -211,13 +211,13 @@ def _regimes(found: Sequence[Mapping[str, Any]]) -> Table:
     keys = list(dict.fromkeys(k for r in rows for k in r))
     closed = [r.get("closed_fraction") for r in rows]
     worse = [known(c) and c < 0 for c in closed]
-    head = [k.replace("_", " ") for k in keys]
+    head = [spoken(k) for k in keys]
     made: list[list[Value]] = [[_figure(k, r.get(k)) for k in keys] for r in rows]
     if any(worse):
         head.insert(1, "")
         for row, bad in zip(made, worse, strict=True):
             row.insert(1, Mark("worse", "bad") if bad else "")
-    text = {k.replace("_", " ") for k in keys if any(isinstance(r.get(k), str) for r in rows)}
+    text = {spoken(k) for k in keys if any(isinstance(r.get(k), str) for r in rows)}
     figures = [i for i, name in enumerate(head) if i and name and name not in text]
     count = sum(worse)
     note = f"In {count} of {len(rows)} the error grew." if count else "In none did the error grow."

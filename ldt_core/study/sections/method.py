@@ -21,6 +21,7 @@ from ldt_core.study.case import Result
 from ldt_core.study.cell import cell
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.study import GROUPS, Study
+from ldt_core.words import spoken
 
 DEVIATIONS = (
     (
@@ -220,4 +221,4 @@ def _parameters(results: Sequence[Result]) -> str:
     case = results[0].case
     resolved = case.resolved
     names = [n for n in OWN.get(case.detector, ()) if resolved[n] >= 0]
-    return ", ".join(f"{name.replace('_', ' ')} {resolved[name]:g}" for name in names) or "–"
+    return ", ".join(f"{spoken(name)} {resolved[name]:g}" for name in names) or "–"
