@@ -114,6 +114,7 @@ def build() -> None:
         python_requires=">=3.11",
         packages=find_packages(include=["ldt_core*", "ldt_ros*", "msgs_config*"]),
         package_data={
+            "ldt_core.docs": ["*.md"],
             "ldt_core.report": ["templates/*"],
             "ldt_core.run_page": ["templates/*", "uplot/*"],
             "ldt_core.watch": ["templates/*"],
@@ -166,6 +167,7 @@ def build() -> None:
                 "challenge = ldt_core.cli.challenge:command",
                 "completion = ldt_core.cli.completion:command",
                 "diagnose = ldt_core.cli.diagnose:command",
+                "docs = ldt_core.cli.docs:command",
                 "doctor = ldt_core.cli.doctor:command",
                 "effects = ldt_core.cli.effects:command",
                 "identify = ldt_core.cli.identify:command",

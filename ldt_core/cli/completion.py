@@ -32,7 +32,7 @@ def known(kind: str) -> Completer | None:
     """A completer for the values of an option, None when nothing is known of them.
 
     Args:
-        kind: name of the parameter: machine, model, detector or effect.
+        kind: name of the parameter: machine, model, detector, effect or page.
     """
     listed = _KNOWN.get(kind)
     if listed is None:
@@ -77,7 +77,19 @@ def _effects() -> list[str]:
     return EFFECTS.names()
 
 
-_KNOWN = {"machine": _machines, "model": _models, "detector": _detectors, "effect": _effects}
+def _pages() -> list[str]:
+    from ldt_core import docs
+
+    return docs.names()
+
+
+_KNOWN = {
+    "machine": _machines,
+    "model": _models,
+    "detector": _detectors,
+    "effect": _effects,
+    "page": _pages,
+}
 
 
 class _OrFiles(ShellComplete):

@@ -1,0 +1,139 @@
+"""What the page on deploying says of two hosts, between two network namespaces of this one."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from ldt_core import docs
+
+pytest.importorskip("rclpy")
+
+PAGE = docs.text("deploy")
+PROFILE = re.search(r"```xml\n(.*?)```", PAGE, re.S)[1]
+HOSTS = ("192.168.7.1", "192.168.7.2")  # as on the page
+PATIENCE = 20  # s
+TALK = f"""
+    import sys, time
+    from ldt_ros.environment import prepare
+    prepare()
+    import rclpy
+    from std_msgs.msg import String
+
+    rclpy.init()
+    node, heard = rclpy.create_node(sys.argv[1]), []
+    end = time.monotonic() + {PATIENCE}
+    if sys.argv[1] == "speaker":
+        out = node.create_publisher(String, "x", 10)
+        while not heard and time.monotonic() < end:
+            heard = out.get_subscription_count() * ["matched"]
+            time.sleep(0.05)
+        out.publish(String(data="heard"))
+        time.sleep(1)
+    else:
+        node.create_subscription(String, "x", lambda m: heard.append(m.data), 10)
+        while not heard and time.monotonic() < end:
+            rclpy.spin_once(node, timeout_sec=0.1)
+    print(*heard)
+    rclpy.try_shutdown()
+"""
+
+
+@pytest.fixture
+def hosts() -> Iterator[list[list[str]]]:
+    """What to put before a command to run it on either host."""
+    if not shutil.which("ip") or os.geteuid() != 0:
+        pytest.skip("two hosts need the command ip and root")
+    names = [f"ldt{os.getpid()}{k}" for k in "ab"]
+    ends = [f"l{os.getpid()}{k}" for k in "ab"]
+    try:
+        done = [_ip("netns", "add", name) for name in names]
+        done.append(_ip("link", "add", ends[0], "type", "veth", "peer", "name", ends[1]))
+        if any(done):
+            pytest.skip("no right to make network namespaces")
+        for name, end, address in zip(names, ends, HOSTS, strict=True):
+            _ip("link", "set", end, "netns", name)
+            _ip("-n", name, "addr", "add", f"{address}/24", "dev", end)
+            for device in ("lo", end):
+                _ip("-n", name, "link", "set", device, "up")
+        yield [["ip", "netns", "exec", name] for name in names]
+    finally:
+        for name in names:
+            _ip("netns", "del", name)
+
+
+def _ip(*arguments: str) -> int:
+    return subprocess.run(["ip", *arguments], capture_output=True, check=False).returncode
+
+
+def heard(hosts: list[list[str]], environment: dict[str, str]) -> tuple[str, str]:
+    """What the speaker on one host and the listener on the other have got."""
+    talk = [sys.executable, "-c", textwrap.dedent(TALK)]
+    env = {**os.environ, **environment}
+    both = [
+        subprocess.Popen([*host, *talk, role], env=env, stdout=subprocess.PIPE, text=True)
+        for host, role in zip(hosts, ("speaker", "listener"), strict=True)
+    ]
+    said = [process.communicate(timeout=3 * PATIENCE)[0].strip() for process in both]
+    return said[0], said[1]
+
+
+def test_the_list_of_peers_joins_two_hosts(hosts, domain, tmp_path, monkeypatch):
+    """By the profile as it stands on the page."""
+    (tmp_path / "peers.xml").write_text(PROFILE)
+    profile = {"FASTRTPS_DEFAULT_PROFILES_FILE": str(tmp_path / "peers.xml")}
+    assert heard(hosts, profile) == ("matched", "heard")
+
+
+def test_the_discovery_server_joins_two_hosts(hosts, domain, tmp_path):
+    """By the command on the page, and the profile without its list."""
+    plain = re.sub(r" *<builtin>.*</builtin>\n", "", PROFILE, flags=re.S)
+    assert "initialPeersList" not in plain
+    (tmp_path / "plain.xml").write_text(plain)
+    command = re.search(r'python -c "(import os; os.exec.*)"', PAGE)[1]
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    clean = {k: v for k, v in os.environ.items() if not k.startswith(("FAST", "ROS_"))}
+    server = subprocess.Popen(
+        [*hosts[0], sys.executable, "-c", command],
+        env={**clean, "PATH": path},
+        stdout=subprocess.DEVNULL,
+    )
+    try:
+        profile = {"FASTRTPS_DEFAULT_PROFILES_FILE": str(tmp_path / "plain.xml")}
+        server_at = {"ROS_DISCOVERY_SERVER": f"{HOSTS[0]}:11811"}
+        assert heard(hosts, profile | server_at) == ("matched", "heard")
+    finally:
+        server.terminate()
+        server.wait()
+
+
+def test_systemd_understands_the_units(tmp_path):
+    """All of them, but for the programs, which are not where the page installs them."""
+    if not shutil.which("systemd-analyze"):
+        pytest.skip("no systemd here")
+    units = dict(re.findall(r"```ini\n# (\S+)\n(.*?)```", PAGE, re.S))
+    units["ldt@twin.service"] = units.pop("ldt@.service").replace(
+        "/opt/ldt/bin/ldt_%i", "/bin/true"
+    )
+    units["ldt-tidy.service"] = units["ldt-tidy.service"].replace(
+        "/opt/ldt/bin/python", "/bin/true"
+    )
+    names = [n for n in units if n.endswith((".service", ".timer"))]
+    for name in names:
+        (tmp_path / name).write_text(units[name])
+    done = subprocess.run(
+        ["systemd-analyze", "verify", *(str(tmp_path / n) for n in names)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "RuntimeMaxSec=1d" in units["recorder-day.conf"]
