@@ -20,9 +20,6 @@ from ldt_core.errors import ExperimentError
 Samples = NDArray[np.float64]
 Scalar = float | int | str | bool | None
 
-#: Unit of each channel of a recording (CONTRACT: SI units everywhere).
-CHANNEL_UNITS = {"voltage": "V", "speed": "rad/s", "current": "A", "speed_std": "rad/s"}
-
 #: Relative difference of two sample periods that is rounding, of clocks and of text files.
 SAME_PERIOD = 1e-6
 

@@ -38,8 +38,6 @@ from ldt_core.study.stream import GROUPS, stream
 FALSE_ALARM = 1e-3  # of the test that decides what is detectable, per experiment: one in 1000
 POWER = 0.9  # probability with which it has to find a drift in one experiment
 QUICK = 2  # experiments within which a drift of twice the detectable size is to be found
-TYPICAL = 5  # experiments over which `detectable_size` takes the median
-LEAST, MOST = 1e-7, 1.0  # of the end of the staircase: sizes between which to look
 
 
 @dataclass(frozen=True)
@@ -248,36 +246,6 @@ def noise_peak(noise: float, samples: int) -> float:
         return float(-np.expm1(samples * np.log1p(-2 * stats.norm.sf(z)))) if z else 1.0
 
     return noise * float(integrate.quad(above, 0.0, 12.0, points=[1.0, 3.0, 5.0])[0])
-
-
-def detectable_size(plant: Plant, value: float) -> float | None:
-    """The least growth of what wears, from `value` on, that shows in a typical experiment.
-
-    Typical: the median of |Dy|^2 / sigma^2 over the plant's first experiments, by their voltages,
-    from the plant's own kind of start. None where even a growth by the whole staircase does not.
-
-    Args:
-        plant: with a wearing parameter.
-        value: of that parameter, before.
-    """
-    experiments = [plant.experiment(n) for n in range(1, TYPICAL + 1)]
-    before = [free_run(plant, e, _with_value(plant, e.number, value)) for e in experiments]
-    needed = energy_needed(len(experiments[0]))
-    whole = abs(plant.schedule.end - plant.schedule.begin)
-
-    def excess(log_size: float) -> float:
-        grown = value + whole * math.exp(log_size)
-        energies = [
-            _energy(free_run(plant, e, _with_value(plant, e.number, grown)) - old, plant.noise)
-            for e, old in zip(experiments, before, strict=True)
-        ]
-        return math.log(max(float(np.median(energies)), 1e-12) / needed)
-
-    low, high = math.log(LEAST), math.log(MOST)
-    if not plant.noise or excess(high) < 0:
-        return None
-    root = optimize.brentq(excess, low, high, xtol=0.01, rtol=0.01)
-    return whole * math.exp(root)
 
 
 def _with_value(plant: Plant, number: int, value: float) -> list[EffectUse]:

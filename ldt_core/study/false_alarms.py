@@ -64,11 +64,6 @@ class Rate:
         return sum(self.alarms) / (len(self.alarms) * self.experiments)
 
     @property
-    def observed_early(self) -> float:
-        """Alarms per experiment among the first `EARLY`."""
-        return sum(self.early) / (len(self.early) * min(EARLY, self.experiments))
-
-    @property
     def observed_warnings(self) -> float:
         """Warnings per experiment."""
         return sum(self.warnings) / (len(self.warnings) * self.experiments)

@@ -16,7 +16,6 @@ from ldt_core.study import facts
 from ldt_core.study.case import Case
 from ldt_core.study.facts import (
     Facts,
-    detectable_size,
     energy_needed,
     examine,
     facts_of,
@@ -123,29 +122,6 @@ def test_the_peak_of_the_noise_is_what_simulation_gives():
     drawn = np.abs(np.random.default_rng(1).normal(0, 0.1, (2000, 2000))).max(axis=1).mean()
     assert noise_peak(0.1, 2000) == pytest.approx(drawn, rel=5e-3)
     assert noise_peak(0.0, 2000) == 0.0
-
-
-def test_the_detectable_size_is_one_that_is_just_detectable():
-    """Smaller where the rotor is already eccentric, since the effect grows with its square."""
-    plant = Plant(SHORT, experiments=12, seed=0)
-    first, later = (detectable_size(plant, e) for e in (0.0, 0.004))
-    assert 0 < later < first < 0.012
-    for factor, seen in ((0.7, False), (1.5, True)):
-        energies = []
-        for n in range(1, facts.TYPICAL + 1):
-            e = plant.experiment(n)
-            old, new = (facts.free_run(plant, e, with_e(plant, x)) for x in (0.0, first * factor))
-            energies.append(np.sum((new - old) ** 2) / plant.noise**2)
-        assert (np.median(energies) > energy_needed(len(e))) == seen
-
-
-def with_e(plant, e):
-    return [(effect, {**given, "e": e}) for effect, given in plant.acting(1)]
-
-
-def test_what_never_shows_has_no_detectable_size():
-    """Under a noise of 300 rad/s not even 12 mm show."""
-    assert detectable_size(Plant(SHORT, noise=300.0), 0.0) is None
 
 
 def test_examples_are_true():
