@@ -10,7 +10,13 @@ from rich.console import Console
 from rich.table import Table
 
 from ldt_core.cli.options import json_option, namespace_option, parameters
-from ldt_core.cli.recordings import progress, read_recordings
+from ldt_core.cli.recordings import (
+    force_option,
+    judged_option,
+    new_file_option,
+    progress,
+    read_recordings,
+)
 
 if TYPE_CHECKING:
     from ldt_core.calibration import Calibration
@@ -32,14 +38,9 @@ def _names(_context: click.Context, _option: click.Parameter, text: str | None) 
 @click.option(
     "--fixed", callback=_names, metavar="NAME,...", help="Parameters that keep the file's values."
 )
-@click.option("--out", required=True, help="Machine file to write.")
-@click.option("--force", is_flag=True, help="Overwrite the machine file if it exists.")
-@click.option(
-    "--holdout",
-    type=float,
-    metavar="FRACTION",
-    help="Share of the experiments to judge by, not to fit (a quarter when there are 4 or more).",
-)
+@new_file_option
+@force_option
+@judged_option
 @namespace_option
 @click.option(
     "--figure", metavar="FILE", help="Draw measured, before and after (.png, .svg, .pdf)."

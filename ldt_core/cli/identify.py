@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING
 import click
 
 from ldt_core.cli.options import json_option, namespace_option
-from ldt_core.cli.recordings import progress, read_recordings
+from ldt_core.cli.recordings import (
+    force_option,
+    judged_option,
+    new_file_option,
+    progress,
+    read_recordings,
+)
 
 if TYPE_CHECKING:
     from ldt_core.calibration.equivalent import Equivalent
@@ -28,8 +34,8 @@ def _range(
 
 @click.command("identify")
 @click.argument("recordings", nargs=-1, required=True)
-@click.option("--out", required=True, help="Machine file to write.")
-@click.option("--force", is_flag=True, help="Overwrite the machine file if it exists.")
+@new_file_option
+@force_option
 @click.option("--name", default="identified", show_default=True, help="Name of the machine.")
 @click.option(
     "--order",
@@ -49,12 +55,7 @@ def _range(
     metavar="LOWEST,HIGHEST",
     help="Voltage that the machine may get [V]; without it, the recorded range, a little widened.",
 )
-@click.option(
-    "--holdout",
-    type=float,
-    metavar="FRACTION",
-    help="Share of the experiments to judge by, not to fit (a quarter when there are 4 or more).",
-)
+@judged_option
 @namespace_option
 @json_option
 def command(

@@ -13,6 +13,17 @@ if TYPE_CHECKING:
     from ldt_core.experiment import Experiment
     from ldt_core.machine import Machine
 
+new_file_option = click.option("--out", required=True, help="Machine file to write.")
+force_option = click.option(
+    "--force", is_flag=True, help="Overwrite the machine file if it exists."
+)
+judged_option = click.option(
+    "--holdout",
+    type=float,
+    metavar="FRACTION",
+    help="Share of the experiments to judge by, not to fit (a quarter when there are 4 or more).",
+)
+
 
 def read_recordings(
     recordings: Sequence[str], namespace: str, machine: Machine | None = None
