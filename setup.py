@@ -118,7 +118,7 @@ def build() -> None:
             "ldt_core.report": ["templates/*"],
             "ldt_core.run_page": ["templates/*", "uplot/*"],
             "ldt_core.watch": ["templates/*"],
-            "msgs_config": ["*.yaml", "*.xml", "machines/*.yaml"],
+            "msgs_config": ["*.yaml", "*.xml", "machines/*.yaml", "layouts/*"],
         },
         data_files=[
             ("share/ament_index/resource_index/packages", ["resource/ldt"]),
@@ -157,7 +157,7 @@ def build() -> None:
                 *(
                     f"ldt_{role} = ldt_ros.process:{role}"
                     for role in (
-                        *("plant", "player", "twin", "detector"),
+                        *("plant", "player", "segmenter", "twin", "detector"),
                         *("adaptor", "diagnoser", "recorder"),
                     )
                 ),

@@ -17,6 +17,8 @@ from ldt_core.recording.writer import BagWriter
 from ldt_core.twin import Twin
 
 RECORDINGS = Path("ldt_recordings")
+#: Nodes from which experiments can come.
+SOURCES = ("plant", "player", "segmenter")
 
 
 def new_recording(machine: str) -> Path:
@@ -37,8 +39,14 @@ def roles(settings: Mapping[str, Any]) -> list[str]:
     """
     in_adaptor = settings["model"] == "diagnosed" and settings["cause"] == "auto"
     beside = ["diagnoser"] if settings["diagnose"] and not in_adaptor else []
-    source = "player" if settings["play"] else "plant"
-    return ["recorder", *beside, "adaptor", "detector", "twin", source]
+    return ["recorder", *beside, "adaptor", "detector", "twin", source_of(settings)]
+
+
+def source_of(settings: Mapping[str, Any]) -> str:
+    """The node from which a machine's experiments come."""
+    if settings["source"]:
+        return "segmenter"
+    return "player" if settings["play"] else "plant"
 
 
 @dataclass(frozen=True)

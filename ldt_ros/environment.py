@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ldt_core.errors import BadInput
 
-MODULES = ("rclpy", "std_msgs", "diagnostic_msgs")
+MODULES = ("rclpy", "std_msgs", "diagnostic_msgs", "sensor_msgs")
 DOMAINS = range(233)  # Fast DDS computes port numbers from it, and ends the process above 232
 
 

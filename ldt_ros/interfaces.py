@@ -15,6 +15,7 @@ from rcl_interfaces.msg import (
 )
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
 import msgs_config
@@ -24,6 +25,7 @@ MESSAGES = {
     "std_msgs/msg/Float64MultiArray": Float64MultiArray,
     "std_msgs/msg/String": String,
     "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
+    "sensor_msgs/msg/JointState": JointState,
 }
 #: Messages that wait for those who only listen: nobody waits for them, so they may lag behind.
 LISTENER_DEPTH = 1000

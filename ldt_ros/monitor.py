@@ -17,11 +17,11 @@ from rclpy.node import Node
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Adaptation, Signal
 from ldt_core.recording.node_status import HEALTH_TOPIC, NodeStatus, node_statuses
+from ldt_core.session import SOURCES
 from ldt_ros.convert import from_message
 from ldt_ros.interfaces import LISTENER_DEPTH, message_type, qos
 from ldt_ros.node import REFUSED
 
-SOURCES = ("plant", "player")
 CAPACITY = 200  # signals that wait for their adaptation; what is older has lost it
 
 
@@ -56,7 +56,7 @@ class Monitor(Node):
 
     @property
     def source_finished(self) -> bool:
-        """Whether the plant or player has nothing more to send."""
+        """Whether the source of the experiments has nothing more to send."""
         return any(self._told(role, "finished") == "true" for role in SOURCES)
 
     @property

@@ -1,8 +1,8 @@
 """A process that hosts one or several nodes of the graph.
 
 `python -m ldt_ros.process --node twin --node detector --ros-args -p model:=linear -r __ns:=/press`,
-or one of the executables `ldt_plant`, `ldt_player`, `ldt_twin`, `ldt_detector`, `ldt_adaptor`,
-`ldt_diagnoser`, `ldt_recorder` for a single node.
+or one of the executables `ldt_plant`, `ldt_player`, `ldt_segmenter`, `ldt_twin`, `ldt_detector`,
+`ldt_adaptor`, `ldt_diagnoser`, `ldt_recorder` for a single node.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from ldt_ros.environment import one_line, prepare, require_ros
 ROLES = {
     "plant": "ldt_ros.plant_node:PlantNode",
     "player": "ldt_ros.player_node:PlayerNode",
+    "segmenter": "ldt_ros.segmenter_node:SegmenterNode",
     "twin": "ldt_ros.twin_node:PredictorNode",
     "detector": "ldt_ros.detector_node:DetectorNode",
     "adaptor": "ldt_ros.adaptor_node:AdaptorNode",
@@ -155,7 +156,7 @@ def _single(role: str) -> Callable[[], None]:
 
 plant, player, twin = _single("plant"), _single("player"), _single("twin")
 detector, adaptor, recorder = _single("detector"), _single("adaptor"), _single("recorder")
-diagnoser = _single("diagnoser")
+diagnoser, segmenter = _single("diagnoser"), _single("segmenter")
 
 if __name__ == "__main__":
     _leave(main())

@@ -11,22 +11,27 @@ from diagnostic_msgs.msg import DiagnosticArray
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
 from ldt_core.pace import parse_rate
-from ldt_core.recording.node_status import HEALTH_TOPIC, node_statuses
+from ldt_core.recording.node_status import NodeStatus
 from ldt_ros.convert import from_message, to_message
-from ldt_ros.interfaces import qos
-from ldt_ros.node import LINGER, REFUSED, TwinNode
+from ldt_ros.gated_node import GatedNode
+from ldt_ros.node import LINGER, REFUSED
+from ldt_ros.samples import SampleStream
 
 PATIENCE = 3.0  # s that a stop waits for the experiment under way
 TICK = 0.005  # s, resolution of paced publishing
 
 
-class SourceNode(TwinNode):
+class SourceNode(GatedNode):
     """Publishes `experiment`, once all nodes of the graph have found each other.
 
     As fast as it goes, experiment i + 1 follows the `adaptation` of experiment i, so that no queue
     can overflow; if none comes within `adaptation_timeout`, it follows all the same and says so,
     and at once if the twin says that it refused experiment i. At a rate, an experiment is published
     when a machine would have finished it, whatever the twin does.
+
+    With `stream` its samples are published too, before it, each at its time if there is a rate.
+    With `stream: only` there are no experiments, and nobody is waited for: that is a machine to
+    which the segmenter listens.
 
     | received | what happens |
     |---|---|
@@ -37,17 +42,20 @@ class SourceNode(TwinNode):
     """
 
     def __init__(self, role: str, *groups: str, **node_arguments: Any) -> None:
-        super().__init__(role, *groups, "pace", "twin", **node_arguments)
+        super().__init__(role, *groups, "pace", "twin", "stream", **node_arguments)
         self.rate = 1.0 if self.settings["real_time"] else parse_rate(self.settings["rate"])
-        self._publisher = self.publishes("experiment")
-        self.listens("adaptation", self._on_adaptation)
-        self._ready_peers: set[str] = set()
-        self.create_subscription(DiagnosticArray, HEALTH_TOPIC, self._on_health, qos(HEALTH_TOPIC))
+        stream = self.settings["stream"]
+        self._samples = SampleStream(self.publishes, self.machine.name) if stream else None
+        self._publisher = None
+        if stream != "only":
+            self._publisher = self.publishes("experiment")
+            self.listens("adaptation", self._on_adaptation)
         self._next: Experiment | None = None
         self._message: Any = None
         self._sent: Experiment | None = None
         self._count = 0
         self._under_way = False
+        self._asked = False  # for the next experiment, where there is no rate
         self._began: tuple[float, float] | None = None
         self._waiting_since = 0.0
         self._ticker = self.create_timer(TICK, self._tick, clock=self.steady)
@@ -55,12 +63,6 @@ class SourceNode(TwinNode):
     @abc.abstractmethod
     def fetch(self) -> Experiment | None:
         """The next experiment; None when there are no more."""
-
-    @property
-    def started(self) -> bool:
-        """Whether the first experiment may be sent."""
-        others = {r for r in self.settings["graph"] if r != self.role}
-        return self.ready and others <= self._ready_peers
 
     def health(self) -> dict[str, Any]:
         """Number of the last experiment sent, and how many were."""
@@ -79,13 +81,11 @@ class SourceNode(TwinNode):
         """Whether all have had time to take the last experiment, which leaves with its sender."""
         return not self._under_way and time.monotonic() - self._waiting_since > LINGER
 
-    def _on_health(self, message: DiagnosticArray) -> None:
-        for told in node_statuses(message, self.get_namespace()):
-            if told.values.get("ready") == "true":
-                self._ready_peers.add(told.role)
-            sent = self._sent
-            if told.role == "twin" and sent and told.values.get(REFUSED) == str(sent.number):
-                self._go_on()
+    def hear(self, told: NodeStatus) -> None:
+        """Go on at once where the twin says that it refused the experiment sent last."""
+        sent = self._sent
+        if told.role == "twin" and sent and told.values.get(REFUSED) == str(sent.number):
+            self._go_on()
 
     def _on_adaptation(self, message: DiagnosticArray) -> None:
         adaptation = from_message("adaptation", message)
@@ -100,25 +100,49 @@ class SourceNode(TwinNode):
         if self._next is None:
             self.finished = True
         elif self.rate is None:
-            self._send()
+            self._asked = True
+            self._send_when_streamed()
 
     def _tick(self) -> None:
         if self.finished:
             self._ticker.cancel()
         elif self._began is None:
-            if self.started:
-                self._fetch()
-                if self._next is None:
-                    self.finished = True
-                else:
-                    self._began = (time.monotonic(), self._next.start)
-                    if self.rate is None:
-                        self._send()
-        elif self._next is None or self.rate is None:
-            if time.monotonic() - self._waiting_since > self.settings["adaptation_timeout"]:
-                self._give_up_waiting()
-        elif time.monotonic() >= self._due(self._next):
+            self._begin_if_all_are_there()
+        else:
+            if self._samples is not None:
+                self._samples.advance(self._machine_time)
+            if self._asked:
+                self._send_when_streamed()
+            elif self._next is None or self.rate is None:
+                if time.monotonic() - self._waiting_since > self.settings["adaptation_timeout"]:
+                    self._give_up_waiting()
+            elif time.monotonic() >= self._due(self._next):
+                self._send_when_streamed()
+
+    def _begin_if_all_are_there(self) -> None:
+        if not self.started:
+            return
+        self._fetch()
+        if self._next is None:
+            self.finished = True
+        else:
+            self._began = (time.monotonic(), self._next.start)
+            self._asked = self.rate is None
+            self._send_when_streamed()
+
+    def _send_when_streamed(self) -> None:
+        if self.rate is not None and self._next and time.monotonic() < self._due(self._next):
+            return
+        if self._samples is None or self._samples.done:
             self._send()
+
+    @property
+    def _machine_time(self) -> float | None:
+        """Time of the machine at its rate [s since the epoch]; None where there is no rate."""
+        if self.rate is None or self._began is None:
+            return None
+        wall, start = self._began
+        return start + (time.monotonic() - wall) * self.rate
 
     def _due(self, experiment: Experiment) -> float:
         assert self._began is not None
@@ -137,13 +161,16 @@ class SourceNode(TwinNode):
             self._send()
 
     def _send(self) -> None:
-        self._publisher.publish(self._message)
         self._sent = self._next
         self._count += 1
-        self._under_way = True
         self._waiting_since = time.monotonic()
+        if self._publisher is not None:
+            self._publisher.publish(self._message)
+            self._under_way, self._asked = True, False
         # While the twin works on this one, the next is made.
         self._fetch()
+        if self._publisher is None and self._next is None:
+            self.finished = True
 
     def _fetch(self) -> None:
         self._next = self._message = None
@@ -151,5 +178,7 @@ class SourceNode(TwinNode):
             self._next = self.fetch()
             if self._next is not None:
                 self._message = to_message(self._next)
+            if self._samples is not None:
+                self._samples.load(self._next)
         except LdtError as error:  # no fault of the message that it follows
             self.failure = error

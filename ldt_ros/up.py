@@ -32,7 +32,8 @@ from ldt_core.metrics import Summary
 from ldt_core.models import MODELS
 from ldt_core.pace import parse_rate
 from ldt_core.recording.bag import read_bag
-from ldt_core.session import Member, fleet, recorded_summary, roles
+from ldt_core.recording.node_status import LEFT_OUT
+from ldt_core.session import SOURCES, Member, fleet, recorded_summary, roles, source_of
 from ldt_core.settings import resolve
 from ldt_ros.environment import one_line, prepare, require_ros
 from ldt_ros.leftovers import SharedMemory
@@ -48,7 +49,7 @@ STARTUP = 60.0  # s until all nodes must have found each other
 """Groups of parameters that `ldt up` offers and hands on to the nodes."""
 GROUPS = (
     *("machine", "plant", "run", "model", "detector", "adaptor", "diagnosis"),
-    *("player", "pace", "twin"),
+    *("player", "pace", "twin", "stream", "segmenter", "cut"),
 )
 
 
@@ -92,7 +93,14 @@ class Run:
     @property
     def source(self) -> str:
         """The role that sends the experiments."""
-        return "player" if self.settings["play"] else "plant"
+        return source_of(self.settings)
+
+    @property
+    def own_topics(self) -> list[str]:
+        """That nobody else may publish: all, but samples only where the graph has them."""
+        declared = msgs_config.topics().items()
+        wanted = (t for t, d in declared if d["recorded"] or self.settings["stream"])
+        return [topic for topic in wanted if not topic.startswith("/")]
 
     @property
     def roles(self) -> list[str]:
@@ -152,6 +160,11 @@ def _plan(settings: dict[str, Any]) -> list[Run]:
     DETECTORS.require(settings["detector"])
     if settings["play"]:
         read_bag(settings["play"], settings["play_namespace"])
+    if settings["source"] and (settings["play"] or settings["stream"]):
+        raise BadInput("source", "no play and no stream beside it", settings["source"])
+    if settings["stream"] == "only":
+        alone = "'beside' in a graph; `ldt_plant --ros-args -p stream:=only` is a machine alone"
+        raise BadInput("stream", alone, "only")
     if not NAMESPACE.fullmatch(settings["namespace"]):
         words = "words of letters, digits and underscores, joined by slashes"
         raise BadInput("namespace", words, repr(settings["namespace"]))
@@ -216,7 +229,7 @@ class Graph:
             if time.monotonic() - began > STARTUP and not all(m.health for m in self.monitors):
                 raise LdtError(f"the nodes did not start within {STARTUP:g} s")
         if stopped():
-            sources = [c for c in self.supervisor.children if c.name in ("plant", "player")]
+            sources = [c for c in self.supervisor.children if c.name in SOURCES]
             # A machine of a fleet is one process, which ends as a whole.
             self.supervisor.stop(*(sources or self._recorders))
         deadline = time.monotonic() + SETTLE
@@ -246,7 +259,7 @@ class Graph:
 
     def _finished(self) -> bool:
         """Whether every source has nothing more to send, by its own word or by having ended."""
-        ended = [c for c in self.supervisor.dead() if c.name in ("plant", "player")]
+        ended = [c for c in self.supervisor.dead() if c.name in SOURCES]
         return len(ended) == len(self.runs) or all(m.source_finished for m in self.monitors)
 
     def _recipient(self, run: Run) -> Callable[[Signal, Adaptation], None]:
@@ -256,9 +269,9 @@ class Graph:
         end = time.monotonic() + LISTEN
         while time.monotonic() < end:
             self.executor.spin_once(timeout_sec=SPIN)
-        for monitor in self.monitors:
-            for topic in msgs_config.topics():
-                if not topic.startswith("/") and monitor.count_publishers(topic):
+        for run, monitor in zip(self.runs, self.monitors, strict=True):
+            for topic in run.own_topics:
+                if monitor.count_publishers(topic):
                     where = monitor.resolve_topic_name(topic)
                     raise BadInput(
                         where,
@@ -285,7 +298,7 @@ class Graph:
     def _notice_deaths(self) -> None:
         for child in self.supervisor.dead():
             code = child.process.returncode
-            if code == 0 and child.name in ("plant", "player"):
+            if code == 0 and child.name in SOURCES:
                 continue  # a source ends by itself after its last experiment
             words = child.last_words()
             if code == BadInput.exit_code:
@@ -300,10 +313,10 @@ class Graph:
         first = [m.first_step_at for m in self.monitors if m.first_step_at is not None]
         if first and time.monotonic() - min(first) > RIVALS:
             return
-        for monitor in self.monitors:
-            for topic in msgs_config.topics():
+        for run, monitor in zip(self.runs, self.monitors, strict=True):
+            for topic in run.own_topics:
                 count = monitor.count_publishers(topic)
-                if not topic.startswith("/") and count > 1:
+                if count > 1:
                     raise BadInput(
                         monitor.resolve_topic_name(topic),
                         "one publisher (use another ROS_DOMAIN_ID or --namespace)",
@@ -318,7 +331,7 @@ class Graph:
                 for key, count in told.values.items():
                     if key == "no diagnosis":
                         summary.note(f"{key}: {count}")
-                    elif key in COUNTS and count != "0":
+                    elif (key in COUNTS or key.startswith(LEFT_OUT)) and count != "0":
                         summary.note(f"{role}, {key}: {count}")
                 for kind, times in told.rejected.items():
                     summary.note(f"{role} rejected {kind}: {times} ({told.last_rejection})")
@@ -344,8 +357,9 @@ class _Refused(LdtError):
 def command(settings: dict[str, Any], as_json: bool) -> None:
     """Run the whole node graph: machine, twin, detector, adaptor, recorder, diagnoser if asked for.
 
-    It simulates the machine as it degrades (or plays a recording), learns, records, ends by itself
-    after the last experiment or on Ctrl-C, and prints what happened.
+    It simulates the machine as it degrades (or plays a recording, or listens to a machine's samples
+    with --source stream), learns, records, ends by itself after the last experiment or on Ctrl-C,
+    and prints what happened.
 
     Example: ldt up --experiments 40 --seed 3 --bag my_run
     """

@@ -75,7 +75,7 @@ def read_fields(
         stamps[raw.topic].append(0.0 if stamp is None else seconds(stamp))
         for name, source in sources.items():
             if source.topic == raw.topic:
-                values[name].append(_value(where, message, source))
+                values[name].append(number_in(where, message, source.steps))
     series, clocks = {}, {}
     for name, source in sources.items():
         if not values[name]:
@@ -97,9 +97,14 @@ def seconds(stamp: Any) -> float:
     return stamp.sec + stamp.nanosec * 1e-9
 
 
-def _value(where: str, message: Any, source: Source) -> float:
+def number_in(where: str, message: Any, steps: tuple[str | int, ...]) -> float:
+    """The number at the end of a way of fields and indices through a message, of ROS's or ours.
+
+    Raises:
+        RecordingError: no such field or element, or no finite number.
+    """
     value, way = message, ""
-    for step in source.steps:
+    for step in steps:
         if isinstance(step, int):
             try:
                 value = value[step]
@@ -108,7 +113,7 @@ def _value(where: str, message: Any, source: Source) -> float:
                 raise RecordingError(f"{where}, {way}", f"an element [{step}]", size) from None
             way += f"[{step}]"
         else:
-            known = [n for n in getattr(value, "__dataclass_fields__", ()) if n[0] != "_"]
+            known = _fields(value)
             if step not in known:
                 got = repr(step) if known else f"{step!r} of {quoted(value)}"
                 raise RecordingError(f"{where}, {way or 'field'}", did_you_mean(step, known), got)
@@ -122,6 +127,13 @@ def _value(where: str, message: Any, source: Source) -> float:
     if not np.isfinite(value):
         raise RecordingError(f"{where}, {way}", "a finite number", value)
     return float(value)
+
+
+def _fields(message: Any) -> list[str]:
+    """Names of a message's fields; none for what is no message."""
+    if hasattr(message, "get_fields_and_field_types"):  # as rclpy has them
+        return list(message.get_fields_and_field_types())
+    return [n for n in getattr(message, "__dataclass_fields__", ()) if n[0] != "_"]
 
 
 def is_recording(path: str | Path) -> bool:

@@ -18,7 +18,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 COLCON = Path(sys.executable).with_name("colcon")
 SOURCES = ("ldt_core", "ldt_ros", "msgs_config", "resource")
 FILES = ("package.xml", "setup.py", "setup.cfg", "README.md")
-ROLES = ("plant", "player", "twin", "detector", "adaptor", "recorder")
+ROLES = ("plant", "player", "segmenter", "twin", "detector", "adaptor", "recorder")
 
 
 @pytest.fixture(scope="module")

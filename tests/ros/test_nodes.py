@@ -298,7 +298,7 @@ def test_the_launching_process_waits_for_all_that_was_sent_and_not_refused(monit
 
 
 @pytest.mark.parametrize("durability", [DurabilityPolicy.VOLATILE, None])
-def test_stock_tools_can_listen_to_every_topic(durability, stranger, tmp_path):
+def test_stock_tools_can_listen_to_every_topic(durability, stranger, tmp_path, short_rotor):
     """Best effort and volatile as `ros2 topic echo` may be, or as the topics are declared."""
     profile = None
     if durability is not None:
@@ -306,11 +306,12 @@ def test_stock_tools_can_listen_to_every_topic(durability, stranger, tmp_path):
             depth=50, reliability=ReliabilityPolicy.BEST_EFFORT, durability=durability
         )
     graph = ["plant", "twin", "detector", "adaptor", "recorder"]
-    shared = {"graph": graph}
+    shared = {"graph": graph, "machine": short_rotor}
     stranger.start(RecorderNode, bag=str(tmp_path / "bag"), **shared)
     stranger.start(DetectorNode, **shared)
     stranger.start(PredictorNode, **PHYSICS, **shared)
-    stranger.start(PlantNode, experiments=3, seed=1, **shared)
+    streaming = {"stream": "beside", "measure_current": True}
+    stranger.start(PlantNode, experiments=3, seed=1, **streaming, **shared)
     # The adaptor comes last: the first model is sent when it does.
     from ldt_ros.interfaces import message_type
 
@@ -323,7 +324,10 @@ def test_stock_tools_can_listen_to_every_topic(durability, stranger, tmp_path):
         )
     stranger.start(AdaptorNode, **PHYSICS, **shared)
     stranger.until(lambda: len(stranger.heard["adaptation"]) == 3)
-    for topic in set(TOPICS) - {"model", "adaptation", "diagnosis"}:
+    samples = {"joint_states", "voltage", "current"}
+    for topic in samples:  # a listener without reliability loses many
+        stranger.until(lambda t=topic: stranger.heard[t], f"samples on {topic}")
+    for topic in set(TOPICS) - {"model", "adaptation", "diagnosis"} - samples:
         stranger.until(lambda t=topic: len(stranger.heard[t]) == 3, f"3 messages on {topic}")
     assert stranger.heard["/diagnostics"]
     if durability is None:
