@@ -122,7 +122,7 @@ def run(
             on_step(step)
         summary.note(*_troubles(twin.trouble))
         return summary
-    with BagWriter(bag, namespace=namespace, machine=machine.name) as writer:
+    with BagWriter(bag, machine.name, namespace, settings=settings) as writer:
         for index, step in enumerate(twin.steps(experiments, rejected)):
             if index == 0:
                 writer.write("model", untrained, step.experiment.start)

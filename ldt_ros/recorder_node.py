@@ -9,6 +9,7 @@ from typing import Any
 import msgs_config
 from ldt_core.errors import LdtError
 from ldt_core.recording.node_status import HEALTH_TOPIC
+from ldt_core.recording.run_settings import parse_settings
 from ldt_core.recording.writer import BagWriter
 from ldt_core.session import new_recording
 from ldt_ros.interfaces import LISTENER_DEPTH
@@ -28,7 +29,7 @@ class RecorderNode(TwinNode):
     """
 
     def __init__(self, **node_arguments: Any) -> None:
-        super().__init__("recorder", "machine", "recorder", **node_arguments)
+        super().__init__("recorder", "machine", "recorder", "record", **node_arguments)
         machine = self.machine.name
         bag = self.settings["bag"] or new_recording(machine)
         recorded = {
@@ -37,7 +38,9 @@ class RecorderNode(TwinNode):
             if declaration["recorded"]
         }
         names = tuple(name for name, _ in recorded.values())
-        self._writer = BagWriter(bag, machine=machine, topics=names)
+        told = self.settings["run_settings"]
+        settings = parse_settings("run_settings", told) if told else None
+        self._writer = BagWriter(bag, machine=machine, topics=names, settings=settings)
         self._last = 0.0
         for topic, (name, kind) in recorded.items():
             self.listens(topic, partial(self._write, name, kind), raw=True, depth=LISTENER_DEPTH)

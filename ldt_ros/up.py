@@ -21,7 +21,7 @@ import click
 import yaml
 
 import msgs_config
-from ldt_core.cli import invoke as run_command
+from ldt_core.cli import invoke
 from ldt_core.cli.display import RunProgress, print_summaries
 from ldt_core.cli.options import json_option, parameters
 from ldt_core.detectors import DETECTORS
@@ -33,6 +33,7 @@ from ldt_core.models import MODELS
 from ldt_core.pace import parse_rate
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.node_status import LEFT_OUT
+from ldt_core.recording.run_settings import settings_text
 from ldt_core.session import SOURCES, Member, fleet, recorded_summary, roles, source_of
 from ldt_core.settings import resolve
 from ldt_ros.environment import one_line, prepare, require_ros
@@ -172,6 +173,7 @@ def _plan(settings: dict[str, Any]) -> list[Run]:
     for member in fleet(machine, settings):
         run = Run(machine, member, Summary())
         member.settings["graph"] = run.roles
+        member.settings["run_settings"] = settings_text(member.settings)
         runs.append(run)
     return runs
 
@@ -386,4 +388,4 @@ def command(settings: dict[str, Any], as_json: bool) -> None:
 if __name__ == "__main__":
     import sys
 
-    sys.exit(run_command(command))
+    sys.exit(invoke(command))

@@ -40,7 +40,7 @@ def command(
     with RunProgress({machine.name: None}) as progress:
         summary = session.run(
             machine,
-            settings,
+            {**settings, "play": recording, "play_namespace": namespace},
             experiments,
             out,
             partial(progress.show_step, machine.name),

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 from ldt_core.doctor.check import Finding, ok, problem, warning
 from ldt_core.recording.health import ANSWERS, Health
+from ldt_core.settings import as_options
 from ldt_core.words import numbered, spans
 
 LISTED = 5  # stretches of numbers, or pauses, that a line shows
@@ -23,7 +24,7 @@ def findings(health: Health) -> list[Finding]:
         *_pauses(health),
         *_answers(health),
         *_rejected(health),
-        _settings(health),
+        *_settings(health),
     ]
 
 
@@ -114,13 +115,19 @@ def _rejected(health: Health) -> list[Finding]:
     return [warning("rejected", f"{', '.join(counts)} ({why})", remedy)]
 
 
-def _settings(health: Health) -> Finding:
+def _settings(health: Health) -> list[Finding]:
     parts = [f"machine {health.machine}" if health.machine else "machine not recorded"]
     for kind, versions in sorted(health.models.items()):
         parts.append(f"model {kind} ({len(versions)} version(s))")
     if health.detectors:
         parts.append(f"detector {', '.join(sorted(health.detectors))}")
-    return ok("settings", ", ".join(parts))
+    if health.settings:
+        parts.append(f"run with {as_options(health.settings) or 'all defaults'}")
+    found = [ok("settings", ", ".join(parts))]
+    if health.settings_trouble:
+        remedy = "the rest of the recording is not concerned; read it by the LDT that made it"
+        found.append(warning("settings", health.settings_trouble, remedy))
+    return found
 
 
 def _listed(numbers: Iterable[int]) -> str:

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgs_config
-from ldt_core.errors import RecordingError
+from ldt_core.errors import ExperimentError, RecordingError
 from ldt_core.experiment import Experiment
 from ldt_core.recording.codec import DECODERS, Record, decode
 from ldt_core.recording.messages import deserialize
+from ldt_core.recording.run_settings import KEY, Setting, parse_settings
 from ldt_core.recording.storage import Raw, Storage
 from ldt_core.words import gaps, numbered, spans
+
+if TYPE_CHECKING:
+    from ldt_core.machine import Machine
 
 LISTED = 5  # stretches of numbers that a note names one by one
 
@@ -46,6 +50,16 @@ class Bag:
     def machine(self) -> str:
         """Its name, "" when the recording does not say."""
         return str(self._custom.get("machine") or "")
+
+    def settings(self) -> dict[str, Setting]:
+        """Parameters of the run by name, none when the recording does not say.
+
+        Raises:
+            RecordingError: what stands there are no settings, or those of another version.
+        """
+        if KEY not in self._custom:
+            return {}
+        return parse_settings(f"{self.path}, settings", self._custom[KEY])
 
     @property
     def _custom(self) -> dict[Any, Any]:
@@ -99,12 +113,16 @@ class Bag:
             message = deserialize(raw.data, kind, where)
             yield decode(name, message, where) if name in DECODERS else message
 
-    def experiments(self) -> Iterator[Experiment]:
+    def experiments(self, machine: Machine | None = None) -> Iterator[Experiment]:
         """Experiments in recorded order; notes repeated and missing numbers.
+
+        Args:
+            machine: whose limits they must keep; None when it is not known.
 
         Raises:
             RecordingError: the recording has no experiments.
-            ExperimentError: a message that is no experiment.
+            ExperimentError: a message that is no experiment, or one that the machine cannot have
+                made; says which one.
         """
         seen: set[int] = set()
         repeated: list[int] = []
@@ -113,6 +131,8 @@ class Bag:
             if experiment.number in seen:
                 repeated.append(experiment.number)
             seen.add(experiment.number)
+            if machine is not None:
+                self._check(machine, experiment)
             yield experiment
         if not seen:
             got = f"none ({self.damage})" if self.damage else "none"
@@ -123,6 +143,13 @@ class Bag:
         if missing := gaps(seen):
             told = numbered("experiment", missing, LISTED)
             self.storage.note(f"{self.path}: missing: {told}")
+
+    def _check(self, machine: Machine, experiment: Experiment) -> None:
+        try:
+            machine.check(experiment)
+        except ExperimentError as error:
+            where = f"{self.path}, {error.where}"
+            raise ExperimentError(where, error.expected, error.got) from None
 
     def _required(self, name: str) -> str:
         topic = self.topic(name)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ldt_core.errors import LdtError
+from ldt_core.errors import LdtError, RecordingError
 from ldt_core.experiment import Adaptation, Experiment, ModelRecord, Prediction, Signal
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.codec import DECODERS, decode
 from ldt_core.recording.messages import deserialize
 from ldt_core.recording.node_status import HEALTH_TOPIC, NodeStatus, node_statuses
+from ldt_core.recording.run_settings import Setting
 from ldt_core.recording.storage import Raw
 from ldt_core.words import Span, gaps
 
@@ -38,6 +40,8 @@ class Health:
         unreadable: absolute topic → (messages that are no such record, why the first is not).
         answered: topic of an answer → numbers of the experiments that got it.
         nodes: name of a node of this machine → what it told of itself last.
+        settings: parameters of the run; none when the recording does not say.
+        settings_trouble: why they cannot be read, in a sentence; "" when they can.
         models: kind → versions.
         detectors: names, of all signals.
         span: first and last time of a message [s since the epoch], None without messages.
@@ -56,6 +60,8 @@ class Health:
     unreadable: dict[str, tuple[int, str]] = field(default_factory=dict)
     answered: dict[str, set[int]] = field(default_factory=dict)
     nodes: dict[str, NodeStatus] = field(default_factory=dict)
+    settings: Mapping[str, Setting] = field(default_factory=dict)
+    settings_trouble: str = ""
     models: dict[str, set[int]] = field(default_factory=dict)
     detectors: set[str] = field(default_factory=set)
     span: tuple[float, float] | None = None
@@ -83,6 +89,10 @@ def inspect(bag: Bag) -> Health:
     """
     metadata = bag.storage.metadata
     health = Health(bag.path, bag.machine)
+    try:
+        health.settings = bag.settings()
+    except RecordingError as error:
+        health.settings_trouble = str(error)
     health.files = {f.name: f.stat().st_size for f in bag.storage.files}
     total = metadata.get("message_count")
     health.declared = total if isinstance(total, int) else None

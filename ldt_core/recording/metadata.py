@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import textwrap
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,14 +34,16 @@ class Span:
         self.last = max(self.last, time_ns)
 
 
-def information(channels: Collection[Channel], span: Span, file: str, machine: str) -> str:
+def information(
+    channels: Collection[Channel], span: Span, file: str, custom: Mapping[str, str]
+) -> str:
     """The bag information as YAML.
 
     Args:
         channels: all topics.
         span: of all messages.
         file: name of the MCAP file.
-        machine: its name, kept as custom data; "" for none.
+        custom: further texts by name; those that are empty are left out.
     """
     total = sum(c.count for c in channels)
     counted: dict[str, Any] = {
@@ -72,7 +74,7 @@ def information(channels: Collection[Channel], span: Span, file: str, machine: s
             "compression_mode": "",
             "relative_file_paths": [file],
             "files": [{"path": file, **counted}],
-            "custom_data": {"machine": machine} if machine else None,
+            "custom_data": {name: text for name, text in custom.items() if text} or None,
             "ros_distro": "jazzy",
         }
     )

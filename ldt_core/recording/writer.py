@@ -10,12 +10,14 @@ from __future__ import annotations
 import contextlib
 import errno
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
 
 import msgs_config
 from ldt_core.errors import LdtError, RecordingError, did_you_mean
+from ldt_core.recording import run_settings
 from ldt_core.recording.codec import Record, encode_cdr
 from ldt_core.recording.messages import (
     declaration,
@@ -38,6 +40,7 @@ class BagWriter:
         machine: name of the machine, for the statuses and for the folder's metadata.
         namespace: put before relative topics ("machine_1").
         topics: topics to declare at once, so that a recording cut short names them.
+        settings: parameters of the run, by name, for the folder's metadata.
 
     Raises:
         RecordingError: the folder exists or cannot be made.
@@ -49,11 +52,16 @@ class BagWriter:
         machine: str = "",
         namespace: str = "",
         topics: tuple[str, ...] = (),
+        settings: Mapping[str, Any] | None = None,
     ) -> None:
         from mcap.writer import CompressionType, IndexType, Writer
 
         self.path = Path(path)
         self.machine = machine
+        self._custom = {
+            "machine": machine,
+            run_settings.KEY: run_settings.settings_text(settings) if settings else "",
+        }
         self.prefix = f"/{namespace.strip('/')}" if namespace.strip("/") else ""
         self._file_name = f"{self.path.resolve().name}_0.mcap"
         self._channels: dict[str, Channel] = {}
@@ -254,4 +262,4 @@ class BagWriter:
         )
 
     def _information(self) -> str:
-        return information(self._channels.values(), self._span, self._file_name, self.machine)
+        return information(self._channels.values(), self._span, self._file_name, self._custom)

@@ -46,4 +46,6 @@ def section(run: Run) -> Section:
 def _bare(sentence: str, run: Run) -> str:
     """Without where the recording lay, no business of those to whom the page is sent."""
     path = str(run.health.path)
-    return sentence.replace(f"{path}: ", "").replace(f"{path}/", "")
+    for behind in (": ", ", ", "/"):
+        sentence = sentence.replace(f"{path}{behind}", "")
+    return sentence

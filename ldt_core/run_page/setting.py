@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import UTC, datetime
+from pathlib import PurePath
 
-from ldt_core.report.blocks import Block, Pairs
+import msgs_config
+from ldt_core.recording.run_settings import Setting
+from ldt_core.report.blocks import Block, Folded, Pairs, Table, Text
 from ldt_core.report.number import number
 from ldt_core.run_page.run import Run
 from ldt_core.run_page.statistic import Statistic
+from ldt_core.settings import UNSET, as_options
+from ldt_core.words import spoken
+
+NOTHING = "-"
+#: Settings that name files of the machine on which the run was.
+PATHS = ("machine", "model", "detector", "cause", "effect", "play")
 
 
 def blocks(run: Run, compared: Statistic) -> list[Block]:
@@ -35,13 +45,54 @@ def blocks(run: Run, compared: Statistic) -> list[Block]:
             pairs.append((words, f"{_span(values)} {compared.unit}".strip()))
     own = {n: v for n, v in signal.statistics.items() if n not in limits}
     if own:
-        text = ", ".join(f"{name.replace('_', ' ')} {number(v)}" for name, v in own.items())
+        text = ", ".join(f"{spoken(name)} {number(v)}" for name, v in own.items())
         pairs.append(("last statistics", text))
     parameters = run.models[0].parameters.get("machine") if run.models else None
     if isinstance(parameters, dict):
         told = ", ".join(f"{name}\u00a0=\u00a0{_value(v)}" for name, v in parameters.items())
         pairs.insert(1, ("as its file has it", f"{told} (SI units)"))
-    return [Pairs(pairs)]
+    kept = {name: _bare(name, value) for name, value in run.health.settings.items()}
+    if not kept:
+        return [Pairs(pairs), Text("The recording holds no settings of the run.", "missing")]
+    pairs.append(("run with", as_options(kept) or "the defaults alone"))
+    return [Pairs(pairs), Folded("All settings of the run", _table(kept))]
+
+
+def _table(settings: Mapping[str, Setting]) -> Table:
+    declared = msgs_config.parameters()
+    rows = []
+    for name, value in settings.items():
+        words = _words(value)
+        if words != NOTHING:
+            words = f"{words} {declared.get(name, {}).get('unit', '')}".rstrip()
+        rows.append((spoken(name), words, _default(name, value)))
+    head = ("setting", "value", "default")
+    return Table("What the run was started with", head, rows)
+
+
+def _default(name: str, value: Setting) -> str:
+    """What would hold today if it were not given."""
+    declared = msgs_config.parameters().get(name)
+    if declared is None:
+        return "unknown to this version"
+    return "the same" if value == declared["default"] else _words(declared["default"])
+
+
+def _words(value: Setting) -> str:
+    if value in UNSET:
+        return NOTHING
+    if isinstance(value, list):
+        return ", ".join(value)
+    return str(value).lower() if isinstance(value, bool) else _value(value)
+
+
+def _bare(name: str, value: Setting) -> Setting:
+    """Without where files lie, no business of those to whom the page is sent."""
+    if name not in PATHS:
+        return value
+    if isinstance(value, list):
+        return [PurePath(v).name for v in value]
+    return PurePath(str(value)).name
 
 
 def _value(value: object) -> str:

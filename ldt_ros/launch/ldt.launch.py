@@ -14,9 +14,10 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 import msgs_config
+from ldt_core.recording.run_settings import settings_text
 from ldt_core.session import new_recording, roles
 
-_FOR_UP_ALONE = ("graph", "machines")
+_FOR_UP_ALONE = ("graph", "machines", "run_settings")
 
 
 def _parameters():
@@ -44,6 +45,7 @@ def _nodes(context):
     values["bag"] = values["bag"] or str(new_recording(values["machine"]))
     # An empty list has no type in a parameter file; the declared default is empty as well.
     given = {name: value for name, value in values.items() if value not in ([], None)}
+    given["run_settings"] = settings_text(given)
     return [
         Node(
             package="ldt",

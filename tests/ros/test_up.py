@@ -192,6 +192,8 @@ def test_three_machines_run_side_by_side(domain, tmp_path):
         bag = read_bag(tmp_path / run["recording"])
         assert bag.namespace == f"/{run['machine']}"
         assert len(list(bag.records("adaptation"))) == 4
+    seeds = [read_bag(tmp_path / r["recording"]).settings()["seed"] for r in runs]
+    assert seeds == [1, 2, 3]
     assert graph_processes(domain) == []
 
 

@@ -1,0 +1,80 @@
+"""The settings of a run, kept in its recording's metadata as one flat JSON text.
+
+They come back as what a command, or a parameter file, would be given. Nothing is evaluated, and
+what is no such text is refused as a whole.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from ldt_core.errors import RecordingError
+from ldt_core.recording.messages import quoted
+
+KEY = "settings"  # of a recording's custom data
+FORMAT = "ldt-settings-1"
+#: What says where and how the run was recorded, and nothing of what it did.
+LEFT_OUT = ("bag", "graph", "run_settings")
+LONGEST = 100_000  # characters of the text; all parameters take about 2000
+LARGEST = 2**63  # of a whole number, as ROS counts
+NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
+
+Setting = bool | int | float | str | list[str]
+
+
+def settings_text(settings: Mapping[str, Any]) -> str:
+    """The text of a run's parameters, by name.
+
+    >>> settings_text({"model": "linear", "seed": 3, "bag": "my_run"})
+    '{"format": "ldt-settings-1", "model": "linear", "seed": 3}'
+    """
+    kept = {name: value for name, value in settings.items() if name not in LEFT_OUT}
+    return json.dumps({"format": FORMAT, **kept}, allow_nan=False)
+
+
+def parse_settings(where: str, text: Any) -> dict[str, Setting]:
+    """The parameters in a text, by name.
+
+    Args:
+        where: what to call it in a sentence.
+        text: whatever stands there.
+
+    Raises:
+        RecordingError: it is no such text, or one of another version.
+    """
+    if not isinstance(text, str) or len(text) > LONGEST:
+        raise RecordingError(where, f"a text of at most {LONGEST} characters", quoted(text))
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        raise RecordingError(where, "settings in JSON", quoted(text)) from None
+    if not isinstance(found, dict) or "format" not in found:
+        raise RecordingError(where, "names with values, and their format", quoted(text))
+    if found.pop("format") != FORMAT:
+        raise RecordingError(where, f"settings of the format {FORMAT}", "those of another version")
+    for name, value in found.items():
+        if not NAME.fullmatch(name):
+            raise RecordingError(where, "names in small letters", quoted(name))
+        if not _is_setting(value):
+            expected = "true or false, a finite number, a line of text, or a list of such lines"
+            raise RecordingError(f"{where}, {name}", expected, quoted(value))
+    return found
+
+
+def _is_setting(value: Any) -> bool:
+    match value:
+        case bool():
+            return True
+        case int():
+            return abs(value) < LARGEST
+        case float():
+            return math.isfinite(value)
+        case str():
+            return value.isprintable()
+        case list():
+            return all(isinstance(v, str) and v.isprintable() for v in value)
+    return False
