@@ -56,8 +56,10 @@ function show(key) {
   if (key) {
     write(at("one-title"), key);
     lamp.set(null);
+    at("columns").hidden = true;
     at("status").className = "answer open";
     ["word", "aside", "sentence", "trouble"].forEach((id) => write(at(id), ""));
+    write(at("diagnosis"), "None yet.");
   } else {
     document.title = "LDT live";
     showOverview();

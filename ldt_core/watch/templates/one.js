@@ -54,6 +54,7 @@ function learnedOf(message) {
   Object.assign(seen.models, message.models);
   seen.card = message.card;
   if ("diagnosis" in message) seen.diagnosis = message.diagnosis;
+  at("columns").hidden = false;
   columns(message);
   showEvents(message.events);
   showNodes(message);
