@@ -65,8 +65,7 @@ def command(
     error = FreeRunError()
     played = read_bag(recording, namespace)
     with BagWriter(out, namespace=namespace, machine=machine.name) as writer:
-        for experiment in track(played.experiments(), "predicting"):
-            machine.check(experiment)
+        for experiment in track(played.experiments(machine), "predicting"):
             prediction = model.predict(experiment)
             writer.write("prediction", prediction, experiment.end)
             error.add(prediction.residual(experiment))

@@ -41,19 +41,12 @@ def read_recordings(
     """
     from dataclasses import replace
 
-    from ldt_core.errors import ExperimentError
     from ldt_core.recording.bag import read_bag
 
     found: list[Experiment] = []
     for recording in recordings:
         bag = read_bag(recording, namespace)
-        for experiment in bag.experiments():
-            try:
-                if machine is not None:
-                    machine.check(experiment)
-            except ExperimentError as error:
-                where = f"{recording}, {error.where}"
-                raise ExperimentError(where, error.expected, error.got) from None
+        for experiment in bag.experiments(machine):
             numbered = len(recordings) > 1
             found.append(replace(experiment, number=len(found) + 1) if numbered else experiment)
         for note in bag.notes:

@@ -177,22 +177,14 @@ def diagnose_one(task: Task) -> Made:
 def _diagnosed(task: Task) -> Made:
     from ldt_core.diagnosis.page import page
     from ldt_core.diagnosis.procedure import diagnose, library
-    from ldt_core.errors import ExperimentError
     from ldt_core.recording.bag import read_bag
 
     options, machine = task.options, task.machine
     effects = library(machine, options.more, options.without)
     bag = read_bag(task.recording, options.namespace)
-    experiments = list(bag.experiments())
-    for e in experiments:
-        try:
-            machine.check(e)
-        except ExperimentError as error:
-            where = f"{task.recording}, {error.where}"
-            raise ExperimentError(where, error.expected, error.got) from None
     found = diagnose(
         machine,
-        experiments,
+        list(bag.experiments(machine)),
         recordings=[task.recording],
         effects=effects,
         refit=options.refit,
