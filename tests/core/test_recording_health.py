@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from ldt_core.recording.codec import encode
 from ldt_core.recording.health import Health
 from ldt_core.recording.health import inspect as inspect_bag
 from ldt_core.recording.messages import standard
+from ldt_core.recording.node_status import node_statuses
 from ldt_core.recording.writer import BagWriter
 
 OK, WARNING, PROBLEM = Grade.OK, Grade.WARNING, Grade.PROBLEM
@@ -169,3 +171,21 @@ def test_what_the_nodes_refused_is_told_with_the_reason(tmp_path, namespace):
     ((grade, told),) = found(bag, "rejected", namespace)
     assert grade is WARNING
     assert told == f"{mine} rejected experiment: ExperimentError: 3 (NaN in it)"
+
+
+def test_a_pause_longer_than_an_experiment_is_told(tmp_path):
+    """Experiments take 0.5 s; a pause below that is none, a longer one has its place."""
+    starts = {1: 0.0, 2: 0.5, 3: 1.47, 4: 5.0}
+    bag = recorded(tmp_path / "run", *(experiment(n, 1e9 + s) for n, s in starts.items()))
+    ((grade, told),) = found(bag, "pauses")
+    assert (grade, told) == (WARNING, "1 longer than an experiment, 3.03 s before number 4")
+
+
+@pytest.mark.parametrize("count", ["\N{SUPERSCRIPT TWO}", "1" * 5000, "-1", "", "many"])
+def test_a_count_that_is_none_counts_nothing(count):
+    """A node's values are texts; anybody may publish there."""
+    pair = SimpleNamespace(key="rejected experiment: X", value=count)
+    status = SimpleNamespace(name="/press/twin", message="", values=[pair])
+    (told,) = node_statuses(SimpleNamespace(status=[status]), "/press/")
+    assert (told.role, told.rejected, told.last_rejection) == ("twin", {}, "")
+    assert list(node_statuses(SimpleNamespace(data="no status"), "press")) == []
