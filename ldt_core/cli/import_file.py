@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import click
 
-from ldt_core.cli.options import json_option, out_option
+from ldt_core.cli.options import declared_option, json_option, out_option
 
 UNIT_HELP = "with a unit if it is not SI, for example"
 
@@ -38,8 +39,14 @@ UNIT_HELP = "with a unit if it is not SI, for example"
     "--length",
     type=float,
     metavar="SECONDS",
-    help="Cut into experiments of this length; a remainder is dropped.",
+    help="Cut into experiments of this length; a remainder is dropped. With --cut trigger from the "
+    "edge on, with --cut steady the greatest.",
 )
+@declared_option("cut")
+@declared_option("trigger_level")
+@declared_option("pre_trigger")
+@declared_option("steady_band")
+@declared_option("steady_time")
 @json_option
 def command(
     file: str,
@@ -51,6 +58,7 @@ def command(
     sample_period: float | None,
     length: float | None,
     as_json: bool,
+    **cut: Any,
 ) -> None:
     """Turn FILE, a CSV (.gz too) or a foreign bag, into a recording of experiments.
 
@@ -67,6 +75,7 @@ def command(
         time=time,
         sample_period=sample_period,
         length=length,
+        cut=cut,
     )
     with BagWriter(out) as writer:
         for experiment in imported.experiments:
@@ -84,7 +93,9 @@ def command(
         return
     for note in imported.notes:
         click.echo(note)
+    sizes = sorted({len(e) for e in imported.experiments})
+    samples = " to ".join(str(size) for size in dict.fromkeys((sizes[0], sizes[-1])))
     click.echo(
-        f"{len(imported.experiments)} experiments of {len(first)} samples at "
+        f"{len(imported.experiments)} experiments of {samples} samples at "
         f"{1 / first.period:.6g} Hz: {out}"
     )

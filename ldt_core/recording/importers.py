@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ldt_core.errors import OptionError, RecordingError
 from ldt_core.experiment import Experiment
 from ldt_core.recording.bag_fields import is_recording, parse_source, read_fields
 from ldt_core.recording.csv_table import Table
+from ldt_core.recording.recorded_stream import segmented
 from ldt_core.recording.resampling import (
     GAP_PERIODS,
     Series,
@@ -44,6 +46,7 @@ def import_file(
     time: str | None = None,
     sample_period: float | None = None,
     length: float | None = None,
+    cut: Mapping[str, Any] | None = None,
 ) -> Imported:
     """Experiments out of a table or a foreign recording.
 
@@ -55,6 +58,7 @@ def import_file(
         sample_period: [s]; without `time`, how far apart the rows are; with times, the period to
             resample to instead of the one found.
         length: of each experiment [s]; None makes one experiment of each stretch without a gap.
+        cut: the parameters of the group `cut`, for experiments by trigger or by steady state.
 
     Raises:
         OptionError: an unknown unit, or options that do not go together.
@@ -67,7 +71,7 @@ def import_file(
     given = {quantity: text for quantity, text in options.items() if text is not None}
     read = _from_bag if is_recording(path) else _from_table
     series, notes = read(Path(path), given, sample_period)
-    return _cut(str(path), series, notes, sample_period, length)
+    return _cut(str(path), series, notes, sample_period, length, cut)
 
 
 def _from_table(
@@ -126,8 +130,9 @@ def _cut(
     notes: list[str],
     sample_period: float | None,
     length: float | None,
+    cut: Mapping[str, Any] | None,
 ) -> Imported:
-    """Grid, gaps, and experiments of equal length."""
+    """Grid, gaps, and experiments of equal length, or what the segmenter makes of the stream."""
     for one in series.values():
         check_times(where, one)
     speed = series["speed"]
@@ -142,6 +147,13 @@ def _cut(
     if start < 0:  # a recording counts time from an epoch
         notes.append(f"times moved by {-start:g} s to begin at 0")
         series = {q: s._replace(time=s.time - start) for q, s in series.items()}
+    if cut is not None and cut["cut"] != "length":
+        done, counts = segmented(series, period, found, length, cut)
+        if not done:
+            expected = f"an experiment by {cut['cut']}"
+            raise RecordingError(where, expected, _listed(counts) or "none")
+        notes.append(f"{_counted(len(done), 'experiment')} by {cut['cut']}, {_lengths(done)}")
+        return Imported(done, [*notes, *([_listed(counts)] if counts else [])])
     stretches = _stretches(series, found)
     if len(stretches) > 1:
         gaps = _counted(len(stretches) - 1, "gap")
@@ -185,6 +197,15 @@ def _cut(
 
 def _counted(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _listed(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{reason}: {count}" for reason, count in counts.items())
+
+
+def _lengths(experiments: list[Experiment]) -> str:
+    sizes = [len(e) for e in experiments]
+    return f"{min(sizes)} to {max(sizes)} samples of {experiments[0].period:g} s"
 
 
 def _stretches(series: dict[str, Series], period: float) -> list[dict[str, Series]]:

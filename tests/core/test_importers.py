@@ -459,3 +459,43 @@ def test_half_a_million_rows_are_imported_whole(measured):
     assert [len(e) for e in imported.experiments] == [10_000] * 50
     assert imported.experiments[0].speed[0] == -143.8
     assert not any("dropped" in note for note in imported.notes)
+
+
+# ---- cut by the segmenter
+
+
+def stepped(path: Path) -> Path:
+    """Two seconds at rest, three of a step response, at rest, another; no gap."""
+    time = np.arange(1200) / 100
+    volts = np.where((time % 6 >= 2) & (time % 6 < 5), 12.0, 0.0)
+    speed = np.zeros(time.size)
+    for k in range(1, time.size):
+        speed[k] = speed[k - 1] + 0.1 * (5 * volts[k - 1] - speed[k - 1])
+    return table(path, rows(time, volts, speed))
+
+
+def test_a_recorded_stream_is_cut_by_trigger(tmp_path):
+    """As a running machine's is: from before each edge, of the length from it on."""
+    cut = {"cut": "trigger", "trigger_level": 6.0, "pre_trigger": 0.1}
+    imported = load(stepped(tmp_path / "x.csv"), length=1.0, cut=cut)
+    assert [e.start for e in imported.experiments] == pytest.approx([1.9, 7.9])
+    assert [len(e) for e in imported.experiments] == [110, 110]
+    assert imported.experiments[0].voltage.tolist() == [0.0] * 10 + [12.0] * 100
+    assert "2 experiments by trigger, 110 to 110 samples of 0.01 s" in imported.notes
+
+
+def test_a_recorded_stream_is_cut_by_steady_state(tmp_path):
+    """Up and down, each until it has settled."""
+    cut = {"cut": "steady", "steady_band": 1.0, "steady_time": 0.5}
+    imported = load(stepped(tmp_path / "x.csv"), length=5.0, cut=cut)
+    assert len(imported.experiments) == 4
+    assert all(np.ptp(e.speed[-50:]) <= 1.0 for e in imported.experiments)
+
+
+def test_a_cut_without_a_length_or_without_an_edge_says_so(tmp_path):
+    """One sentence each."""
+    file = stepped(tmp_path / "x.csv")
+    with pytest.raises(OptionError, match="--length"):
+        load(file, cut={"cut": "trigger"})
+    with pytest.raises(RecordingError, match="an experiment by trigger"):
+        load(file, length=1.0, cut={"cut": "trigger", "trigger_level": 20.0})
