@@ -54,7 +54,11 @@ class Playback:
             if stop.is_set():
                 return
             self._take(raw, topics[raw.topic], fleet, stop)
-        notes = "; ".join(n.removeprefix(f"{self.storage.path}: ") for n in self.storage.notes)
+        # Where the recording lies is no business of those who look at the page.
+        path = str(self.storage.path)
+        notes = "; ".join(
+            n.removeprefix(f"{path}: ").replace(f"{path}/", "") for n in self.storage.notes
+        )
         fleet.say(f"recording {self.words}, has ended{f' ({notes})' if notes else ''}")
 
     def _take(self, raw: Raw, namespace: str, fleet: Fleet, stop: threading.Event) -> None:

@@ -315,3 +315,18 @@ def test_an_experiment_of_one_sample_and_one_of_equal_values_are_drawn(page, ser
         one = Experiment(number, 1.8e9 + number, 0.01, voltage, voltage)
         served.fleet.feed("/a", "experiment", one)
         drawn(page, number)
+
+
+def test_the_only_machine_is_shown_at_once_though_it_comes_late(page, served):
+    """A page may be open before its graph; a second machine does not take the view away."""
+    served.stop()
+    served.fleet = Fleet(clock=lambda: 0.0)
+    served.start()
+    page.goto("about:blank")
+    page.goto(served.url)
+    until(page, "document.getElementById('none').textContent.includes('No machine yet')")
+    feed(served.fleet, "/late", 1, length=LENGTH)
+    drawn(page, 1)
+    feed(served.fleet, "/later", 1, 9.0, Level.POSITIVE, length=LENGTH)
+    page.wait_for_selector("#back a")
+    assert text(page, "#one-title") == "late"

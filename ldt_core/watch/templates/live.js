@@ -19,7 +19,7 @@ function listen() {
     latest = JSON.parse(event.data);
     heard = performance.now();
     write(at("state"), latest.state);
-    if (shown == null) route();
+    if (!shown) route();
     at("back").hidden = latest.machines.length < 2 && location.hash === "";
     if (!shown) showOverview();
   });

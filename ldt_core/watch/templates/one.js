@@ -43,6 +43,7 @@ function forget() {
   experiment.range = experiment.index = course.range = course.index = null;
   at("choice").replaceChildren();
   at("events").replaceChildren();
+  logarithmic.statistic = logarithmic.statistic && axisChosen;
 }
 
 function learnedOf(message) {
@@ -56,6 +57,7 @@ function learnedOf(message) {
   if ("diagnosis" in message) seen.diagnosis = message.diagnosis;
   at("columns").hidden = false;
   columns(message);
+  axis();
   showEvents(message.events);
   showNodes(message);
   showStatus();
@@ -82,6 +84,20 @@ function columns(message) {
     warning: column("warning"),
     drift: column("drift"),
   });
+}
+
+// Limits may be far above what is usual; once somebody has chosen an axis, it stays.
+let axisChosen = false;
+at("course-plots").addEventListener("change", (event) => {
+  axisChosen ||= Boolean(event.target.closest(".axis"));
+});
+function axis() {
+  const { value, warning, drift } = RUN.statistic,
+    limits = known(drift);
+  const far = Math.max(...known(value), ...known(warning), ...limits) > FAR * Math.min(...limits);
+  if (axisChosen || !far || logarithmic.statistic) return;
+  logarithmic.statistic = true;
+  if (course.plots.statistic) course.draw(RUN.number, courseRows());
 }
 
 function follow() {
