@@ -15,7 +15,7 @@ from ldt_core.errors import OptionError, RecordingError
 from ldt_core.recording.bag_fields import number_in, parse_source, seconds
 from ldt_core.recording.units import parse_field
 
-DEPTH = 1000  # samples that may wait; a second of a fast machine
+DEPTH = 10_000  # samples that may wait: ten seconds of a fast machine on a busy computer
 MESSAGE_TYPE = re.compile(r"(\w+)/msg/(\w+)")
 NUMBER = re.compile(r"std_msgs/msg/(Float|U?Int)\d+")
 #: Message type → channel → where its number is, if the option names no field.

@@ -18,7 +18,7 @@ from ldt_ros.node import LINGER
 
 UNSET = -1.0  # of a parameter: take the machine file's, or the usual
 LOOK = 0.1  # s, how often topics are looked for, and silence is noticed
-SILENCE = 1.0  # s after which no voltage is awaited that may still come
+SILENCE = 10  # looks without a sample, 1 s, after which no voltage is awaited that may still come
 
 
 class SegmenterNode(GatedNode):
@@ -63,7 +63,8 @@ class SegmenterNode(GatedNode):
         self._publisher = self.publishes("experiment")
         self._begun = self._speed_came = False
         self._sent = self._last = 0
-        self._sent_at = self._heard_at = 0.0
+        self._sent_at = 0.0
+        self._silent = 0
         self.create_timer(LOOK, self._look, clock=self.steady)
         self._look()
 
@@ -103,8 +104,9 @@ class SegmenterNode(GatedNode):
                     self._publish(self.segmenter.interrupt(f"more than one publisher of {topic}"))
             else:
                 self._doubled.discard(topic)
-        if self._heard_at and time.monotonic() - self._heard_at > SILENCE:
-            self._heard_at = 0.0
+        # Looks are counted, not seconds: this process may have slept, with samples in its queue.
+        self._silent += 1
+        if self._silent == SILENCE:
             self._publish(self.segmenter.catch_up())
 
     def _rivals(self) -> list[str]:
@@ -126,7 +128,7 @@ class SegmenterNode(GatedNode):
         self._begun = self._begun or self.started  # the graph is not asked at every sample
         if self.finished or self._doubled or not self._begun:
             return
-        self._heard_at = time.monotonic()
+        self._silent = 0
         self.counts[topic] += 1
         for feed in self._feeds:
             if feed.topic != topic:
