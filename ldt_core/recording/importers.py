@@ -204,8 +204,9 @@ def _listed(counts: Mapping[str, int]) -> str:
 
 
 def _lengths(experiments: list[Experiment]) -> str:
-    sizes = [len(e) for e in experiments]
-    return f"{min(sizes)} to {max(sizes)} samples of {experiments[0].period:g} s"
+    least, most = min(map(len, experiments)), max(map(len, experiments))
+    size = f"{least}" if least == most else f"{least} to {most}"
+    return f"{size} samples of {experiments[0].period:g} s"
 
 
 def _stretches(series: dict[str, Series], period: float) -> list[dict[str, Series]]:
