@@ -127,10 +127,11 @@ class Bench:
                 part = rest[begin : begin + length]
                 gap[channel] += float(part @ part) - length
                 count[channel] += length
-        wider = [
-            math.sqrt(1.0 + tolerance**2 * max(g / max(n, 1), 0.0))
-            for g, n in zip(gap, count, strict=True)
-        ]
+        speed, current = (max(g / max(n, 1), 0.0) for g, n in zip(gap, count, strict=True))
+        wider = [math.sqrt(1.0 + tolerance**2 * power) for power in (speed, current)]
+        # The speed is what is to be predicted: a current measured well adds to what is known of
+        # it, but its gap does not outweigh the speed's.
+        wider[1] = max(wider[1], math.sqrt(current / max(speed / wider[0] ** 2, 1.0)))
         self.noise = self.noise[0] * wider[0], self.noise[1] * wider[1]
         self.level = 1.0 / wider[0], 1.0 / wider[1]
         for piece in self.pieces:  # the columns' channels are weighed by the noise
@@ -167,9 +168,11 @@ class Bench:
         self.each(fill)
         return row
 
-    def settle(self, use: Use, free: bool = False, step: float = COARSE) -> Starts:
+    def settle(
+        self, use: Use, free: bool = False, step: float = COARSE, near: Starts | None = None
+    ) -> Starts:
         """Start states for these effects; see `starts.settle`."""
-        return settle(self, use, free, step)
+        return settle(self, use, free, step, near)
 
     def turns(self, use: Use) -> bool:
         """Whether the start angle makes a difference with these effects."""

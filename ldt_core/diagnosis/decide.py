@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.diagnosis.bench import Bench
+from ldt_core.diagnosis.energy import Band
 from ldt_core.diagnosis.explain import CLEAR, MOST, Explained, Search
 from ldt_core.diagnosis.search import Fit
 from ldt_core.diagnosis.worth import earned, kin
@@ -19,7 +20,7 @@ CHANCE = 0.002  # of each of two tests to see a gap where there is none
 ALIKE = 10.8  # loss by which sets differ that cannot be told apart: chi-square, p = 0.001, and
 ALSO = 0.7  # times what the best leaves itself: no candidate's law is exactly the machine's
 LAWS = 0.01  # of the gap, that a simpler set may leave in addition and still be the answer
-UNEXPLAINED = 0.08  # of the gap: with more left, the best set is not the cause
+UNEXPLAINED = 0.05  # of the gap: with more left, the best set is not the cause
 BOOTSTRAP = 400  # draws of experiments
 DRAWS = 2000  # of white noise, for the limits of the tests
 
@@ -96,9 +97,7 @@ def decide(search: Search, seed: int = 0) -> Decision:
     chosen = _grow(found, _gap(found, best))
     search.alternatives(chosen)
     pool = found.of_size(len(chosen.names))
-    reach = max(ALIKE, ALSO * band.excess(pool[0].rest))
-    alike = [f for f in pool if f.loss - pool[0].loss <= reach]
-    alike = _plainest(found, alike, pool, _gap(found, pool[0]))
+    alike = _plainest(found, _as_good(band, pool), pool, _gap(found, pool[0]))
     alike = sorted(alike, key=lambda f: kin(f.effects))  # else the best first, as before
     best = alike[0]
     left, gap = band.speed_excess(best.rest), _gap(found, best)
@@ -167,10 +166,22 @@ def _good(found: Explained, pool: Sequence[Fit]) -> list[Fit]:
     """Sets that are as good as the first, those with the fewest effects of one family."""
     if not pool:
         return []
-    reach = max(ALIKE, ALSO * found.band.excess(pool[0].rest))
-    close = [f for f in pool if f.loss - pool[0].loss <= reach]
+    close = _as_good(found.band, pool)
     least = min(kin(f.effects) for f in close)
     return [f for f in close if kin(f.effects) == least]
+
+
+def _as_good(band: Band, pool: Sequence[Fit]) -> list[Fit]:
+    """Sets that cannot be told from the first, by all channels and by the speed alone."""
+    best = pool[0]
+    reach = max(ALIKE, ALSO * band.excess(best.rest))
+    fine = float(band.speed_loss(best.rest).sum())
+    there = max(ALIKE, ALSO * band.speed_excess(best.rest))
+    return [
+        f
+        for f in pool
+        if f.loss - best.loss <= reach and float(band.speed_loss(f.rest).sum()) - fine <= there
+    ]
 
 
 def _plainest(found: Explained, alike: Sequence[Fit], pool: Sequence[Fit], gap: float) -> list[Fit]:
@@ -190,8 +201,6 @@ def _plainest(found: Explained, alike: Sequence[Fit], pool: Sequence[Fit], gap: 
         return [f for f in alike if f.free == least]
     least = min(f.free for f in close)
     plain = [f for f in close if f.free == least]
-    left = found.band.excess(plain[0].rest)
-    reach = max(ALIKE, ALSO * left)
-    kept = [f for f in plain if f.loss - plain[0].loss <= reach]
+    kept = _as_good(band, plain)
     related = [f for f in alike if f not in kept and plain[0].loss - f.loss > CLEAR]
     return [*kept, *related[:1]]

@@ -29,7 +29,8 @@ from ldt_core.diagnosis.search import (
     rank_pairs,
     simulate_all,
 )
-from ldt_core.diagnosis.worth import HALF, WORTH, earned
+from ldt_core.diagnosis.starts import Starts
+from ldt_core.diagnosis.worth import HALF, LITTLE, earned
 
 Array = NDArray[np.float64]
 Names = frozenset[str]
@@ -40,7 +41,8 @@ MOST = 6  # effects in a set
 TRIPLE = 3  # effects, up to which sets are tried even where the last one did not help
 PAIRS = 5  # fitted because their responses promise most
 BASES = 3  # sets of one size that are built upon
-ADDED = 3  # effects added to each of them
+ADDED = 3  # effects added to each of them, and as many again
+NEXT_TO = 0.5  # if they promise this part of what the best of them does
 RIVALS = 6  # effects that may take the place of one in the chosen set,
 CLOSE = 0.7  # if they promise this part of what the best promises
 KEPT = 4  # sets of each size that are fitted on all experiments
@@ -53,7 +55,7 @@ ROUGH = 1e-4  # of the sum of squares: the scout's fits end there
 MANY = 3  # parameters, with which a fit may not have reached its best, and
 UNSURE = 0.005  # of the gap that it then leaves: it goes on, for
 PATIENT = 30  # steps
-NEAR = 3.0  # times the best of its size that a set may leave, to be kept
+NEAR = 1.5  # times what the best of its size leaves, that a set may leave more, to be kept
 OPPOSED = -0.95  # cosine of two effects' responses, at which they cancel each other
 CLEAR = 30.0  # fall of the sum of squares that chance does not reach, over all sets that are tried
 
@@ -182,7 +184,7 @@ class Search:
         left = max(band.speed_excess(best.rest), 0.0)
         taken = float((band.speed_loss(none.rest) - band.speed_loss(best.rest)).sum())
         gap = max(taken, 0.0) + left
-        return left < WORTH * gap and not any(
+        return left < LITTLE * gap and not any(
             gain > CLEAR and earned(best.effects, [*best.effects, c], gain / PROMISED, left, gap)
             for c, _, gain in self.ranked(best)
         )
@@ -210,8 +212,9 @@ class Search:
 
     def _build_on(self, count: int, bases: int) -> None:
         for base in _of_each_kind(self._best(count))[:bases]:
-            for candidate, start in self.additions(base, ADDED):
-                self._scout([*base.effects, candidate], [*base.z[: len(base.effects)], start])
+            more = [*self.additions(base, ADDED), *self.additions(base, 2 * ADDED, NEXT_TO)]
+            for candidate, start in {c.name: (c, z) for c, z in more}.values():
+                self._with(base, candidate, start)
 
     def additions(self, base: Fit, count: int, close: float = 0.0) -> list[tuple[Candidate, Array]]:
         """Effects that promise most beside a set, with the values to begin with.
@@ -290,7 +293,26 @@ class Search:
         scale = float(np.clip(np.sqrt(gain / max(size, 1e-9)), SHRINK, STRETCH))
         return gain, scale
 
-    def _scout(self, members: Sequence[Candidate], start: Sequence[Array]) -> Fit:
+    def _with(self, base: Fit, candidate: Candidate, start: Array) -> Fit:
+        """A scouted set and one more effect.
+
+        The start angles are sought beside those of the set, but not where the effect depends on
+        them more than the machine does itself.
+        """
+        if self.scout.shaking:
+            turned = any(p.unit == "rad" for p in candidate.parameters)
+        else:
+            turned = self.scout.angular([(candidate.effect, {})])
+        members = [*base.effects, candidate]
+        known = None if turned else base.starts
+        return self._scout(members, [*base.z[: len(base.effects)], start], known)
+
+    def _scout(
+        self,
+        members: Sequence[Candidate],
+        start: Sequence[Array],
+        known: Starts | None = None,
+    ) -> Fit:
         self.tick("fitting sets of effects")
         names = frozenset(c.name for c in members)
         order = sorted(range(len(members)), key=lambda i: members[i].name)
@@ -301,6 +323,7 @@ class Search:
             evaluations=QUICK,
             precision=ROUGH,
             own=len(self.own),
+            known=known,
         )
         known = self.found.scouted.get(names)
         if known is None or tried.loss < known.loss:
@@ -335,12 +358,25 @@ class Search:
         return self.found.fits[names]
 
     def _polish(self, names: Names) -> None:
-        """Go on with a fit that may have ended before its many parameters were at their best."""
-        found = self.found.fits[names]
-        left = self.found.band.excess(found.rest)
-        if found.free >= MANY and UNSURE * self.found.excess < left < HOPEFUL * self.found.excess:
-            more = fit(self.bench, found.members, found.z, evaluations=PATIENT, own=len(self.own))
-            self.found.fits[names] = min(found, more, key=lambda f: f.loss)
+        """Go on with a fit that may have ended before its many parameters were at their best.
+
+        Not with one that is far behind another of its size.
+        """
+        found, band = self.found.fits[names], self.found.band
+        left, whole = band.excess(found.rest), self.found.excess
+        best = min(self.found.of_size(len(names)), key=lambda f: f.loss, default=found)
+        behind = found.loss - best.loss > NEAR * max(band.excess(best.rest), 0.0) + CLEAR
+        if found.free < MANY or behind or not UNSURE * whole < left < HOPEFUL * whole:
+            return
+        more = fit(
+            self.bench,
+            found.members,
+            found.z,
+            evaluations=PATIENT,
+            own=len(self.own),
+            known=found.starts,
+        )
+        self.found.fits[names] = min(found, more, key=lambda f: f.loss)
 
     def subset(self, base: Fit, names: Sequence[str]) -> Fit:
         """A part of a set, fitted on all experiments."""
@@ -363,8 +399,7 @@ class Search:
             tried += [(c, z) for c, z, _ in self.ranked(rest) if c.name in twins]
             for candidate, start in tried:
                 if candidate.name not in base.names:
-                    own = rest.z[: len(rest.effects)]
-                    found.append(self._scout([*rest.effects, candidate], [*own, start]))
+                    found.append(self._with(rest, candidate, start))
         return self._worth(base, found)
 
     def _worth(self, base: Fit, found: Iterable[Fit]) -> list[Fit]:

@@ -97,8 +97,20 @@ def fit(
     evaluations: int = EVALUATIONS,
     precision: float = PRECISION,
     own: int = 0,
+    known: Starts | None = None,
 ) -> Fit:
-    """Least squares of a set's parameters, from a start."""
+    """Least squares of a set's parameters, from a start.
+
+    Args:
+        bench: experiments to fit.
+        members: the set, then the machine's own parameters.
+        start: coordinates of each.
+        step: longest integration step [s].
+        evaluations: steps, at most.
+        precision: part of the sum of squares; a step that gains less was the last.
+        own: how many members are the machine's own parameters.
+        known: states at the first samples, nearly, if an earlier fit has found them.
+    """
     members = tuple(members)
     low = np.concatenate([c.bounds[0] for c in members])
     high = np.concatenate([c.bounds[1] for c in members])
@@ -136,18 +148,18 @@ def fit(
         )
         return solved.x, solved.fun, solved.jac
 
-    def settled(z: Array, free: bool = False) -> Starts:
-        return bench.settle(used(members, split(members, z)), free, step)
+    def settled(z: Array, free: bool = False, near: Starts | None = None) -> Starts:
+        return bench.settle(used(members, split(members, z)), free, step, near)
 
     margin = 1e-7 * np.maximum(1.0, np.minimum(high - low, 1.0))
     first = np.clip(np.concatenate(start), low + margin, high - margin)
-    starts[0] = settled(first)
+    starts[0] = settled(first, near=known)
     if starts[0] is bench.starts:
         z, left, slopes = descend(first, evaluations)
     else:
         quick = bench.shaking and precision > PRECISION  # nearly the right angles will do
         z = first if quick else descend(first, AWAY)[0]
-        starts[0] = starts[0] if quick else settled(z)
+        starts[0] = starts[0] if quick else settled(z, near=known)
         z, left, slopes = descend(z, evaluations)
     sought = bench.shaking or not any(p.rest for p in bench.pieces)
     if not sought and bench.turns(used(members, split(members, z))):

@@ -49,7 +49,7 @@ class Starts:
     offsets: tuple[Array, ...]
 
 
-def settle(bench: Bench, use: Use, free: bool, step: float) -> Starts:
+def settle(bench: Bench, use: Use, free: bool, step: float, near: Starts | None = None) -> Starts:
     """Start states for these effects, where more is unknown than a motor's speed and current.
 
     A machine that was running has a foundation in motion, a warm winding and the like, each of
@@ -60,6 +60,7 @@ def settle(bench: Bench, use: Use, free: bool, step: float) -> Starts:
         use: effects with all their values.
         free: seek the angle of machines at rest as well; else it is 0.
         step: longest integration step [s].
+        near: starts for nearly the same effects, beside whose angles these are sought.
     """
     values = bench.changed(use)
     if values is None:
@@ -73,11 +74,18 @@ def settle(bench: Bench, use: Use, free: bool, step: float) -> Starts:
     if not ((running and (shaken or states or turning)) or (free and turning)):
         return bench.starts
     moving = not bench.physics.is_linear(values)
-    return settled(bench, use, moving, states, turning or (shaken and moving), free, step)
+    return settled(bench, use, moving, states, turning or (shaken and moving), free, step, near)
 
 
 def settled(
-    bench: Bench, use: Use, moving: bool, states: int, turning: bool, free: bool, step: float
+    bench: Bench,
+    use: Use,
+    moving: bool,
+    states: int,
+    turning: bool,
+    free: bool,
+    step: float,
+    near: Starts | None = None,
 ) -> Starts:
     """The same, once it is known what is unknown.
 
@@ -89,6 +97,7 @@ def settled(
         turning: the angle matters.
         free: also that of machines at rest.
         step: longest integration step [s].
+        near: starts beside whose angles these are sought.
     """
     angles, bases = bench.starts.angles.copy(), list(bench.starts.bases)
     offsets = list(bench.starts.offsets)
@@ -102,7 +111,8 @@ def settled(
     def work(i: int) -> None:
         piece = bench.pieces[i]
         if turning and (free or not piece.rest):
-            angles[i] = _best_angle(bench, i, use, step)
+            about = None if near is None else float(near.angles[i])
+            angles[i] = _best_angle(bench, i, use, step, about)
         if not piece.rest and unknown:
             rounds = ROUNDS if moving else 1
             found = _start_of(bench, i, use, step, float(angles[i]), unknown, n + states, rounds)
@@ -163,7 +173,7 @@ def turns(bench: Bench, use: Use) -> bool:
     return bool(np.max(np.abs(one - other)) > SENSITIVE)
 
 
-def _best_angle(bench: Bench, i: int, use: Use, step: float) -> float:
+def _best_angle(bench: Bench, i: int, use: Use, step: float, about: float | None) -> float:
     basis = bench.starts.bases[i]
 
     def loss(angle: float) -> float:
@@ -172,7 +182,9 @@ def _best_angle(bench: Bench, i: int, use: Use, step: float) -> float:
         return float(rest @ rest - along @ along)
 
     width = 2 * math.pi / ANGLES
-    best = min((loss(k * width), k * width) for k in range(ANGLES))[1]
+    best = about
+    if best is None:
+        best = min((loss(k * width), k * width) for k in range(ANGLES))[1]
     near, exact = (best - width, best + width), {"xatol": ANGLE_FOUND}
     return float(minimize_scalar(loss, bounds=near, method="bounded", options=exact).x)
 
