@@ -32,7 +32,7 @@ from ldt_core.diagnosis.result import (
 )
 from ldt_core.diagnosis.scale import factors
 from ldt_core.diagnosis.torque import Torque
-from ldt_core.diagnosis.where import change, places, residual, sharp_residual
+from ldt_core.diagnosis.where import change, places, residual
 from ldt_core.diagnosis.words import sentence
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.effects.base import Effect
@@ -256,7 +256,7 @@ class _Report:
             return []
         none = self.search.found.fits[frozenset()].use
         if self.named is None:
-            return places(sharp_residual(self.bench, none))
+            return places(residual(self.bench, none))
         return places(change(self.bench, none, self.use, self.named.starts))
 
     def _notes(self) -> list[str]:

@@ -1,7 +1,9 @@
-"""Where the gap lies: the narrowest ranges of speed, voltage, time, ... that hold most of it.
+"""Where the gap lies: the ranges of speed, voltage, time, ... in which it is largest.
 
-By the power at each value of a quantity, not by how often the recording was there: a gap at a
-resonance lies there also in a recording that mostly ran past it.
+By the torque's mean at each value of a quantity, where it depends on the quantity, and else by its
+power there; not by how often the recording was there: a gap at a resonance lies there also in a
+recording that mostly ran past it. A range begins and ends where the power falls below its average
+over all values, so that the range is as sharp as the torque's fall is.
 """
 
 from __future__ import annotations
@@ -19,14 +21,17 @@ from ldt_core.diagnosis.torque import WINDOW, Torque
 
 Array = NDArray[np.float64]
 
-BINS = 60
-MOST = 0.9  # of the gap's power, that a place must hold
+BINS = 120
+MOST = 0.9  # of the gap's power, that a band of frequencies must hold
 LIFT = 0.1  # by which a place's share of the gap exceeds its share of the data, to be named
-LEAST = 0.004  # of the samples, that a bin's mean is taken over
+LEAST = 0.002  # of the samples, that a bin's mean is taken over
 SHARP = (0.05, 0.1, 0.2, 0.4)  # memories of the motor to smooth over, if the noise allows:
-QUIET = 0.05  # of the torque's power, at most
+QUIET = 0.5  # of the torque's power, at most
+DEPENDS = 0.1  # of the power, that the means over a quantity hold where the torque depends on it
 BOTH = 0.3  # of the larger direction's range, that the other reaches, to look at both as one
-CHANCE = 3.0  # deviations of a bin's power that noise alone may give it
+CHANCE = 3.0  # deviations of a bin's power that noise alone may give it, and
+MEANT = 2.0  # of its mean
+ROUNDING = 1e-9  # by which a range must be better than another one
 QUANTITIES = {
     "speed": "rad/s",
     "voltage": "V",
@@ -41,20 +46,26 @@ class Residual:
     """The torque that explains what is wrong, sample by sample, over all experiments.
 
     Attributes:
-        torque: (N,) [N m].
+        torque: (N,) smoothed so long that ripples and noise are small [N m].
         noise: (N,) its deviation that comes from the sensor's noise [N m].
+        sharp: (N,) smoothed no longer than the noise asks for [N m].
+        sharp_noise: (N,) its deviation [N m].
         over: quantity to (N,) values.
         pieces: length of each experiment.
         periods: sample period of each [s].
-        window: samples over which the torque is smoothed.
+        window: samples over which `torque` is smoothed.
+        sharp_window: and `sharp`.
     """
 
     torque: Array
     noise: Array
+    sharp: Array
+    sharp_noise: Array
     over: dict[str, Array]
     pieces: list[int]
     periods: list[float]
     window: int
+    sharp_window: int
 
     @property
     def power(self) -> Array:
@@ -62,28 +73,14 @@ class Residual:
         return self.torque**2 - self.noise**2
 
 
-def residual(
-    bench: Bench, use: Sequence = (), starts: Starts | None = None, window: float = WINDOW
-) -> Residual:
+def residual(bench: Bench, use: Sequence = (), starts: Starts | None = None) -> Residual:
     """The torque left by these effects, and what it may depend on."""
-    return _residual(bench, _left(bench, use, starts), bench.noise[0], window)
-
-
-def sharp_residual(bench: Bench, use: Sequence = (), starts: Starts | None = None) -> Residual:
-    """The same, smoothed no longer than the noise asks for: sharp where the gap is large."""
-    left = _left(bench, use, starts)
-    for window in SHARP:
-        found = _residual(bench, left, bench.noise[0], window)
-        if float(np.mean(found.noise**2)) < QUIET * float(np.mean(found.torque**2)):
-            return found
-    return _residual(bench, left, bench.noise[0])
-
-
-def _left(bench: Bench, use: Sequence, starts: Starts | None) -> list[Array]:
-    return [
-        e.speed - bench.outputs(i, use, angle=_angle(bench, starts, i))[0]
-        for i, e in enumerate(bench.experiments)
+    simulated = [
+        bench.outputs(i, use, angle=_angle(bench, starts, i))[0] for i in range(len(bench.pieces))
     ]
+    measured = [e.speed for e in bench.experiments]
+    left = [a - b for a, b in zip(measured, simulated, strict=True)]
+    return _residual(bench, left, measured, bench.noise[0])
 
 
 def change(bench: Bench, use: Sequence, to: Sequence, starts: Starts | None = None) -> Residual:
@@ -95,12 +92,11 @@ def change(bench: Bench, use: Sequence, to: Sequence, starts: Starts | None = No
         to: effects after.
         starts: states at the first samples, with the latter.
     """
-    moved = []
+    moved, after = [], []
     for i in range(len(bench.pieces)):
-        after, _ = bench.outputs(i, to, angle=_angle(bench, starts, i))
-        before, _ = bench.outputs(i, use, angle=_angle(bench, bench.starts, i))
-        moved.append(after - before)
-    return _residual(bench, moved, 0.0)  # smoothed: a ripple of no mean is no place
+        after.append(bench.outputs(i, to, angle=_angle(bench, starts, i))[0])
+        moved.append(after[-1] - bench.outputs(i, use, angle=_angle(bench, bench.starts, i))[0])
+    return _residual(bench, moved, after, 0.0)
 
 
 def _angle(bench: Bench, starts: Starts | None, i: int) -> float:
@@ -108,33 +104,51 @@ def _angle(bench: Bench, starts: Starts | None, i: int) -> float:
 
 
 def _residual(
-    bench: Bench, speeds: Sequence[Array], deviation: float, window: float = WINDOW
+    bench: Bench, left: Sequence[Array], speeds: Sequence[Array], deviation: float
 ) -> Residual:
-    torque, noise = [], []
+    torque, noise, samples = _turned(bench, left, deviation, WINDOW)
+    sharp = torque, noise, samples
+    for window in SHARP:
+        tried = _turned(bench, left, deviation, window)
+        if float(np.mean(tried[1] ** 2)) <= QUIET * float(np.mean(tried[0] ** 2)):
+            sharp = tried
+            break
     over: dict[str, list[Array]] = {name: [] for name in QUANTITIES}
-    samples = 1
     for e, speed in zip(bench.experiments, speeds, strict=True):
-        turn = Torque(bench.values["J"], bench.memory, e.period, len(e), window)
-        torque.append(turn.of(speed))
-        noise.append(np.full(len(e), turn.noise * deviation))
-        samples = max(samples, turn.window)
-        over["speed"].append(turn.smooth(e.speed))
+        turn = Torque(bench.values["J"], bench.memory, e.period, len(e))
+        over["speed"].append(turn.smooth(speed))
         over["voltage"].append(np.asarray(e.voltage))
-        over["acceleration"].append(turn.smooth(e.speed, 1))
+        over["acceleration"].append(turn.smooth(speed, 1))
         over["time"].append(e.time)
         over["experiment"].append(np.full(len(e), float(e.number)))
     return Residual(
-        np.concatenate(torque),
-        np.concatenate(noise),
+        torque,
+        noise,
+        sharp[0],
+        sharp[1],
         {name: np.concatenate(parts) for name, parts in over.items()},
         [len(e) for e in bench.experiments],
         [e.period for e in bench.experiments],
         samples,
+        sharp[2],
     )
 
 
+def _turned(
+    bench: Bench, left: Sequence[Array], deviation: float, window: float
+) -> tuple[Array, Array, int]:
+    """((N,) torque, (N,) deviation of its noise, samples it is smoothed over)."""
+    torque, noise, samples = [], [], 1
+    for e, speed in zip(bench.experiments, left, strict=True):
+        turn = Torque(bench.values["J"], bench.memory, e.period, len(e), window)
+        torque.append(turn.of(speed))
+        noise.append(np.full(len(e), turn.noise * deviation))
+        samples = max(samples, turn.window)
+    return np.concatenate(torque), np.concatenate(noise), samples
+
+
 def places(found: Residual) -> list[Place]:
-    """Ranges that hold most of the gap in a smaller part of the data, the clearest first.
+    """Ranges in which the gap is larger than on average, the clearest first.
 
     A gap that lies everywhere alike is given as the whole range of speed. What lies at the same
     sizes of speed or voltage in both directions is given as two ranges.
@@ -157,11 +171,13 @@ def _places(quantity: str, found: Residual) -> list[Place]:
     low, high = float(values.min()), float(values.max())
     if not high > low:
         return []
-    begin, end, part = _narrowest(quantity, values, found)
+    begin, end, lift = _range(quantity, [(values, slice(None))], found)
     ranges = [(begin, end)]
     if quantity in ("speed", "voltage") and min(-low, high) > BOTH * max(-low, high):
-        first, last, folded = _narrowest(quantity, np.abs(values), found)
-        if folded < part:
+        # Both directions apart, since what is odd in the direction has no mean over them.
+        size, ahead = np.abs(values), values >= 0
+        first, last, folded = _range(quantity, [(size, ahead), (size, ~ahead)], found)
+        if folded > lift:
             ranges = [(first, last), (-last, -first)]
     total = float(found.power.sum())
     named = []
@@ -173,29 +189,72 @@ def _places(quantity: str, found: Residual) -> list[Place]:
     return named
 
 
-def _narrowest(quantity: str, values: Array, found: Residual) -> tuple[float, float, float]:
-    """(from, to, part of the whole range) of the narrowest range with most of the gap."""
+def _range(
+    quantity: str, parts: Sequence[tuple[Array, slice | NDArray[np.bool_]]], found: Residual
+) -> tuple[float, float, float]:
+    """(from, to, lift) of the range with the most power beyond the average.
+
+    Args:
+        quantity: for which.
+        parts: its values, and which samples of them are taken together; powers of the parts add up.
+        found: the torque.
+    """
+    values = parts[0][0]
     if quantity == "experiment":
-        numbers = np.unique(values)
-        edges = np.append(numbers, numbers[-1] + 1.0)
+        edges = np.append(np.unique(values), values.max() + 1.0)
     else:
         # Equal steps of the quantity where there are data, so that ends are sharp.
         edges = _merged(np.linspace(values.min(), values.max(), BINS + 1), values)
-    last = edges.size - 2
-    which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, last)
-    power, count = _powers(found, which, last + 1)
-    if not power.sum() > 0:
-        return float(values.min()), float(values.max()), 1.0
+    bins = edges.size - 1
+    which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, bins - 1)
+    mean, held = np.zeros(bins), 0.0
+    for _, chosen in parts:
+        there, power = _meant(found, which, chosen, bins)
+        mean += there
+        held += power
+    # The experiments' means are of many directions and voltages: their power is what counts.
+    if quantity == "experiment" or held < DEPENDS * max(float(found.power.sum()), 0.0):
+        mean = _powers(found, which, bins)
+    if not mean.sum() > 0:
+        return float(values.min()), float(values.max()), 0.0
     width = np.diff(edges)
-    mean = power / np.maximum(count, 1) * width
-    i, j = _shortest(mean / mean.sum(), width / width.sum())
-    share = power / power.sum()
-    while share[i : j + 1].sum() < MOST:
-        below, above = (share[i - 1] if i else -1.0), (share[j + 1] if j < last else -1.0)
-        i, j = (i - 1, j) if below > above else (i, j + 1)
-    part = float(width[i : j + 1].sum() / width.sum())
-    end = float(edges[j] if quantity == "experiment" else edges[j + 1])
-    return float(edges[i]), end, part
+    share = mean * width / float(mean @ width)
+    i, j, lift = _most_beyond(share, width / width.sum())
+    return float(edges[i]), float(edges[j] if quantity == "experiment" else edges[j + 1]), lift
+
+
+def _most_beyond(share: Array, data: Array) -> tuple[int, int, float]:
+    """First and last of the adjoining bins whose share of the gap exceeds that of the range most.
+
+    Args:
+        share: (bins,) of the gap.
+        data: (bins,) of the whole range.
+    """
+    sums = np.concatenate([[0.0], np.cumsum(share - data)])
+    best = (0, share.size - 1, 0.0)
+    for i in range(share.size):
+        j = i + int(np.argmax(sums[i + 1 :]))
+        if float(sums[j + 1] - sums[i]) > best[2] + ROUNDING:
+            best = (i, j, float(sums[j + 1] - sums[i]))
+    return best
+
+
+def _meant(
+    found: Residual, which: NDArray[np.int64], chosen: slice | NDArray[np.bool_], bins: int
+) -> tuple[Array, float]:
+    """(bins,) squared means of the sharp torque, 0 where noise gives as much; and their power.
+
+    The power is that of the smoothed torque's means, summed over all samples.
+    """
+    here = which[chosen]
+    count = np.maximum(np.bincount(here, minlength=bins), 1)
+    mean = np.bincount(here, found.sharp[chosen], bins) / count
+    # Smoothed samples are alike over a window, so there are fewer than they seem.
+    noise = np.bincount(here, found.sharp_noise[chosen] ** 2, bins) * found.sharp_window / count**2
+    smooth = np.bincount(here, found.torque[chosen], bins) / count
+    random = np.bincount(here, found.noise[chosen] ** 2, bins) * found.window / count**2
+    held = float(np.sum(count * np.maximum(smooth**2 - random, 0.0)))
+    return np.maximum(np.abs(mean) - MEANT * np.sqrt(noise), 0.0) ** 2, held
 
 
 def _merged(edges: Array, values: Array) -> Array:
@@ -209,14 +268,13 @@ def _merged(edges: Array, values: Array) -> Array:
     return np.array([*kept, edges[-1]])
 
 
-def _powers(found: Residual, which: NDArray[np.int64], size: int) -> tuple[Array, Array]:
-    """(bins,) sums of power where they are more than noise gives, else 0; and (bins,) counts."""
+def _powers(found: Residual, which: NDArray[np.int64], size: int) -> Array:
+    """(bins,) mean power where it is more than noise gives, else 0."""
     total = np.bincount(which, found.power, size)
     noise = np.bincount(which, found.noise**4, size)
-    # Smoothed samples are alike over a window, so there are fewer than they seem.
     chance = CHANCE * np.sqrt(2.0 * found.window * noise)
-    count = np.bincount(which, minlength=size).astype(np.float64)
-    return np.where(total > chance, total, 0.0), count
+    count = np.maximum(np.bincount(which, minlength=size), 1)
+    return np.where(total > chance, total, 0.0) / count
 
 
 def _shortest(share: Array, data: Array) -> tuple[int, int]:

@@ -161,3 +161,28 @@ def test_a_named_effect_lies_where_it_acts_not_where_the_recording_was():
     assert 12.9 < first.begin < 13.4
     assert first.share_of_gap > MOST
     assert first.share_of_data < 0.3
+
+
+def resonant(t, theta, omega, current, voltage, p):
+    return -p[0] * math.exp(-(((omega - 24.0) / 2.0) ** 2))
+
+
+def test_a_narrow_place_that_a_recording_runs_past_is_found_as_narrow_as_it_is():
+    """A drag around 24 rad/s: not blurred by the time in which the motor answers."""
+    listed = found(made(confined("resonant", resonant), count=6, hold=160))
+    place = named(listed, "speed")
+    assert overlap(place, 21.0, 27.0) >= 0.7
+    assert listed[0].quantity == "speed"
+
+
+def rippled(t, theta, omega, current, voltage, p):
+    return p[0] * (math.sin(6.0 * theta) - (1.0 if 20.0 < omega < 26.0 else 0.0))
+
+
+def test_a_ripple_everywhere_hides_no_place():
+    """As large as what acts there, it has no mean."""
+    effect = confined("rippled", rippled)
+    experiments = made(effect, count=6, hold=160)
+    bench = Bench(ROTOR, experiments, (NOISE, 1.0))
+    listed = places(change(bench, [], [effect]))
+    assert overlap(named(listed, "speed"), 20.0, 26.0) >= 0.5
