@@ -66,6 +66,19 @@ def test_the_current_counts_in_its_own_deviations():
         assert white(current)
 
 
+def test_a_current_measured_well_does_not_outweigh_the_speed():
+    """Its gap counts for as much as the speed's at most, and for less only if it is smaller."""
+    late = record(ROTOR, "input_delay:delay=0.01", current=True)
+    power = []
+    for tolerance in (0.0, 0.03):
+        bench = Bench(ROTOR, late, tolerance=tolerance)
+        rest = bench.rest()
+        both = sum(np.sum(rest[p.rows].reshape(2, -1) ** 2, axis=1) for p in bench.pieces)
+        power.append(both.tolist())
+    assert power[0][1] > 5 * power[0][0]  # as measured, the current would decide alone
+    assert power[1][1] == pytest.approx(power[1][0], rel=0.02)
+
+
 def test_the_noise_is_found_from_the_signals():
     """Within a tenth, though the speed moves a thousand times as far."""
     speed, current = channel_noise(record(ROTOR, samples=2000, hold=200, current=True))
