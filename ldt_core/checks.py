@@ -117,9 +117,11 @@ def _answers(detector: Detector) -> None:
         assert own.update(residual) is None, "update must return None"  # type: ignore[func-returns-value]
         assert np.array_equal(before, residual), "update changed the residual it was given"
         assert isinstance(own.signal, Level), f"signal must be a Level, got {own.signal!r}"
-        assert own.drift_detected == (own.signal == 1), "drift_detected disagrees with signal"
-        assert own.warning_detected == (own.signal == 0), "warning_detected disagrees with signal"
-        assert own.warns or own.signal != 0, "it warned, but its class says that it cannot"
+        assert own.drift_detected == (int(own.signal) == 1), "drift_detected disagrees with signal"
+        assert own.warning_detected == (int(own.signal) == 0), (
+            "warning_detected disagrees with signal"
+        )
+        assert own.warns or int(own.signal) != 0, "it warned, but its class says that it cannot"
         for name, value in own.statistics.items():
             assert isinstance(value, int | float), f"statistic {name} must be a number: {value!r}"
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from typing import Any
 
 
 class LdtError(Exception):
@@ -40,7 +41,7 @@ class BadInput(LdtError):
         self.where, self.expected, self.got = str(where), expected, str(got)
         super().__init__(f"{self.where}: expected {self.expected}, got {self.got}")
 
-    def __reduce__(self):  # errors cross process boundaries in parallel studies
+    def __reduce__(self) -> tuple[Any, ...]:  # errors cross process boundaries in parallel studies
         return type(self), (self.where, self.expected, self.got)
 
 

@@ -100,7 +100,7 @@ class Experiment:
     @property
     def time(self) -> Samples:
         """(L,) time since the first sample [s]."""
-        return np.arange(len(self)) * self.period
+        return np.asarray(np.arange(len(self)) * self.period, dtype=np.float64)
 
     @property
     def duration(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -92,7 +92,7 @@ class Trial:
                 squares.append(float(np.sum(trained.predict(e).residual(e)[block] ** 2)))
         return self._rmse(squares), learner
 
-    def _rmse(self, squares) -> float:
+    def _rmse(self, squares: Iterable[float]) -> float:
         return math.sqrt(sum(squares) / self.samples)
 
 

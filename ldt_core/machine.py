@@ -194,7 +194,9 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _keys(where: str, data: Mapping[str, Any], required: tuple, optional: tuple) -> None:
+def _keys(
+    where: str, data: Mapping[str, Any], required: tuple[str, ...], optional: tuple[str, ...]
+) -> None:
     for key in required:
         if key not in data:
             raise MachineFileError(where, f"the key {key!r}", f"only {sorted(data)}")

@@ -98,7 +98,7 @@ class Workers:
                     warnings.simplefilter("ignore")  # joblib's, of tasks given up on purpose
                     answers.close()
 
-    def _backend(self) -> contextlib.AbstractContextManager:
+    def _backend(self) -> contextlib.AbstractContextManager[Any]:
         if self._client is not None:
             return parallel_config(backend="dask", client=self._client)
         if self.jobs == 1:

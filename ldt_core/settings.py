@@ -10,7 +10,11 @@ from typing import Any
 import msgs_config
 from ldt_core.errors import OptionError, did_you_mean
 
-UNSET = ("", -1.0, [])  # defaults that mean "take it from elsewhere", not worth showing
+UNSET: tuple[Any, ...] = (
+    "",
+    -1.0,
+    [],
+)  # defaults that mean "take it from elsewhere", not worth showing
 
 
 def resolve(given: Mapping[str, Any], *groups: str) -> dict[str, Any]:

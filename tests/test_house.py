@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 BIN = Path(sys.executable).parent
@@ -39,11 +40,24 @@ def test_the_core_knows_no_ros():
     tool("lint-imports", "--no-cache")
 
 
+def test_the_core_s_types_hold():
+    """Strict, but for what `pyproject.toml` lists."""
+    tool("mypy")
+
+
 def test_no_file_is_too_long():
     """A file is about one thing: 400 lines at most."""
     python = [p for f in CHECKED[:3] for p in (REPOSITORY / f).rglob("*.py")]
     lengths = {p: len(p.read_text().splitlines()) for p in python}
     assert {p.name: n for p, n in lengths.items() if n > 400} == {}
+
+
+def test_pre_commit_runs_the_same_tools():
+    """Every hook is one of the tools above, from the active environment."""
+    hooks = yaml.safe_load((REPOSITORY / ".pre-commit-config.yaml").read_text())["repos"]
+    assert [repo["repo"] for repo in hooks] == ["local"]
+    programs = [hook["entry"].split()[0] for hook in hooks[0]["hooks"]]
+    assert programs == ["ruff", "ruff", "lint-imports", "mypy"]
 
 
 def test_the_readmes_commands_stand_in_ci():

@@ -19,6 +19,7 @@ from ldt_core.calibration.result import Calibration, Estimate, free_run_error, r
 from ldt_core.errors import ExperimentError, LdtError, OptionError, did_you_mean
 from ldt_core.experiment import Experiment
 from ldt_core.machine import Machine
+from ldt_core.metrics import FreeRunError
 
 HOLDOUT = 0.25  # of the experiments
 LEAST_TO_HOLD_OUT = 4  # experiments; fewer are all needed for the fit
@@ -152,8 +153,8 @@ class _Work:
         state = self._fitted()
         estimates, machine = self._estimates(state)
         if not state.seen.determined:
-            before = free_run_error(self.machine, self.experiments).rmse
-            if free_run_error(machine, self.experiments).rmse < SAME * before:
+            nominal = free_run_error(self.machine, self.experiments)
+            if free_run_error(machine, self.experiments).rmse < SAME * nominal.rmse:
                 raise LdtError(words.nothing_determined(self.experiments))
             estimates = [replace(e, value=e.nominal) for e in estimates]
             machine = self.machine
@@ -162,7 +163,8 @@ class _Work:
             if name not in state.coordinates.names and not self.named:
                 fixed[name] = words.SILENT if name in state.seen.silent else words.GROUPED
         order = [p.name for p in self.physics.parameters if p.name in fixed]
-        errors, numbers = {}, {}
+        errors: dict[str, tuple[FreeRunError, FreeRunError]] = {}
+        numbers: dict[str, list[int]] = {}
         for part, experiments in (("fit", self.experiments), ("held_out", held_out)):
             if experiments:
                 before = free_run_error(self.machine, experiments)

@@ -82,9 +82,9 @@ def believe(seen: Sequence[Seen], turn: float) -> Belief:
         worth = 1 / std**2
     mean = float(worth @ off / worth.sum())
     # Where they scatter by more than they should, the common angle is known by so much less.
-    scatter = float(worth @ (off - mean) ** 2) / max(np.count_nonzero(worth) - 1, 1)
-    std = math.sqrt(max(scatter, 1.0) / float(worth.sum()))
-    return Belief(same, (mode + mean) % turn, std)
+    scatter = float(worth @ (off - mean) ** 2) / max(int(np.count_nonzero(worth)) - 1, 1)
+    spread = math.sqrt(max(scatter, 1.0) / float(worth.sum()))
+    return Belief(same, (mode + mean) % turn, spread)
 
 
 def together(old: Sequence[Seen], new: Sequence[Seen], turn: float) -> list[Seen]:

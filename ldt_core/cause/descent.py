@@ -142,7 +142,9 @@ class Descent:
             loss = float(rows @ rows)
             moved, better = q, rows
             while damping < MOST_DAMPING:
-                step = np.linalg.solve(normal + damping * np.diag(scale), -slope)
+                step: Array = np.asarray(
+                    np.linalg.solve(normal + damping * np.diag(scale), -slope), dtype=np.float64
+                )
                 moved = self._inside(q + self._short(step))
                 better = self._rows(moved)
                 if float(better @ better) < loss:

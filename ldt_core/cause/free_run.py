@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,7 +165,7 @@ class Cause:
         given = self.given(z)
         speed = 0.0 if rest else self._first_speed(experiment, z)
         current = None if experiment.current is None else float(experiment.current[0])
-        step = {} if max_step is None else {"max_step": max_step}
+        step: dict[str, Any] = {} if max_step is None else {"max_step": max_step}
         try:
             worn = self.effect.change_parameters(self.physics, self.values, given)
             initial = self.physics.running_state(worn, speed, float(offset[ANGLE]), current)

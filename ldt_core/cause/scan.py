@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldt_core.cause.free_run import Array, Cause, Start
 from ldt_core.experiment import Experiment
@@ -85,7 +87,7 @@ class Scan:
         self._add(itertools.product(between, self._angles))
         self._add(itertools.product(coordinates, angles))
 
-    def best(self, keep: Array) -> Iterator[Point]:
+    def best(self, keep: NDArray[Any]) -> Iterator[Point]:
         """The points in the order of their distance from the measurement, near ones left out.
 
         Args:
@@ -99,7 +101,7 @@ class Scan:
                 seen.append(z)
                 yield z, angle
 
-    def scores(self, keep: Array) -> Array:
+    def scores(self, keep: NDArray[Any]) -> Array:
         """(points,) mean logarithm of 1 + (residual / width)^2: what fits for long counts."""
         return np.array([self.score(rest, keep) for rest in self._rests])
 

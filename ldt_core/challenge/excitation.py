@@ -49,7 +49,8 @@ class Excitation:
             cycles = first * time + (self.last - first) * time**2 / (2 * samples * period)
             return middle + half * np.sin(2 * math.pi * (cycles + random.random()))
         if self.kind.endswith("multisine"):
-            rates = np.exp(random.uniform(*np.log(BAND), SINES))
+            lowest, highest = np.log(BAND)
+            rates = np.exp(random.uniform(lowest, highest, SINES))
             phases = random.uniform(0, 2 * math.pi, SINES)
             wave = np.sin(2 * math.pi * rates[:, None] * time + phases[:, None]).sum(axis=0)
             return middle + half * wave / np.abs(wave).max()

@@ -67,7 +67,7 @@ def nearest(bench: Bench, acting: Sequence[Acting], numbers: Sequence[int] = PRO
             new = true - bench.speeds(tried, numbers)
         except Unsteady:
             break
-        gain = 1.0 - np.mean(new**2) / max(np.mean(error**2), 1e-30)
+        gain = 1.0 - float(np.mean(new**2)) / max(float(np.mean(error**2)), 1e-30)
         if gain > 0:
             best, error = tried, new
         if gain <= 0 or np.abs(step).max() < SETTLED:

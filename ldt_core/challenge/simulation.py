@@ -87,7 +87,7 @@ def _run(
     random: np.random.Generator,
     tolerance: float,
 ) -> Motion:
-    times = (np.arange(volts.size) - warm) * period
+    times: Array = np.asarray((np.arange(volts.size) - warm) * period, dtype=np.float64)
     supplied = _supplied(plant, volts, period, random)
     edges, levels, keep = _edges(times, supplied, plant["delay"], volts, warm)
     arguments = (state, plant, _active(plant), TOLERANCES, tolerance)

@@ -61,7 +61,7 @@ def print_study(study: Study, page: Path, as_json: bool) -> None:
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
-    return [_text(row[name], *how) for name, *how in FIGURES.values()]
+    return [_text(row[n], scale, digits, unit) for n, scale, digits, unit in FIGURES.values()]
 
 
 def _text(estimate: Mapping[str, Any], scale: float, digits: int, unit: str) -> str:
@@ -69,6 +69,7 @@ def _text(estimate: Mapping[str, Any], scale: float, digits: int, unit: str) -> 
     if (value := estimate["value"]) is None:
         return "-"
     low, high = estimate.get("low"), estimate.get("high")
-    known = low is not None and high is not None
-    spread = f" ± {scale * (high - low) / 2:.{digits}f}" if known else ""
+    spread = ""
+    if low is not None and high is not None:
+        spread = f" ± {scale * (high - low) / 2:.{digits}f}"
     return f"{scale * value:.{digits}f}{spread}{unit}"

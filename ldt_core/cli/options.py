@@ -26,7 +26,7 @@ namespace_option = click.option(
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 
 
-def parameters(*groups: str) -> Callable:
+def parameters(*groups: str) -> Callable[..., Any]:
     """Decorator: an option for each declared parameter of the groups.
 
     The command receives the checked values of all of them, defaults included, in one mapping named
@@ -37,7 +37,7 @@ def parameters(*groups: str) -> Callable:
     """
     declared = msgs_config.parameters(*groups)
 
-    def decorate(function: Callable) -> Callable:
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(function)
         def call(**values: Any) -> Any:
             return function(settings={name: values.pop(name) for name in declared}, **values)
@@ -49,12 +49,12 @@ def parameters(*groups: str) -> Callable:
     return decorate
 
 
-def declared_option(name: str) -> Callable:
+def declared_option(name: str) -> Callable[..., Any]:
     """Decorator: the option of one declared parameter, whose value comes under its own name."""
     return _option(name, msgs_config.parameters()[name])
 
 
-def _settings_option(function: Callable) -> Callable:
+def _settings_option(function: Callable[..., Any]) -> Callable[..., Any]:
     return click.option(
         "--settings",
         "settings_file",
@@ -96,7 +96,7 @@ def read_settings(file: str) -> dict[str, Any]:
     return {n: check(f"{file}, {n}", value, declared[n]) for n, value in found.items()}
 
 
-def _option(name: str, declaration: Mapping[str, Any]) -> Callable:
+def _option(name: str, declaration: Mapping[str, Any]) -> Callable[..., Any]:
     flag = "--" + name.replace("_", "-")
     kind, unit, default = declaration["type"], declaration.get("unit", ""), declaration["default"]
     text = declaration["description"] + (f" [{unit}]" if unit else "")

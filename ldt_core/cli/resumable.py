@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Self
+from typing import Any, Self
 
 import click
 from rich.console import Console
@@ -22,7 +22,7 @@ scheduler_option = click.option(
 )
 
 
-def compute_options(command: Callable) -> Callable:
+def compute_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """--jobs and --scheduler: where it is computed."""
     return jobs_option(scheduler_option(command))
 

@@ -58,7 +58,7 @@ class Group(click.Group):
             ) from None
 
 
-class Choice(click.Choice):
+class Choice(click.Choice[str]):
     """A choice whose answer to an unknown name says which is nearest."""
 
     def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:

@@ -86,7 +86,7 @@ def command(
         groups = tuple(name for name in GROUPS if not only or name in only)
         plan = Plan(**asked, machine=settings["machine"], groups=groups, first_seed=first_seed)
         with ResumableProgress("study", "results", out) as progress:
-            options = {"jobs": jobs, "scheduler": scheduler, "fresh": fresh}
+            options: dict[str, Any] = {"jobs": jobs, "scheduler": scheduler, "fresh": fresh}
             study = conduct(plan, out, **options, progress=progress.show)
     write_tables(out, study)
     write_figures(study, out)

@@ -126,6 +126,8 @@ class Calibrated(Detector):
 
     name = "calibrated"
     lifelong = True
+    #: Scores that wait until the suspicion is over.
+    suspects: list[float]
 
     def __init__(self, false_alarm_every: float = 1000.0) -> None:
         self.false_alarm_every = declared("false_alarm_every", false_alarm_every)
@@ -240,7 +242,7 @@ class Calibrated(Detector):
         self.reference = Reference()
         self.risen = self.fallen = 0.0
         self.rise = [0.0, 0.0]
-        self.suspects: list[float] = []
+        self.suspects = []
 
     @property
     def statistics(self) -> dict[str, float]:

@@ -93,7 +93,7 @@ def average_run_length(single: float, total: float) -> float:
 def _chain(single: float, total: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(sums (n,), probabilities (n, n) of going from one to the other without a positive)."""
     width = 2 * total / (2 * STATES - 1)  # the first state is the sum 0, and half as wide
-    centres = width * np.arange(STATES)
+    centres = np.asarray(width * np.arange(STATES), dtype=np.float64)
     edges = np.concatenate([[-np.inf], width * (np.arange(STATES) + 0.5)])
     steps = np.minimum(edges[None, :] - centres[:, None] + ALLOWANCE, single)
-    return centres, np.diff(ndtr(steps), axis=1)
+    return centres, np.asarray(np.diff(ndtr(steps), axis=1))

@@ -66,7 +66,7 @@ class Band:
 
     def _frequency(self, i: int) -> Array:
         e = self.bench.experiments[i]
-        return np.fft.rfftfreq(len(e), e.period)
+        return np.asarray(np.fft.rfftfreq(len(e), e.period), dtype=np.float64)
 
     def _in_band(self, i: int) -> Array:
         e, frequency = self.bench.experiments[i], self._frequency(i)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +102,7 @@ def _separation(bench: Bench, alike: Sequence[Fit], volts: Array, current: bool)
     return least
 
 
-def _run(bench: Bench, use: Sequence) -> Array:
+def _run(bench: Bench, use: Sequence[Any]) -> Array:
     """Free run in noise deviations, speed and current in one row."""
     speed, current = bench.outputs(0, use, COARSE, follow=False)
     if bench.experiments[0].current is None:

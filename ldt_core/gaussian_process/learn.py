@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,7 +127,7 @@ def _learn(runs: Sequence[Run], inputs: tuple[str, ...], most: int) -> Learned:
 
     parts = _parts(runs)
 
-    def observations():
+    def observations() -> Iterator[tuple[Array, Array, NDArray[np.int64]]]:
         for run, force, part in zip(runs, forces, parts, strict=True):
             _, states, _ = filtered(run, force, noise.ratio)
             known = {"current": states[:, 0], "speed": states[:, 1], "voltage": run.voltage}
@@ -208,7 +208,17 @@ def _from_cells(kernel: Kernel, inducing: Array, x: Array, y: Array) -> SparsePo
     return condition(kernel, inducing, [(rows, targets / std)], 1.0)
 
 
-def _disturbance(runs, inputs, found, parts, noise_std, span, lengths, steps, raw) -> Learned:
+def _disturbance(
+    runs: Sequence[Run],
+    inputs: Sequence[str],
+    found: Sequence[SparsePosterior],
+    parts: Sequence[NDArray[np.int64]],
+    noise_std: float,
+    span: float,
+    lengths: Sequence[int],
+    steps: Sequence[tuple[Array, Array]],
+    raw: Sequence[Array],
+) -> Learned:
     """What free runs miss beyond noise and the function's own spread.
 
     Its memory is that of the block means of the equation error; its size is the one that makes the

@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numba import njit
@@ -128,7 +128,7 @@ class OutputError:
         return max(float(linear_part(theta, *self._data)[2]), 0.0) / self.count  # rounding
 
     @property
-    def _data(self) -> tuple:
+    def _data(self) -> tuple[Any, ...]:
         flags = (self.feedthrough, self.offset)
         segments = (self.begins, self.cuts, self.kept, self.owners)
         return (self.sigma, self.u, self.y, *segments, *flags)

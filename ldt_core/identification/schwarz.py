@@ -114,13 +114,13 @@ def from_poles(poles: ArrayLike, sigma: float) -> Array:
     lower = np.zeros(order // 2 + 2)
     upper[: polynomial[0::2].size] = polynomial[0::2]
     lower[: polynomial[1::2].size] = polynomial[1::2]
-    column = [upper[0]]
+    firsts = [upper[0]]
     for _ in range(order):
-        column.append(lower[0])
+        firsts.append(lower[0])
         following = np.zeros_like(lower)
         following[:-1] = upper[1:] - upper[0] / lower[0] * lower[1:]
         upper, lower = lower, following
-    column = np.array(column)
+    column = np.array(firsts)
     values = np.empty(order)
     values[0] = column[1] / column[0]
     values[1:] = np.sqrt(column[2:] / column[:-2])

@@ -54,8 +54,10 @@ def settled(model: StateSpace) -> Start | None:
     # below this the gain is a difference of equal numbers
     if abs(gain) <= 1e-12 * (np.abs(model.C) @ np.abs(response) + abs(model.D)):
         return None
-    per_speed = response / gain
-    return Start(-per_speed * model.offset, per_speed, np.zeros_like(model.A))
+    per_speed = np.asarray(response / gain, dtype=np.float64)
+    return Start(
+        np.asarray(-per_speed * model.offset, dtype=np.float64), per_speed, np.zeros_like(model.A)
+    )
 
 
 def usual(model: StateSpace, starts: Array, experiments: Sequence[Experiment]) -> Start:

@@ -79,7 +79,7 @@ class StateSpace:
         whole = gain + self.D
         # below this the gain is a difference of equal numbers
         if abs(whole) > 1e-12 * (np.abs(self.C) @ np.abs(response) + abs(self.D)):
-            return response * ((output - self.offset) / whole)
+            return np.asarray(response * ((output - self.offset) / whole), dtype=np.float64)
         size = float(self.C @ self.C)
         rest = output - self.offset - self.D * voltage
         return self.C * (rest / size) if size else np.zeros(self.order)

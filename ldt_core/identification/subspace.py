@@ -75,7 +75,7 @@ def _hankels(inputs: list[Array], outputs: list[Array], width: int, rows: int) -
 
 def _observability(hankels: Array, rows: int) -> Array:
     """(rows, rows): orthonormal directions of the future output's states, strongest first."""
-    factor = np.linalg.qr(hankels, mode="r").T
+    factor = np.asarray(np.linalg.qr(hankels, mode="r")).T
     middle = slice(1 + rows, 1 + 3 * rows)
     return np.linalg.svd(factor[1 + 3 * rows :, middle])[0]
 

@@ -118,11 +118,13 @@ class LinearModel(Model):
             {"A": m.A.tolist(), "B": m.B.tolist(), "offset": m.offset, "weight": w, **_rule(start)}
             for m, start, w in found.others
         ]
+        start = found.start
+        assert start is not None  # of what was identified it is known
         learned = {
             "noise_std": found.noise_std,
             "fit_percent": found.fit_percent,
             "held_out": {str(n): error for n, error in found.held_out.items()},
-            "start": _rule(found.start),
+            "start": _rule(start),
             "others": others,
         }
         return self.successor({**_plain(found), **learned}, experiments)

@@ -31,7 +31,7 @@ from ldt_core.errors import MachineFileError, did_you_mean
 from ldt_core.experiment import Experiment
 from ldt_core.machine import Machine, real_number
 from ldt_core.plant.degradation import schedule
-from ldt_core.plant.voltage import excitation
+from ldt_core.plant.voltage import Excitation, Given, excitation
 
 KEYS = ("voltage", "start", "noise", "current_noise", "degradation")
 STARTS = ("rest", "random", "continue")
@@ -86,7 +86,7 @@ class Plant:
         self.seed = seed
         self.effects = tuple(effects)
         self.schedule = schedule(machine, experiments, seed, degradation, degradation_to)
-        self.excitation = excitation(machine, voltage)
+        self.excitation: Excitation | Given = excitation(machine, voltage)
         self.start = start or machine.simulation.get("start", "rest")
         if self.start not in STARTS:
             expected = did_you_mean(str(self.start), STARTS)

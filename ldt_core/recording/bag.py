@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import msgs_config
 from ldt_core.errors import ExperimentError, RecordingError
-from ldt_core.experiment import Experiment
+from ldt_core.experiment import (
+    Adaptation,
+    DiagnosisRecord,
+    Experiment,
+    ModelRecord,
+    Prediction,
+    Signal,
+)
 from ldt_core.recording.codec import DECODERS, Record, decode
 from ldt_core.recording.messages import deserialize
 from ldt_core.recording.run_settings import KEY, Setting, parse_settings
@@ -91,7 +98,23 @@ class Bag:
         topics = [self._required(n) for n in names] if names else list(self.topics)
         return self.storage.messages(topics)
 
-    def records(self, name: str) -> Iterator[Record | Any]:
+    @overload
+    def records(self, name: Literal["experiment"]) -> Iterator[Experiment]: ...
+    @overload
+    def records(
+        self, name: Literal["prediction", "original_prediction"]
+    ) -> Iterator[Prediction]: ...
+    @overload
+    def records(self, name: Literal["signal"]) -> Iterator[Signal]: ...
+    @overload
+    def records(self, name: Literal["adaptation"]) -> Iterator[Adaptation]: ...
+    @overload
+    def records(self, name: Literal["model"]) -> Iterator[ModelRecord]: ...
+    @overload
+    def records(self, name: Literal["diagnosis"]) -> Iterator[DiagnosisRecord]: ...
+    @overload
+    def records(self, name: str) -> Iterator[Any]: ...
+    def records(self, name: str) -> Iterator[Any]:
         """Records of a topic in recorded order, one at a time; messages where none is declared.
 
         Args:

@@ -88,7 +88,8 @@ def _from_table(
         q: column * field.factor for (q, field), column in zip(fields.items(), columns, strict=True)
     }
     assert sample_period is not None or "time" in values
-    times = values.pop("time", np.arange(lines.size) * (sample_period or 0.0))
+    counted = np.asarray(np.arange(lines.size) * (sample_period or 0.0), dtype=np.float64)
+    times = values.pop("time", counted)
     notes = [f"{lines.size} rows; {_conversions(fields)}", *table.notes]
 
     def place(index: int) -> str:
@@ -247,7 +248,7 @@ def _gap(series: dict[str, Series], period: float) -> str:
     return speed.place(end - 1) if end < speed.time.size else "one in the current"
 
 
-def _on_grid(part: dict[str, Series], period: float) -> tuple[np.ndarray, dict, bool]:
+def _on_grid(part: dict[str, Series], period: float) -> tuple[np.ndarray, dict[str, Any], bool]:
     """(times, channel → values on them, whether they were resampled)."""
     speed = part["speed"]
     shared = all(s.time.size == speed.time.size for s in part.values()) and all(

@@ -85,14 +85,14 @@ def decode_experiment(where: str, message: Any) -> Experiment:
     head, columns = _table(where, message, EXPERIMENT_HEAD, ("voltage", "speed"))
     return _checked(
         where,
-        lambda: Experiment(*head, columns["voltage"], columns["speed"], columns.get("current")),
+        lambda: Experiment(*head, columns["voltage"], columns["speed"], columns.get("current")),  # type: ignore[call-arg]
     )
 
 
 def decode_prediction(where: str, message: Any) -> Prediction:
     """The prediction in a Float64MultiArray; ExperimentError when it is none."""
     head, columns = _table(where, message, PREDICTION_HEAD, ("speed",))
-    return _checked(where, lambda: Prediction(*head, columns["speed"], columns.get("speed_std")))
+    return _checked(where, lambda: Prediction(*head, columns["speed"], columns.get("speed_std")))  # type: ignore[call-arg]
 
 
 def _checked(where: str, make: Callable[[], Any]) -> Any:
@@ -104,7 +104,7 @@ def _checked(where: str, make: Callable[[], Any]) -> Any:
 
 def _table(
     where: str, message: Any, head: tuple[str, ...], needed: tuple[str, ...]
-) -> tuple[list[float], dict[str, Samples]]:
+) -> tuple[list[Any], dict[str, Samples]]:
     """(numbers before the samples, channel → samples); channels in any order, more than needed."""
     dims = message.layout.dim
     if len(dims) != 2:

@@ -171,7 +171,9 @@ def _scalar(name: str, text: str) -> Scalar:
     return value if finite and isinstance(value, Scalar) else text
 
 
-def _read_status(where: str, message: Any, needed: tuple[str, ...]) -> tuple[int, str, dict]:
+def _read_status(
+    where: str, message: Any, needed: tuple[str, ...]
+) -> tuple[int, str, dict[str, Any]]:
     if len(message.status) != 1:
         raise RecordingError(f"{where}, status", "one status", len(message.status))
     status = message.status[0]

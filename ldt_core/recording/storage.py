@@ -14,7 +14,7 @@ import struct
 import zlib
 from collections.abc import Collection, Iterator
 from pathlib import Path, PurePath
-from typing import IO, Any, NamedTuple
+from typing import IO, Any, NamedTuple, cast
 
 import lz4.frame
 import yaml
@@ -173,7 +173,8 @@ class Storage:
             self.note(f"{file}: its index is damaged; read without it")
             return None
         try:
-            records = list(StreamReader(_Exact(io.BytesIO(summary)), skip_magic=True).records)
+            exact = cast("IO[bytes]", _Exact(io.BytesIO(summary)))
+            records = list(StreamReader(exact, skip_magic=True).records)
         except BROKEN as error:
             self.note(f"{file}: its index is damaged ({_reason(error)}); read without it")
             return None
@@ -205,7 +206,7 @@ class Storage:
         with file.open("rb") as plain:
             stream: IO[bytes] = plain
             if _magic(file) == ZSTD_MAGIC:
-                stream = zstandard.ZstdDecompressor().stream_reader(plain)  # type: ignore[assignment]
+                stream = zstandard.ZstdDecompressor().stream_reader(plain)
             for record in self._flat(file, _Exact(stream)):
                 if isinstance(record, Schema):
                     schemas[record.id] = record
@@ -224,7 +225,8 @@ class Storage:
 
     def _flat(self, file: Path, stream: _Exact) -> Iterator[Any]:
         """Records of an MCAP stream with chunks opened; stops, with a note, where it is broken."""
-        reader = StreamReader(stream, emit_chunks=True, record_size_limit=MAX_CHUNK)
+        exact = cast("IO[bytes]", stream)  # all that it needs is read()
+        reader = StreamReader(exact, emit_chunks=True, record_size_limit=MAX_CHUNK)
         records = reader.records
         while True:
             try:
@@ -357,7 +359,7 @@ def _decompress(method: str, data: bytes, size: int) -> bytes:
     raise ValueError(f"compression {method!r} is unknown")
 
 
-def _sqlite(file: Path, query: str, *types: type) -> Iterator[tuple]:
+def _sqlite(file: Path, query: str, *types: type) -> Iterator[tuple[Any, ...]]:
     """Rows of a query; ValueError for a value of another type, which SQLite would let pass."""
     uri = f"{file.resolve().as_uri()}?mode=ro&immutable=1"
     with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:

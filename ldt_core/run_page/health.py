@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ldt_core.doctor.check import Finding, Grade
 from ldt_core.doctor.recording import findings
-from ldt_core.report.blocks import Mark, Section, Table, Text
+from ldt_core.report.blocks import Mark, Section, Table, Text, Value
 from ldt_core.run_page.run import Run
 
 TONES = {Grade.OK: "good", Grade.WARNING: "open", Grade.PROBLEM: "bad"}
@@ -34,12 +34,12 @@ def section(run: Run) -> Section:
         absent = "No node's health was recorded: this was no run of the graph."
         found.blocks.append(Text(absent, "missing"))
         return found
-    rows = []
+    said: list[tuple[Value, ...]] = []
     for node in (nodes[name] for name in sorted(nodes)):
         rejected = "; ".join(f"{count} × {kind}" for kind, count in node.rejected.items())
-        rows.append((node.role, node.message, rejected or "nothing", node.last_rejection or "-"))
+        said.append((node.role, node.message, rejected or "nothing", node.last_rejection or "-"))
     head = ("node", "said last", "rejected", "why, the last time")
-    found.blocks.append(Table("The nodes of the graph", head, rows, cards=True))
+    found.blocks.append(Table("The nodes of the graph", head, said, cards=True))
     return found
 
 

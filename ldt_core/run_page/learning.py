@@ -31,7 +31,7 @@ def models(run: Run) -> list[Block]:
     by_version: dict[int, list[Turn]] = {}
     for turn in run.turns:
         by_version.setdefault(turn.signal.model_version, []).append(turn)
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for model in {m.version: m for m in run.models}.values():
         used = by_version.get(model.version, [])
         errors = [turn.signal.max_error for turn in used]
@@ -39,7 +39,7 @@ def models(run: Run) -> list[Block]:
         mean = number(sum(errors) / len(errors)) if errors else "-"
         force = ranges(spans(turn.experiment for turn in used))
         rows.append((f"Version {model.version}", model.kind, learned, force, mean, _cause(model)))
-    head = (
+    head: tuple[str, ...] = (
         "model",
         "kind",
         "learned from experiments",

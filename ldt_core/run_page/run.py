@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from ldt_core.errors import RecordingError
 from ldt_core.experiment import (
@@ -156,7 +157,7 @@ def _same(prediction: Prediction, experiment: Experiment) -> bool:
     return prediction.start == experiment.start and len(prediction) == len(experiment)
 
 
-def _records(bag: Bag, topic: str) -> Iterator:
+def _records(bag: Bag, topic: str) -> Iterator[Any]:
     """Records of a topic that not every run has."""
     return bag.records(topic) if bag.topic(topic) else iter(())
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,7 +114,8 @@ def pack(
             judged.append(prediction.speed_std)
     at = extremes(np.stack(judged), most)
     every = -(-len(experiment) // (LEVELS + 1))  # an index has to be a code as well
-    channels, codes = [Channel("time", 0.0, experiment.period * every)], [at // every]
+    channels = [Channel("time", 0.0, experiment.period * every)]
+    codes: list[NDArray[Any]] = [at // every]
     for name, row in rows.items():
         channel, code = _coded(name, row[at])
         channels.append(channel)

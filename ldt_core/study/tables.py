@@ -110,7 +110,7 @@ def _score(study: Study, entry: Entry) -> Score:
 
 def _never_rows(study: Study) -> list[dict[str, Any]]:
     """One row for each stream: what the original model does without learning."""
-    streams: dict[tuple, dict[str, Any]] = {}
+    streams: dict[tuple[Any, ...], dict[str, Any]] = {}
     for entry in study.entries:
         case = entry.result.case
         resolved = case.resolved

@@ -75,6 +75,7 @@ def false_alarms(detector: Detector, rows: Sequence[Row]) -> FalseAlarms:
     """
     law, how = _law(detector, rows)
     if isinstance(detector, Window | Never):  # by the calendar: nothing to estimate
+        assert law is not None
         return FalseAlarms(law, law, law, law, how)
     rng = np.random.default_rng(np.random.SeedSequence(list(STREAM)))
     rates = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 from ldt_core.report.number import number
 from ldt_core.tuning.alarms import LENGTH, STREAMS, most, needed
@@ -51,7 +52,7 @@ def _rivals(found: Tuning) -> Iterator[str]:
     own = chosen.setting.detector if chosen else ""
     names = dict.fromkeys(t.setting.detector for t in found.tried if t.setting != NEVER)
     for name in (n for n in names if n != own):
-        best = best_of(found.choice.kept, lambda t, n=name: t.setting.detector == n)
+        best = best_of(found.choice.kept, partial(_is_of, name))
         if best is not None:
             yield f"{name}: at best {_figures(best)} ({_value(best)})"
         elif chosen is not None:
@@ -168,3 +169,7 @@ def _per(rate: float) -> str:
     ('none', 'one in 1000', 'one in 1')
     """
     return f"one in {1 / rate:.3g}" if rate > 0 else "none"
+
+
+def _is_of(detector: str, tried: Tried) -> bool:
+    return tried.setting.detector == detector

@@ -18,7 +18,7 @@ from pathlib import Path
 
 BLOCK = re.compile(r"(?:<!-- not run: ([^>]*?) -->\n+)?^```(\w+)\n(.*?)^```$", re.S | re.M)
 FILE = re.compile(r"(?:#|<!--|//) ([\w.@/-]+\.\w+)(?: -->)?$", re.M)
-PATIENCE = 300.0  # s; a stalled machine is not what is tested
+PATIENCE = 900.0  # s; a stalled machine is not what is tested
 
 
 @dataclass

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ldt_core.challenge.comparators.held_out import Array, block_errors, improves
 from ldt_core.diagnosis.closing import free_run
@@ -22,10 +22,10 @@ def greedy(data: Data) -> Found:
     An effect is added if the set with it predicts better than that without (see `improves`).
     """
 
-    def predict(use: list, e: Experiment) -> Array:
+    def predict(use: list[Any], e: Experiment) -> Array:
         return free_run(data.machine, e, use)
 
-    chosen: list = []
+    chosen: list[Any] = []
     error, tried = block_errors(data.held, partial(predict, [])), data.fits.alone
     for size in range(1, MOST + 1):
         ranked = [(block_errors(data.held, partial(predict, f.use)), f) for f in tried]

@@ -147,7 +147,8 @@ def _amount(effect: str, name: str, true: float, found: Mapping[str, Any]) -> Am
         # About the value found, so that an angle may lie a turn away.
         low, high = (float(end) - float(found["value"]) for end in ends)
         slack = ROUNDING * max(abs(true), abs(low), abs(high))
-        covered = tuple(k * low - slack <= -off <= k * high + slack for k in (1.0, NINETY))
+        inside, narrower = (k * low - slack <= -off <= k * high + slack for k in (1.0, NINETY))
+        covered = inside, narrower
     error = abs(off) / size if size > 0 else None
     return Amount(effect, name, measure, error, abs(off) if measure == "factor" else None, covered)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +114,7 @@ def _confusion(name: str, judged: Sequence[Judged]) -> style.Drawing:
         for (r, c), share in np.ndenumerate(shares):
             if share >= SHOWN:
                 color = style.PAPER if share > DARK else style.INK
-                middle = {"ha": "center", "va": "center"}
+                middle: dict[str, Any] = {"ha": "center", "va": "center"}
                 axes.text(c, r, f"{100 * share:.0f}", color=color, fontsize=6.5, **middle)
         return figure
 

@@ -68,7 +68,8 @@ class Task:
 @functools.cache
 def stamp(who: str = DIAGNOSIS) -> dict[str, str]:
     """What decides an answer: code and libraries."""
-    names, known = DECIDING, versions(LIBRARIES)
+    names: tuple[str, ...] = DECIDING
+    known = versions(LIBRARIES)
     if who != DIAGNOSIS:
         names = (*names, *COMPARING)
         try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -76,7 +76,7 @@ class Table:
         judged: of each who answers, one for each case.
     """
 
-    def __init__(self, judged: dict[str, Sequence[Judged]]) -> None:
+    def __init__(self, judged: Mapping[str, Sequence[Judged]]) -> None:
         self.judged = judged
         self.rows = [row for who, found in judged.items() for row in _rows(who, found)]
         self._known = {(r.who, r.figure, r.kind, r.signal_to_noise): r.estimate for r in self.rows}

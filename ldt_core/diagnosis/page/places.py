@@ -187,8 +187,8 @@ def _spectrum(axes: Axes, found: Places, name: str) -> None:
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter(power)
     else:
-        seen = max((x[-1] for x, _ in found.spectra[name] if x.size), default=MOST_ORDER)
-        axes.set_xlim(0, max(seen, LEAST_ORDER))
+        furthest = max((float(f[-1]) for f, _ in found.spectra[name] if f.size), default=MOST_ORDER)
+        axes.set_xlim(0, max(furthest, LEAST_ORDER))
     axes.minorticks_off()
 
 

@@ -20,7 +20,8 @@ from ldt_core.report.style import Drawing, look, pair
 from ldt_core.study.case import Result
 from ldt_core.study.cell import cell
 from ldt_core.study.figures.reading import Reading
-from ldt_core.study.study import GROUPS, Study
+from ldt_core.study.groups import GROUPS
+from ldt_core.study.study import Study
 from ldt_core.words import spoken
 
 DEVIATIONS = (

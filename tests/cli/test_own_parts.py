@@ -1,0 +1,75 @@
+"""What the pages show of own parts does what they say; `test_docs.py` runs the pages themselves."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ldt_core import docs
+from ldt_core.checks import check_detector
+from ldt_core.cli import diagnose, effects, invoke, ldt, simulate
+from ldt_core.effects import parse_effect
+from ldt_core.machine import load_machine
+from ldt_core.recording.bag import read_bag
+from ldt_core.registry import Registry
+
+PAGES = docs.text("detector") + docs.text("effect")
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch) -> Path:
+    """The detector of the pages in a file of its own."""
+    return written("mine.py", tmp_path, monkeypatch)
+
+
+def written(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A Python file of the pages, in the folder that is the present one from now on."""
+    monkeypatch.chdir(folder)
+    block = next(b for b in re.findall(r"```python\n(.*?)```", PAGES, re.S) if f"# {name}" in b)
+    Path(name).write_text(block)
+    return folder / name
+
+
+def fewer(command: str, experiments: int) -> str:
+    """A command with another number of experiments."""
+    return re.sub(r"--experiments \d+", f"--experiments {experiments}", command)
+
+
+def test_the_page_s_detector_runs(mine, capsys):
+    """By the command that stands below it, with fewer experiments."""
+    command = next(c for c in PAGES.splitlines() if "mine.py:RootMeanSquare" in c)
+    arguments = fewer(command, 3).split()[1:]
+    assert invoke(ldt, [*arguments, "--model", "physics", "--no-bag"]) == 0
+    assert "mine.py:RootMeanSquare detector" in capsys.readouterr().out
+
+
+def test_the_page_s_detector_keeps_the_protocol(mine):
+    """As the line below it says."""
+    check_detector(Registry("detector", {}, "none").get(f"{mine}:RootMeanSquare")())
+
+
+def test_the_page_s_effect_is_checked_and_acts(tmp_path, monkeypatch, capsys):
+    """By the commands that stand below it, with fewer experiments."""
+    written("cubic_drag.py", tmp_path, monkeypatch)
+    check, use, why = (
+        c for c in PAGES.splitlines() if c.startswith("ldt") and "cubic_drag.py:" in c
+    )
+    assert invoke(effects.command, check.split()[2:]) == 0
+    assert "the neutral values change nothing" in capsys.readouterr().out
+    arguments = fewer(use, 1).split()[2:]
+    assert invoke(simulate.command, [*arguments, "--noise", "0"]) == 0
+    assert "cubic_drag:c=2e-06" in capsys.readouterr().out
+    machine, (effect, given) = load_machine("rotor"), parse_effect(arguments[3])
+    experiment = next(read_bag("dragged").experiments())
+    state = machine.model.initial_state(machine.parameters, 0.0)
+    about = (machine.parameters, experiment.voltage, experiment.period, state)
+    dragged = machine.model.simulate(*about, [(effect, given)])[:, 1]
+    np.testing.assert_allclose(experiment.speed, dragged, atol=1e-9)
+    assert np.abs(experiment.speed - machine.model.simulate(*about)[:, 1]).max() > 0.1
+    arguments = fewer(use, 2).split()[2:]
+    assert invoke(simulate.command, [*arguments[:-1], "shorter"]) == 0
+    assert invoke(diagnose.command, why.replace(" dragged ", " shorter ").split()[2:]) == 0
+    assert "Cubic drag (c = " in capsys.readouterr().out
