@@ -13,7 +13,7 @@ is linear, and smooth in every parameter where it is not.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.cause.free_run import white_noise
-from ldt_core.diagnosis.starts import NO_OFFSET, Starts, basis_of, settle, settled, turns
+from ldt_core.diagnosis.starts import NO_OFFSET, Starts, basis_of, settle, settled
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
 from ldt_core.physics.integrate import NOT_TRACKED, propagate
@@ -174,10 +174,6 @@ class Bench:
         """Start states for these effects; see `starts.settle`."""
         return settle(self, use, free, step, near)
 
-    def turns(self, use: Use) -> bool:
-        """Whether the start angle makes a difference with these effects."""
-        return turns(self, use)
-
     def changed(self, use: Use) -> Values | None:
         """The machine's parameters with these effects; None where they are impossible."""
         values: Values = self.values
@@ -249,7 +245,10 @@ class Bench:
             if offset.size:
                 start[: offset.size] += offset[: start.size]
             about = e.voltage, e.period, start, use, step
-            if not (follow and (not physics.is_linear(values) or self.angular(use))):
+            if not (
+                follow
+                and (not physics.is_linear(values) or self.angular(effect for effect, _ in use))
+            ):
                 states = physics.simulate(self.values, *about, least_step=LEAST)
             else:
                 gain = -math.expm1(-e.period / self.memory)
@@ -260,18 +259,20 @@ class Bench:
             return wild, wild
         return physics.measure(states, e.period, use), states[:, CURRENT]
 
-    def angular(self, use: Use) -> bool:
+    def angular(self, effects: Iterable[Effect]) -> bool:
         """Whether what one of the effects does depends on the angle.
 
         A free run's angle leaves the machine's within a few turns of a small error in speed.
         """
-        for effect, _ in use:
+        for effect in effects:
             if effect.name not in self._angles:
                 given = [(effect, effect.check(effect.typical))]
                 one, other = (self.outputs(0, given, angle=a, follow=False)[0] for a in (0.0, 1.0))
                 moved = float(np.max(np.abs(one - other)))
                 self._angles[effect.name] = moved > ANGULAR * self.noise[0]
-        return any(self._angles[effect.name] for effect, _ in use)
+            if self._angles[effect.name]:
+                return True
+        return False
 
     def _corrections(
         self, values: Values, e: Experiment, states: Array, seen: Array, gain: float

@@ -7,7 +7,6 @@ experiments.
 
 from __future__ import annotations
 
-import functools
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -18,9 +17,8 @@ from numpy.typing import NDArray
 from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.energy import Band
+from ldt_core.diagnosis.promise import Promises
 from ldt_core.diagnosis.search import (
-    SHRINK,
-    STRETCH,
     Dictionary,
     Fit,
     best_alone,
@@ -146,6 +144,7 @@ class Search:
         )
         alone = fit(bench, self.own, fitted.z, own=count) if fitted else _empty(bench)
         self.found = Explained(bench, Band(bench), alone.rest, self.scout, responses)
+        self.promises = Promises(self.scout, responses)
         # Without any effect: the machine's own parameters alone.
         self.found.fits[frozenset()] = alone
         self.found.scouted[frozenset()] = fitted or _empty(self.scout)
@@ -186,7 +185,7 @@ class Search:
         gap = max(taken, 0.0) + left
         return left < LITTLE * gap and not any(
             gain > CLEAR and earned(best.effects, [*best.effects, c], gain / PROMISED, left, gap)
-            for c, _, gain in self.ranked(best)
+            for c, _, gain in self.promises.ranked(best)
         )
 
     def _gained(self, count: int) -> bool:
@@ -199,9 +198,9 @@ class Search:
             for start in best_alone(self.found.responses, i):
                 self._scout([c], [start])
         none = self.found.scouted[frozenset()]
-        turned = {int(self.found.responses.owner[g[0]]) for g in self._angular}
-        for c, start, _ in self.ranked(none) if turned else ():
-            if self.candidates.index(c) in turned:
+        turned = self.promises.turned
+        for c, start, _ in self.promises.ranked(none) if turned else ():
+            if c.name in turned:
                 self._scout([c], [start])
 
     def _pairs(self) -> None:
@@ -227,71 +226,13 @@ class Search:
         enough = max(self.band.excess(base.rest), 0.0)
         start = self.found.scouted[frozenset()].loss
         promise = PROMISE * enough if enough > HOPEFUL * start else 0.0
-        d, ranked = self.found.responses, self.ranked(base)
+        ranked = self.promises.ranked(base)
         best = ranked[0][2] if ranked else 0.0
         enough_for = [(c, z) for c, z, gain in ranked if gain >= max(promise, close * best)]
         # Where each experiment may choose an angle, a ripple promises more than it can keep.
-        turned = {d.candidates[int(d.owner[g[0]])].name for g in self._angular}
+        turned = self.promises.turned
         kept = [(c, z) for c, z in enough_for if c.name not in turned][:count]
         return [(c, z) for c, z in enough_for[:count] if c.name in turned] + kept
-
-    def ranked(self, base: Fit) -> list[tuple[Candidate, Array, float]]:
-        """Every other effect with its most promising values beside a set, and what they promise."""
-        d = self.found.responses
-        left, moved = base.rest, d.responses
-        if base.members:
-            span = np.linalg.qr(base.jacobian)[0]
-            moved = moved - (moved @ span) @ span.T
-            left = left - span @ (span.T @ left)
-        size, target = np.einsum("ij,ij->i", moved, moved), moved @ left
-        scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
-        gain = 2 * scale * target - scale**2 * size
-        for group in self._angular:
-            gain[group], scale[group] = self._at_any_angle(moved[group], left)
-        chosen: dict[int, int] = {}
-        for k in np.argsort(-gain):
-            owner = int(d.owner[k])
-            if self.candidates[owner].name not in base.names:
-                chosen.setdefault(owner, int(k))
-        return [
-            (self.candidates[i], self.candidates[i].scaled(d.z[k], float(scale[k])), float(gain[k]))
-            for i, k in chosen.items()
-        ]
-
-    @functools.cached_property
-    def _angular(self) -> list[NDArray[np.int64]]:
-        """Places of responses that differ by a phase alone, if start angles are not known."""
-        d, found = self.found.responses, []
-        if all(p.rest for p in self.scout.pieces):
-            return []
-        for i, c in enumerate(d.candidates):
-            own = np.flatnonzero(d.owner == i)
-            other = [j for j, p in enumerate(c.parameters) if p.unit != "rad"]
-            if len(other) == len(c.parameters) or not self.scout.angular([(c.effect, {})]):
-                continue
-            same: dict[bytes, list[int]] = {}
-            for k in own:
-                same.setdefault(d.z[k][other].tobytes(), []).append(int(k))
-            found += [np.array(group) for group in same.values()]
-        return found
-
-    def _at_any_angle(self, moved: Array, left: Array) -> tuple[float, float]:
-        """(promise, how many times as strong) of an effect whose phase each experiment may choose.
-
-        Args:
-            moved: (phases, size) responses that differ by the phase alone.
-            left: (size,) residuals.
-        """
-        gain = size = 0.0
-        for piece in self.scout.pieces:
-            part = moved[:, piece.rows]
-            power, along = np.linalg.eigh(part @ part.T)
-            kept = along[:, -2:][:, power[-2:] > 1e-9 * max(power[-1], 1e-300)]  # a sine, a cosine
-            onto = kept.T @ (part @ left[piece.rows])
-            gain += float(np.sum(onto**2 / power[-2:][-kept.shape[1] :])) if onto.size else 0.0
-            size += float(power.sum()) / power.size
-        scale = float(np.clip(np.sqrt(gain / max(size, 1e-9)), SHRINK, STRETCH))
-        return gain, scale
 
     def _with(self, base: Fit, candidate: Candidate, start: Array) -> Fit:
         """A scouted set and one more effect.
@@ -302,7 +243,7 @@ class Search:
         if self.scout.shaking:
             turned = any(p.unit == "rad" for p in candidate.parameters)
         else:
-            turned = self.scout.angular([(candidate.effect, {})])
+            turned = self.scout.angular([candidate.effect])
         members = [*base.effects, candidate]
         known = None if turned else base.starts
         return self._scout(members, [*base.z[: len(base.effects)], start], known)
@@ -396,7 +337,7 @@ class Search:
             rest = self._scout(members, z) if known is None else known
             twins = self.twins.get(base.effects[leave].name, ())
             tried = self.additions(rest, count + 1, CLOSE)
-            tried += [(c, z) for c, z, _ in self.ranked(rest) if c.name in twins]
+            tried += [(c, z) for c, z, _ in self.promises.ranked(rest) if c.name in twins]
             for candidate, start in tried:
                 if candidate.name not in base.names:
                     found.append(self._with(rest, candidate, start))

@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 from ldt_core.diagnosis.bench import COARSE, Bench
 from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.starts import Starts
+from ldt_core.diagnosis.starts import Starts, turns
 
 Array = NDArray[np.float64]
 
@@ -162,7 +162,7 @@ def fit(
         starts[0] = starts[0] if quick else settled(z, near=known)
         z, left, slopes = descend(z, evaluations)
     sought = bench.shaking or not any(p.rest for p in bench.pieces)
-    if not sought and bench.turns(used(members, split(members, z))):
+    if not sought and turns(bench, used(members, split(members, z))):
         shared, kept = (z, left, slopes), starts[0]
         starts[0] = settled(z, free=True)
         z, left, slopes = descend(z, evaluations // 2)

@@ -105,5 +105,5 @@ def test_the_angle_matters_for_what_pulls_at_an_angle_alone():
     bench = Bench(ROTOR, record(ROTOR), (NOISE, 1.0))
     for name, expected in (("gravity_imbalance", True), ("coulomb_friction", False)):
         effect = get_effect(name)
-        assert bench.angular([(effect, effect.check(effect.typical))]) is expected
+        assert bench.angular([effect]) is expected
     assert np.isfinite(bench.rest()).all()
