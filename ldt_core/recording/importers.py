@@ -171,13 +171,13 @@ def _cut(
         whole = grid.size // step if step >= LEAST_SAMPLES else 0
         dropped += grid.size - whole * step
         for begin in range(0, whole * step, step):
-            cut = slice(begin, begin + step)
+            rows = slice(begin, begin + step)
             experiments.append(
                 Experiment(
                     len(experiments) + 1,
                     float(grid[begin]),
                     period,
-                    **{q: column[cut] for q, column in columns.items()},
+                    **{q: column[rows] for q, column in columns.items()},
                 )
             )
     if not experiments:

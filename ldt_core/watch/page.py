@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib.resources import files
 
 import jinja2
+from markupsafe import Markup
 
 from ldt_core.report.page import escaped_json
 
@@ -57,7 +58,7 @@ def _page(words: str) -> str:
         trim_blocks=True,
     )
     # Escaped for where it stands, in a script element.
-    environment.filters["own"] = jinja2.utils.markupsafe.Markup
+    environment.filters["own"] = Markup
     page = environment.get_template("watch.html")
     return page.render(words=words, data=escaped_json(EMPTY))
 
