@@ -180,8 +180,9 @@ class Fleet:
         return self.machines[name]
 
     def _health(self, message: Any, now: float) -> None:
-        for name, machine in self.machines.items():
-            if machine.nodes.take(message, name, now):
+        told = {status.name.strip("/").rpartition("/")[0] for status in message.status}
+        for name in told & self.machines.keys():
+            if self.machines[name].nodes.take(message, name, now):
                 self._changed()
 
     def _card(self, machine: WatchedMachine, now: float) -> dict[str, Any]:
@@ -193,8 +194,8 @@ class Fleet:
             trouble.append("a node warns")
         if machine.unreadable:
             trouble.append(f"unreadable messages: {machine.unreadable}")
-        judged = sorted((t.number, t.signal) for t in machine.turns.values() if t.signal)
-        course = [(figure(s.max_error), int(s.level)) for _, s in judged[-COURSE:]]
+        latest = [t.signal for t in list(machine.turns.values())[-COURSE:]]
+        course = [(figure(s.max_error), int(s.level)) for s in latest if s is not None]
         version = done.model_version if done else signal.model_version if signal else None
         return {
             "key": f"/{machine.namespace}",

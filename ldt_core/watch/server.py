@@ -73,6 +73,7 @@ class Pages:
         self._changed = asyncio.Event()
         self._closing = asyncio.Event()
         self._woken = False
+        self._overview = (-1, -1.0, "")
         self._loop = asyncio.get_running_loop()
         fleet.on_change = self._notice
 
@@ -130,7 +131,16 @@ class Pages:
         return web.Response(body=content, content_type=kind, charset="utf-8")
 
     async def _machines(self, _request: web.Request) -> web.Response:
-        return web.Response(text=_json(self.fleet.overview()), content_type="application/json")
+        return web.Response(text=self._overview_now(), content_type="application/json")
+
+    def _overview_now(self) -> str:
+        """The overview in JSON, made once for all browsers."""
+        count, made, text = self._overview
+        now = self._loop.time()
+        if count != self.fleet.count or now - made > HEARTBEAT / 2:
+            count, text = self.fleet.count, _json(self.fleet.overview())
+            self._overview = (count, now, text)
+        return text
 
     async def _experiment(self, request: web.Request) -> web.Response:
         number = request.query.get("number", "")
@@ -161,7 +171,7 @@ class Pages:
         since, known = 0, ""
         while not self._closing.is_set():
             changed = self._changed
-            overview = _json(self.fleet.overview())
+            overview = self._overview_now()
             if overview != known:
                 known = overview
                 await response.write(f"event: fleet\ndata: {overview}\n\n".encode())

@@ -39,5 +39,6 @@ def graph(namespace: str = "") -> Source:
         LdtError: no part of this installation knows of graphs.
     """
     for entry in entry_points(group=GROUP, name=GRAPH):
-        return entry.load()(namespace)
+        made: Source = entry.load()(namespace)
+        return made
     raise LdtError("this installation of LDT is without its ROS part: reinstall it")

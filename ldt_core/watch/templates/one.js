@@ -43,6 +43,7 @@ function forget() {
   experiment.range = experiment.index = course.range = course.index = null;
   at("choice").replaceChildren();
   at("events").replaceChildren();
+  courseChanged = true;
   logarithmic.statistic = logarithmic.statistic && axisChosen;
 }
 
@@ -58,10 +59,12 @@ function learnedOf(message) {
   at("columns").hidden = false;
   columns(message);
   axis();
+  follow();
+  fetchChosen();
   showEvents(message.events);
   showNodes(message);
   showStatus();
-  follow();
+  courseChanged ||= message.turns.length > 0 || message.whole;
   redraw();
 }
 
@@ -117,23 +120,33 @@ function take(n) {
   redraw();
 }
 
-let waiting = false;
+let waiting = false,
+  courseChanged = true,
+  courseChosen = null;
 function redraw() {
   if (waiting) return;
   waiting = true;
   requestAnimationFrame(() => {
     waiting = false;
     if (!seen || at("one").hidden) return;
-    if (RUN.number.length) course.update(RUN.number, courseRows());
-    showChoice();
     showExperiment();
+    if (!courseChanged && number === courseChosen) return;
+    courseChanged = false;
+    courseChosen = number;
+    showChoice();
+    if (RUN.number.length) course.update(RUN.number, courseRows());
   });
 }
 
-function showExperiment() {
+function fetchChosen() {
   const turn = seen.turns.get(number),
     held = samples.get(number);
   if (turn && turn.drawn && (!held || held.drawn < turn.drawn)) load(number);
+}
+
+function showExperiment() {
+  const held = samples.get(number);
+  fetchChosen();
   if (held) {
     experiment.update(held.rows.time, experimentRows(held.rows));
     document.body.dataset.drawn = `${number}:${held.drawn}`;
