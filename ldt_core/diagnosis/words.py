@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from ldt_core.diagnosis.result import Amount, Gap, Place
 from ldt_core.words import spoken
 
+MOST = 0.9  # of the gap: with less in a place, its share is said
+
 
 def sentence(
     machine: str,
@@ -33,7 +35,7 @@ def sentence(
             f"No gap: on held-out experiments the machine file of {machine} predicts the speed to "
             f"{gap.before.rmse:.3g} rad/s, which is the noise ({gap.noise_std:.3g} rad/s)."
         )
-    place = f", which lies {_place(where[0])}," if where and where[0].share_of_data < 1 else ""
+    place = f", {_lies(where)}," if where and where[0].share_of_data < 1 else ""
     if kind == "unknown":
         much = "" if left is None else f" (the best set of them leaves {left:.0%} of it)"
         return (
@@ -78,10 +80,22 @@ def _exponent(value: float) -> int:
     return int(f"{value:e}".split("e")[1])
 
 
+def _lies(where: Sequence[Place]) -> str:
+    """Where the clearest place is, both directions together if it is the same in both."""
+    place, share = where[0], where[0].share_of_gap
+    both = [p for p in where[1:] if (p.begin, p.end) == (-place.end, -place.begin)]
+    if both and place.quantity == both[0].quantity:
+        share += both[0].share_of_gap
+        place = max(place, both[0], key=lambda p: p.end)
+    part = "which lies" if share >= MOST else f"{share:.0%} of which lies"
+    return f"{part} {_place(place)}{' in both directions' if both else ''}"
+
+
 def _place(place: Place) -> str:
     unit = f" {place.unit}" if place.unit else ""
     if place.quantity == "experiment":
-        return f"in experiments {place.begin:.0f} to {place.end:.0f}"
+        first, last = round(place.begin), round(place.end)
+        return f"in experiment {first}" if first == last else f"in experiments {first} to {last}"
     words = {"speed": "at speeds", "voltage": "at voltages", "time": "in the time"}
     word = words.get(
         place.quantity, {"frequency": "at frequencies"}.get(place.quantity, f"at {place.quantity}s")

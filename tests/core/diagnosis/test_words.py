@@ -1,0 +1,41 @@
+"""Claims about the sentence: it says where the gap lies no more surely than it is."""
+
+from __future__ import annotations
+
+import pytest
+
+from ldt_core.diagnosis.result import Errors, Gap, Place
+from ldt_core.diagnosis.words import sentence
+
+GAP = Gap(0.1, Errors(2.0, 5.0), Errors(2.0, 5.0), None, None, [])
+
+
+def told(*places):
+    return sentence("rig", "unknown", [], {}, GAP, places, 0.5)
+
+
+def place(begin, end, share, quantity="speed", unit="rad/s"):
+    return Place(quantity, begin, end, unit, share, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("places", "words"),
+    [
+        ([place(15.0, 31.0, 0.95)], "which lies at speeds from 15 to 31 rad/s, has"),
+        ([place(15.0, 31.0, 0.6)], "60% of which lies at speeds from 15 to 31 rad/s, has"),
+        (
+            [place(-31.0, -15.0, 0.5), place(2.0, 4.0, 0.7, "time", "s"), place(15.0, 31.0, 0.3)],
+            "80% of which lies at speeds from 15 to 31 rad/s in both directions, has",
+        ),
+        ([place(3.0, 3.0, 1.0, "experiment", "")], "which lies in experiment 3, has"),
+        ([place(3.0, 5.0, 1.0, "experiment", "")], "which lies in experiments 3 to 5, has"),
+    ],
+)
+def test_the_sentence_says_where_and_how_much(places, words):
+    """The share too, unless it is nearly all; and what is alike in both directions once."""
+    assert words in told(*places)
+
+
+def test_a_gap_that_is_everywhere_has_no_place_in_the_sentence():
+    """Its place is all of the data."""
+    assert "lies" not in told(Place("speed", 0.0, 40.0, "rad/s", 1.0, 1.0))
