@@ -12,6 +12,7 @@ from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.energy import Band
 from ldt_core.diagnosis.explain import CLEAR, MOST, Explained, Search
 from ldt_core.diagnosis.search import Fit
+from ldt_core.diagnosis.shares import shapley
 from ldt_core.diagnosis.worth import earned, kin
 
 Array = NDArray[np.float64]
@@ -20,6 +21,7 @@ CHANCE = 0.002  # of each of two tests to see a gap where there is none
 ALIKE = 10.8  # loss by which sets differ that cannot be told apart: chi-square, p = 0.001, and
 ALSO = 0.7  # times what the best leaves itself: no candidate's law is exactly the machine's
 LAWS = 0.01  # of the gap, that a simpler set may leave in addition and still be the answer
+SHARE = 0.01  # of what a set explains, that each member must bring to it (Shapley)
 UNEXPLAINED = 0.05  # of the gap: with more left, the best set is not the cause
 BOOTSTRAP = 400  # draws of experiments
 DRAWS = 2000  # of white noise, for the limits of the tests
@@ -94,7 +96,7 @@ def decide(search: Search, seed: int = 0) -> Decision:
     for size in range(1, MOST + 1):
         best = min([best, *found.of_size(size)[:1]], key=lambda f: band.excess(f.rest))
     band.level = search.band.level = band.channel_noise(best.rest)
-    chosen = _grow(found, _gap(found, best))
+    chosen = _carried(search, _grow(found, _gap(found, best)))
     search.alternatives(chosen)
     pool = found.of_size(len(chosen.names))
     alike = _plainest(found, _as_good(band, pool), pool, _gap(found, pool[0]))
@@ -149,17 +151,29 @@ def _losses(bench: Bench, rest: Array) -> Array:
     return np.array([float(rest[p.rows] @ rest[p.rows]) for p in bench.pieces])
 
 
-def _grow(found: Explained, gap: float) -> Fit:
-    """The smallest set that no larger one beats by enough."""
-    chosen, band = found.of_size(1)[0], found.band
+def _grow(found: Explained, gap: float) -> list[Fit]:
+    """From the best effect alone, ever larger sets that are each better by enough."""
+    chosen, band = [found.of_size(1)[0]], found.band
     for size in range(2, MOST + 1):
         for larger in _good(found, found.of_size(size))[:1]:
-            gain = float((band.speed_loss(chosen.rest) - band.speed_loss(larger.rest)).sum())
-            left = max(band.speed_excess(chosen.rest), 0.0)
-            clear = gain > CLEAR * (len(larger.names) - len(chosen.names))
-            if clear and earned(chosen.effects, larger.effects, gain, left, gap):
-                chosen = larger
+            smaller = chosen[-1]
+            gain = float((band.speed_loss(smaller.rest) - band.speed_loss(larger.rest)).sum())
+            left = max(band.speed_excess(smaller.rest), 0.0)
+            clear = gain > CLEAR * (len(larger.names) - len(smaller.names))
+            if clear and earned(smaller.effects, larger.effects, gain, left, gap):
+                chosen.append(larger)
     return chosen
+
+
+def _carried(search: Search, chosen: Sequence[Fit]) -> Fit:
+    """The largest of these sets to which each member brings a share that is more than a trifle.
+
+    One that hardly explains anything in any order only mends what another law gets a little wrong.
+    """
+    for tried in reversed(chosen[1:]):
+        if min(shapley(search, tried).values()) >= SHARE:
+            return tried
+    return chosen[0]
 
 
 def _good(found: Explained, pool: Sequence[Fit]) -> list[Fit]:

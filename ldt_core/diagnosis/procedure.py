@@ -31,6 +31,7 @@ from ldt_core.diagnosis.result import (
     Verdict,
 )
 from ldt_core.diagnosis.scale import factors
+from ldt_core.diagnosis.shares import shapley
 from ldt_core.diagnosis.torque import Torque
 from ldt_core.diagnosis.where import change, places, residual
 from ldt_core.diagnosis.words import sentence
@@ -283,7 +284,7 @@ class _Report:
         self, found: Mapping[str, Mapping[str, Amount]], before: Sequence, noise: float
     ) -> list[Ranked]:
         d, explained = self.decision, self.search.found
-        shares = self._shapley()
+        shares = shapley(self.search, self.named) if self.named else {}
         ranked = []
         for c in self.search.candidates:
             alone = explained.fits.get(frozenset([c.name])) or explained.scouted.get(
@@ -337,28 +338,6 @@ class _Report:
 
     def _left(self) -> float:
         return max(self.decision.left / self.decision.excess, 0.0)
-
-    def _shapley(self) -> dict[str, float]:
-        """Each member's share of what the set explains, over all orders of adding them."""
-        fit = self.named
-        if fit is None:
-            return {}
-        if len(fit.names) == 1:
-            return {fit.names[0]: 1.0}
-        explained = self.search.found
-        worth: dict[frozenset[str], float] = {frozenset(): 0.0}
-        start = float(explained.base @ explained.base)
-        for count in range(1, len(fit.names) + 1):
-            for names in itertools.combinations(fit.names, count):
-                worth[frozenset(names)] = start - self.search.subset(fit, names).loss
-        whole = worth[frozenset(fit.names)]
-        shares = dict.fromkeys(fit.names, 0.0)
-        orders = list(itertools.permutations(fit.names))
-        for order in orders:
-            for k, name in enumerate(order):
-                gain = worth[frozenset(order[: k + 1])] - worth[frozenset(order[:k])]
-                shares[name] += gain / whole / len(orders)
-        return shares
 
     def _shown(self, before: Sequence[Array], after: Sequence[Array]) -> list[Shown]:
         """All experiments for the page, from the free runs of those held out."""

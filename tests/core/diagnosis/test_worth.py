@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from recorded_machines import MOTOR, NOISE, ROTOR, candidates, record
 
 from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.explain import Search
 from ldt_core.diagnosis.procedure import TOLERANCE, diagnose
 from ldt_core.diagnosis.search import fit
+from ldt_core.diagnosis.shares import shapley
 from ldt_core.diagnosis.worth import HALF, KIN, LITTLE, NEARLY_ALL, WORTH, earned, kin
 from ldt_core.effects import EFFECTS, get_effect
 
@@ -107,3 +109,18 @@ def test_the_angle_matters_for_what_pulls_at_an_angle_alone():
         effect = get_effect(name)
         assert bench.angular([effect]) is expected
     assert np.isfinite(bench.rest()).all()
+
+
+def test_shares_are_those_of_a_game_and_sum_to_1():
+    """Of two effects: the mean of what each explains alone and after the other one."""
+    experiments = record(ROTOR, "coulomb_friction:torque=0.2", "inertia:factor=1.2")
+    search = Search(Bench(ROTOR, experiments), candidates(ROTOR, ["coulomb_friction", "inertia"]))
+    search.run()
+    both = search.found.of_size(2)[0]
+    shares = shapley(search, both)
+    start = float(search.found.base @ search.found.base)
+    alone = {f.names[0]: start - f.loss for f in search.found.of_size(1)}
+    whole = start - both.loss
+    expected = (alone["inertia"] + whole - alone["coulomb_friction"]) / 2 / whole
+    assert shares["inertia"] == pytest.approx(expected)
+    assert sum(shares.values()) == pytest.approx(1.0)
