@@ -36,6 +36,7 @@ TEST = [
     "pytest-xdist>=3.6",
     "ros-jazzy-domain-coordinator==0.12.0",
     "ruff>=0.14",
+    "setuptools>=70.1",
 ]
 # A sourced ROS installation, or another environment of these wheels, would leak into ours.
 FOREIGN = ("PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")

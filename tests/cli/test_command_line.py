@@ -116,7 +116,7 @@ def test_challenge_make_reports_the_key_and_says_its_digest_first(monkeypatch, c
     ("line", "words"),
     [
         ("simulat", "did you mean 'simulate'?"),
-        ("doc", "did you mean 'doctor'?"),
+        ("doctr", "did you mean 'doctor'?"),
         ("challenge mak", "did you mean 'make'? commands are make, score"),
         ("challenge scroe", "did you mean 'score'?"),
         ("run --exp 3", "did you mean '--experiments'? (ldt run --help lists all)"),
