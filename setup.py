@@ -160,11 +160,12 @@ def build() -> None:
                     f"ldt_{role} = ldt_ros.process:{role}"
                     for role in (
                         *("plant", "player", "segmenter", "twin", "detector"),
-                        *("adaptor", "diagnoser", "recorder"),
+                        *("adaptor", "diagnoser", "advisor", "recorder"),
                     )
                 ),
             ],
             "ldt.command": [
+                "advise = ldt_core.cli.advise:command",
                 "calibrate = ldt_core.cli.calibrate:command",
                 "challenge = ldt_core.cli.challenge:command",
                 "completion = ldt_core.cli.completion:command",

@@ -296,6 +296,25 @@ class DiagnosisRecord:
 
 
 @dataclass(frozen=True)
+class AdviceRecord:
+    """What the people at the machine are advised; never a command.
+
+    Args:
+        experiment: number of the last one that it is about, 0 if it is about none.
+        model_version: of the model in force.
+        warning: whether the machine is where it had better not be, or near.
+        sentence: for a person.
+        values: what it rests on, by dotted name; lists as JSON; None where undefined.
+    """
+
+    experiment: int
+    model_version: int
+    warning: bool
+    sentence: str
+    values: Mapping[str, Scalar] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Step:
     """All that one turn of the loop produced for one experiment."""
 
@@ -306,3 +325,4 @@ class Step:
     adaptation: Adaptation
     model: ModelRecord | None = None
     diagnosis: DiagnosisRecord | None = None
+    advice: AdviceRecord | None = None

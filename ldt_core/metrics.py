@@ -11,7 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from ldt_core.experiment import Action, Adaptation, DiagnosisRecord, Level, Samples, Signal, Step
+from ldt_core.experiment import (
+    Action,
+    Adaptation,
+    AdviceRecord,
+    DiagnosisRecord,
+    Level,
+    Samples,
+    Signal,
+    Step,
+)
 
 #: "Within the next five experiments after the drift" (paper, section 4). A drift at i means that
 #: experiment i is the first with the new value, so the drift took place before it, and the five are
@@ -35,6 +44,8 @@ class Summary:
         self.rejected = 0
         #: Verdicts of the diagnoses that were made, in their order.
         self.diagnoses: list[DiagnosisRecord] = []
+        #: What people were advised last.
+        self.advice: AdviceRecord | None = None
         #: What a person should know beside the figures, a sentence each.
         self.notes: list[str] = []
 
@@ -55,6 +66,8 @@ class Summary:
         self.add_adaptation(step.adaptation)
         if step.diagnosis is not None:
             self.add_diagnosis(step.diagnosis)
+        if step.advice is not None:
+            self.add_advice(step.advice)
 
     def add_signal(self, signal: Signal) -> None:
         """Take in the signal, and with it the learning twin's error, of one experiment."""
@@ -73,6 +86,10 @@ class Summary:
     def add_diagnosis(self, diagnosis: DiagnosisRecord) -> None:
         """Take in a verdict."""
         self.diagnoses.append(diagnosis)
+
+    def add_advice(self, advice: AdviceRecord) -> None:
+        """Take in an advice, which takes the place of the one before."""
+        self.advice = advice
 
     def _add(self, whose: str, error: float) -> None:
         self._sums[whose] += error
@@ -143,6 +160,8 @@ class Summary:
                 }
                 for d in self.diagnoses
             ],
+            "advice": self.advice
+            and {"experiment": self.advice.experiment, "sentence": self.advice.sentence},
             "notes": list(self.notes),
         }
 

@@ -39,6 +39,7 @@ def roles(settings: Mapping[str, Any]) -> list[str]:
     """
     in_adaptor = settings["model"] == "diagnosed" and settings["cause"] == "auto"
     beside = ["diagnoser"] if settings["diagnose"] and not in_adaptor else []
+    beside += ["advisor"] if settings["advice"] else []
     return ["recorder", *beside, "adaptor", "detector", "twin", source_of(settings)]
 
 
@@ -100,7 +101,7 @@ def run(
 
     Args:
         machine: as the twin knows it.
-        settings: parameters of the groups model, detector, adaptor and diagnosis.
+        settings: parameters of the groups model, detector, adaptor, diagnosis and advice.
         experiments: in the order of their numbers.
         bag: folder of the recording, which must not exist; None records nothing.
         on_step: told of each step.
@@ -120,7 +121,7 @@ def run(
         for step in twin.steps(experiments, rejected):
             summary.add(step)
             on_step(step)
-        summary.note(*_troubles(twin.trouble))
+        summary.note(*_troubles(twin))
         return summary
     with BagWriter(bag, machine.name, namespace, settings=settings) as writer:
         for index, step in enumerate(twin.steps(experiments, rejected)):
@@ -129,12 +130,14 @@ def run(
             write_step(writer, step)
             summary.add(step)
             on_step(step)
-    summary.note(*_troubles(twin.trouble))
+    summary.note(*_troubles(twin))
     return summary
 
 
-def _troubles(reason: str) -> list[str]:
-    return [f"no diagnosis: {reason}"] if reason else []
+def _troubles(twin: Twin) -> list[str]:
+    advised = twin.advisor.trouble if twin.advisor else ""
+    found = {"no diagnosis": twin.trouble, "no advice": advised}
+    return [f"{what}: {reason}" for what, reason in found.items() if reason]
 
 
 def write_step(writer: BagWriter, step: Step) -> None:
@@ -149,6 +152,8 @@ def write_step(writer: BagWriter, step: Step) -> None:
     if step.model is not None:
         writer.write("model", step.model, end)
     writer.write("adaptation", step.adaptation, end)
+    if step.advice is not None:
+        writer.write("advice", step.advice, end)
 
 
 def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary: Summary) -> None:
@@ -173,6 +178,8 @@ def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary:
                 summary.add_signal(signal)
         for diagnosis in opened.records("diagnosis") if opened.topic("diagnosis") else ():
             summary.add_diagnosis(diagnosis)
+        for advice in opened.records("advice") if opened.topic("advice") else ():
+            summary.add_advice(advice)
         originals = {p.number: p.start for p in opened.records("original_prediction")}
         predictions = opened.records("original_prediction")
         for experiment in opened.experiments():

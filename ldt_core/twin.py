@@ -24,6 +24,7 @@ from ldt_core.models.base import Model
 from ldt_core.models.physics import PhysicsModel
 
 if TYPE_CHECKING:
+    from ldt_core.advice.live import Advisor
     from ldt_core.diagnosis.live import Diagnoser
 
 WARM_UP_SAMPLES = 3  # compiled code is loaded whatever the length
@@ -105,8 +106,8 @@ class Twin:
 
     Args:
         machine: the machine as it is known beforehand.
-        settings: parameters of the groups model, detector, adaptor and diagnosis
-            (`parameters.yaml`; the last group has its defaults where it is missing).
+        settings: parameters of the groups model, detector, adaptor, diagnosis and advice
+            (`parameters.yaml`; the last two have their defaults where they are missing).
         judge: stage 2, where it is not the detector of the settings.
 
     Raises:
@@ -123,6 +124,7 @@ class Twin:
         # A model that asks for diagnoses gets them in the adaptor; one machine needs no two.
         asked = settings.get("diagnose") and not model.asks_for_diagnosis
         self.diagnoser = build_diagnoser(machine, settings) if asked else None
+        self.advisor = build_advisor(machine, settings) if settings.get("advice") else None
 
     @property
     def model(self) -> Model:
@@ -151,7 +153,12 @@ class Twin:
         changed = model.version != self.model.version
         self.predictor.model = model
         record = model.record() if changed else None
-        return Step(experiment, prediction, original, signal, adaptation, record, diagnosis)
+        advice = None
+        if self.advisor is not None:
+            if diagnosis is not None:
+                self.advisor.informed(diagnosis)
+            advice = self.advisor.step(experiment, model.record())
+        return Step(experiment, prediction, original, signal, adaptation, record, diagnosis, advice)
 
     def steps(
         self,
@@ -183,6 +190,13 @@ def build_diagnoser(machine: Machine, settings: Mapping[str, Any]) -> Diagnoser:
     from ldt_core.diagnosis.live import Diagnoser  # few runs need it, and it takes time to load
 
     return Diagnoser(machine, settings)
+
+
+def build_advisor(machine: Machine, settings: Mapping[str, Any]) -> Advisor:
+    """The advice to people beside the loop from the parameters of the group advice."""
+    from ldt_core.advice.live import Advisor  # as above
+
+    return Advisor(machine, settings)
 
 
 def build_adaptor(model: Model, settings: Mapping[str, Any]) -> Adaptor:

@@ -63,17 +63,19 @@ class Monitor(Node):
     def idle(self) -> bool:
         """Whether every experiment that was sent has gone all the way, or was refused."""
         started = any(role in self.health for role in SOURCES)
-        diagnosed = self._told("diagnoser", "experiment")
-        if "diagnoser" in self.health and diagnosed != str(self.last_signal):
-            return False
+        for role in ("diagnoser", "advisor"):
+            dealt = self._told(role, "experiment")
+            if role in self.health and dealt != str(self.last_signal):
+                return False
         return self.last_step >= self.last_experiment and (self.source_finished or not started)
 
     @property
     def busy(self) -> bool:
         """Whether a node has told that it works on experiments that have not gone all the way."""
         diagnosing = self._told("diagnoser", "diagnosing") == "true"
+        advising = self._told("advisor", "advising") == "true"
         training = self._told("adaptor", "training") == "true"
-        return diagnosing or training or self._told("twin", "waiting") not in ("", "0")
+        return diagnosing or advising or training or self._told("twin", "waiting") not in ("", "0")
 
     def _told(self, role: str, key: str) -> str:
         """What a node told last under a key, "" when it did not."""

@@ -2,7 +2,7 @@
 
 `python -m ldt_ros.process --node twin --node detector --ros-args -p model:=linear -r __ns:=/press`,
 or one of the executables `ldt_plant`, `ldt_player`, `ldt_segmenter`, `ldt_twin`, `ldt_detector`,
-`ldt_adaptor`, `ldt_diagnoser`, `ldt_recorder` for a single node.
+`ldt_adaptor`, `ldt_diagnoser`, `ldt_advisor`, `ldt_recorder` for a single node.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ ROLES = {
     "detector": "ldt_ros.detector_node:DetectorNode",
     "adaptor": "ldt_ros.adaptor_node:AdaptorNode",
     "diagnoser": "ldt_ros.diagnoser_node:DiagnoserNode",
+    "advisor": "ldt_ros.advisor_node:AdvisorNode",
     "recorder": "ldt_ros.recorder_node:RecorderNode",
 }
 SPIN = 0.1  # s, how late a stop signal may be noticed when nothing arrives
@@ -157,6 +158,7 @@ def _single(role: str) -> Callable[[], None]:
 plant, player, twin = _single("plant"), _single("player"), _single("twin")
 detector, adaptor, recorder = _single("detector"), _single("adaptor"), _single("recorder")
 diagnoser, segmenter = _single("diagnoser"), _single("segmenter")
+advisor = _single("advisor")
 
 if __name__ == "__main__":
     _leave(main())

@@ -49,7 +49,7 @@ RIVALS = 5.0  # s after the first step; what comes later is a warning that ends 
 STARTUP = 60.0  # s until all nodes must have found each other
 """Groups of parameters that `ldt up` offers and hands on to the nodes."""
 GROUPS = (
-    *("machine", "plant", "run", "model", "detector", "adaptor", "diagnosis"),
+    *("machine", "plant", "run", "model", "detector", "adaptor", "diagnosis", "advice"),
     *("player", "pace", "twin", "stream", "segmenter", "cut"),
 )
 
@@ -331,7 +331,7 @@ class Graph:
             summary, health = run.summary, monitor.health
             for role, told in health.items():
                 for key, count in told.values.items():
-                    if key == "no diagnosis":
+                    if key in ("no diagnosis", "no advice"):
                         summary.note(f"{key}: {count}")
                     elif (key in COUNTS or key.startswith(LEFT_OUT)) and count != "0":
                         summary.note(f"{role}, {key}: {count}")
@@ -357,7 +357,7 @@ class _Refused(LdtError):
 @parameters(*GROUPS, "recorder", "graph")
 @json_option
 def command(settings: dict[str, Any], as_json: bool) -> None:
-    """Run the whole node graph: machine, twin, detector, adaptor, recorder, diagnoser if asked for.
+    """Run the whole node graph: machine, twin, detector, adaptor, recorder, and more if asked for.
 
     It simulates the machine as it degrades (or plays a recording, or listens to a machine's samples
     with --source stream), learns, records, ends by itself after the last experiment or on Ctrl-C,

@@ -95,6 +95,9 @@ def print_summaries(
             console.print(words, markup=False, highlight=False)
         if (before := len(summary.diagnoses) - DIAGNOSES) > 0:
             console.print(f"{machine}: {before} earlier diagnoses", markup=False, highlight=False)
+        if (a := summary.advice) is not None:
+            words = f"{machine}, advice at experiment {a.experiment}: {a.sentence}"
+            console.print(words, markup=False, highlight=False)
         for note in summary.notes:
             console.print(f"{machine}: {note}", markup=False, highlight=False)
         if bag and Path(bag).exists():

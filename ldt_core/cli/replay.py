@@ -16,7 +16,7 @@ from ldt_core.cli.options import json_option, namespace_option, out_option, para
 @out_option
 @namespace_option
 @json_option
-@parameters("machine", "model", "detector", "adaptor", "diagnosis", "pace")
+@parameters("machine", "model", "detector", "adaptor", "diagnosis", "advice", "pace")
 def command(
     settings: dict[str, Any],
     recording: str,

@@ -13,7 +13,7 @@ from ldt_core.cli.options import json_option, parameters
 
 @click.command("run")
 @parameters(
-    *("machine", "plant", "run", "model", "detector", "adaptor", "diagnosis"),
+    *("machine", "plant", "run", "model", "detector", "adaptor", "diagnosis", "advice"),
     *("player", "pace", "twin", "recorder", "graph"),
 )
 @click.option("--no-bag", is_flag=True, help="Record nothing.")

@@ -10,6 +10,7 @@ import msgs_config
 from ldt_core.errors import ExperimentError, RecordingError
 from ldt_core.experiment import (
     Adaptation,
+    AdviceRecord,
     DiagnosisRecord,
     Experiment,
     ModelRecord,
@@ -112,6 +113,8 @@ class Bag:
     def records(self, name: Literal["model"]) -> Iterator[ModelRecord]: ...
     @overload
     def records(self, name: Literal["diagnosis"]) -> Iterator[DiagnosisRecord]: ...
+    @overload
+    def records(self, name: Literal["advice"]) -> Iterator[AdviceRecord]: ...
     @overload
     def records(self, name: str) -> Iterator[Any]: ...
     def records(self, name: str) -> Iterator[Any]:

@@ -15,6 +15,7 @@ from typing import Any
 from ldt_core.errors import ModelError, RecordingError, did_you_mean
 from ldt_core.experiment import (
     Adaptation,
+    AdviceRecord,
     DiagnosisRecord,
     Experiment,
     ModelRecord,
@@ -38,14 +39,18 @@ from ldt_core.recording.samples import (
 )
 from ldt_core.recording.statuses import (
     decode_adaptation,
+    decode_advice,
     decode_diagnosis,
     decode_signal,
     encode_adaptation,
+    encode_advice,
     encode_diagnosis,
     encode_signal,
 )
 
-Record = Experiment | Prediction | Signal | ModelRecord | Adaptation | DiagnosisRecord
+Record = (
+    Experiment | Prediction | Signal | ModelRecord | Adaptation | DiagnosisRecord | AdviceRecord
+)
 
 MAX_JSON = 100_000_000  # characters, more than a matrix of 2000 x 2000 takes
 
@@ -76,6 +81,8 @@ def encode(
             return encode_adaptation(record, make, machine, time)
         case DiagnosisRecord():
             return encode_diagnosis(record, make, machine, time)
+        case AdviceRecord():
+            return encode_advice(record, make, machine, time)
     raise TypeError(f"no message for {type(record).__name__}")
 
 
@@ -97,8 +104,8 @@ def decode(topic: str, message: Any, where: str | None = None) -> Record:
     Raises:
         ExperimentError: samples, numbers or layout that are no experiment or prediction.
         ModelError: a text that is no model record.
-        RecordingError: a topic without records, or a status that is no signal, adaptation or
-            diagnosis.
+        RecordingError: a topic without records, or a status that is no signal, adaptation,
+            diagnosis or advice.
     """
     name = topic.rpartition("/")[2]
     if name not in DECODERS:
@@ -157,6 +164,7 @@ DECODERS: dict[str, tuple[str, Callable[[str, Any], Record]]] = {
     "signal": (DIAGNOSTICS, decode_signal),
     "adaptation": (DIAGNOSTICS, decode_adaptation),
     "diagnosis": (DIAGNOSTICS, decode_diagnosis),
+    "advice": (DIAGNOSTICS, decode_advice),
     "model": (STRING, _decode_model),
 }
 

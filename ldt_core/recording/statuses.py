@@ -1,6 +1,6 @@
-"""Signal, Adaptation, DiagnosisRecord ↔ diagnostic_msgs/msg/DiagnosticArray (contract, "Topics").
+"""Signal, Adaptation, DiagnosisRecord and AdviceRecord ↔ diagnostic_msgs/msg/DiagnosticArray.
 
-Numbers are written with `repr` and come back bit-equal.
+As the contract, "Topics", has them. Numbers are written with `repr` and come back bit-equal.
 """
 
 from __future__ import annotations
@@ -11,7 +11,15 @@ from collections.abc import Mapping
 from typing import Any
 
 from ldt_core.errors import ExperimentError, RecordingError, did_you_mean
-from ldt_core.experiment import Action, Adaptation, DiagnosisRecord, Level, Scalar, Signal
+from ldt_core.experiment import (
+    Action,
+    Adaptation,
+    AdviceRecord,
+    DiagnosisRecord,
+    Level,
+    Scalar,
+    Signal,
+)
 from ldt_core.recording.messages import Messages, quoted
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs/msg/DiagnosticStatus
@@ -21,10 +29,15 @@ ACTION_LEVELS = {Action.KEPT: OK, Action.STORED: WARN, Action.ADAPTED: OK, Actio
 SIGNAL_KEYS = ("experiment", "detector", "model_version", "max_error")
 ADAPTATION_KEYS = ("experiment", "model_version", "reason")
 DIAGNOSIS_KEYS = ("experiment", "model_version", "effects")
+ADVICE_KEYS = ("experiment", "model_version")
 # Every cause of a gap deserves a look, the unknown one as well.
 KIND_LEVELS = {"none": OK, "effect": WARN, "ambiguous": WARN, "unknown": WARN}
 # Values of a diagnosis that are words as they are; all others are written as in JSON.
 WORDS = ("machine", "cause", "verdict.kind", "verdict.sentence", "next_experiment.why")
+# The same of an advice; `next.levels` is JSON already.
+ADVICE_WORDS = (
+    *("machine", "source", "left_out", "next.why", "next.name", "next.on", "next.levels"),
+)
 LAST_SECOND = 2**31 - 1  # builtin_interfaces/msg/Time counts seconds in 32 bits, to 2038
 
 
@@ -68,6 +81,19 @@ def encode_diagnosis(record: DiagnosisRecord, make: Messages, machine: str, time
         values[name] = str(value) if name in WORDS else json.dumps(value, allow_nan=False)
     level = KIND_LEVELS[record.kind]
     return _status(make, "diagnoser", level, record.sentence, machine, time, values)
+
+
+def encode_advice(record: AdviceRecord, make: Messages, machine: str, time: float) -> Any:
+    """The DiagnosticArray of an advice; see `codec.encode`."""
+    values = {"experiment": str(record.experiment), "model_version": str(record.model_version)}
+    for name, value in record.values.items():
+        if name in values:
+            where = f"advice at experiment {record.experiment}"
+            raise ExperimentError(where, f"names other than {', '.join(values)}", repr(name))
+        as_is = name in ADVICE_WORDS and isinstance(value, str)
+        values[name] = str(value) if as_is else json.dumps(value, allow_nan=False)
+    level = WARN if record.warning else OK
+    return _status(make, "advisor", level, record.sentence, machine, time, values)
 
 
 def _add(where: str, values: dict[str, str], numbers: Mapping[str, float]) -> None:
@@ -157,6 +183,26 @@ def decode_diagnosis(where: str, message: Any) -> DiagnosisRecord:
         tuple(name for name in values["effects"].split(",") if name),
         {k: _scalar(k, text) for k, text in values.items() if k not in DIAGNOSIS_KEYS},
     )
+
+
+def decode_advice(where: str, message: Any) -> AdviceRecord:
+    """The advice in a DiagnosticArray; RecordingError when it is none."""
+    level, sentence, values = _read_status(where, message, ADVICE_KEYS)
+    if level not in (OK, WARN):
+        raise RecordingError(f"{where}, level", "OK (0) or WARN (1)", level)
+    return AdviceRecord(
+        _whole(f"{where}, experiment", values["experiment"], 0),
+        _whole(f"{where}, model_version", values["model_version"], 0),
+        level == WARN,
+        sentence,
+        {k: _advised(k, text) for k, text in values.items() if k not in ADVICE_KEYS},
+    )
+
+
+def _advised(name: str, text: str) -> Scalar:
+    if name in ADVICE_WORDS:
+        return None if text == "null" else text
+    return _scalar(name, text)
 
 
 def _scalar(name: str, text: str) -> Scalar:

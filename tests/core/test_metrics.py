@@ -117,6 +117,7 @@ def test_a_run_by_hand():
         "model_version": 1,
         "rejected": 0,
         "diagnoses": [],
+        "advice": None,
         "notes": [],
     }
     assert ("MME of the learning twin [rad/s]", "2.000") in summary.rows()

@@ -19,6 +19,7 @@ from std_msgs.msg import String  # noqa: E402
 from stranger import TOPICS, adaptation, answer, experiment, log_of, written  # noqa: E402
 
 from ldt_ros.adaptor_node import AdaptorNode  # noqa: E402
+from ldt_ros.advisor_node import AdvisorNode  # noqa: E402
 from ldt_ros.convert import to_message  # noqa: E402
 from ldt_ros.detector_node import DetectorNode  # noqa: E402
 from ldt_ros.plant_node import PlantNode  # noqa: E402
@@ -305,10 +306,11 @@ def test_stock_tools_can_listen_to_every_topic(durability, stranger, tmp_path, s
         profile = QoSProfile(
             depth=50, reliability=ReliabilityPolicy.BEST_EFFORT, durability=durability
         )
-    graph = ["plant", "twin", "detector", "adaptor", "recorder"]
+    graph = ["plant", "twin", "detector", "adaptor", "advisor", "recorder"]
     shared = {"graph": graph, "machine": short_rotor}
     stranger.start(RecorderNode, bag=str(tmp_path / "bag"), **shared)
     stranger.start(DetectorNode, **shared)
+    stranger.start(AdvisorNode, advice_every=1, **shared)
     stranger.start(PredictorNode, **PHYSICS, **shared)
     streaming = {"stream": "beside", "measure_current": True}
     stranger.start(PlantNode, experiments=3, seed=1, **streaming, **shared)

@@ -1,0 +1,149 @@
+"""Voltages at which an unbalanced rotor has two steady speeds, and may be captured at the lower.
+
+The voltage that holds a speed, V(omega), is an explicit function (`physics/steady_state.py`). Where
+it has a maximum and then a minimum, every voltage between the two holds two stable speeds: one on
+the branch below the critical speed, where the motor's power goes into the foundation, and one
+beyond. A rotor that comes from below with such a voltage stays on the lower branch, if it does not
+get past the critical speed before the foundation has built up its motion, which takes seconds.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import brentq
+
+from ldt_core.physics.steady_state import folds, steady_voltage
+
+if TYPE_CHECKING:
+    from ldt_core.experiment import Experiment
+
+Values = Mapping[str, float]
+Array = NDArray[np.float64]
+
+DOUBT = 0.05  # of e: where a band would be with so much more or less of it, the machine is near it
+
+
+@dataclass(frozen=True)
+class Band:
+    """Voltages between two folds; all for one sense of rotation, the other is its mirror image.
+
+    Args:
+        low: at the minimum of V(omega): coming down, the speed drops here [V].
+        high: at its maximum: coming up, the speed jumps here [V].
+        held: stable speeds below the critical one, at `low` and at `high` [rad/s].
+        free: stable speeds beyond it, at `low` and at `high` [rad/s].
+    """
+
+    low: float
+    high: float
+    held: tuple[float, float]
+    free: tuple[float, float]
+
+
+def has_foundation(values: Values) -> bool:
+    """Whether the machine is one that can be captured, were it out of balance."""
+    return all(name in values for name in ("e", "m", "M", "K_x", "K_y", "R_x", "R_y"))
+
+
+def voltage_bands(values: Values, highest: float) -> list[Band]:
+    """The bands that begin below a voltage, in their order.
+
+    Args:
+        values: the machine's parameters, e with them.
+        highest: [V], above 0.
+
+    Returns:
+        None for a machine without foundation or with a small e. A band may end above `highest`:
+        then no voltage up to it brings the rotor past that critical speed.
+    """
+    if not has_foundation(values) or not values["e"]:
+        return []
+    # No steady speed at a voltage is above that without any load.
+    turning = folds(values, highest / values["K_t"])
+    found = []
+    begin = 0.0
+    for top, bottom in itertools.pairwise(turning):
+        if not top.rising:
+            continue
+        if bottom.voltage < highest:
+            after = [f.speed for f in turning if f.speed > bottom.speed]
+            end = after[0] if after else top.voltage / values["K_t"]
+            held = _speed(values, bottom.voltage, begin, top.speed), top.speed
+            free = bottom.speed, _speed(values, top.voltage, bottom.speed, end)
+            found.append(Band(bottom.voltage, top.voltage, held, free))
+        begin = bottom.speed
+    return found
+
+
+def _speed(values: Values, voltage: float, low: float, high: float) -> float:
+    """The speed of a rising branch at a voltage, held at the branch's ends [rad/s]."""
+
+    def excess(speed: float) -> float:
+        return float(steady_voltage(values, speed)) - voltage
+
+    if excess(low) >= 0:
+        return low
+    return high if excess(high) <= 0 else float(brentq(excess, low, high))
+
+
+def in_doubt(values: Values, highest: float) -> list[tuple[float, float]]:
+    """The voltages of all bands if e is not known better than by `DOUBT`, joined where they touch.
+
+    Args:
+        values: the machine's parameters.
+        highest: the machine's limit [V]; nothing reaches beyond.
+    """
+    if not values.get("e"):
+        return []
+    spread = [{**values, "e": values["e"] * f} for f in (1 - DOUBT, 1.0, 1 + DOUBT)]
+    found = sorted((b.low, min(b.high, highest)) for v in spread for b in voltage_bands(v, highest))
+    joined: list[tuple[float, float]] = []
+    for low, high in found:
+        if joined and low <= joined[-1][1]:
+            joined[-1] = joined[-1][0], max(joined[-1][1], high)
+        else:
+            joined.append((low, high))
+    return joined
+
+
+def within(voltage: Array, stretches: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+    """(L,) whether each voltage [V], of either sign, lies in one of the stretches."""
+    size = np.abs(voltage)
+    inside = np.zeros(size.shape, dtype=np.bool_)
+    for low, high in stretches:
+        inside |= (low <= size) & (size <= high)
+    return inside
+
+
+def captured(values: Values, bands: Sequence[Band], experiment: Experiment) -> float:
+    """Seconds that an experiment spent captured.
+
+    That is, at speeds below the end of a band's unstable branch while the voltage would hold a
+    faster one, in stretches longer than the foundation takes to build up its motion: passing
+    through is no capture. The speed is averaged over that time, since the captured rotor's beats.
+    """
+    total = 0.0
+    patience = settling(values)
+    window = max(round(min(patience, experiment.duration) / experiment.period), 1)
+    size, speed = np.abs(experiment.voltage), np.abs(experiment.speed)
+    speed = uniform_filter1d(speed, window, mode="nearest")
+    for band in bands:
+        there = (size >= band.low) & (band.held[0] <= speed) & (speed < band.free[0])
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], there.astype(np.int8), [0]])))
+        lengths = (edges[1::2] - edges[::2]) * experiment.period
+        total += float(lengths[lengths > patience].sum())
+    return total
+
+
+def settling(values: Values) -> float:
+    """Seconds in which the faster of the foundation's two motions builds up to 1 - 1/e."""
+    mass, most = values["m"] + values["M"], max(values["R_x"], values["R_y"])
+    return 2 * mass / most if most else math.inf

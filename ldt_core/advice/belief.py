@@ -1,0 +1,94 @@
+"""The machine as it is taken to be now: its file, and what a model or a diagnosis has learned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.effects.base import Effect
+from ldt_core.errors import ModelError
+from ldt_core.experiment import DiagnosisRecord, ModelRecord
+from ldt_core.machine import Machine
+
+AMOUNT = "amount."  # before EFFECT.PARAMETER, in the values of a diagnosis
+
+
+@dataclass(frozen=True)
+class Belief:
+    """The parameters that an advice goes by.
+
+    Args:
+        values: of the machine's physics, with the effects that change parameters.
+        source: where they come from, for people.
+        left_out: effects that act as well, on something else than parameters.
+    """
+
+    values: Mapping[str, float]
+    source: str
+    left_out: tuple[str, ...] = ()
+
+
+def believe(
+    machine: Machine, model: ModelRecord | None = None, diagnosis: DiagnosisRecord | None = None
+) -> Belief:
+    """What is known best: a model that has learned a cause, else a diagnosis, else the file.
+
+    Raises:
+        ModelError: a diagnosed model without its cause.
+        OptionError: amounts that the machine cannot have.
+    """
+    if model is not None and model.kind == "diagnosed" and model.version > 0:
+        try:
+            cause = model.parameters["cause"]
+            name, given = cause["effect"], cause["parameters"]
+            amounts = {str(name): {str(k): float(v) for k, v in given.items()}} if name else {}
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            where = f"model version {model.version}, parameters.cause"
+            raise ModelError(where, "an effect and its parameters", repr(error)) from None
+        if amounts:
+            return _with(machine, amounts, f"model {model.version}")
+    if diagnosis is not None and diagnosis.effects:
+        found = _with(machine, _amounts(diagnosis), f"the diagnosis at {diagnosis.experiment}")
+        return found
+    return Belief(machine.parameters, "the machine file")
+
+
+def with_effects(machine: Machine, acting: Sequence[tuple[Effect, Mapping[str, float]]]) -> Belief:
+    """The machine with effects that somebody names.
+
+    Raises:
+        OptionError: an effect that this machine cannot have.
+    """
+    values: Mapping[str, float] = machine.parameters
+    left_out = []
+    for effect, given in acting:
+        effect.require(machine.model)
+        if effect.on_parameters is None or effect.states:
+            left_out.append(effect.name)
+        else:
+            values = effect.change_parameters(machine.model, values, given)
+    source = "the effects given" if acting else "the machine file"
+    return Belief(values, source, tuple(left_out))
+
+
+def _with(machine: Machine, amounts: Mapping[str, Mapping[str, float]], source: str) -> Belief:
+    known = {n: g for n, g in amounts.items() if n in EFFECTS.names()}
+    acting = [(effect, effect.check(g)) for n, g in known.items() for effect in [get_effect(n)]]
+    found = with_effects(machine, acting)
+    foreign = tuple(n for n in amounts if n not in known)  # a record names no files to run
+    return Belief(found.values, source, found.left_out + foreign)
+
+
+def _amounts(diagnosis: DiagnosisRecord) -> dict[str, dict[str, float]]:
+    found: dict[str, dict[str, float]] = {}
+    for key, value in diagnosis.values.items():
+        effect, dot, parameter = key.removeprefix(AMOUNT).rpartition(".")
+        if key.startswith(AMOUNT) and dot and _is_number(value):
+            found.setdefault(effect, {})[parameter] = float(value)  # type: ignore[arg-type]
+    return found
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

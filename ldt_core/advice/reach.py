@@ -1,0 +1,127 @@
+"""How to come to a speed that lies past voltages at which the rotor may be captured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.advice.bands import DOUBT, in_doubt, settling, voltage_bands, within
+from ldt_core.errors import LdtError, OptionError
+from ldt_core.machine import Machine
+from ldt_core.physics.steady_state import steady_voltage
+
+Array = NDArray[np.float64]
+
+LEVELS = 5  # voltages of a run-up that are tried, from just above the band to the limit
+NEAR = 0.02  # of the speed: nearer, it has been reached
+PERIOD = 0.02  # s, of the trials
+RUN_UP = 20.0  # s, longest run-up
+REST = 8.0  # times the foundation's own time: a run that keeps its speed so long has settled
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to a speed from rest.
+
+    Args:
+        speed: to be reached [rad/s].
+        voltage: that holds it [V].
+        through: voltage to begin with [V]; None where `voltage` may be set at once.
+        seconds: for which `through` is held [s].
+    """
+
+    speed: float
+    voltage: float
+    through: float | None = None
+    seconds: float = 0.0
+
+    def volts(self, samples: int, period: float) -> Array:
+        """(samples,) the voltage over time, each held for a period [s]."""
+        first = self.voltage if self.through is None else self.through
+        early = np.arange(samples) * period < self.seconds - period / 2
+        return np.where(early, first, self.voltage)
+
+    def describe(self) -> str:
+        """In words."""
+        if self.through is None:
+            return f"Set {self.voltage:.3g} V for {self.speed:.3g} rad/s."
+        return (
+            f"To run at {self.speed:.3g} rad/s, hold {self.through:.3g} V for "
+            f"{self.seconds:.2g} s from rest, then {self.voltage:.3g} V: from below, that voltage "
+            "alone may leave the rotor captured."
+        )
+
+
+def way_to(machine: Machine, values: Mapping[str, float], speed: float) -> Way:
+    """A way to hold a speed that does not end in capture, tried in simulation.
+
+    Past a band the lowest voltage is taken that comes through with e larger or smaller by the
+    doubt there is about it (`bands.DOUBT`).
+
+    Args:
+        machine: its physics and limits.
+        values: its parameters as they are taken to be.
+        speed: [rad/s], above 0.
+
+    Raises:
+        OptionError: a speed that no voltage within the limits holds stably, or to which no voltage
+            leads past the resonance.
+    """
+    limit = machine.voltage_limits[1]
+    voltage = float(steady_voltage(values, speed))
+    if not speed > 0 or voltage > limit:
+        got = f"{speed:g}, which takes {voltage:.3g} V"
+        raise OptionError("speed", f"one that at most {limit:g} V hold", got)
+    bands = voltage_bands(values, limit)
+    for band in bands:
+        if band.held[0] <= speed <= band.free[0]:
+            beside = f"below {band.held[0]:.3g} or above {band.free[0]:.3g} rad/s"
+            got = f"{speed:g}, where the foundation takes the motor's power"
+            raise OptionError("speed", beside, got)
+    doubtful = [s for s in in_doubt(values, limit) if within(np.array([voltage]), [s])[0]]
+    if not doubtful:
+        return Way(speed, voltage)
+    edge = doubtful[-1][1]
+    for through in np.linspace(edge, limit, LEVELS + 1)[1:] if edge < limit else ():
+        way = _tried(machine, values, speed, voltage, float(through))
+        if way is not None:
+            return way
+    got = f"{speed:g}, beyond a resonance"
+    raise OptionError("speed", f"one to which at most {limit:g} V lead for certain", got)
+
+
+def _tried(
+    machine: Machine, values: Mapping[str, float], speed: float, voltage: float, through: float
+) -> Way | None:
+    """The way by this run-up, if it ends at the speed whatever e is."""
+    spread = [{**values, "e": values["e"] * f} for f in (1.0, 1 + DOUBT, 1 - DOUBT)]
+    held = np.full(round(RUN_UP / PERIOD), through)
+    needed = 0.0
+    for believed in spread:
+        there = np.flatnonzero(_run(machine, believed, held) >= speed)
+        if not there.size:
+            return None
+        needed = max(needed, float(there[0]) * PERIOD)
+    way = Way(speed, voltage, through, needed)
+    rest = REST * settling(values)
+    samples = round((needed + rest) / PERIOD)
+    for believed in spread:
+        end = _run(machine, believed, way.volts(samples, PERIOD))[-round(1 / PERIOD) :]
+        holds = float(steady_voltage(believed, speed))
+        # What another e does to the speed at this voltage is no capture.
+        allowed = NEAR * speed + abs(holds - voltage) / values["K_t"]
+        if abs(float(end.mean()) - speed) > allowed:
+            return None
+    return way
+
+
+def _run(machine: Machine, values: Mapping[str, float], volts: Array) -> Array:
+    """(L,) speed from rest [rad/s]; none where it diverges."""
+    initial = machine.model.initial_state(values, 0.0)
+    try:
+        return np.asarray(machine.model.simulate(values, volts, PERIOD, initial)[:, 1])
+    except LdtError:
+        return np.zeros(volts.size)

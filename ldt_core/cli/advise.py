@@ -1,0 +1,113 @@
+"""`ldt advise`: what the people at a machine had better do, and not do."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ldt_core.cli.options import json_option, namespace_option, parameters
+
+if TYPE_CHECKING:
+    from ldt_core.experiment import DiagnosisRecord, Experiment, ModelRecord
+
+
+@click.command("advise")
+@click.argument("recording", required=False)
+@parameters("machine")
+@click.option(
+    "--with",
+    "diagnosis",
+    default="",
+    metavar="FILE",
+    help="The diagnosis.json whose effects the machine has.",
+)
+@click.option(
+    "--effect",
+    "given",
+    multiple=True,
+    metavar="NAME:PARAM=VALUE",
+    help="Effect that the machine has beside its file; can be given several times.",
+)
+@click.option(
+    "--reach",
+    "speed",
+    type=click.FLOAT,
+    help="Speed to be reached from rest [rad/s]: says how, too.",
+)
+@click.option(
+    "--out",
+    "-o",
+    default="",
+    metavar="FILE.png",
+    help="Picture of the way that --reach asks for; SVG, PDF too.",
+)
+@namespace_option
+@json_option
+def command(
+    settings: dict[str, Any],
+    recording: str | None,
+    diagnosis: str,
+    given: tuple[str, ...],
+    speed: float | None,
+    out: str,
+    namespace: str,
+    as_json: bool,
+) -> None:
+    """Voltages to avoid, margins, and the next experiment, for a machine as it is known.
+
+    That is by RECORDING of a run (its last model and diagnosis), by a diagnosis, or by effects that
+    you name.
+
+    Example: ldt advise --machine rotor --effect unbalance:e=0.008 --reach 40
+    """
+    from ldt_core.advice.belief import believe, with_effects
+    from ldt_core.advice.live import RECENT, advise
+    from ldt_core.advice.reach import way_to
+    from ldt_core.diagnosis.recorded import read_effects
+    from ldt_core.effects import parse_effect
+    from ldt_core.errors import OptionError
+    from ldt_core.machine import load_machine
+    from ldt_core.recording.bag import read_bag
+
+    if out and speed is None:
+        raise OptionError("--out", "--reach beside it, whose way to draw", "none")
+    machine = load_machine(settings["machine"])
+    experiments: list[Experiment] = []
+    model: ModelRecord | None = None
+    found: DiagnosisRecord | None = None
+    if recording:
+        bag = read_bag(recording, namespace)
+        experiments = list(bag.experiments(machine))[-RECENT:]
+        if bag.topic("model"):
+            model = next(iter(deque(bag.records("model"), 1)), None)
+        if bag.topic("diagnosis"):
+            found = next(iter(deque(bag.records("diagnosis"), 1)), None)
+    acting = read_effects(diagnosis) if diagnosis else []
+    acting += [parse_effect(text) for text in given]
+    if acting:
+        model = found = None
+        belief = with_effects(machine, acting)
+    else:
+        belief = believe(machine, model, found)
+    advice = advise(machine, belief, experiments, model, found)
+    way = None if speed is None else way_to(machine, belief.values, speed)
+    if way is not None and out:
+        from ldt_core.advice.figure import plot_advice
+
+        plot_advice(machine, belief.values, way, out, machine.duration)
+    if as_json:
+        record = {
+            "experiment": advice.experiment or None,
+            "warning": advice.warning,
+            "sentence": advice.sentence,
+            **advice.values,
+            "way": way and {**vars(way), "sentence": way.describe()},
+        }
+        click.echo(json.dumps(record, allow_nan=False))
+        return
+    click.echo(advice.sentence)
+    if way is not None:
+        click.echo(way.describe())
