@@ -33,7 +33,7 @@ from ldt_core.diagnosis.result import (
 from ldt_core.diagnosis.scale import factors
 from ldt_core.diagnosis.shares import shapley
 from ldt_core.diagnosis.torque import Torque
-from ldt_core.diagnosis.where import change, places, residual
+from ldt_core.diagnosis.where import change, places, residual, steady_places
 from ldt_core.diagnosis.words import sentence
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.effects.base import Effect
@@ -258,7 +258,8 @@ class _Report:
         none = self.search.found.fits[frozenset()].use
         if self.named is None:
             return places(residual(self.bench, none))
-        return places(change(self.bench, none, self.use, self.named.starts))
+        found = change(self.bench, none, self.use, self.named.starts)
+        return [*places(found), *steady_places(found, self.use)]
 
     def _notes(self) -> list[str]:
         if {e.number for e in self.fitted} & {e.number for e in self.held}:

@@ -80,6 +80,8 @@ class Place:
         unit: of both.
         share_of_gap: part of the gap's power inside.
         share_of_data: part of the samples inside.
+        steady: whether it is where the named effect acts at a steady speed, by its law, and not
+            where this recording shows it.
     """
 
     quantity: str
@@ -88,6 +90,7 @@ class Place:
     unit: str
     share_of_gap: float
     share_of_data: float
+    steady: bool = False
 
     def as_dict(self) -> dict[str, Any]:
         """Keys of the contract."""
@@ -98,6 +101,7 @@ class Place:
             "unit": self.unit,
             "share_of_gap": self.share_of_gap,
             "share_of_data": self.share_of_data,
+            "steady": self.steady,
         }
 
 

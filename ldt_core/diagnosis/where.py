@@ -2,14 +2,14 @@
 
 By the torque's mean at each value of a quantity, where it depends on the quantity, and else by its
 power there; not by how often the recording was there: a gap at a resonance lies there also in a
-recording that mostly ran past it. A range begins and ends where the power falls below its average
-over all values, so that the range is as sharp as the torque's fall is.
+recording that mostly ran past it. A range begins and ends where the mean torque falls below a fifth
+of its largest, or the power below its average over all values.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,20 +17,22 @@ from numpy.typing import NDArray
 from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.result import Place
 from ldt_core.diagnosis.starts import Starts
-from ldt_core.diagnosis.torque import WINDOW, Torque
+from ldt_core.diagnosis.torque import Torque
+from ldt_core.diagnosis.torque_curve import KNOTS, Curve, torque_curve
+from ldt_core.physics.steady_state import unbalance_torque
 
 Array = NDArray[np.float64]
 
 BINS = 120
 MOST = 0.9  # of the gap's power, that a band of frequencies must hold
+LEAST = 0.002  # of the samples, that a bin's power is taken over
 LIFT = 0.1  # by which a place's share of the gap exceeds its share of the data, to be named
-LEAST = 0.002  # of the samples, that a bin's mean is taken over
-SHARP = (0.05, 0.1, 0.2, 0.4)  # memories of the motor to smooth over, if the noise allows:
-QUIET = 0.5  # of the torque's power, at most
-DEPENDS = 0.1  # of the power, that the means over a quantity hold where the torque depends on it
+DEPENDS = (
+    0.1  # of the residuals, that a mean torque over a quantity accounts for if it depends on it
+)
+HEARD = 0.2  # of the largest mean torque: with less, the gap lies elsewhere
 BOTH = 0.3  # of the larger direction's range, that the other reaches, to look at both as one
-CHANCE = 3.0  # deviations of a bin's power that noise alone may give it, and
-MEANT = 2.0  # of its mean
+CHANCE = 3.0  # deviations of a bin's power that noise alone may give it
 ROUNDING = 1e-9  # by which a range must be better than another one
 QUANTITIES = {
     "speed": "rad/s",
@@ -48,29 +50,47 @@ class Residual:
     Attributes:
         torque: (N,) smoothed so long that ripples and noise are small [N m].
         noise: (N,) its deviation that comes from the sensor's noise [N m].
-        sharp: (N,) smoothed no longer than the noise asks for [N m].
-        sharp_noise: (N,) its deviation [N m].
         over: quantity to (N,) values.
         pieces: length of each experiment.
         periods: sample period of each [s].
         window: samples over which `torque` is smoothed.
-        sharp_window: and `sharp`.
+        bench: experiments.
+        left: (L,) what is wrong with the speed in each [rad/s].
+        speeds: (L,) speed in each, not smoothed [rad/s].
+        deviation: of the sensor's noise on `left` [rad/s].
     """
 
     torque: Array
     noise: Array
-    sharp: Array
-    sharp_noise: Array
     over: dict[str, Array]
     pieces: list[int]
     periods: list[float]
     window: int
-    sharp_window: int
+    bench: Bench
+    left: list[Array]
+    speeds: list[Array]
+    deviation: float
 
     @property
     def power(self) -> Array:
         """(N,) squared torque beyond noise."""
         return self.torque**2 - self.noise**2
+
+    def curve(self, quantity: str) -> Curve:
+        """The mean torque over a quantity."""
+        values = self.speeds if quantity == "speed" else self._each(self.over[quantity])
+        return torque_curve(
+            self.left,
+            values,
+            self.periods,
+            [p.rest for p in self.bench.pieces],
+            self.bench.values["J"],
+            self.bench.memory,
+            self.deviation,
+        )
+
+    def _each(self, values: Array) -> list[Array]:
+        return np.split(values, np.cumsum(self.pieces)[:-1])
 
 
 def residual(bench: Bench, use: Sequence = (), starts: Starts | None = None) -> Residual:
@@ -106,45 +126,30 @@ def _angle(bench: Bench, starts: Starts | None, i: int) -> float:
 def _residual(
     bench: Bench, left: Sequence[Array], speeds: Sequence[Array], deviation: float
 ) -> Residual:
-    torque, noise, samples = _turned(bench, left, deviation, WINDOW)
-    sharp = torque, noise, samples
-    for window in SHARP:
-        tried = _turned(bench, left, deviation, window)
-        if float(np.mean(tried[1] ** 2)) <= QUIET * float(np.mean(tried[0] ** 2)):
-            sharp = tried
-            break
+    torque, noise, window = [], [], 1
     over: dict[str, list[Array]] = {name: [] for name in QUANTITIES}
-    for e, speed in zip(bench.experiments, speeds, strict=True):
+    for e, wrong, speed in zip(bench.experiments, left, speeds, strict=True):
         turn = Torque(bench.values["J"], bench.memory, e.period, len(e))
+        torque.append(turn.of(wrong))
+        noise.append(np.full(len(e), turn.noise * deviation))
+        window = max(window, turn.window)
         over["speed"].append(turn.smooth(speed))
         over["voltage"].append(np.asarray(e.voltage))
         over["acceleration"].append(turn.smooth(speed, 1))
         over["time"].append(e.time)
         over["experiment"].append(np.full(len(e), float(e.number)))
     return Residual(
-        torque,
-        noise,
-        sharp[0],
-        sharp[1],
+        np.concatenate(torque),
+        np.concatenate(noise),
         {name: np.concatenate(parts) for name, parts in over.items()},
         [len(e) for e in bench.experiments],
         [e.period for e in bench.experiments],
-        samples,
-        sharp[2],
+        window,
+        bench,
+        list(left),
+        list(speeds),
+        deviation,
     )
-
-
-def _turned(
-    bench: Bench, left: Sequence[Array], deviation: float, window: float
-) -> tuple[Array, Array, int]:
-    """((N,) torque, (N,) deviation of its noise, samples it is smoothed over)."""
-    torque, noise, samples = [], [], 1
-    for e, speed in zip(bench.experiments, left, strict=True):
-        turn = Torque(bench.values["J"], bench.memory, e.period, len(e), window)
-        torque.append(turn.of(speed))
-        noise.append(np.full(len(e), turn.noise * deviation))
-        samples = max(samples, turn.window)
-    return np.concatenate(torque), np.concatenate(noise), samples
 
 
 def places(found: Residual) -> list[Place]:
@@ -166,99 +171,115 @@ def places(found: Residual) -> list[Place]:
     return sorted(clear, key=lambda p: p.share_of_data - p.share_of_gap)
 
 
+def steady_places(found: Residual, use: Sequence) -> list[Place]:
+    """Speeds at which effects change what the foundation takes from a shaft that turns steadily.
+
+    A rotor that is run through its resonances quickly shakes most when it is past them: a recording
+    of that shows the gap at higher speeds than those at which it would be captured.
+
+    Args:
+        found: the torque in the recording.
+        use: the named effects.
+    """
+    bench, values = found.bench, found.over["speed"]
+    changed = bench.changed(use)
+    if changed is None or not changed.get("e"):
+        return []
+    top = float(np.abs(values).max())
+    speed = np.linspace(0.0, top, KNOTS)
+    none = {**bench.values, "e": bench.values.get("e", 0.0)}
+    torque = np.abs(unbalance_torque(changed, speed) - unbalance_torque(none, speed))
+    if not torque.max() > 0:
+        return []
+    # From the lowest resonance to the highest: between them it is hardly ever quiet.
+    heard = speed[torque >= HEARD * torque.max()]
+    ends = float(heard[0]), float(heard[-1])
+    if ends[1] - ends[0] > (1 - LIFT) * top:
+        return []
+    ranges = [ends, (-ends[1], -ends[0])]
+    seen = [(a, b) for a, b in ranges if np.any((values > a) & (values < b))]
+    return [replace(_place("speed", a, b, found), steady=True) for a, b in seen]
+
+
 def _places(quantity: str, found: Residual) -> list[Place]:
     values = found.over[quantity]
     low, high = float(values.min()), float(values.max())
     if not high > low:
         return []
-    begin, end, lift = _range(quantity, [(values, slice(None))], found)
-    ranges = [(begin, end)]
+    ranges = _depending(quantity, found) if quantity != "experiment" else []
+    ranges = ranges or [_powerful(quantity, found)]
+    return [_place(quantity, begin, end, found) for begin, end in ranges]
+
+
+def _place(quantity: str, begin: float, end: float, found: Residual) -> Place:
+    values = found.over[quantity]
+    here = (values >= begin) & (values <= end)
+    total = float(found.power.sum())
+    share = min(max(float(found.power[here].sum()) / total, 0.0), 1.0) if total > 0 else 0.0
+    data = float(np.count_nonzero(here)) / values.size
+    return Place(quantity, begin, end, QUANTITIES[quantity], share, data)
+
+
+def _depending(quantity: str, found: Residual) -> list[tuple[float, float]]:
+    """The range with most of the mean torque, or one for each direction.
+
+    Nothing where the torque does not depend on the quantity.
+    """
+    curve = found.curve(quantity)
+    # What may be chance does not widen a range.
+    sure = np.maximum(np.abs(curve.torque) - curve.deviation, 0.0)
+    if curve.explained < DEPENDS or not sure.max() > 0:
+        return []
+    knots, low, high = curve.knots, float(curve.knots[0]), float(curve.knots[-1])
+    i, j, lift = _most_beyond(sure, HEARD * sure.max())
     if quantity in ("speed", "voltage") and min(-low, high) > BOTH * max(-low, high):
         # Both directions apart, since what is odd in the direction has no mean over them.
-        size, ahead = np.abs(values), values >= 0
-        first, last, folded = _range(quantity, [(size, ahead), (size, ~ahead)], found)
+        size = np.linspace(0.0, max(-low, high), knots.size)
+        both = np.interp(size, knots, sure, right=0.0) + np.interp(-size, knots, sure, left=0.0)
+        k, m, folded = _most_beyond(both, HEARD * both.max())
         if folded > lift:
-            ranges = [(first, last), (-last, -first)]
-    total = float(found.power.sum())
-    named = []
-    for begin, end in ranges:
-        here = (values >= begin) & (values <= end)
-        share = min(max(float(found.power[here].sum()) / total, 0.0), 1.0)
-        data = float(np.count_nonzero(here)) / values.size
-        named.append(Place(quantity, begin, end, QUANTITIES[quantity], share, data))
-    return named
+            first, last = float(size[k]), float(size[m])
+            return [(first, min(last, high)), (max(-last, low), -first)]
+    return [(float(knots[i]), float(knots[j]))]
 
 
-def _range(
-    quantity: str, parts: Sequence[tuple[Array, slice | NDArray[np.bool_]]], found: Residual
-) -> tuple[float, float, float]:
-    """(from, to, lift) of the range with the most power beyond the average.
-
-    Args:
-        quantity: for which.
-        parts: its values, and which samples of them are taken together; powers of the parts add up.
-        found: the torque.
-    """
-    values = parts[0][0]
+def _powerful(quantity: str, found: Residual) -> tuple[float, float]:
+    """The range with the most power beyond the average."""
+    values = found.over[quantity]
     if quantity == "experiment":
         edges = np.append(np.unique(values), values.max() + 1.0)
     else:
         # Equal steps of the quantity where there are data, so that ends are sharp.
         edges = _merged(np.linspace(values.min(), values.max(), BINS + 1), values)
-    bins = edges.size - 1
-    which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, bins - 1)
-    mean, held = np.zeros(bins), 0.0
-    for _, chosen in parts:
-        there, power = _meant(found, which, chosen, bins)
-        mean += there
-        held += power
-    # The experiments' means are of many directions and voltages: their power is what counts.
-    if quantity == "experiment" or held < DEPENDS * max(float(found.power.sum()), 0.0):
-        mean = _powers(found, which, bins)
-    if not mean.sum() > 0:
-        return float(values.min()), float(values.max()), 0.0
+    which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
+    power = _powers(found, which, edges.size - 1)
+    if not power.sum() > 0:
+        return float(values.min()), float(values.max())
     width = np.diff(edges)
-    share = mean * width / float(mean @ width)
-    i, j, lift = _most_beyond(share, width / width.sum())
-    return float(edges[i]), float(edges[j] if quantity == "experiment" else edges[j + 1]), lift
+    share = power * width / float(power @ width)
+    i, j, _ = _most_beyond(share, width / width.sum())
+    return float(edges[i]), float(edges[j] if quantity == "experiment" else edges[j + 1])
 
 
-def _most_beyond(share: Array, data: Array) -> tuple[int, int, float]:
-    """First and last of the adjoining bins whose share of the gap exceeds that of the range most.
+def _most_beyond(share: Array, level: Array | float) -> tuple[int, int, float]:
+    """(first, last) of the adjoining bins that exceed a level most, and by what share of all.
 
     Args:
         share: (bins,) of the gap.
-        data: (bins,) of the whole range.
+        level: (bins,) or the same for all.
     """
-    sums = np.concatenate([[0.0], np.cumsum(share - data)])
+    sums = np.concatenate([[0.0], np.cumsum(share - level)])
     best = (0, share.size - 1, 0.0)
     for i in range(share.size):
         j = i + int(np.argmax(sums[i + 1 :]))
-        if float(sums[j + 1] - sums[i]) > best[2] + ROUNDING:
+        if float(sums[j + 1] - sums[i]) > best[2] + ROUNDING * float(share.sum()):
             best = (i, j, float(sums[j + 1] - sums[i]))
-    return best
-
-
-def _meant(
-    found: Residual, which: NDArray[np.int64], chosen: slice | NDArray[np.bool_], bins: int
-) -> tuple[Array, float]:
-    """(bins,) squared means of the sharp torque, 0 where noise gives as much; and their power.
-
-    The power is that of the smoothed torque's means, summed over all samples.
-    """
-    here = which[chosen]
-    count = np.maximum(np.bincount(here, minlength=bins), 1)
-    mean = np.bincount(here, found.sharp[chosen], bins) / count
-    # Smoothed samples are alike over a window, so there are fewer than they seem.
-    noise = np.bincount(here, found.sharp_noise[chosen] ** 2, bins) * found.sharp_window / count**2
-    smooth = np.bincount(here, found.torque[chosen], bins) / count
-    random = np.bincount(here, found.noise[chosen] ** 2, bins) * found.window / count**2
-    held = float(np.sum(count * np.maximum(smooth**2 - random, 0.0)))
-    return np.maximum(np.abs(mean) - MEANT * np.sqrt(noise), 0.0) ** 2, held
+    i, j, _ = best
+    return i, j, float(share[i : j + 1].sum() / share.sum()) - (j + 1 - i) / share.size
 
 
 def _merged(edges: Array, values: Array) -> Array:
-    """Edges without those that leave a bin too few samples for a mean."""
+    """Edges without those that leave a bin too few samples for a power."""
     order = np.sort(values)
     kept = [edges[0]]
     for edge in edges[1:-1]:

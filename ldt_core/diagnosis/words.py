@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from ldt_core.diagnosis.result import Amount, Gap, Place
 from ldt_core.words import spoken
 
+ALIKE = 0.5  # of two ranges together, that both hold: they need not be said both
 MOST = 0.9  # of the gap: with less in a place, its share is said
 
 
@@ -88,7 +89,19 @@ def _lies(where: Sequence[Place]) -> str:
         share += both[0].share_of_gap
         place = max(place, both[0], key=lambda p: p.end)
     part = "which lies" if share >= MOST else f"{share:.0%} of which lies"
-    return f"{part} {_place(place)}{' in both directions' if both else ''}"
+    return f"{part} {_place(place)}{' in both directions' if both else ''}{_steady(place, where)}"
+
+
+def _steady(place: Place, where: Sequence[Place]) -> str:
+    """Where else the effect acts when the machine turns steadily, if that is not the same."""
+    steady = next((p for p in where if p.steady), None)
+    if steady is None or place.steady:
+        return ""
+    if place.quantity == steady.quantity:
+        both = min(place.end, steady.end) - max(place.begin, steady.begin)
+        if both >= ALIKE * (max(place.end, steady.end) - min(place.begin, steady.begin)):
+            return ""
+    return f" (at steady speeds from {steady.begin:.3g} to {steady.end:.3g} {steady.unit})"
 
 
 def _place(place: Place) -> str:

@@ -91,7 +91,7 @@ def places(diagnosis: Diagnosis) -> Places | None:
     scale, unit = (1e3, "mN m") if largest < MILLI else (1.0, "N m")
     marked: dict[str, list[Place]] = {}
     for place in diagnosis.where:
-        if place.share_of_data < EVERYWHERE:
+        if place.share_of_data < EVERYWHERE and not place.steady:
             marked.setdefault(place.quantity, []).append(place)
     return Places(bins, spectra, marked, scale, unit)
 

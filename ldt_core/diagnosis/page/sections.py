@@ -120,7 +120,7 @@ def where(diagnosis: Diagnosis) -> Section:
     if clear:
         rows = [
             (
-                p.quantity,
+                f"{p.quantity}, when steady" if p.steady else p.quantity,
                 places.span(p),
                 percent(p.share_of_gap),
                 percent(p.share_of_data),

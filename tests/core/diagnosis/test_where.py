@@ -9,7 +9,7 @@ import pytest
 from recorded_machines import NOISE, ROTOR, record, steps
 
 from ldt_core.diagnosis.bench import Bench
-from ldt_core.diagnosis.where import LIFT, MOST, change, places, residual
+from ldt_core.diagnosis.where import LIFT, MOST, change, places, residual, steady_places
 from ldt_core.effects import get_effect
 from ldt_core.effects.base import Effect
 from ldt_core.physics.parameter import Parameter
@@ -186,3 +186,33 @@ def test_a_ripple_everywhere_hides_no_place():
     bench = Bench(ROTOR, experiments, (NOISE, 1.0))
     listed = places(change(bench, [], [effect]))
     assert overlap(named(listed, "speed"), 20.0, 26.0) >= 0.5
+
+
+def limited(t, theta, omega, current, voltage, p):
+    return -4 * p[0] * max(0.0, omega - 34.0)
+
+
+def test_a_narrow_range_at_the_top_is_found_at_the_top():
+    """Not over all the speeds that the machine passes through on its way there."""
+    listed = found(made(confined("limited", limited), count=6, volts=(2.0, 18.0)))
+    place = named(listed, "speed")
+    assert place.begin == pytest.approx(34.0, abs=1.0)
+
+
+def test_a_weak_range_is_not_narrowed_by_noise():
+    """Half of what is there, at least, at a torque of a few deviations."""
+    size = 0.05
+    effect = (confined("weak", at_speeds)[0], {"torque": size})
+    place = named(found(record(ROTOR, effect, count=6, volts=(2.0, 16.0), samples=800)), "speed")
+    assert overlap(place, 18.0, 30.0) >= 0.5
+
+
+def test_an_unbalance_acts_at_its_resonances_however_it_was_run():
+    """Run through quickly it shows above them; a steady shaft would feel it from 16 to 31 rad/s."""
+    experiments = record(ROTOR, volts=(15.0, 16.0), count=3, samples=600, hold=600)
+    bench = Bench(ROTOR, experiments, (NOISE, 1.0))
+    use = [(get_effect("unbalance"), {"e": 0.004})]
+    (place,) = steady_places(change(bench, (), use), use)
+    assert place.steady
+    assert overlap(place, 16.0, 31.0) >= 0.8
+    assert steady_places(residual(bench), [(get_effect("constant_load"), {"torque": 0.1})]) == []
