@@ -172,10 +172,17 @@ class Bench:
         """An experiment as it is recorded, with noise."""
         s, motion = self.setting, self.run(acting, number)
         random = s.random(number, NOISE)
-        speed = motion.speed + random.normal(0.0, s.noise, s.samples)
+        speed = motion.speed + self._noise(random)
         current = None
         if s.current_noise is not None:
             current = motion.current + random.normal(0.0, s.current_noise, s.samples)
         volts = self.drive(number).volts[-s.samples :]
         start = (number - 1) * s.samples * s.period
         return Experiment(number, start, s.period, volts, speed, current)
+
+    def noise(self, number: int) -> float:
+        """Root mean square of the noise as it fell out on an experiment's speed [rad/s]."""
+        return rms(self._noise(self.setting.random(number, NOISE)))
+
+    def _noise(self, random: np.random.Generator) -> Array:
+        return random.normal(0.0, self.setting.noise, self.setting.samples)

@@ -22,6 +22,7 @@ from ldt_core.experiment import Experiment, rms
 KINDS = ("none", "single", "pair", "triple", "outside")
 MEMBERS = {"none": 0, "single": 1, "pair": 2, "triple": 3, "outside": 1}
 
+FURTHER = range(SHOWN + 1, SHOWN + ALIKE + OTHER + 1)  # numbers of the further experiments
 STRENGTHS = (0.3, 30.0)  # root mean square of a gap over the noise, drawn log-uniformly
 LEAST_MEMBER = 1.0  # the same, of each effect in a set
 LEAST_SHARE = 0.15  # of an effect's own gap, next to another's in the set
@@ -69,8 +70,7 @@ class Plan:
     def further(self) -> Iterator[Experiment]:
         """Those of the same machine that it does not see."""
         bench = Bench(self.setting)
-        numbers = range(SHOWN + 1, SHOWN + ALIKE + OTHER + 1)
-        return (bench.experiment(self.acting, n) for n in numbers)
+        return (bench.experiment(self.acting, n) for n in FURTHER)
 
 
 @dataclass(frozen=True)
@@ -198,6 +198,7 @@ def _plan(
         return None
     shares = {a.name: rms(g) for a, g in zip(acting, own, strict=True)}
     truth = _truth(kind, setting, acting, fitted, wanted, shares)
+    truth["further_noise"] = {str(n): bench.noise(n) for n in FURTHER}
     figures = {"gap_rms": gap, "signal_to_noise": snr, "explained": explained}
     return Plan(setting, tuple(acting), rounded({**truth, **figures}))
 

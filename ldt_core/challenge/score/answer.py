@@ -81,15 +81,22 @@ class Answer:
         return None if self.found is None else float(self.found["gap"]["noise_std"])
 
 
-def realised(further: Sequence[Further], noise: float, least: float = 0.005) -> float | None:
+def realised(
+    further: Sequence[Further],
+    noise: float,
+    fell: Mapping[int, float] | None = None,
+    least: float = 0.005,
+) -> float | None:
     """Closed fraction of the gap on further experiments; None where there is too little of it.
 
     Args:
         further: experiments.
         noise: deviation of the measured speed [rad/s].
+        fell: root mean square of the noise as it fell out, by number of the experiment [rad/s]:
+            where a gap is smaller than the noise, its chance would be more than the gap.
         least: gap's power over the noise's, below which its part closed says nothing.
     """
-    floor = sum(f.samples for f in further) * noise**2
+    floor = sum(f.samples * (fell or {}).get(f.number, noise) ** 2 for f in further)
     gap = sum(f.before for f in further) - floor
     if not further or not math.isfinite(gap) or not gap > least * floor:
         return None

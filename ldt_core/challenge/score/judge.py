@@ -89,7 +89,7 @@ def judge(truth: Truth, answer: Answer) -> Judged:
         group if truth.kind in INSIDE else None,
         amounts(truth, answer) if result == "outright" else (),
         place(truth, answer),
-        closure(answer, noise),
+        closure(truth, answer, noise),
     )
 
 
@@ -104,7 +104,7 @@ def outcome(truth: Truth, answer: Answer, noise: float | None) -> str:
     if answer.kind not in ("effect", "ambiguous"):
         return answer.kind
     if truth.kind == "left_out":
-        part = None if noise is None else realised(answer.further, noise)
+        part = None if noise is None else realised(answer.further, noise, truth.further_noise)
         return "equivalent" if part is not None and part >= EQUIVALENT else "wrong"
     acting, met = answer.acting, matched(truth.effects, answer.acting)
     if len(met) < len(acting) or not acting:
@@ -202,12 +202,12 @@ def overlap(a: tuple[float, float], b: tuple[float, float]) -> float:
     return max(both, 0.0) / either if either > 0 else float(a == b)
 
 
-def closure(answer: Answer, noise: float | None) -> dict[str, tuple[float, float]]:
+def closure(truth: Truth, answer: Answer, noise: float | None) -> dict[str, tuple[float, float]]:
     """Promised and realised closed fraction, on further experiments of each excitation."""
     if answer.promised is None or noise is None:
         return {}
     if answer.kind not in ("effect", "ambiguous", "unnamed"):
         return {}
     parts = {"same": answer.further[:ALIKE], "another": answer.further[ALIKE:]}
-    real = {name: realised(part, noise) for name, part in parts.items()}
+    real = {name: realised(part, noise, truth.further_noise) for name, part in parts.items()}
     return {n: (answer.promised, r) for n, r in real.items() if r is not None}

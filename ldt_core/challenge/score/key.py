@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,8 @@ class Truth:
         noise: deviation on the speed [rad/s]; None if the key does not say.
         signal_to_noise: root mean square of the gap over the noise; None if the key does not say.
         left_out: effect that the diagnosis has to do without.
+        further_noise: root mean square of the noise as it fell out, by number of the further
+            experiment [rad/s]; empty if the key does not say.
         about: physics and current_noise, as far as the key says them.
     """
 
@@ -45,6 +47,7 @@ class Truth:
     noise: float | None = None
     signal_to_noise: float | None = None
     left_out: str | None = None
+    further_noise: Mapping[int, float] = field(default_factory=dict)
     about: Mapping[str, Any] | None = None
 
     @property
@@ -120,6 +123,7 @@ def _truth(where: str, entry: Mapping[str, Any]) -> Truth:
         parameters=_parameters(where, entry.get("parameters") or {}),
         place=_place(where, entry.get("place")),
         left_out=left,
+        further_noise=_further_noise(where, entry.get("further_noise") or {}),
         about={n: entry[n] for n in ("physics", "current_noise") if n in entry},
         **numbers,
     )
@@ -145,6 +149,15 @@ def _place(where: str, given: Any) -> Mapping[str, Any] | None:
     if not all(e is None or _is_number(e) for e in ends) or "quantity" not in given:
         raise BadInput(f"{where}, place", "a quantity with from and to", repr(given))
     return given
+
+
+def _further_noise(where: str, given: Any) -> Mapping[int, float]:
+    if not isinstance(given, Mapping) or not all(
+        n.isdecimal() and _is_number(v) and v >= 0 for n, v in given.items()
+    ):
+        at = f"{where}, further_noise"
+        raise BadInput(at, "numbers of experiments with numbers of 0 or more", repr(given))
+    return {int(n): float(v) for n, v in given.items()}
 
 
 def _is_number(value: Any) -> bool:

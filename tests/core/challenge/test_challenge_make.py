@@ -13,13 +13,14 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.challenge.bench import ALIKE, OTHER, SHOWN
-from ldt_core.challenge.case import KINDS, MEMBERS, make_case, plan_case
+from ldt_core.challenge.bench import ALIKE, OTHER, SHOWN, Bench
+from ldt_core.challenge.case import FURTHER, KINDS, MEMBERS, make_case, plan_case
 from ldt_core.challenge.laws import LAWS, OUTSIDE
 from ldt_core.challenge.make import make_challenge
 from ldt_core.challenge.mix import SHARES, orders
 from ldt_core.cli.challenge import command
 from ldt_core.errors import OptionError
+from ldt_core.experiment import rms
 from ldt_core.machine import load_machine
 from ldt_core.recording.bag import experiments, read_bag
 
@@ -188,3 +189,12 @@ def test_the_command_prints_the_hash_first(tmp_path):
         f"SHA-256 of the key: {digest}",
         f"1 cases: {out}; key: {key}",
     ]
+
+
+def test_the_key_knows_the_noise_as_it_fell_out_on_further_experiments():
+    """What was recorded is the motion plus just that."""
+    plan = plan_case("single", ["constant_load"], seed=(6,), samples=400)
+    bench = Bench(plan.setting)
+    quiet = bench.speeds(plan.acting, FURTHER)
+    for number, speed, e in zip(FURTHER, quiet, plan.further(), strict=True):
+        assert plan.truth["further_noise"][str(number)] == pytest.approx(rms(e.speed - speed), 1e-5)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import pytest
-from fake_answers import NOISE, answer, further, judged, truth
+from fake_answers import NOISE, SAMPLES, answer, further, judged, truth
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.challenge.score.answer import Answer, realised
+from ldt_core.challenge.score.answer import Answer, Further, realised
 from ldt_core.challenge.score.judge import matched, overlap
 
 FAILED = Answer("diagnosis", None, error="ZeroDivisionError: division by zero")
@@ -164,3 +164,17 @@ def test_closure_is_promised_and_realised_by_excitation():
     assert judged(about, answer("unknown", closed=0.92, more=more)).closure == {}
     assert realised(further(0.9, 0.9, gap=0.001), NOISE) is None
     assert realised((), NOISE) is None
+
+
+def test_closure_is_counted_from_the_noise_as_it_fell_out():
+    """A gap smaller than the noise is all closed, although the noise was larger than on average."""
+    loud, gap = 1.05 * NOISE, 0.3 * NOISE
+    shares = [(gap**2 + loud**2, loud**2)] * 7
+    more = tuple(
+        Further(n, SAMPLES, SAMPLES * a, SAMPLES * b) for n, (a, b) in enumerate(shares, start=11)
+    )
+    given = answer("effect", ["inertia"], closed=1.0, more=more)
+    fell = {n: loud for n in range(11, 18)}
+    found = judged(truth("single", "inertia", further_noise=fell), given)
+    assert found.closure["same"] == (1.0, pytest.approx(1.0))
+    assert judged(truth("single", "inertia"), given).closure["same"][1] < 0.6

@@ -116,6 +116,7 @@ def test_comparators_answer_a_subset_and_are_set_beside_the_diagnosis_on_it(
         ({"left_out": "nothing"}, "left_out: expected one of"),
         ({"physics": "steam"}, "expected the machine of the key, steam"),
         ({"noise": "much"}, "noise: expected a number of 0 or more, got 'much'"),
+        ({"further_noise": {"11": "much"}}, "further_noise: expected numbers of experiments"),
         ({"place": {"from": 1}}, "place: expected a quantity with from and to"),
     ],
 )
