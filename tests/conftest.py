@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import yaml
 from hypothesis import HealthCheck, settings
+from programs import Programs
 
 import msgs_config
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 MEASURED = REPOSITORY.parent / "shared" / "data"
+DOMAINS = 100  # which domain_coordinator reserves
 
 # Compiling takes seconds at the first call and shared machines stall: time is not what is tested.
 settings.register_profile("ldt", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -38,12 +42,26 @@ def short_rotor(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.fixture
-def domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def programs():
+    """Starts programs, none of which outlives the test."""
+    with Programs() as running:
+        yield running
+
+
+@pytest.fixture(scope="session")
+def next_domain() -> Callable[[], int]:
+    """Numbers from another begin in every process, so that a domain rests long after its use."""
+    numbers = itertools.count(os.getpid())
+    return lambda: next(numbers) % DOMAINS + 1
+
+
+@pytest.fixture
+def domain(next_domain: Callable[[], int], monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     """A ROS domain that nobody else uses, for this process and its children."""
     coordinator = pytest.importorskip("domain_coordinator")
     from ldt_ros.environment import prepare
 
-    with coordinator.domain_id() as number:
+    with coordinator.domain_id(next_domain) as number:
         before = dict(os.environ)
         monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
         monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))

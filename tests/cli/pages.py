@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
+
+from programs import Programs
 
 BLOCK = re.compile(r"(?:<!-- not run: ([^>]*?) -->\n+)?^```(\w+)\n(.*?)^```$", re.S | re.M)
 FILE = re.compile(r"(?:#|<!--|//) ([\w.@/-]+\.\w+)(?: -->)?$", re.M)
@@ -36,8 +37,13 @@ class Done:
     left_out: list[str] = field(default_factory=list)
 
 
-def execute(text: str, folder: Path) -> Done:
+def execute(text: str, folder: Path, programs: Programs) -> Done:
     """Run a page's blocks in a folder.
+
+    Args:
+        text: the page.
+        folder: an empty one.
+        programs: among which what the page starts is counted.
 
     Raises:
         AssertionError: a command fails, or prints something else than the page says.
@@ -47,7 +53,7 @@ def execute(text: str, folder: Path) -> Done:
         if reason:
             done.left_out.append(" ".join(reason.split()))
         elif language == "bash":
-            printed = _run(block, folder)
+            printed = _run(block, folder, programs)
             done.commands += 1
         elif language == "text":
             for line in block.splitlines():
@@ -58,21 +64,14 @@ def execute(text: str, folder: Path) -> Done:
     return done
 
 
-def _run(block: str, folder: Path) -> str:
+def _run(block: str, folder: Path, programs: Programs) -> str:
     """Everything that the commands print."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    ran = subprocess.run(
-        ["bash", "-euo", "pipefail", "-c", block],
-        cwd=folder,
-        env={**os.environ, "PATH": path, "COLUMNS": "200"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-    assert ran.returncode == 0, f"{block}\nended with {ran.returncode}:\n{ran.stdout}"
-    return ran.stdout
+    environment = {**os.environ, "PATH": path, "COLUMNS": "200"}
+    command = ["bash", "-euo", "pipefail", "-c", block]
+    code, printed = programs.run(command, PATIENCE, cwd=folder, env=environment)
+    assert code == 0, f"{block}\nended with {code}:\n{printed}"
+    return printed
 
 
 def _shows(printed: str, line: str) -> bool:

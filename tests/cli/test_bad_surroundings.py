@@ -92,14 +92,13 @@ def test_a_domain_that_cannot_be_is_refused(domain, tmp_path, monkeypatch, capfd
     one_sentence(capfd.readouterr().err, "ROS_DOMAIN_ID", "0 to 232", repr(domain))
 
 
-def test_a_reader_that_leaves_early_is_no_traceback():
+def test_a_reader_that_leaves_early_is_no_traceback(programs):
     """`ldt --help | head -1`."""
     command = [sys.executable, "-c", "from ldt_core.cli import main; main(['invoke', '--help'])"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = programs.start(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     assert process.stderr is not None
     process.stdout.close()
     errors = process.stderr.read()
     process.wait(60)
-    process.stderr.close()
     assert "Traceback" not in errors

@@ -93,16 +93,17 @@ def test_the_page_is_made_again_without_computing(done, monkeypatch):
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
-def test_an_interrupted_study_goes_on_where_it_was(done, short_rotor, tmp_path, quick_page, end):
+def test_an_interrupted_study_goes_on_where_it_was(
+    done, short_rotor, tmp_path, quick_page, programs, end
+):
     """After Ctrl-C and after kill -9: what was finished stays, and the table is the same."""
     out = tmp_path / "out"
     program = [sys.executable, "-c", "from ldt_core.cli import main; main()"]
-    process = subprocess.Popen(
+    process = programs.start(
         [*program, *small(short_rotor, out, "--jobs", "1")],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
-        start_new_session=True,
     )
     deadline = time.monotonic() + 60
     while len(list(out.glob("runs/*.json"))) < 2 and time.monotonic() < deadline:

@@ -21,15 +21,21 @@ SAMPLE = str(Path(__file__).resolve().parents[2] / "bags" / "rotor_drift")
 PATIENCE = 60  # s; a stalled machine is not what is tested
 
 
-def start(*arguments: str) -> subprocess.Popen[str]:
-    code = "from ldt_core.cli import main; main()"
-    return subprocess.Popen(
-        [sys.executable, "-c", code, "watch", *arguments],
-        text=True,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
+@pytest.fixture
+def start(programs):
+    """Starts the command."""
+
+    def started(*arguments: str) -> subprocess.Popen[str]:
+        code = "from ldt_core.cli import main; main()"
+        return programs.start(
+            [sys.executable, "-c", code, "watch", *arguments],
+            text=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+
+    return started
 
 
 def finish(process: subprocess.Popen[str], number: int) -> tuple[int, str]:
@@ -39,7 +45,7 @@ def finish(process: subprocess.Popen[str], number: int) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_it_serves_a_recording_until_it_is_told_to_end(number):
+def test_it_serves_a_recording_until_it_is_told_to_end(start, number):
     """It says where; ended while it plays and a browser listens, it exits with 0."""
     process = start(SAMPLE, "--port", "0", "--json")
     told = json.loads(process.stdout.readline())
@@ -50,7 +56,7 @@ def test_it_serves_a_recording_until_it_is_told_to_end(number):
         assert finish(process, number) == (0, "")
 
 
-def test_open_to_others_it_says_so_loudly():
+def test_open_to_others_it_says_so_loudly(start):
     """On standard error, and with the address in words on standard output."""
     process = start(SAMPLE, "--rate", "max", "--port", "0", "--host", "0.0.0.0")
     assert "http://127.0.0.1:" in process.stdout.readline()

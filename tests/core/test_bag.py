@@ -105,7 +105,7 @@ def test_other_readers_read_every_message_equal(tmp_path):
         assert first.layout.data_offset == second.layout.data_offset == 3
 
 
-def test_a_killed_writer_loses_at_most_the_last_half_second(tmp_path):
+def test_a_killed_writer_loses_at_most_the_last_half_second(tmp_path, programs):
     """kill -9 in the middle of writing: a streaming read gives all but the last 0.5 s."""
     program = textwrap.dedent(
         """
@@ -121,7 +121,7 @@ def test_a_killed_writer_loses_at_most_the_last_half_second(tmp_path):
         """
     )
     path = tmp_path / "run"
-    process = subprocess.Popen(
+    process = programs.start(
         [sys.executable, "-c", program, str(path)], stdout=subprocess.PIPE, text=True
     )
     lines = []

@@ -11,15 +11,20 @@ import subprocess
 import sys
 import textwrap
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from programs import Programs
 
 from ldt_core.errors import BadInput, OptionError
 from ldt_core.parallel import Workers
 from ldt_core.study.case import Case
 from ldt_core.study.run import run_case
 from ldt_core.study.stamp import stamp
+
+PATIENCE = 60  # s; a stalled machine is not what is tested
 
 
 def cases(machine: str, count: int = 3) -> list[Case]:
@@ -63,18 +68,17 @@ PROGRAM = """
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_workers_do_not_outlive_who_started_them(tmp_path, end):
+def test_workers_do_not_outlive_who_started_them(tmp_path, programs, end):
     """Ctrl-C, a polite end, and an end without warning."""
     (tmp_path / "sleeper.py").write_text(
         "import os, time\ndef sleeper(t):\n    time.sleep(t)\n    return os.getpid()\n"
     )
     program = "from sleeper import sleeper\n" + textwrap.dedent(PROGRAM)
-    process = subprocess.Popen(
+    process = programs.start(
         [sys.executable, "-c", program.replace("SLEEPER", "sleeper")],
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        start_new_session=True,
     )
     pids = [int(process.stdout.readline()) for _ in range(2)]
     time.sleep(0.5)  # so that the long items are begun
@@ -82,13 +86,11 @@ def test_workers_do_not_outlive_who_started_them(tmp_path, end):
         os.killpg(process.pid, end)  # as a terminal does
     else:
         process.send_signal(end)
-    process.wait(20)
-    deadline = time.monotonic() + 20
+    process.wait(PATIENCE)
+    deadline = time.monotonic() + PATIENCE
     while any(map(alive, pids)) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not any(map(alive, pids))
-    process.stdout.close()
-    process.stderr.close()
 
 
 def alive(pid: int) -> bool:
@@ -102,22 +104,19 @@ def alive(pid: int) -> bool:
 # ---- on a cluster
 
 
-def dask(*arguments: str) -> subprocess.Popen:
-    return subprocess.Popen(
-        [sys.executable, "-m", *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+def dask(programs: Programs, *arguments: str) -> None:
+    command = [sys.executable, "-m", *arguments]
+    programs.start(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
-def worker(address: str, *more: str) -> subprocess.Popen:
+@contextmanager
+def workers_at(address: str, count: int, *more: str) -> Iterator[None]:
+    """Worker processes of the scheduler; they are gone afterwards."""
     quiet = ("--nthreads", "1", "--no-dashboard", "--no-nanny", *more)
-    return dask("distributed.cli.dask_worker", address, *quiet)
-
-
-def stop(*processes: subprocess.Popen) -> None:
-    for process in processes:
-        process.terminate()
-    for process in processes:
-        process.wait(20)
+    with Programs() as programs:
+        for _ in range(count):
+            dask(programs, "distributed.cli.dask_worker", address, *quiet)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -126,18 +125,18 @@ def scheduler(tmp_path_factory):
     distributed = pytest.importorskip("distributed")
     file = tmp_path_factory.mktemp("dask") / "scheduler.json"
     local = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard")
-    process = dask("distributed.cli.dask_scheduler", *local, "--scheduler-file", str(file))
-    deadline = time.monotonic() + 30
-    while not file.exists() and time.monotonic() < deadline:
-        time.sleep(0.05)
-    with distributed.Client(scheduler_file=str(file), set_as_default=False) as client:
-        yield client
-    stop(process)
+    with Programs() as programs:
+        dask(programs, "distributed.cli.dask_scheduler", *local, "--scheduler-file", str(file))
+        deadline = time.monotonic() + PATIENCE
+        while not file.exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        with distributed.Client(scheduler_file=str(file), set_as_default=False) as client:
+            yield client
 
 
 def wait_for(client, count: int) -> str:
     """The scheduler's address, once it has so many workers."""
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + PATIENCE
     while len(client.nthreads()) != count and time.monotonic() < deadline:
         time.sleep(0.05)
     assert len(client.nthreads()) == count
@@ -147,15 +146,12 @@ def wait_for(client, count: int) -> str:
 def test_a_cluster_gives_the_same_results(scheduler, short_rotor):
     """Two worker processes behind a scheduler: equal to the last bit; failures come back too."""
     address = scheduler.scheduler.address
-    running = [worker(address), worker(address)]
-    try:
+    with workers_at(address, 2):
         wait_for(scheduler, 2)
         with Workers(scheduler=address, identity=platform.python_version) as workers:
             found = {c.key: figures(r) for c, r in workers.map(run_case, cases(short_rotor))}
             with pytest.raises(OptionError, match="ldmd"):
                 list(workers.map(run_case, [Case("hybrid", "ldmd", 0, 8, short_rotor)]))
-    finally:
-        stop(*running)
     wait_for(scheduler, 0)
     assert found == here(short_rotor)
 
@@ -185,8 +181,7 @@ def test_workers_without_this_ldt_are_refused(scheduler, tmp_path, preload, word
     file.write_text(
         f"import importlib.metadata as m\nimport ldt_core.study.stamp as s\n{preload}\n"
     )
-    running = worker(scheduler.scheduler.address, "--preload", str(file))
-    try:
+    with workers_at(scheduler.scheduler.address, 1, "--preload", str(file)):
         address = wait_for(scheduler, 1)
         with (
             pytest.raises(BadInput, match=words) as caught,
@@ -194,8 +189,6 @@ def test_workers_without_this_ldt_are_refused(scheduler, tmp_path, preload, word
         ):
             pass
         assert "\n" not in str(caught.value)
-    finally:
-        stop(running)
     wait_for(scheduler, 0)
 
 

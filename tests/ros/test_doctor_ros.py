@@ -160,7 +160,9 @@ def test_a_small_receive_buffer_is_a_warning(tmp_path):
     assert doctor.buffer(tmp_path / "nowhere")[0].grade is OK
 
 
-def test_leftovers_in_shared_memory_are_told_while_nobody_uses_them(monkeypatch, tmp_path):
+def test_leftovers_in_shared_memory_are_told_while_nobody_uses_them(
+    monkeypatch, programs, tmp_path
+):
     """A file that a live process has mapped is its own; little room is told as well."""
     monkeypatch.setattr(doctor, "SHARED", tmp_path)
     monkeypatch.setattr(leftovers, "SHARED", tmp_path)
@@ -173,17 +175,17 @@ def test_leftovers_in_shared_memory_are_told_while_nobody_uses_them(monkeypatch,
         "import mmap, sys; f = open(sys.argv[1], 'r+b'); m = mmap.mmap(f.fileno(), 0);"
         "print('mapped', flush=True); sys.stdin.read()"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", code, str(tmp_path / "fastrtps_1234")],
+    user = programs.start(
+        [sys.executable, "-c", code, tmp_path / "fastrtps_1234"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-    ) as user:
-        assert user.stdout is not None
-        user.stdout.readline()
-        (found,) = doctor.shared_memory()
-        assert "fastrtps_5678" in found.message
-        assert "fastrtps_1234" not in found.message
-        user.communicate(b"")
+    )
+    assert user.stdout is not None
+    user.stdout.readline()
+    (found,) = doctor.shared_memory()
+    assert "fastrtps_5678" in found.message
+    assert "fastrtps_1234" not in found.message
+    user.communicate(b"")
     monkeypatch.setattr(doctor.shutil, "disk_usage", lambda _: SimpleNamespace(free=10**6))
     assert "0 MiB free" in doctor.shared_memory()[0].message
     monkeypatch.setattr(doctor, "SHARED", tmp_path / "nowhere")

@@ -6,7 +6,6 @@ import resource
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,16 +22,21 @@ from ldt_ros.convert import to_message  # noqa: E402
 LIMIT = 200_000  # bytes; the disk is full then
 
 
-def recorder(tmp_path: Path, *arguments: str, before=None) -> subprocess.Popen[str]:
-    """A recorder in a process of its own."""
-    ros = ["--ros-args", "-p", f"bag:={tmp_path / 'bag'}", *arguments]
-    return subprocess.Popen(
-        [sys.executable, "-m", "ldt_ros.process", "--node", "recorder", *ros],
-        text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        preexec_fn=before,
-    )
+@pytest.fixture
+def recorder(programs, tmp_path):
+    """Starts a recorder in a process of its own."""
+
+    def start(before=None) -> subprocess.Popen[str]:
+        ros = ["--ros-args", "-p", f"bag:={tmp_path / 'bag'}"]
+        return programs.start(
+            [sys.executable, "-m", "ldt_ros.process", "--node", "recorder", *ros],
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            preexec_fn=before,
+        )
+
+    return start
 
 
 def noise(number: int, length: int = LENGTH):
@@ -42,9 +46,9 @@ def noise(number: int, length: int = LENGTH):
     return type(base)(number, base.start, PERIOD, base.voltage, random.normal(size=length))
 
 
-def test_a_burst_right_before_the_end_is_recorded_whole(stranger, tmp_path):
+def test_a_burst_right_before_the_end_is_recorded_whole(stranger, recorder, tmp_path):
     """The recorder drains what is under way when it is told to stop."""
-    process = recorder(tmp_path)
+    process = recorder()
     publisher = stranger.publisher("experiment")
     process.send_signal(signal.SIGSTOP)  # whatever comes now lies in wait when it goes on
     for number in range(1, 81):
@@ -59,13 +63,13 @@ def test_a_burst_right_before_the_end_is_recorded_whole(stranger, tmp_path):
     assert [e.number for e in bag.experiments()] == list(range(1, 81))
 
 
-def test_a_full_disk_is_counted_and_what_was_written_stays(stranger, tmp_path):
+def test_a_full_disk_is_counted_and_what_was_written_stays(stranger, recorder, tmp_path):
     """One line in the log, a count in /diagnostics, exit code 0: the twin does not depend on it."""
 
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (LIMIT, LIMIT))
 
-    process = recorder(tmp_path, before=limit)
+    process = recorder(before=limit)
     stranger.listen("/diagnostics")
     publisher = stranger.publisher("experiment")
     numbers = iter(range(1, 10_000))

@@ -69,7 +69,9 @@ def test_what_the_plant_streams_comes_back_as_the_experiments_that_it_was(
     assert not [key for key in told if key.startswith("left out")]
 
 
-def test_the_graph_learns_from_a_stream_what_it_learns_offline(domain, tmp_path, short_rotor):
+def test_the_graph_learns_from_a_stream_what_it_learns_offline(
+    domain, programs, tmp_path, short_rotor
+):
     """`ldt up --source stream` beside a machine in a process of its own: bit-equal to `ldt run`."""
     from ldt_ros.up import launch
 
@@ -83,18 +85,15 @@ def test_the_graph_learns_from_a_stream_what_it_learns_offline(domain, tmp_path,
     given = [f"{name}:={value}" for name, value in common.items()]
     given += ["stream:=only", "rate:=10", "graph:=[segmenter]"]
     arguments = [part for text in given for part in ("-p", text)]
-    process = subprocess.Popen(
+    process = programs.start(
         [sys.executable, "-m", "ldt_ros.process", "--node", "plant", "--ros-args", *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
     )
-    try:
-        (done,) = launch({**common, **twin, "source": "stream", "bag": str(tmp_path / "live")})
-        assert process.wait(20) == 0, process.communicate()[0]
-    finally:
-        process.kill()
-        process.communicate()
+    (done,) = launch({**common, **twin, "source": "stream", "bag": str(tmp_path / "live")})
+    printed, _ = process.communicate(timeout=60)
+    assert process.returncode == 0, printed
     assert done.summary.experiments == 4
     assert not done.summary.notes
     for topic in ("experiment", "prediction", "signal", "adaptation", "model"):

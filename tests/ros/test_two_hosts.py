@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from programs import Programs
 
 from ldt_core import docs
 
@@ -74,26 +75,28 @@ def _ip(*arguments: str) -> int:
     return subprocess.run(["ip", *arguments], capture_output=True, check=False).returncode
 
 
-def heard(hosts: list[list[str]], environment: dict[str, str]) -> tuple[str, str]:
+def heard(
+    programs: Programs, hosts: list[list[str]], environment: dict[str, str]
+) -> tuple[str, str]:
     """What the speaker on one host and the listener on the other have got."""
     talk = [sys.executable, "-c", textwrap.dedent(TALK)]
     env = {**os.environ, **environment}
     both = [
-        subprocess.Popen([*host, *talk, role], env=env, stdout=subprocess.PIPE, text=True)
+        programs.start([*host, *talk, role], env=env, stdout=subprocess.PIPE, text=True)
         for host, role in zip(hosts, ("speaker", "listener"), strict=True)
     ]
     said = [process.communicate(timeout=3 * PATIENCE)[0].strip() for process in both]
     return said[0], said[1]
 
 
-def test_the_list_of_peers_joins_two_hosts(hosts, domain, tmp_path, monkeypatch):
+def test_the_list_of_peers_joins_two_hosts(hosts, domain, programs, tmp_path):
     """By the profile as it stands on the page."""
     (tmp_path / "peers.xml").write_text(PROFILE)
     profile = {"FASTRTPS_DEFAULT_PROFILES_FILE": str(tmp_path / "peers.xml")}
-    assert heard(hosts, profile) == ("matched", "heard")
+    assert heard(programs, hosts, profile) == ("matched", "heard")
 
 
-def test_the_discovery_server_joins_two_hosts(hosts, domain, tmp_path):
+def test_the_discovery_server_joins_two_hosts(hosts, domain, programs, tmp_path):
     """By the command on the page, and the profile without its list."""
     plain = re.sub(r" *<builtin>.*</builtin>\n", "", PROFILE, flags=re.S)
     assert "initialPeersList" not in plain
@@ -101,18 +104,14 @@ def test_the_discovery_server_joins_two_hosts(hosts, domain, tmp_path):
     command = re.search(r'python -c "(import os; os.exec.*)"', PAGE)[1]
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     clean = {k: v for k, v in os.environ.items() if not k.startswith(("FAST", "ROS_"))}
-    server = subprocess.Popen(
+    programs.start(
         [*hosts[0], sys.executable, "-c", command],
         env={**clean, "PATH": path},
         stdout=subprocess.DEVNULL,
     )
-    try:
-        profile = {"FASTRTPS_DEFAULT_PROFILES_FILE": str(tmp_path / "plain.xml")}
-        server_at = {"ROS_DISCOVERY_SERVER": f"{HOSTS[0]}:11811"}
-        assert heard(hosts, profile | server_at) == ("matched", "heard")
-    finally:
-        server.terminate()
-        server.wait()
+    profile = {"FASTRTPS_DEFAULT_PROFILES_FILE": str(tmp_path / "plain.xml")}
+    server_at = {"ROS_DISCOVERY_SERVER": f"{HOSTS[0]}:11811"}
+    assert heard(programs, hosts, profile | server_at) == ("matched", "heard")
 
 
 def test_systemd_understands_the_units(tmp_path):

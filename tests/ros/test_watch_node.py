@@ -9,7 +9,6 @@ import sys
 import threading
 import time
 import urllib.request
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -106,50 +105,46 @@ def test_a_namespace_that_cannot_exist_is_refused(domain):
         graph("9 lives")
 
 
-def started(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
-    code = "from ldt_core.cli import main; main()"
-    return subprocess.Popen(
-        [sys.executable, "-c", code, *arguments],
-        cwd=cwd,
-        text=True,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
-
-
 def machines(address: str) -> list[dict[str, Any]]:
     with urllib.request.urlopen(f"{address}machines", timeout=PATIENCE) as answered:
         return json.load(answered)["machines"]
 
 
-def test_a_graph_of_two_machines_is_watched_live(domain, tmp_path, short_rotor):
+def test_a_graph_of_two_machines_is_watched_live(domain, programs, tmp_path, short_rotor):
     """Found by themselves, judged, healthy; the samples are there; Ctrl-C ends it with 0."""
-    watch = started("watch", "--port", "0", "--json", cwd=tmp_path)
-    up = None
-    try:
-        address = json.loads(watch.stdout.readline())["address"]
-        assert machines(address) == []
-        many = ("--machines", "2", "--experiments", "100000", "--rate", "20")
-        with_model = ("--machine", short_rotor, "--model", "physics", "--bag", "run")
-        up = started("up", *many, *with_model, cwd=tmp_path)
-        end = time.monotonic() + 3 * PATIENCE
-        while time.monotonic() < end:
-            cards = {c["key"]: c for c in machines(address) if (c["experiment"] or 0) > 3}
-            if len(cards) == 2:
-                break
-            time.sleep(0.1)
-        assert set(cards) == {"/machine_1", "/machine_2"}
-        assert {c["machine"] for c in cards.values()} == {"rotor"}
-        assert all(c["error"] > 0 and c["trouble"] == "" for c in cards.values())
-        number = cards["/machine_2"]["experiment"]
-        query = f"experiment?machine=/machine_2&number={number}"
-        with urllib.request.urlopen(address + query, timeout=PATIENCE) as answered:
-            assert json.load(answered)["of"] == 200
-    finally:
-        for process in (up, watch):
-            if process is not None:
-                process.send_signal(signal.SIGINT)
-        ends = [p.communicate(timeout=PATIENCE) for p in (up, watch) if p is not None]
+
+    def started(*arguments: str) -> subprocess.Popen[str]:
+        code = "from ldt_core.cli import main; main()"
+        return programs.start(
+            [sys.executable, "-c", code, *arguments],
+            cwd=tmp_path,
+            text=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+
+    watch = started("watch", "--port", "0", "--json")
+    address = json.loads(watch.stdout.readline())["address"]
+    assert machines(address) == []
+    many = ("--machines", "2", "--experiments", "100000", "--rate", "20")
+    with_model = ("--machine", short_rotor, "--model", "physics", "--bag", "run")
+    up = started("up", *many, *with_model)
+    end = time.monotonic() + 3 * PATIENCE
+    while time.monotonic() < end:
+        cards = {c["key"]: c for c in machines(address) if (c["experiment"] or 0) > 3}
+        if len(cards) == 2:
+            break
+        time.sleep(0.1)
+    assert set(cards) == {"/machine_1", "/machine_2"}
+    assert {c["machine"] for c in cards.values()} == {"rotor"}
+    assert all(c["error"] > 0 and c["trouble"] == "" for c in cards.values())
+    number = cards["/machine_2"]["experiment"]
+    query = f"experiment?machine=/machine_2&number={number}"
+    with urllib.request.urlopen(address + query, timeout=PATIENCE) as answered:
+        assert json.load(answered)["of"] == 200
+    for process in (up, watch):
+        process.send_signal(signal.SIGINT)
+    ends = [p.communicate(timeout=3 * PATIENCE) for p in (up, watch)]
     assert (watch.returncode, ends[-1]) == (0, ("", ""))
     assert up.returncode == 0
