@@ -13,14 +13,13 @@ from ldt_core.diagnosis.energy import Band
 from ldt_core.diagnosis.explain import CLEAR, MOST, Explained, Search
 from ldt_core.diagnosis.search import Fit
 from ldt_core.diagnosis.shares import shapley
-from ldt_core.diagnosis.worth import earned, kin
+from ldt_core.diagnosis.worth import earned, kin, plain_enough
 
 Array = NDArray[np.float64]
 
 CHANCE = 0.002  # of each of two tests to see a gap where there is none
 ALIKE = 10.8  # loss by which sets differ that cannot be told apart: chi-square, p = 0.001, and
 ALSO = 0.7  # times what the best leaves itself: no candidate's law is exactly the machine's
-LAWS = 0.01  # of the gap, that a simpler set may leave in addition and still be the answer
 SHARE = 0.01  # of what a set explains, that each member must bring to it (Shapley)
 UNEXPLAINED = 0.05  # of the gap: with more left, the best set is not the cause
 BOOTSTRAP = 400  # draws of experiments
@@ -203,18 +202,20 @@ def _plainest(found: Explained, alike: Sequence[Fit], pool: Sequence[Fit], gap: 
 
     A law with more parameters follows a machine better than a simpler one even where the simpler
     one is right, since no law is exactly right. So where a simpler set leaves hardly more, it is
-    the answer, and the other is named beside it if it does fit better.
+    the answer, and the other is named beside it if it does fit better. Laws of the same family
+    are told apart by no less than a second one of that family must explain to be named.
     """
     best = alike[0]
-    simpler = [f for f in pool if f.free < best.free]
     band = found.band
     fine = float(band.speed_loss(best.rest).sum())
-    close = [f for f in simpler if float(band.speed_loss(f.rest).sum()) - fine <= LAWS * gap]
+    close = [
+        f for f in pool if plain_enough(f, best, float(band.speed_loss(f.rest).sum()) - fine, gap)
+    ]
     if not close:
         least = min(f.free for f in alike)
         return [f for f in alike if f.free == least]
     least = min(f.free for f in close)
     plain = [f for f in close if f.free == least]
     kept = _as_good(band, plain)
-    related = [f for f in alike if f not in kept and plain[0].loss - f.loss > CLEAR]
+    related = [f for f in alike if f not in kept and plain[0].loss - f.loss > ALIKE]
     return [*kept, *related[:1]]

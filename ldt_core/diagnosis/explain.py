@@ -28,7 +28,7 @@ from ldt_core.diagnosis.search import (
     simulate_all,
 )
 from ldt_core.diagnosis.starts import Starts
-from ldt_core.diagnosis.worth import HALF, LITTLE, earned
+from ldt_core.diagnosis.worth import HALF, LITTLE, earned, plain_enough
 
 Array = NDArray[np.float64]
 Names = frozenset[str]
@@ -43,7 +43,8 @@ ADDED = 3  # effects added to each of them, and as many again
 NEXT_TO = 0.5  # if they promise this part of what the best of them does
 RIVALS = 6  # effects that may take the place of one in the chosen set,
 CLOSE = 0.7  # if they promise this part of what the best promises
-KEPT = 4  # sets of each size that are fitted on all experiments
+KEPT = 4  # sets of each size that are fitted on all experiments, and
+PLAIN = 2  # more that are further behind, but have fewer parameters
 HOPELESS = 0.5  # of the gap: if all effects together explain no more, no set of them will
 HOPEFUL = 0.3  # of the gap: where a set leaves more, an effect is tried with it only if it promises
 PROMISE = 0.1  # to take away this part of that
@@ -280,9 +281,19 @@ class Search:
         best = self._best(count)
         if not best:
             return
-        floor = best[0].loss + NEAR * max(self.band.excess(best[0].rest), 0.0) + CLEAR
-        for f in [f for f in best if f.loss <= floor][:KEPT]:
+        near = [f for f in best if self._near(f, best[0])][:KEPT]
+        plain = [f for f in best if f not in near and self._plainer(f, best[0])][:PLAIN]
+        for f in (*near, *plain):
             self.finish(f)
+
+    def _near(self, scouted: Fit, best: Fit) -> bool:
+        behind = scouted.loss - best.loss
+        return behind <= NEAR * max(self.band.excess(best.rest), 0.0) + CLEAR
+
+    def _plainer(self, scouted: Fit, best: Fit) -> bool:
+        """Whether a set with fewer parameters might be preferred to another one."""
+        gap = self.found.scouted[frozenset()].loss - best.loss
+        return plain_enough(scouted, best, scouted.loss - best.loss, gap)
 
     def finish(self, scouted: Fit) -> Fit:
         """The same set, fitted on all experiments."""
@@ -345,8 +356,9 @@ class Search:
 
     def _worth(self, base: Fit, found: Iterable[Fit]) -> list[Fit]:
         scouted = self.found.scouted.get(frozenset(base.names), base)
-        floor = scouted.loss + NEAR * max(self.band.excess(scouted.rest), 0.0) + CLEAR
-        return [self.finish(f) for f in found if f.loss <= floor]
+        return [
+            self.finish(f) for f in found if self._near(f, scouted) or self._plainer(f, scouted)
+        ]
 
 
 def _of_each_kind(fits: Sequence[Fit]) -> list[Fit]:

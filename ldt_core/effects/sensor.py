@@ -26,6 +26,7 @@ def _lagging(speed: Array, period: float, time_constant: float) -> Array:
 
 SENSOR_GAIN = Effect(
     name="sensor_gain",
+    family="calibration",
     description="the sensor shows a multiple of the speed",
     equation="measured = factor omega",
     parameters=(factor_of("of the speed"),),
@@ -36,6 +37,7 @@ SENSOR_GAIN = Effect(
 
 SENSOR_BIAS = Effect(
     name="sensor_bias",
+    family="calibration",
     description="the sensor is off by the same amount at every speed",
     equation="measured = omega + bias",
     parameters=(Parameter("bias", "rad/s", default=0.0, description="either sign", scale=1.0),),

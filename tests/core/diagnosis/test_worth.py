@@ -11,9 +11,19 @@ from recorded_machines import MOTOR, NOISE, ROTOR, candidates, record
 from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.explain import Search
 from ldt_core.diagnosis.procedure import TOLERANCE, diagnose
-from ldt_core.diagnosis.search import fit
+from ldt_core.diagnosis.search import Fit, fit
 from ldt_core.diagnosis.shares import shapley
-from ldt_core.diagnosis.worth import HALF, KIN, LITTLE, NEARLY_ALL, WORTH, earned, kin
+from ldt_core.diagnosis.worth import (
+    HALF,
+    KIN,
+    LAWS,
+    LITTLE,
+    NEARLY_ALL,
+    WORTH,
+    earned,
+    kin,
+    plain_enough,
+)
 from ldt_core.effects import EFFECTS, get_effect
 
 GAP = 1000.0
@@ -124,3 +134,32 @@ def test_shares_are_those_of_a_game_and_sum_to_1():
     expected = (alone["inertia"] + whole - alone["coulomb_friction"]) / 2 / whole
     assert shares["inertia"] == pytest.approx(expected)
     assert sum(shares.values()) == pytest.approx(1.0)
+
+
+def fitted(*names):
+    chosen = tuple(members(*names))
+    none = np.zeros(0)
+    return Fit(chosen, tuple(np.zeros(len(c)) for c in chosen), none, none, 0.0)
+
+
+def test_a_simpler_set_may_leave_a_little_more_and_one_of_the_same_families_more():
+    """Whatever the members' order; one with as many parameters must be as good."""
+    best = fitted("stribeck_friction", "inertia")
+    relative, other = fitted("inertia", "coulomb_friction"), fitted("inertia", "viscous_friction")
+    assert plain_enough(other, best, 0.9 * LAWS * GAP, GAP)
+    assert not plain_enough(other, best, 1.1 * LAWS * GAP, GAP)
+    assert plain_enough(relative, best, 0.9 * KIN * GAP, GAP)
+    assert not plain_enough(relative, best, 1.1 * KIN * GAP, GAP)
+    assert not plain_enough(other, relative, 0.0, GAP)
+
+
+def test_laws_of_one_family_that_hardly_differ_are_a_group():
+    """A Coulomb friction with a little of Stribeck's peak is either; a large peak is Stribeck's."""
+    found = {}
+    for static in (0.01, 0.2):
+        law = f"stribeck_friction:torque=0.1,static={static},velocity=4"
+        machine = record(ROTOR, law, count=8, volts=(-8.0, 8.0), samples=600, hold=60)
+        found[static] = diagnose(ROTOR, machine).verdict.acting
+    assert found[0.2] == [["stribeck_friction"]]
+    ((*group,),) = found[0.01]
+    assert group[0] == "coulomb_friction"
