@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import random
 from collections.abc import Callable
 from pathlib import Path
 
@@ -51,7 +52,7 @@ def programs():
 @pytest.fixture(scope="session")
 def next_domain() -> Callable[[], int]:
     """Numbers from another begin in every process, so that a domain rests long after its use."""
-    numbers = itertools.count(os.getpid())
+    numbers = itertools.count(random.SystemRandom().randrange(DOMAINS))
     return lambda: next(numbers) % DOMAINS + 1
 
 
