@@ -9,6 +9,7 @@ best sets are then fitted with all their parameters by nonlinear least squares.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ DIFFERENCE = 1e-3  # of a coordinate, for difference quotients
 AWAY = 4  # steps from the start before its states are sought again
 NOTABLY = 0.3  # by which a response is scaled for that to be another start
 EVALUATIONS = 12  # steps of one fit
+TURNS = 4  # times that start angles are sought for what a fit has found, until
+STILL = 0.02  # of the sum of squares is all that one more gains
 WORTH_AN_ANGLE = 12.0  # fall of the sum of squares for each experiment's own start angle
 PRECISION = 1e-5  # of the sum of squares: a step that gains less was the last
 SHRINK, STRETCH = (
@@ -164,8 +167,13 @@ def fit(
     sought = bench.shaking or not any(p.rest for p in bench.pieces)
     if not sought and turns(bench, used(members, split(members, z))):
         shared, kept = (z, left, slopes), starts[0]
-        starts[0] = settled(z, free=True)
-        z, left, slopes = descend(z, evaluations // 2)
+        before = math.inf
+        for turn in range(TURNS):
+            starts[0] = settled(z, free=True, near=starts[0] if turn else None)
+            z, left, slopes = descend(z, evaluations // 2)
+            if float(left @ left) > (1 - STILL) * before:
+                break
+            before = float(left @ left)
         gain = float(shared[1] @ shared[1] - left @ left)
         if gain < len(bench.pieces) * WORTH_AN_ANGLE:
             (z, left, slopes), starts[0] = shared, kept

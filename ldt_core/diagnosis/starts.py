@@ -117,6 +117,12 @@ def settled(
             rounds = ROUNDS if moving else 1
             found = _start_of(bench, i, use, step, float(angles[i]), unknown, n + states, rounds)
             offsets[i], bases[i] = found
+        elif turning and free and not bench.shaking:
+            # Else a fit could move the effects only as far as these angles let it.
+            now, moved = (
+                bench.difference(i, use, step, float(angles[i]) + by) for by in (0.0, START_STEP)
+            )
+            bases[i] = basis_of(np.column_stack([piece.columns, moved - now]))
 
     bench.each(work)
     return Starts(angles, tuple(bases), tuple(offsets))

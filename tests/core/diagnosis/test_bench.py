@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recorded_machines import MOTOR, NOISE, PERIOD, ROTOR, record, uses
+from recorded_machines import MOTOR, NOISE, PERIOD, ROTOR, candidates, record, uses
 from scipy.stats import chi2
 
 from ldt_core.diagnosis.bench import AT_REST, Bench, channel_noise
+from ldt_core.diagnosis.search import fit
 
 FASTER = (6.0, 16.0)  # V: through the resonance of the foundation
 UNBALANCED = ROTOR.with_parameters(e=0.006)
@@ -242,3 +243,21 @@ def test_impossible_values_are_a_very_wrong_answer_not_an_error():
     rest = bench.rest(uses(["viscous_friction:b=-0.5"]))
     assert np.isfinite(rest).all()
     assert float(rest @ rest) > 1e6 * bench.size
+
+
+def test_a_torque_is_found_whatever_the_angles_at_which_the_machine_stood():
+    """Angles are sought anew as the fit moves on: kept, they would hold it back."""
+    random = np.random.default_rng(5)
+    recorded = []
+    for k, phase in enumerate(random.uniform(-np.pi, np.pi, 6)):
+        (e,) = record(
+            ROTOR, f"gravity_imbalance:torque=0.14,phase={phase}", samples=1000, count=1, seed=k,
+            volts=(-6.0, 6.0),
+        )  # fmt: skip
+        recorded.append(replace(e, number=k + 1))
+    (gravity,) = candidates(ROTOR, ["gravity_imbalance"])
+    bench = Bench(ROTOR, recorded, (NOISE, 1.0))
+    start = gravity.coordinates({"torque": 0.09, "phase": 0.0})
+    found = fit(bench, [gravity], [start])
+    assert gravity.given(found.z[0])["torque"] == pytest.approx(0.14, rel=0.03)
+    assert found.loss < 1.1 * bench.size
