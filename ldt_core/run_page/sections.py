@@ -117,11 +117,17 @@ def _every(run: Run) -> Section:
 
 def _template(name: str, **values: object) -> Own:
     """Markup of ours, every value in it escaped."""
-    source = (files("ldt_core.run_page") / "templates" / name).read_text(encoding="utf-8")
     environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
+        loader=jinja2.FunctionLoader(_source),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
     )
-    return Own(Markup(environment.from_string(source).render(**values)))
+    return Own(Markup(environment.get_template(name).render(**values)))
+
+
+def _source(name: str) -> str:
+    return (files("ldt_core.run_page") / "templates" / name).read_text(encoding="utf-8")
 
 
 def _count(count: int, what: str) -> str:

@@ -21,6 +21,8 @@ PARTS = (
     *(("run_page", f"templates/{name}.js") for name in ("rows", "plot", "group")),
     *(("watch", f"templates/{name}.js") for name in ("light", "overview", "one", "live")),
 )
+#: Parts of the page that a run's page has as well.
+SHARED = ("course.html", "plots.html")
 #: What the plots' script reads before anything has come.
 EMPTY = {
     **{n: [] for n in ("number", "error", "original", "level", "version", "action", "reason")},
@@ -64,7 +66,7 @@ def _page(words: str) -> str:
 
 
 def _template(name: str) -> str:
-    return _own("run_page" if name == "course.html" else "watch", f"templates/{name}")
+    return _own("run_page" if name in SHARED else "watch", f"templates/{name}")
 
 
 def _own(package: str, name: str) -> str:
