@@ -101,7 +101,7 @@ def _steady(place: Place, where: Sequence[Place]) -> str:
         both = min(place.end, steady.end) - max(place.begin, steady.begin)
         if both >= ALIKE * (max(place.end, steady.end) - min(place.begin, steady.begin)):
             return ""
-    return f" (at steady speeds from {steady.begin:.3g} to {steady.end:.3g} {steady.unit})"
+    return f" (at steady speeds it acts from {steady.begin:.3g} to {steady.end:.3g} {steady.unit})"
 
 
 def _place(place: Place) -> str:
