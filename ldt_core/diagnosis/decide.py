@@ -103,13 +103,19 @@ def decide(search: Search, seed: int = 0) -> Decision:
     best = alike[0]
     left, gap = band.speed_excess(best.rest), _gap(found, best)
     structured = band.excess(best.rest) > band.limit_of(0.01)
-    unknown = left - band.speed_limit(0.01) > UNEXPLAINED * gap
+    unknown = _unexplained(band, best, gap)
     kind = "unknown" if unknown else "ambiguous" if len(alike) > 1 else "effect"
     least = min(alike, key=lambda f: f.loss)
     rivals = [f for f in pool if f not in alike and f.loss > least.loss]
     sure = _confidence(found, least, [] if unknown else rivals, unknown, seed)
     bench = _with_noise(found.bench, band.level)
     return Decision(kind, best, tuple(alike), gap, left, structured, bench, sure)
+
+
+def _unexplained(band: Band, chosen: Fit, gap: float) -> bool:
+    """Whether a set leaves so much of the gap that it is not the cause."""
+    left = band.speed_excess(chosen.rest) - band.speed_limit(0.01)
+    return bool(left > UNEXPLAINED * gap)
 
 
 def _gap(found: Explained, best: Fit) -> float:
@@ -208,8 +214,12 @@ def _plainest(found: Explained, alike: Sequence[Fit], pool: Sequence[Fit], gap: 
     best = alike[0]
     band = found.band
     fine = float(band.speed_loss(best.rest).sum())
+    hopeless = _unexplained(band, best, gap)
     close = [
-        f for f in pool if plain_enough(f, best, float(band.speed_loss(f.rest).sum()) - fine, gap)
+        f
+        for f in pool
+        if plain_enough(f, best, float(band.speed_loss(f.rest).sum()) - fine, gap)
+        and (hopeless or not _unexplained(band, f, gap))
     ]
     if not close:
         least = min(f.free for f in alike)

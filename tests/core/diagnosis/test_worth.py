@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from recorded_machines import MOTOR, NOISE, ROTOR, candidates, record
 
 from ldt_core.diagnosis.bench import Bench
+from ldt_core.diagnosis.decide import _plainest
 from ldt_core.diagnosis.explain import Search
 from ldt_core.diagnosis.procedure import TOLERANCE, diagnose
 from ldt_core.diagnosis.search import Fit, fit
@@ -136,10 +138,25 @@ def test_shares_are_those_of_a_game_and_sum_to_1():
     assert sum(shares.values()) == pytest.approx(1.0)
 
 
-def fitted(*names):
-    chosen = tuple(members(*names))
-    none = np.zeros(0)
-    return Fit(chosen, tuple(np.zeros(len(c)) for c in chosen), none, none, 0.0)
+def fitted(*names, left=0.0):
+    """A set that leaves so much power."""
+    chosen, rest = tuple(members(*names)), np.array([math.sqrt(left)])
+    return Fit(chosen, tuple(np.zeros(len(c)) for c in chosen), rest, np.zeros((1, 0)), left)
+
+
+class Noiseless:
+    """A band in which all power counts."""
+
+    def excess(self, rest):
+        return float(rest @ rest)
+
+    speed_excess = excess
+
+    def speed_loss(self, rest):
+        return rest**2
+
+    def speed_limit(self, chance):
+        return 0.0
 
 
 def test_a_simpler_set_may_leave_a_little_more_and_one_of_the_same_families_more():
@@ -151,6 +168,15 @@ def test_a_simpler_set_may_leave_a_little_more_and_one_of_the_same_families_more
     assert plain_enough(relative, best, 0.9 * KIN * GAP, GAP)
     assert not plain_enough(relative, best, 1.1 * KIN * GAP, GAP)
     assert not plain_enough(other, relative, 0.0, GAP)
+
+
+def test_a_simpler_law_is_no_answer_where_it_leaves_what_would_be_unknown():
+    """Coulomb's friction may stand for Stribeck's as long as it explains the gap."""
+    found = SimpleNamespace(band=Noiseless())
+    best = fitted("stribeck_friction", left=0.01 * GAP)
+    for left, names in ((0.04, "coulomb_friction"), (0.06, "stribeck_friction")):
+        plain = fitted("coulomb_friction", left=left * GAP)
+        assert _plainest(found, [best], [best, plain], GAP)[0].names == (names,)
 
 
 def test_laws_of_one_family_that_hardly_differ_are_a_group():
