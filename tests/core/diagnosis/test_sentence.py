@@ -46,5 +46,7 @@ def test_a_gap_that_is_everywhere_has_no_place_in_the_sentence():
 def test_where_an_unbalance_acts_at_steady_speeds_is_said_if_it_is_elsewhere():
     """A quick run shows the gap past the resonances, and the reader wants to know of both."""
     steady = replace(place(16.5, 30.1, 0.5), steady=True)
-    assert "(at steady speeds it acts from 16.5 to 30.1 rad/s)" in told(place(28.3, 31.0, 0.9), steady)
+    assert "(at steady speeds it acts from 16.5 to 30.1 rad/s)" in told(
+        place(28.3, 31.0, 0.9), steady
+    )
     assert "steady" not in told(place(17.0, 29.0, 0.9), steady)
