@@ -87,7 +87,7 @@ class Learner:
             z = minimum.q[:d]
             minimum = descent.run(descent.point(z, [self._turned(s, z) for s in seen]))
         belief, angles = self._weigh(descent, minimum)
-        if self._alike(belief, seen):
+        if belief.angle is not None and self._alike(belief, seen):
             known = believe(self._before, self.cause.turn) if self._before else None
             prior = (known.angle, known.std) if known and known.angle is not None else None
             alike = self._descent(seen, True, prior)
@@ -171,6 +171,6 @@ class Learner:
 
     def _alike(self, belief: Belief, seen: Sequence[Seen]) -> bool:
         """Whether the experiments are to be fitted with one start angle for all."""
-        if belief.angle is None or belief.same < 0.5 or not all(s.start.rest for s in seen):
+        if belief.same < 0.5 or not all(s.start.rest for s in seen):
             return False
         return len(seen) > 1 or bool(self._before)

@@ -120,7 +120,9 @@ class Candidate:
                 low.append(-math.inf)
                 high.append(math.inf)
             elif logarithmic(p):
-                limit = LEAST_PART * self.most_voltage / p.default if p.unit == "V" else 1e-6
+                limit = 1e-6
+                if p.unit == "V" and p.default:
+                    limit = LEAST_PART * self.most_voltage / p.default
                 low.append(math.log(limit if p.high < math.inf else LEAST_FACTOR))
                 high.append(
                     self.coordinate(j, p.high)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ldt_core.diagnosis.bench import Use
 from ldt_core.diagnosis.result import Errors
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
@@ -23,7 +24,7 @@ SURE = 3.0  # deviations of a noise's estimate, beyond which it is no chance
 FLAT = 0.005  # of the noise's power: with a smaller gap before, a closed fraction says nothing
 
 
-def free_run(machine: Machine, experiment: Experiment, use: Sequence = ()) -> Array:
+def free_run(machine: Machine, experiment: Experiment, use: Use = ()) -> Array:
     """(L,) predicted speed [rad/s], exactly as `ldt predict` gives it; nan where it diverges."""
     try:
         return PhysicsModel(machine, effects=list(use)).predict(experiment).speed
@@ -114,7 +115,7 @@ def regimes(
         "steady": np.abs(slope) <= turning,
         "slowing down": slope < -turning,
     }
-    found = []
+    found: list[dict[str, float | str | None]] = []
     for name, inside in parts.items():
         if np.count_nonzero(inside) < LEAST:
             continue

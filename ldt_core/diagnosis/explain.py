@@ -267,8 +267,8 @@ class Search:
             own=len(self.own),
             known=known,
         )
-        known = self.found.scouted.get(names)
-        if known is None or tried.loss < known.loss:
+        before = self.found.scouted.get(names)
+        if before is None or tried.loss < before.loss:
             self.found.scouted[names] = tried
         return self.found.scouted[names]
 

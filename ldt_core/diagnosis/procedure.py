@@ -225,7 +225,7 @@ class _Report:
         words = sentence(self.machine.name, d.kind, acting, found, gap, where, left)
         best = d.best.use if d.best else []
         depends = (
-            depends_on(self.bench, residual(self.bench, best, d.best and d.best.starts))
+            depends_on(self.bench, residual(self.bench, best, d.best.starts if d.best else None))
             if d.structured
             else []
         )
@@ -272,7 +272,7 @@ class _Report:
         self, computed: Sequence[Sequence[str]], acting: Sequence[Sequence[str]]
     ) -> list[list[str]]:
         found = [sorted(group) for group in acting if len(group) > 1]
-        found += [g for g in computed if not any(set(g) <= set(f) for f in found)]
+        found += [list(g) for g in computed if not any(set(g) <= set(f) for f in found)]
         return found
 
     def _next(self) -> NextExperiment | None:
@@ -282,7 +282,7 @@ class _Report:
         return next_experiment(self.bench, self.decision.alike, self.seed)
 
     def _ranked(
-        self, found: Mapping[str, Mapping[str, Amount]], before: Sequence, noise: float
+        self, found: Mapping[str, Mapping[str, Amount]], before: Sequence[Array], noise: float
     ) -> list[Ranked]:
         d, explained = self.decision, self.search.found
         shares = shapley(self.search, self.named) if self.named else {}

@@ -13,16 +13,21 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from ldt_core.diagnosis.bench import COARSE, Bench
+from ldt_core.diagnosis.bench import COARSE, Bench, Values
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.starts import Starts, turns
 
+if TYPE_CHECKING:
+    from ldt_core.effects.base import Effect
+
 Array = NDArray[np.float64]
+Used = tuple["Effect", Values]
 
 DIFFERENCE = 1e-3  # of a coordinate, for difference quotients
 AWAY = 4  # steps from the start before its states are sought again
@@ -71,7 +76,7 @@ class Fit:
         return tuple(c.name for c in self.effects)
 
     @property
-    def use(self) -> list[tuple[object, dict[str, float]]]:
+    def use(self) -> list[Used]:
         """The effects with all their values, as a simulation takes them."""
         return used(self.members, self.z)
 
@@ -81,7 +86,7 @@ class Fit:
         return sum(len(c) for c in self.effects)
 
 
-def used(members: Sequence[Candidate], z: Sequence[Array]) -> list:
+def used(members: Sequence[Candidate], z: Sequence[Array]) -> list[Used]:
     """Effects with all their values, as a simulation takes them."""
     return [(c.effect, c.given(part)) for c, part in zip(members, z, strict=True)]
 

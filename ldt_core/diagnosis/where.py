@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.diagnosis.bench import Bench
+from ldt_core.diagnosis.bench import Bench, Use
 from ldt_core.diagnosis.result import Place
 from ldt_core.diagnosis.starts import Starts
 from ldt_core.diagnosis.torque import Torque
@@ -93,7 +93,7 @@ class Residual:
         return np.split(values, np.cumsum(self.pieces)[:-1])
 
 
-def residual(bench: Bench, use: Sequence = (), starts: Starts | None = None) -> Residual:
+def residual(bench: Bench, use: Use = (), starts: Starts | None = None) -> Residual:
     """The torque left by these effects, and what it may depend on."""
     simulated = [
         bench.outputs(i, use, angle=_angle(bench, starts, i))[0] for i in range(len(bench.pieces))
@@ -103,7 +103,7 @@ def residual(bench: Bench, use: Sequence = (), starts: Starts | None = None) -> 
     return _residual(bench, left, measured, bench.noise[0])
 
 
-def change(bench: Bench, use: Sequence, to: Sequence, starts: Starts | None = None) -> Residual:
+def change(bench: Bench, use: Use, to: Use, starts: Starts | None = None) -> Residual:
     """The torque that effects add to others, as simulated: free of noise.
 
     Args:
@@ -171,7 +171,7 @@ def places(found: Residual) -> list[Place]:
     return sorted(clear, key=lambda p: p.share_of_data - p.share_of_gap)
 
 
-def steady_places(found: Residual, use: Sequence) -> list[Place]:
+def steady_places(found: Residual, use: Use) -> list[Place]:
     """Speeds at which effects change what the foundation takes from a shaft that turns steadily.
 
     A rotor that is run through its resonances quickly shakes most when it is past them: a recording

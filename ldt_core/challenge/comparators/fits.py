@@ -76,7 +76,7 @@ class Fits:
 
         Fitted to a few experiments.
         """
-        d, left = self.responses, self._few.rest(base.use)  # type: ignore[arg-type]
+        d, left = self.responses, self._few.rest(base.use)
         size, target = np.diag(d.gram), d.responses @ left
         scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
         best: dict[int, int] = {}

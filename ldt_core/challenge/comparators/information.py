@@ -42,7 +42,7 @@ def _least(data: Data, price: float) -> Found:
     for f in [*fits.alone, *data.shared("pairs", lambda: _pairs(fits))]:
         value = size * math.log(max(f.loss, 1e-300) / size) + price * f.free
         best = min(best, (value, f), key=lambda q: q[0])
-    return data.with_effects(best[1].use if best[1] else [])  # type: ignore[arg-type]
+    return data.with_effects(best[1].use if best[1] else [])
 
 
 def _pairs(fits: Fits) -> list[Fit]:

@@ -185,7 +185,7 @@ def _sparse(terms: Sequence[Term], x: Array, y: Array, threshold: float) -> Arra
             warnings.simplefilter("ignore")  # that no term is left is an answer
             solver.fit(x[:, use] / scale[use], y / size)
         solved = np.asarray(solver.coef_).ravel()
-        wrong = [k for k, j in enumerate(use) if terms[j].sign * solved[k] < 0]
+        wrong = [k for k, j in enumerate(use.tolist()) if terms[j].sign * solved[k] < 0]
         if not wrong:
             found[use] = solved * size / scale[use]
             break
