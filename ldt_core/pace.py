@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Iterable, Iterator
 
@@ -27,14 +28,23 @@ def parse_rate(text: str) -> float | None:
     return rate
 
 
-def paced(experiments: Iterable[Experiment], rate: float | None) -> Iterator[Experiment]:
-    """The experiments, each handed on when a machine would have finished it."""
-    if rate is None:
-        yield from experiments
-        return
+def paced(
+    experiments: Iterable[Experiment], rate: float | None, stop: threading.Event | None = None
+) -> Iterator[Experiment]:
+    """The experiments, each handed on when a machine would have finished it.
+
+    Args:
+        experiments: in their order.
+        rate: relative to real time; None hands them on at once.
+        stop: once it is set there are no more.
+    """
+    stop = stop or threading.Event()
     wall = first = None
     for experiment in experiments:
         if wall is None or first is None:
             wall, first = time.monotonic(), experiment.start
-        time.sleep(max(0.0, wall + (experiment.end - first) / rate - time.monotonic()))
+        if rate is not None:
+            stop.wait(max(0.0, wall + (experiment.end - first) / rate - time.monotonic()))
+        if stop.is_set():
+            return
         yield experiment

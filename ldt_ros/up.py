@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import signal
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -36,6 +35,7 @@ from ldt_core.recording.node_status import LEFT_OUT
 from ldt_core.recording.run_settings import settings_text
 from ldt_core.session import SOURCES, Member, fleet, recorded_summary, roles, source_of
 from ldt_core.settings import resolve
+from ldt_core.stopping import INTERRUPTED, stop_on_signals
 from ldt_ros.environment import one_line, prepare, require_ros
 from ldt_ros.leftovers import SharedMemory
 from ldt_ros.supervisor import Child, Supervisor
@@ -241,7 +241,7 @@ class Graph:
                 deadline = time.monotonic() + SETTLE
         if stopped():
             for run in self.runs:
-                run.summary.note("interrupted")
+                run.summary.note(INTERRUPTED)
         # The recorder drains while those who could send a lost packet again are still there.
         self.supervisor.stop(*self._recorders)
         for run in self.runs:
@@ -365,23 +365,13 @@ def command(settings: dict[str, Any], as_json: bool) -> None:
 
     Example: ldt up --experiments 40 --seed 3 --bag my_run
     """
-    stop = {"asked": False}
-
-    def ask(_number: int, _frame: Any) -> None:
-        stop["asked"] = True
-
-    previous = {n: signal.signal(n, ask) for n in (signal.SIGINT, signal.SIGTERM)}
     machine = load_machine(settings["machine"]).name
     count = settings["machines"]
     names = [f"machine_{i + 1}" for i in range(count)] if count > 1 else [machine]
     total = None if settings["play"] else settings["experiments"]
-    try:
-        with ExitStack() as stack:
-            progress = stack.enter_context(RunProgress(dict.fromkeys(names, total)))
-            runs = launch(settings, progress.show, lambda: stop["asked"])
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+    shown = RunProgress(dict.fromkeys(names, total))
+    with stop_on_signals(insist=False) as stop, shown as progress:
+        runs = launch(settings, progress.show, stop.is_set)
     print_summaries([(r.name, r.summary, str(r.bag)) for r in runs], settings, as_json)
 
 

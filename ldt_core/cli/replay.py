@@ -26,24 +26,26 @@ def command(
 ) -> None:
     """Play RECORDING through twin, detector and adaptor, with the same settings or others.
 
+    Ctrl-C ends it in order after the experiment under way.
+
     Example: ldt replay my_run --detector lddm --error-threshold 0.5 --out my_run_lddm
     """
     from ldt_core import session
     from ldt_core.machine import load_machine
     from ldt_core.pace import paced, parse_rate
     from ldt_core.recording.bag import read_bag
+    from ldt_core.stopping import INTERRUPTED, stop_on_signals
 
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
     played = read_bag(recording, namespace)
-    experiments = paced(played.experiments(), rate)
-    with RunProgress({machine.name: None}) as progress:
+    with stop_on_signals() as stop, RunProgress({machine.name: None}) as progress:
         summary = session.run(
             machine,
             {**settings, "play": recording, "play_namespace": namespace},
-            experiments,
+            paced(played.experiments(), rate, stop),
             out,
             partial(progress.show_step, machine.name),
         )
-    summary.note(*played.notes)
+    summary.note(*played.notes, *([INTERRUPTED] if stop.is_set() else []))
     print_summaries([(machine.name, summary, out)], settings, as_json)

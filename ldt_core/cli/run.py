@@ -22,7 +22,7 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
     """Run the same loop as `ldt up` without ROS: same options, same numbers.
 
     Several machines run one after the other; nothing is waited for, so that --adaptation-timeout
-    changes nothing.
+    changes nothing. Ctrl-C ends it in order after the experiment under way.
 
     Example: ldt run --experiments 40 --seed 3 --model linear
     """
@@ -31,13 +31,15 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
     from ldt_core.pace import paced, parse_rate
     from ldt_core.plant import Plant
     from ldt_core.recording.bag import read_bag
+    from ldt_core.stopping import INTERRUPTED, stop_on_signals
 
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
     members = session.fleet(machine, settings)
     total = None if settings["play"] else settings["experiments"]
     runs = []
-    with RunProgress({member.name: total for member in members}) as progress:
+    names = {member.name: total for member in members}
+    with stop_on_signals() as stop, RunProgress(names) as progress:
         for member in members:
             own = member.settings
             if own["play"]:
@@ -49,7 +51,7 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
             summary = session.run(
                 machine,
                 own,
-                paced(experiments, rate),
+                paced(experiments, rate, stop),
                 None if no_bag else member.bag,
                 partial(progress.show_step, member.name),
                 member.namespace,
@@ -57,4 +59,7 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
             if own["play"]:
                 summary.note(*played.notes)
             runs.append((member.name, summary, "" if no_bag else str(member.bag)))
+            if stop.is_set():
+                summary.note(INTERRUPTED)
+                break
     print_summaries(runs, settings, as_json)

@@ -1,0 +1,35 @@
+"""Ending in order when somebody asks: Ctrl-C, or a service manager that stops its unit."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+#: What the summary of a run says that was ended so.
+INTERRUPTED = "interrupted"
+
+
+@contextmanager
+def stop_on_signals(insist: bool = True) -> Iterator[threading.Event]:
+    """An event that SIGINT and SIGTERM set, for as long as the context lasts.
+
+    Args:
+        insist: whether a second SIGINT gives up waiting for the end, by KeyboardInterrupt.
+    """
+    stop = threading.Event()
+
+    def ask(number: int, _frame: FrameType | None) -> None:
+        if insist and stop.is_set() and number == signal.SIGINT:
+            raise KeyboardInterrupt
+        stop.set()
+
+    previous = {number: signal.signal(number, ask) for number in SIGNALS}
+    try:
+        yield stop
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)

@@ -1,0 +1,112 @@
+"""`ldt run` and `ldt replay` asked to end: in order, with everything recorded and summed up."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from ldt_core.cli import invoke, ldt
+from ldt_core.errors import LdtError
+from ldt_core.experiment import Experiment
+from ldt_core.pace import paced
+from ldt_core.recording.bag import read_bag
+from ldt_core.stopping import stop_on_signals
+
+PROGRAM = (sys.executable, "-c", "from ldt_core.cli import main; main()")
+PATIENCE = 120  # s; a stalled machine is not what is tested
+
+
+def started(programs, folder, *arguments):
+    return programs.start(
+        [*PROGRAM, *arguments, "--json"],
+        cwd=folder,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+
+
+def recorded(recording):
+    """Experiments in what is still being written."""
+    try:
+        return len(list(read_bag(recording).experiments()))
+    except LdtError:
+        return 0
+
+
+def ended(process, recording, number):
+    """Asked once something is recorded: the summary that it prints."""
+    deadline = time.monotonic() + PATIENCE
+    while recorded(recording) < 1 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(number)
+    output, errors = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, errors) == (0, "")
+    (run,) = json.loads(output)["runs"]
+    return run
+
+
+def whole(recording, run):
+    """Every experiment that counts is in the recording, to its last message."""
+    bag = read_bag(recording)
+    assert not bag.notes
+    assert "interrupted" in run["notes"]
+    assert [a.experiment for a in bag.records("adaptation")] == list(
+        range(1, run["experiments"] + 1)
+    )
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_that_is_asked_to_ends_in_order(programs, tmp_path, number):
+    """Also one that waits for the machine."""
+    process = started(
+        *(programs, tmp_path, "run", "--experiments", "100000", "--model", "physics"),
+        *("--rate", "40", "--bag", "run"),
+    )
+    run = ended(process, tmp_path / "run", number)
+    assert 0 < run["experiments"] < 100000
+    whole(tmp_path / "run", run)
+
+
+def test_so_does_a_replay(programs, tmp_path):
+    """Of a recording that takes long to play."""
+    made = ["simulate", "--experiments", "4", "--out", str(tmp_path / "made")]
+    assert invoke(ldt, made) == 0
+    process = started(
+        *(programs, tmp_path, "replay", "made", "--model", "physics", "--rate", "4"),
+        *("--out", "again"),
+    )
+    run = ended(process, tmp_path / "again", signal.SIGINT)
+    assert 0 < run["experiments"] < 4
+    whole(tmp_path / "again", run)
+
+
+def test_waiting_for_the_machine_ends_at_once():
+    """The next experiment, an hour away, does not come any more."""
+    stop = threading.Event()
+    threading.Timer(0.2, stop.set).start()
+    hours = [Experiment(k, 3600.0 * k, 0.01, np.zeros(3), np.zeros(3)) for k in (1, 2)]
+    begin = time.monotonic()
+    assert [e.number for e in paced(hours, 1.0, stop)] == [1]
+    assert time.monotonic() - begin < 60
+
+
+def test_who_insists_is_heard_at_once():
+    """A second Ctrl-C does not wait; a patient one never interrupts; handlers are given back."""
+    before = signal.getsignal(signal.SIGINT)
+    with stop_on_signals() as stop:
+        signal.raise_signal(signal.SIGTERM)
+        assert stop.is_set()
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    with stop_on_signals(insist=False):
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
