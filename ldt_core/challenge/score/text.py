@@ -140,8 +140,8 @@ def markdown(score: Score, pictures: Sequence[str] = ()) -> str:
         "Amounts are those of truths named outright, their number that of cases for errors and of "
         "parameters for shares; of a factor the relative error is that of its distance from 1. "
         "Closure promised on held-out experiments is compared with that realised on further ones, "
-        "noise subtracted from both: with a gap below the noise that difference is itself known to "
-        "several points only.",
+        "noise subtracted from both, on these as it fell out if the key has it; else, with a gap "
+        "below the noise, their difference is itself known to several points only.",
     ]
     for name in pictures:
         lines += ["", f"![{name.rpartition('.')[0]}]({name})"]
