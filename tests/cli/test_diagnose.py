@@ -152,7 +152,7 @@ MORE = {
     "top": {"notes", "effects"},
     "verdict": {"acting"},
     "gap": {"regimes"},
-    "where": {"share_of_data"},
+    "where": {"share_of_data", "steady"},
 }
 
 
