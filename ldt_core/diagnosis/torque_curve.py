@@ -24,6 +24,7 @@ from scipy.signal import lfilter
 Array = NDArray[np.float64]
 
 KNOTS = 101
+BLOCK = 20_000  # samples worked on at a time, so that a long experiment needs no more memory
 STIFFNESS = np.logspace(-7, 3, 41)  # of the random walk, over that of the data, at most: tried
 ANCHOR = 1e-3  # of the random walk, that draws its level to 0
 
@@ -73,17 +74,25 @@ def torque_curve(
     power, count = 0.0, 0
     for left, q, period, rest in zip(residuals, quantity, periods, rests, strict=True):
         decay = float(np.exp(-period / memory))
-        moved = lfilter([0.0, memory / inertia * (1 - decay)], [1.0, -decay], _hats(q, knots), 0)
-        wrong = np.asarray(left, dtype=np.float64)
-        if not rest:
-            first = decay ** np.arange(wrong.size)
-            first /= np.linalg.norm(first)
-            moved = moved - np.outer(first, first @ moved)
-            wrong = wrong - first * (first @ wrong)
-        gram += moved.T @ moved
-        along += moved.T @ wrong
+        answer = [0.0, memory / inertia * (1 - decay)], [1.0, -decay]
+        wrong, state = np.asarray(left, dtype=np.float64), np.zeros((1, KNOTS))
+        # What an unknown first speed does, of length 1, and its products with the others.
+        first = decay ** np.arange(wrong.size)
+        first /= np.linalg.norm(first)
+        shared = np.zeros(KNOTS)
+        for begin in range(0, wrong.size, BLOCK):
+            part = slice(begin, begin + BLOCK)
+            moved, state = lfilter(*answer, _hats(q[part], knots), axis=0, zi=state)
+            gram += moved.T @ moved
+            along += moved.T @ wrong[part]
+            shared += moved.T @ first[part]
         power += float(wrong @ wrong)
         count += wrong.size
+        if not rest:
+            known = float(first @ wrong)
+            gram -= np.outer(shared, shared)
+            along -= shared * known
+            power -= known**2
     torque, deviation, taken = _likeliest(gram, along, power, count)
     beyond = max(power - count * noise**2, 1e-12 * power, 1e-300)
     return Curve(knots, torque, deviation, min(max(taken / beyond, 0.0), 1.0))

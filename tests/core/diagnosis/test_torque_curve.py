@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
+from ldt_core.diagnosis import torque_curve as module
 from ldt_core.diagnosis.torque_curve import KNOTS, torque_curve
 
 INERTIA, MEMORY, PERIOD, LENGTH = 0.02, 0.3, 0.01, 1500
@@ -94,3 +95,17 @@ def test_units_do_not_matter(torque, speed):
     size = np.abs(one.torque).max()
     assert other.torque / torque == pytest.approx(one.torque, abs=1e-3 * size)
     assert other.explained == pytest.approx(one.explained, abs=1e-6)
+
+
+def test_a_long_experiment_is_worked_on_in_blocks(monkeypatch):
+    """With the same result, from rest and from an unknown first speed."""
+    random = np.random.default_rng(4)
+    quantity = ramps(2)
+    wrong = [moved(band(q)) + random.normal(0, NOISE, LENGTH) for q in quantity]
+    for rest in (True, False):
+        monkeypatch.setattr(module, "BLOCK", 20_000)
+        whole = found(quantity, wrong, rest)
+        monkeypatch.setattr(module, "BLOCK", 700)
+        parts = found(quantity, wrong, rest)
+        assert parts.torque == pytest.approx(whole.torque, abs=1e-9)  # of 0.1 N m
+        assert parts.explained == pytest.approx(whole.explained, rel=1e-9)
