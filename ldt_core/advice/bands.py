@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import brentq
 
-from ldt_core.physics.steady_state import folds, steady_voltage
+from ldt_core.physics.steady_state import folds, has_foundation, steady_voltage
 
 if TYPE_CHECKING:
     from ldt_core.experiment import Experiment
@@ -46,11 +46,6 @@ class Band:
     high: float
     held: tuple[float, float]
     free: tuple[float, float]
-
-
-def has_foundation(values: Values) -> bool:
-    """Whether the machine is one that can be captured, were it out of balance."""
-    return all(name in values for name in ("e", "m", "M", "K_x", "K_y", "R_x", "R_y"))
 
 
 def voltage_bands(values: Values, highest: float) -> list[Band]:

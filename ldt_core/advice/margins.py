@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from ldt_core.advice.bands import has_foundation
-from ldt_core.physics.steady_state import unbalance_torque
+from ldt_core.physics.steady_state import has_foundation, unbalance_torque
 
 Values = Mapping[str, float]
 Array = NDArray[np.float64]

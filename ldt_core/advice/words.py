@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ldt_core.advice.bands import Band, has_foundation
+from ldt_core.advice.bands import Band
 from ldt_core.advice.belief import Belief
 from ldt_core.advice.margins import Margins
 from ldt_core.advice.teach import Lesson
+from ldt_core.physics.steady_state import has_foundation
 from ldt_core.words import listed, spoken
 
 NO_FOUNDATION = "No advice on voltages to avoid: the model has no foundation."

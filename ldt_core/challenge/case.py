@@ -198,8 +198,12 @@ def _plan(
         return None
     shares = {a.name: rms(g) for a, g in zip(acting, own, strict=True)}
     truth = _truth(kind, setting, acting, fitted, wanted, shares)
-    truth["further_noise"] = {str(n): bench.noise(n) for n in FURTHER}
-    figures = {"gap_rms": gap, "signal_to_noise": snr, "explained": explained}
+    figures = {
+        "gap_rms": gap,
+        "signal_to_noise": snr,
+        "explained": explained,
+        "further_noise": {str(n): bench.noise(n) for n in FURTHER},
+    }
     return Plan(setting, tuple(acting), rounded({**truth, **figures}))
 
 

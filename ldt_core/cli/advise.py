@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ldt_core.cli.options import json_option, namespace_option, parameters
+from ldt_core.cli.options import diagnosis_option, json_option, namespace_option, parameters
 
 if TYPE_CHECKING:
     from ldt_core.experiment import DiagnosisRecord, Experiment, ModelRecord
@@ -17,13 +17,7 @@ if TYPE_CHECKING:
 @click.command("advise")
 @click.argument("recording", required=False)
 @parameters("machine")
-@click.option(
-    "--with",
-    "diagnosis",
-    default="",
-    metavar="FILE",
-    help="The diagnosis.json whose effects the machine has.",
-)
+@diagnosis_option("The diagnosis.json whose effects the machine has.")
 @click.option(
     "--effect",
     "given",

@@ -26,6 +26,11 @@ namespace_option = click.option(
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 
 
+def diagnosis_option(text: str) -> Callable[..., Any]:
+    """Decorator: the option of a diagnosis' file, with a help of the command's own."""
+    return click.option("--with", "diagnosis", default="", metavar="FILE", help=text)
+
+
 def parameters(*groups: str) -> Callable[..., Any]:
     """Decorator: an option for each declared parameter of the groups.
 

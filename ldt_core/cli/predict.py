@@ -6,19 +6,19 @@ from typing import Any
 
 import click
 
-from ldt_core.cli.options import json_option, namespace_option, out_option, parameters
+from ldt_core.cli.options import (
+    diagnosis_option,
+    json_option,
+    namespace_option,
+    out_option,
+    parameters,
+)
 
 
 @click.command("predict")
 @click.argument("recording")
 @parameters("machine")
-@click.option(
-    "--with",
-    "diagnosis",
-    default="",
-    metavar="FILE",
-    help="The diagnosis.json whose effects to add to the machine.",
-)
+@diagnosis_option("The diagnosis.json whose effects to add to the machine.")
 @click.option(
     "--effect",
     "own",

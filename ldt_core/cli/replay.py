@@ -47,5 +47,7 @@ def command(
             out,
             partial(progress.show_step, machine.name),
         )
-    summary.note(*played.notes, *([INTERRUPTED] if stop.is_set() else []))
+    summary.note(*played.notes)
+    if stop.is_set():
+        summary.note(INTERRUPTED)
     print_summaries([(machine.name, summary, out)], settings, as_json)

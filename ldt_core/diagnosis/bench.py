@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]
-Use = Sequence[tuple["Effect", Values]]
+Used = tuple["Effect", Values]
+Use = Sequence[Used]
 
 DIVERGED = 1e4  # rad/s, in place of a free run that grows for ever
 AT_REST = 4.0  # noise deviations: a first sample nearer to 0 than this is a machine at rest

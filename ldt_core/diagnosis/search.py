@@ -13,21 +13,16 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from ldt_core.diagnosis.bench import COARSE, Bench, Values
+from ldt_core.diagnosis.bench import COARSE, Bench, Used
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.starts import Starts, turns
 
-if TYPE_CHECKING:
-    from ldt_core.effects.base import Effect
-
 Array = NDArray[np.float64]
-Used = tuple["Effect", Values]
 
 DIFFERENCE = 1e-3  # of a coordinate, for difference quotients
 AWAY = 4  # steps from the start before its states are sought again

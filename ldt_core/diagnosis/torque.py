@@ -25,13 +25,10 @@ class Torque:
         memory: tau [s].
         period: of the samples [s].
         length: of the experiment, in samples.
-        window: to smooth over, in memories.
     """
 
-    def __init__(
-        self, inertia: float, memory: float, period: float, length: int, window: float = WINDOW
-    ) -> None:
-        samples = max(int(window * memory / period) | 1, DEGREE + 3)
+    def __init__(self, inertia: float, memory: float, period: float, length: int) -> None:
+        samples = max(int(WINDOW * memory / period) | 1, DEGREE + 3)
         self.window = min(samples, length - 1 + length % 2)
         self.inertia, self.memory, self.period = inertia, memory, period
 

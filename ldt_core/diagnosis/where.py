@@ -8,6 +8,7 @@ of its largest, or the power below its average over all values.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,7 +20,7 @@ from ldt_core.diagnosis.result import Place
 from ldt_core.diagnosis.starts import Starts
 from ldt_core.diagnosis.torque import Torque
 from ldt_core.diagnosis.torque_curve import KNOTS, Curve, torque_curve
-from ldt_core.physics.steady_state import unbalance_torque
+from ldt_core.physics.steady_state import has_foundation, unbalance_torque
 
 Array = NDArray[np.float64]
 
@@ -27,9 +28,7 @@ BINS = 120
 MOST = 0.9  # of the gap's power, that a band of frequencies must hold
 LEAST = 0.002  # of the samples, that a bin's power is taken over
 LIFT = 0.1  # by which a place's share of the gap exceeds its share of the data, to be named
-DEPENDS = (
-    0.1  # of the residuals, that a mean torque over a quantity accounts for if it depends on it
-)
+DEPENDS = 0.1  # of the residuals' power, that a torque's dependence on a quantity accounts for
 HEARD = 0.2  # of the largest mean torque: with less, the gap lies elsewhere
 BOTH = 0.3  # of the larger direction's range, that the other reaches, to look at both as one
 CHANCE = 3.0  # deviations of a bin's power that noise alone may give it
@@ -71,7 +70,7 @@ class Residual:
     speeds: list[Array]
     deviation: float
 
-    @property
+    @functools.cached_property
     def power(self) -> Array:
         """(N,) squared torque beyond noise."""
         return self.torque**2 - self.noise**2
@@ -183,12 +182,11 @@ def steady_places(found: Residual, use: Use) -> list[Place]:
     """
     bench, values = found.bench, found.over["speed"]
     changed = bench.changed(use)
-    if changed is None or not changed.get("e"):
+    if changed is None or not has_foundation(changed):
         return []
     top = float(np.abs(values).max())
     speed = np.linspace(0.0, top, KNOTS)
-    none = {**bench.values, "e": bench.values.get("e", 0.0)}
-    torque = np.abs(unbalance_torque(changed, speed) - unbalance_torque(none, speed))
+    torque = np.abs(unbalance_torque(changed, speed) - unbalance_torque(bench.values, speed))
     if not torque.max() > 0:
         return []
     # From the lowest resonance to the highest: between them it is hardly ever quiet.

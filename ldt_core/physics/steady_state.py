@@ -31,6 +31,11 @@ class Fold(NamedTuple):
     rising: bool  # V has a maximum: reached by rising voltage; else by falling
 
 
+def has_foundation(values: Values) -> bool:
+    """Whether the machine is one that can be captured, were it out of balance."""
+    return all(name in values for name in ("e", "m", "M", "K_x", "K_y", "R_x", "R_y"))
+
+
 def unbalance_torque(values: Values, speed: ArrayLike) -> NDArray[np.float64]:
     """Mean torque T_e that the foundation takes at constant speed [N m].
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -216,3 +217,11 @@ def test_an_unbalance_acts_at_its_resonances_however_it_was_run():
     assert place.steady
     assert overlap(place, 16.0, 31.0) >= 0.8
     assert steady_places(residual(bench), [(get_effect("constant_load"), {"torque": 0.1})]) == []
+
+
+def test_a_parameter_called_e_is_no_foundation():
+    """A physics of one's own may have one: nothing of it shakes."""
+    values = {"J": 0.02, "e": 1.0}
+    bench = SimpleNamespace(changed=lambda use: values, values=values)
+    found = SimpleNamespace(bench=bench, over={"speed": np.array([0.0, 30.0])})
+    assert steady_places(found, []) == []
