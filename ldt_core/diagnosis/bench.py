@@ -144,10 +144,10 @@ class Bench:
         if self.shaking:
             self.starts = settled(self, (), True, 0, True, True, COARSE)
 
-    def part(self, numbers: Sequence[int]) -> Bench:
+    def part(self, numbers: Sequence[int], workers: int | None = None) -> Bench:
         """The bench with some of the experiments only, by their place in the list."""
         chosen = [self.experiments[i] for i in numbers]
-        part = Bench(self.machine, chosen, self.noise, self.workers)
+        part = Bench(self.machine, chosen, self.noise, workers or self.workers)
         part.level = self.level
         return part
 

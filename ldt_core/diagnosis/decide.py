@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.energy import Band
-from ldt_core.diagnosis.explain import CLEAR, MOST, Explained, Search
+from ldt_core.diagnosis.explain import CLEAR, MOST, Search
+from ldt_core.diagnosis.explained import Explained
 from ldt_core.diagnosis.search import Fit
 from ldt_core.diagnosis.shares import shapley
 from ldt_core.diagnosis.worth import earned, kin, plain_enough

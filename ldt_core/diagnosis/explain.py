@@ -7,9 +7,8 @@ experiments.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,21 +16,21 @@ from numpy.typing import NDArray
 from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.energy import Band
+from ldt_core.diagnosis.explained import Explained, Names
 from ldt_core.diagnosis.promise import Promises
 from ldt_core.diagnosis.search import (
-    Dictionary,
     Fit,
     best_alone,
     ceiling,
     fit,
     rank_pairs,
     simulate_all,
+    spread,
 )
 from ldt_core.diagnosis.starts import Starts
 from ldt_core.diagnosis.worth import HALF, LITTLE, earned, plain_enough
 
 Array = NDArray[np.float64]
-Names = frozenset[str]
 
 SCOUT_SAMPLES = 12_000  # of the experiments that the scout works on, and
 SCOUT_EXPERIMENTS = 8  # at most so many of them
@@ -55,63 +54,15 @@ MANY = 3  # parameters, with which a fit may not have reached its best, and
 UNSURE = 0.005  # of the gap that it then leaves: it goes on, for
 PATIENT = 30  # steps
 NEAR = 1.5  # times what the best of its size leaves, that a set may leave more, to be kept
-OPPOSED = -0.95  # cosine of two effects' responses, at which they cancel each other
 CLEAR = 30.0  # fall of the sum of squares that chance does not reach, over all sets that are tried
 
 
-@dataclass(eq=False)
-class Explained:
-    """What the search has found.
+class Try(NamedTuple):
+    """A set of effects, where its fit is to begin, and the start states that are nearly its own."""
 
-    Attributes:
-        bench: all experiments.
-        band: its low frequencies.
-        base: (size,) residuals without any effect.
-        responses: of the scout, with its bench.
-        fits: every set that was fitted on all experiments.
-        scouted: every set that the scout has fitted.
-    """
-
-    bench: Bench
-    band: Band
-    base: Array
-    scout: Bench
-    responses: Dictionary
-    fits: dict[Names, Fit] = field(default_factory=dict)
-    scouted: dict[Names, Fit] = field(default_factory=dict)
-    _cancelling: dict[Names, bool] = field(default_factory=dict)
-
-    @property
-    def excess(self) -> float:
-        """Of the residuals without any effect."""
-        return self.band.excess(self.base)
-
-    def of_size(self, count: int) -> list[Fit]:
-        """Sets of so many effects, fitted on all experiments, best first.
-
-        Without those in which two effects all but cancel each other: a drag beside a friction that
-        is negative can imitate nearly anything, and is nothing that a machine has.
-        """
-        found = [f for names, f in self.fits.items() if len(names) == count]
-        return sorted((f for f in found if not self.cancels(f)), key=lambda f: f.loss)
-
-    def cancels(self, fitted: Fit) -> bool:
-        """Whether two members of a set move the experiments in nearly opposite directions."""
-        names = frozenset(fitted.names)
-        if len(names) < 2:
-            return False
-        if names not in self._cancelling:
-            # The machine's own parameters are the set's: without any effect they make up for it.
-            own = fitted.use[len(names) :]
-            base = self.scout.rest(own)
-            moved = []
-            for c, z in zip(fitted.effects, fitted.z, strict=False):
-                with_it = self.scout.rest([(c.effect, c.given(z)), *own])
-                change = base - with_it
-                moved.append(change / max(float(np.linalg.norm(change)), 1e-12))
-            pairs = itertools.combinations(moved, 2)
-            self._cancelling[names] = any(float(a @ b) < OPPOSED for a, b in pairs)
-        return self._cancelling[names]
+    members: Sequence[Candidate]
+    start: Sequence[Array]
+    known: Starts | None = None
 
 
 class Search:
@@ -136,12 +87,17 @@ class Search:
         self.own = tuple(own)
         #: Effect to those that this recording cannot tell from it, whatever the data are.
         self.twins: dict[str, set[str]] = {}
-        self.scout = bench.part(scouted(bench))
+        # Its fits run side by side: over so few experiments each of them could not be spread well.
+        self.scout, self.workers = bench.part(scouted(bench), workers=1), bench.workers
         zeros = [np.zeros(len(c)) for c in self.own]
         count = len(self.own)
         fitted = fit(self.scout, self.own, zeros, own=count) if own else None
         responses = simulate_all(
-            self.scout, self.candidates, lambda: tick("simulating effects"), fitted
+            self.scout,
+            self.candidates,
+            lambda: tick("simulating effects"),
+            fitted,
+            self.workers,
         )
         alone = fit(bench, self.own, fitted.z, own=count) if fitted else _empty(bench)
         self.found = Explained(bench, Band(bench), alone.rest, self.scout, responses)
@@ -195,26 +151,28 @@ class Search:
         return before.loss - now.loss > HALF * max(self.band.excess(before.rest), 0.0)
 
     def _alone(self) -> None:
-        for i, c in enumerate(self.candidates):
-            for start in best_alone(self.found.responses, i):
-                self._scout([c], [start])
+        tries = [
+            Try([c], [start])
+            for i, c in enumerate(self.candidates)
+            for start in best_alone(self.found.responses, i)
+        ]
         none = self.found.scouted[frozenset()]
         turned = self.promises.turned
-        for c, start, _ in self.promises.ranked(none) if turned else ():
-            if c.name in turned:
-                self._scout([c], [start])
+        ranked = self.promises.ranked(none) if turned else ()
+        self._scout([*tries, *(Try([c], [start]) for c, start, _ in ranked if c.name in turned)])
 
     def _pairs(self) -> None:
         ranked = sorted(rank_pairs(self.found.responses).items(), key=lambda q: -q[1][0])
-        for (i, j), (_, k, m) in ranked[:PAIRS]:
-            z = self.found.responses.z
-            self._scout([self.candidates[i], self.candidates[j]], [z[k], z[m]])
+        z, c = self.found.responses.z, self.candidates
+        self._scout([Try([c[i], c[j]], [z[k], z[m]]) for (i, j), (_, k, m) in ranked[:PAIRS]])
 
     def _build_on(self, count: int, bases: int) -> None:
+        tries = []
         for base in _of_each_kind(self._best(count))[:bases]:
             more = [*self.additions(base, ADDED), *self.additions(base, 2 * ADDED, NEXT_TO)]
-            for candidate, start in {c.name: (c, z) for c, z in more}.values():
-                self._with(base, candidate, start)
+            chosen = {c.name: (c, z) for c, z in more}.values()
+            tries += [self._with(base, candidate, start) for candidate, start in chosen]
+        self._scout(tries)
 
     def additions(self, base: Fit, count: int, close: float = 0.0) -> list[tuple[Candidate, Array]]:
         """Effects that promise most beside a set, with the values to begin with.
@@ -235,7 +193,7 @@ class Search:
         kept = [(c, z) for c, z in enough_for if c.name not in turned][:count]
         return [(c, z) for c, z in enough_for[:count] if c.name in turned] + kept
 
-    def _with(self, base: Fit, candidate: Candidate, start: Array) -> Fit:
+    def _with(self, base: Fit, candidate: Candidate, start: Array) -> Try:
         """A scouted set and one more effect.
 
         The start angles are sought beside those of the set, but not where the effect depends on
@@ -247,30 +205,33 @@ class Search:
             turned = self.scout.angular([candidate.effect])
         members = [*base.effects, candidate]
         known = None if turned else base.starts
-        return self._scout(members, [*base.z[: len(base.effects)], start], known)
+        return Try(members, [*base.z[: len(base.effects)], start], known)
 
-    def _scout(
-        self,
-        members: Sequence[Candidate],
-        start: Sequence[Array],
-        known: Starts | None = None,
-    ) -> Fit:
-        self.tick("fitting sets of effects")
-        names = frozenset(c.name for c in members)
-        order = sorted(range(len(members)), key=lambda i: members[i].name)
-        tried = fit(
-            self.scout,
-            [*(members[i] for i in order), *self.own],
-            [*(start[i] for i in order), *self.found.scouted[frozenset()].z],
-            evaluations=QUICK,
-            precision=ROUGH,
-            own=len(self.own),
-            known=known,
-        )
-        before = self.found.scouted.get(names)
-        if before is None or tried.loss < before.loss:
-            self.found.scouted[names] = tried
-        return self.found.scouted[names]
+    def _scout(self, tries: Sequence[Try]) -> list[Fit]:
+        """Fit sets on a few experiments, side by side; the best of each set so far."""
+        none = self.found.scouted[frozenset()]
+
+        def work(k: int) -> Fit:
+            members, start, known = tries[k]
+            order = sorted(range(len(members)), key=lambda i: members[i].name)
+            return fit(
+                self.scout,
+                [*(members[i] for i in order), *self.own],
+                [*(start[i] for i in order), *none.z],
+                evaluations=QUICK,
+                precision=ROUGH,
+                own=len(self.own),
+                known=known,
+            )
+
+        names = []
+        for tried in spread(work, len(tries), self.workers):
+            self.tick("fitting sets of effects")
+            names.append(frozenset(tried.names))
+            before = self.found.scouted.get(names[-1])
+            if before is None or tried.loss < before.loss:
+                self.found.scouted[names[-1]] = tried
+        return [self.found.scouted[n] for n in names]
 
     def _best(self, count: int) -> list[Fit]:
         found = [f for names, f in self.found.scouted.items() if len(names) == count]
@@ -335,24 +296,24 @@ class Search:
         wanted = frozenset(names)
         if wanted not in self.found.scouted:
             chosen = [i for i, m in enumerate(base.effects) if m.name in wanted]
-            self._scout([base.members[i] for i in chosen], [base.z[i] for i in chosen])
+            self._scout([Try([base.members[i] for i in chosen], [base.z[i] for i in chosen])])
         return self.finish(self.found.scouted[wanted])
 
     def alternatives(self, base: Fit, count: int = RIVALS) -> list[Fit]:
         """Sets that differ from a set in one member, the most promising, fitted on all."""
-        found = []
+        tries = []
         for leave in range(len(base.effects)):
             members = [m for j, m in enumerate(base.effects) if j != leave]
             z = [base.z[j] for j in range(len(base.effects)) if j != leave]
             known = self.found.scouted.get(frozenset(m.name for m in members))
-            rest = self._scout(members, z) if known is None else known
+            rest = self._scout([Try(members, z)])[0] if known is None else known
             twins = self.twins.get(base.effects[leave].name, ())
             tried = self.additions(rest, count + 1, CLOSE)
             tried += [(c, z) for c, z, _ in self.promises.ranked(rest) if c.name in twins]
             for candidate, start in tried:
                 if candidate.name not in base.names:
-                    found.append(self._with(rest, candidate, start))
-        return self._worth(base, found)
+                    tries.append(self._with(rest, candidate, start))
+        return self._worth(base, self._scout(tries))
 
     def _worth(self, base: Fit, found: Iterable[Fit]) -> list[Fit]:
         scouted = self.found.scouted.get(frozenset(base.names), base)

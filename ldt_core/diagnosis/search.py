@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.starts import Starts, turns
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 DIFFERENCE = 1e-3  # of a coordinate, for difference quotients
 AWAY = 4  # steps from the start before its states are sought again
@@ -221,6 +223,7 @@ def simulate_all(
     candidates: Sequence[Candidate],
     tick: Callable[[], None] = lambda: None,
     own: Fit | None = None,
+    workers: int = 1,
 ) -> Dictionary:
     """Simulate every candidate at its starts; responses that do not show are left out.
 
@@ -229,6 +232,7 @@ def simulate_all(
         candidates: effects.
         tick: called after each simulation.
         own: the machine's own parameters as fitted, whose directions are projected out.
+        workers: threads among which the candidates are spread.
     """
     given = own.use if own else []
     base = bench.rest(given)
@@ -243,9 +247,9 @@ def simulate_all(
     def fill(k: int) -> None:
         c = candidates[owner[k]]
         rows[k] = base - bench.rest([(c.effect, c.given(z[k])), *given])
-        tick()
 
-    _spread(fill, range(len(z)), bench.workers)
+    for _ in spread(fill, len(z), workers):
+        tick()
     rows -= (rows @ span) @ span.T
     shown = np.flatnonzero(np.einsum("ij,ij->i", rows, rows) > 1e-12)
     rows = rows[shown]
@@ -259,13 +263,13 @@ def simulate_all(
     )
 
 
-def _spread(work: Callable[[int], None], over: Sequence[int], workers: int) -> None:
-    if workers > 1:
+def spread(work: Callable[[int], T], count: int, workers: int) -> Iterator[T]:
+    """What comes out for each number below a count, in their order, among so many threads."""
+    if workers > 1 and count > 1:
         with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(work, over))
+            yield from pool.map(work, range(count))
     else:
-        for k in over:
-            work(k)
+        yield from map(work, range(count))
 
 
 def best_alone(d: Dictionary, i: int, count: int = 2) -> list[Array]:
