@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ldt_core.errors import LdtError, OptionError
+from ldt_core.errors import LdtError, OptionError, RecordingError
 from ldt_core.experiment import (
     Action,
     Adaptation,
@@ -32,6 +32,7 @@ from ldt_core.training_data import HARM, core, still_valid
 
 if TYPE_CHECKING:
     from ldt_core.diagnosis.live import Diagnoser
+    from ldt_core.past import Past
 
 #: Models that were in force before and may be again, beside the very first.
 EARLIER = 8
@@ -148,14 +149,47 @@ class Adaptor:
         if offer.model is self.model:
             reason = f"no better on data held back: {figures}; {stays}"
             return Action.REFUSED, reason, offer.details
-        self.earlier = [*self.earlier[:1], *self.earlier[1:][-EARLIER + 1 :], self.model]
-        before, self.model = self.model, offer.model
+        before = self.model
+        self._adopt(offer.model)
         reason = f"version {self.model.version} {offer.origin}"
         if change := self.model.change(before):
             reason = f"since experiment {self._since(experiment)}: {change}; {reason}"
         if figures:
             reason += f"; on data held back {figures}"
         return Action.ADAPTED, reason, offer.details
+
+    def _adopt(self, model: Model) -> None:
+        self.earlier = [*self.earlier[:1], *self.earlier[1:][-EARLIER + 1 :], self.model]
+        self.model = model
+
+    def recall(self, step: Past, model: Model | None) -> None:
+        """Be as after a recorded step, without learning anew.
+
+        Args:
+            step: as recorded.
+            model: that it brought into force, None where the present one stayed.
+
+        Raises:
+            RecordingError: a step after which another model is in force than here.
+        """
+        experiment, told = step.experiment, step.adaptation
+        if self.diagnoser is not None:
+            self.diagnoser.recall(step)
+            if step.diagnosis is not None and step.diagnosis.cause:
+                self.named = step.diagnosis
+        if step.signal.level is Level.WARNING:
+            self.memory.store(experiment)
+        elif step.signal.level is Level.POSITIVE:
+            if told.details.get("warning_set"):  # no model could be trained: with more data it may
+                self.memory.store(experiment)
+            else:
+                self.memory.clear()
+        if model is not None:
+            self._adopt(model)
+        self.memory.remember(experiment)
+        if self.model.version != told.model_version:
+            where = f"adaptation of experiment {experiment.number}, model_version"
+            raise RecordingError(where, str(self.model.version), told.model_version)
 
     def _since(self, experiment: Experiment) -> int:
         """The first of the experiments in a row, up to the present one, that the model is of."""

@@ -20,6 +20,8 @@ from ldt_core.errors import ExperimentError
 Samples = NDArray[np.float64]
 Scalar = float | int | str | bool | None
 
+#: Before EFFECT.PARAMETER, in the values of a diagnosis.
+AMOUNT = "amount."
 #: Relative difference of two sample periods that is rounding, of clocks and of text files.
 SAME_PERIOD = 1e-6
 
@@ -293,6 +295,17 @@ class DiagnosisRecord:
         """The effect that explains most of the gap; None where none is named."""
         cause = self.values.get("cause")
         return cause if isinstance(cause, str) else None
+
+    @property
+    def amounts(self) -> dict[str, dict[str, float]]:
+        """Effect → its parameters, of all that the verdict's free run has."""
+        found: dict[str, dict[str, float]] = {}
+        for key, value in self.values.items():
+            effect, dot, parameter = key.removeprefix(AMOUNT).rpartition(".")
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if key.startswith(AMOUNT) and dot and number:
+                found.setdefault(effect, {})[parameter] = float(value)  # type: ignore[arg-type]
+        return found
 
 
 @dataclass(frozen=True)

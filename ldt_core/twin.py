@@ -15,17 +15,18 @@ import numpy as np
 from ldt_core.adaptor import Adaptor
 from ldt_core.detectors import build_detector
 from ldt_core.detectors.base import Detector
-from ldt_core.errors import ExperimentError
+from ldt_core.errors import ExperimentError, RecordingError
 from ldt_core.experiment import Experiment, Prediction, Signal, Step
 from ldt_core.machine import Machine
 from ldt_core.memory import Memory
-from ldt_core.models import build_model
+from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
 from ldt_core.models.physics import PhysicsModel
 
 if TYPE_CHECKING:
     from ldt_core.advice.live import Advisor
     from ldt_core.diagnosis.live import Diagnoser
+    from ldt_core.past import Past
 
 WARM_UP_SAMPLES = 3  # compiled code is loaded whatever the length
 
@@ -68,6 +69,11 @@ class Predictor:
         self.last = experiment.number
         return prediction
 
+    def recall(self, step: Past, model: Model | None) -> None:
+        """Be as after a recorded step, and the model that it brought into force, if one."""
+        self.last = step.experiment.number
+        self.model = model or self.model
+
 
 class Judge:
     """Stage 2: the detector compares prediction and measurement.
@@ -87,8 +93,7 @@ class Judge:
         Raises:
             ExperimentError: experiment and prediction do not belong together.
         """
-        residual = prediction.residual(experiment)
-        self.detector.update(residual, prediction.speed_std)
+        self._update(experiment, prediction)
         statistics = dict(self.detector.statistics)
         statistics.pop("max_error", None)  # every signal has it
         return Signal(
@@ -99,6 +104,24 @@ class Judge:
             prediction.max_error(experiment),
             statistics,
         )
+
+    def recall(self, step: Past) -> None:
+        """Be as after a recorded step.
+
+        Raises:
+            RecordingError: this detector answers otherwise than the recorded one.
+        """
+        self._update(step.experiment, step.prediction)
+        recorded, answer = step.signal.level, self.detector.signal
+        if step.signal.detector != self.name or answer is not recorded:
+            raise RecordingError(
+                f"signal of experiment {step.experiment.number}",
+                f"{recorded.word!r} by the detector {step.signal.detector}, as recorded",
+                f"{answer.word!r} by {self.name}",
+            )
+
+    def _update(self, experiment: Experiment, prediction: Prediction) -> None:
+        self.detector.update(prediction.residual(experiment), prediction.speed_std)
 
 
 class Twin:
@@ -117,6 +140,7 @@ class Twin:
     def __init__(
         self, machine: Machine, settings: Mapping[str, Any], judge: Judge | None = None
     ) -> None:
+        self.settings = settings
         model = build_model(settings["model"], machine, settings)
         self.predictor = Predictor(machine, model)
         self.judge = judge or build_judge(settings)
@@ -159,6 +183,32 @@ class Twin:
                 self.advisor.informed(diagnosis)
             advice = self.advisor.step(experiment, model.record())
         return Step(experiment, prediction, original, signal, adaptation, record, diagnosis, advice)
+
+    def recall(self, step: Past) -> None:
+        """Be as after a recorded step, without predicting or learning anew.
+
+        Raises:
+            RecordingError: a recording that this twin cannot have made.
+            ModelError: a recorded model that cannot be this machine's.
+        """
+        model = self.restored(step)
+        self.predictor.recall(step, model)
+        self.judge.recall(step)
+        self.adaptor.recall(step, model)
+        if self.diagnoser is not None:
+            self.diagnoser.recall(step)
+        if self.advisor is not None:
+            self.advisor.recall(step)
+
+    def restored(self, step: Past) -> Model | None:
+        """The model that a recorded step brought into force; None where the present one stayed.
+
+        Raises:
+            ModelError: a recorded model that cannot be this machine's.
+        """
+        if step.model is None:
+            return None
+        return restore_model(step.model, self.predictor.machine, self.settings)
 
     def steps(
         self,

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.effects.base import Effect
 from ldt_core.errors import ModelError
 from ldt_core.experiment import DiagnosisRecord, ModelRecord
 from ldt_core.machine import Machine
-
-AMOUNT = "amount."  # before EFFECT.PARAMETER, in the values of a diagnosis
 
 
 @dataclass(frozen=True)
@@ -50,7 +47,7 @@ def believe(
         if amounts:
             return _with(machine, amounts, f"model {model.version}")
     if diagnosis is not None and diagnosis.effects:
-        found = _with(machine, _amounts(diagnosis), f"the diagnosis at {diagnosis.experiment}")
+        found = _with(machine, diagnosis.amounts, f"the diagnosis at {diagnosis.experiment}")
         return found
     return Belief(machine.parameters, "the machine file")
 
@@ -79,16 +76,3 @@ def _with(machine: Machine, amounts: Mapping[str, Mapping[str, float]], source: 
     found = with_effects(machine, acting)
     foreign = tuple(n for n in amounts if n not in known)  # a record names no files to run
     return Belief(found.values, source, found.left_out + foreign)
-
-
-def _amounts(diagnosis: DiagnosisRecord) -> dict[str, dict[str, float]]:
-    found: dict[str, dict[str, float]] = {}
-    for key, value in diagnosis.values.items():
-        effect, dot, parameter = key.removeprefix(AMOUNT).rpartition(".")
-        if key.startswith(AMOUNT) and dot and _is_number(value):
-            found.setdefault(effect, {})[parameter] = float(value)  # type: ignore[arg-type]
-    return found
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from ldt_core.experiment import AdviceRecord, DiagnosisRecord, Experiment, Model
 from ldt_core.machine import Machine
 from ldt_core.settings import resolve
 from ldt_core.threads import one_thread
+
+if TYPE_CHECKING:
+    from ldt_core.past import Past
 
 RECENT = 6  # experiments that count for what has been learned already
 
@@ -63,12 +66,8 @@ class Advisor:
 
     def step(self, experiment: Experiment, model: ModelRecord) -> AdviceRecord | None:
         """Take in one experiment and the model behind it; an advice, if one is due."""
-        if self._recent and not self._recent[-1].same_period(experiment):
-            self._recent.clear()
-        self._recent.append(experiment)
-        if self._last is not None and 0 <= experiment.number - self._last < self.every:
+        if not self._take(experiment):
             return None
-        self._last, self.trouble = experiment.number, ""
         try:
             belief = believe(self.machine, model, self._diagnosis)
             with one_thread():
@@ -76,6 +75,22 @@ class Advisor:
         except (LdtError, np.linalg.LinAlgError, ArithmeticError) as error:
             self.trouble = str(error)
             return None
+
+    def recall(self, step: Past) -> None:
+        """Be as after a recorded step, without advising anew."""
+        if step.diagnosis is not None:
+            self.informed(step.diagnosis)
+        self._take(step.experiment)
+
+    def _take(self, experiment: Experiment) -> bool:
+        """Take in one experiment; whether an advice is due."""
+        if self._recent and not self._recent[-1].same_period(experiment):
+            self._recent.clear()
+        self._recent.append(experiment)
+        if self._last is not None and 0 <= experiment.number - self._last < self.every:
+            return False
+        self._last, self.trouble = experiment.number, ""
+        return True
 
 
 def advise(

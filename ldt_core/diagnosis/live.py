@@ -13,20 +13,31 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ldt_core.diagnosis.closing import free_run
 from ldt_core.diagnosis.procedure import diagnose
 from ldt_core.diagnosis.result import Diagnosis
-from ldt_core.effects import get_effect
+from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.errors import LdtError
-from ldt_core.experiment import DiagnosisRecord, Experiment, Level, Scalar, Signal, rms
+from ldt_core.experiment import (
+    AMOUNT,
+    DiagnosisRecord,
+    Experiment,
+    Level,
+    Scalar,
+    Signal,
+    rms,
+)
 from ldt_core.machine import Machine
 from ldt_core.settings import resolve
 from ldt_core.threads import one_thread
 from ldt_core.training_data import HARM, VALID
+
+if TYPE_CHECKING:
+    from ldt_core.past import Past
 
 Make = Callable[..., Diagnosis]
 NAMED = ("effect", "ambiguous")
@@ -50,9 +61,24 @@ class Found:
     pool: Sequence[Experiment]
 
     @property
-    def unknown(self) -> bool:
-        """Whether it found a gap without a cause, so that its free run is no measure."""
-        return self.diagnosis.verdict.kind == "unknown"
+    def known(self) -> Known:
+        """What later experiments are compared with."""
+        return Known(self.use, self.error, self.diagnosis.verdict.kind == "unknown")
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What a diagnosis says of the machine.
+
+    Args:
+        use: the verdict's effects with their values.
+        error: of a free run with them on the experiment that asked for it [rad/s].
+        unknown: it found a gap without a cause, so that its free run is no measure.
+    """
+
+    use: Sequence[Any]
+    error: float
+    unknown: bool
 
 
 class Diagnoser:
@@ -95,7 +121,7 @@ class Diagnoser:
         self.trouble = ""
         self._make = make
         self._recent: deque[tuple[Experiment, Level]] = deque(maxlen=given["diagnosis_experiments"])
-        self._last: Found | None = None
+        self._last: Known | None = None
         self._since = 0
         #: Whether it was told to stop.
         self.cancelled = False
@@ -106,21 +132,38 @@ class Diagnoser:
 
     def step(self, experiment: Experiment, signal: Signal) -> DiagnosisRecord | None:
         """Take in one experiment; the verdict, if it was the occasion for one."""
-        if self._recent and not self._recent[-1][0].same_period(experiment):
-            self._recent.clear()
-        self._recent.append((experiment, signal.level))
-        self._since += 1
-        if signal.level is not Level.POSITIVE or not self._due(experiment):
+        if not self._take(experiment, signal):
             return None
-        self._since, self.trouble = 0, ""
         try:
             with one_thread():
                 found = self._checked(self._first(self._pool()))
         except (LdtError, np.linalg.LinAlgError, ArithmeticError) as error:
             self._last, self.trouble = None, str(error)
             return None
-        self._last = found
+        self._last = found.known
         return _record(found, signal)
+
+    def recall(self, step: Past) -> None:
+        """Be as after a recorded step, without diagnosing anew."""
+        if not self._take(step.experiment, step.signal):
+            return
+        found, self._last = step.diagnosis, None
+        # A record names no files to run.
+        if found is not None and found.amounts.keys() <= set(EFFECTS.names()):
+            use = [(get_effect(name), given) for name, given in found.amounts.items()]
+            unknown = found.kind == "unknown"
+            self._last = Known(use, self._error(step.experiment, use), unknown)
+
+    def _take(self, experiment: Experiment, signal: Signal) -> bool:
+        """Take in one experiment; whether it is the occasion for a diagnosis."""
+        if self._recent and not self._recent[-1][0].same_period(experiment):
+            self._recent.clear()
+        self._recent.append((experiment, signal.level))
+        self._since += 1
+        if signal.level is not Level.POSITIVE or not self._due(experiment):
+            return False
+        self._since, self.trouble = 0, ""
+        return True
 
     def _due(self, experiment: Experiment) -> bool:
         return not self._explained(experiment) or self._since >= self.every
@@ -128,7 +171,7 @@ class Diagnoser:
     def _explained(self, experiment: Experiment) -> bool:
         return self._last is not None and self._valid(experiment, self._last)
 
-    def _valid(self, experiment: Experiment, found: Found) -> bool:
+    def _valid(self, experiment: Experiment, found: Known) -> bool:
         return self._error(experiment, found.use) <= VALID * found.error
 
     def _error(self, experiment: Experiment, use: Sequence[Any]) -> float:
@@ -156,7 +199,7 @@ class Diagnoser:
 
     def _first(self, pool: Sequence[Experiment]) -> Found:
         found = self._diagnosed(pool)
-        if found.unknown and len(pool) > 1:
+        if found.known.unknown and len(pool) > 1:
             alone = self._diagnosed(pool[-1:])
             if alone.diagnosis.verdict.kind in NAMED:
                 return alone
@@ -165,8 +208,8 @@ class Diagnoser:
     def _checked(self, found: Found) -> Found:
         """The diagnosis, or a better one of the experiments that it says are valid."""
         present = found.pool[-1]
-        valid = [e for e, _ in self._recent if e is present or self._valid(e, found)]
-        if found.unknown or [id(e) for e in valid] == [id(e) for e in found.pool]:
+        valid = [e for e, _ in self._recent if e is present or self._valid(e, found.known)]
+        if found.known.unknown or [id(e) for e in valid] == [id(e) for e in found.pool]:
             return found
         again = self._diagnosed(valid)
         return again if again.error <= HARM * found.error else found
@@ -188,7 +231,7 @@ def _record(found: Found, signal: Signal) -> DiagnosisRecord:
     if cause := _cause(found.diagnosis):
         values["cause"] = cause
     for effect, given in found.use:
-        values |= {f"amount.{effect.name}.{name}": float(v) for name, v in given.items()}
+        values |= {f"{AMOUNT}{effect.name}.{name}": float(v) for name, v in given.items()}
     return DiagnosisRecord(
         signal.experiment, signal.model_version, verdict.sentence, tuple(verdict.effects), values
     )

@@ -13,9 +13,10 @@ from ldt_core.diagnosis.live import Diagnoser
 from ldt_core.diagnosis.result import Diagnosis, Errors, Gap, Ranked, Remainder, Verdict
 from ldt_core.effects import get_effect, parse_effect
 from ldt_core.errors import LdtError, OptionError
-from ldt_core.experiment import Action, Level, Signal
+from ldt_core.experiment import Action, Adaptation, Level, Prediction, Signal
 from ldt_core.machine import load_machine
 from ldt_core.models import build_model
+from ldt_core.past import Past
 from ldt_core.plant import Plant
 from ldt_core.settings import resolve
 from ldt_core.twin import Twin, build_adaptor
@@ -366,3 +367,43 @@ def test_a_worn_rotor_is_diagnosed_and_learned_for_real():
     assert first.adaptation.reason.startswith("since experiment 1: unbalance has grown to 10 mm")
     assert first.model.parameters["cause"]["parameters"]["e"] == pytest.approx(0.01, rel=1e-3)
     assert steps[-1].signal.max_error < 1.0 < steps[-1].original.max_error(steps[-1].experiment)
+
+
+def test_it_goes_on_from_what_was_recorded():
+    """After any experiment: the same verdicts, of the same experiments, failures included."""
+    truth, signs = [0.0] * 2 + [0.008] * 5 + [0.012] * 3, "--+++-++++"
+    experiments = [worn(e, i) for i, e in enumerate(truth, 1)]
+    signals = [Signal(i, LEVELS[s], "threshold", 7, 1.0) for i, s in enumerate(signs, 1)]
+    _, answers, asked = fed(truth, signs, diagnosis_every=3)
+    assert sum(a is not None for a in answers) >= 3
+    kept = Adaptation(1, Action.KEPT, 7, "", {})
+    for end in range(len(truth)):
+        make = Scripted(truth)
+        diagnoser = Diagnoser(SHORT, {"diagnosis_every": 3}, make)
+        for e, s, answer in zip(experiments[:end], signals, answers, strict=False):
+            told = Prediction(e.number, e.start, e.period, 7, e.speed)
+            diagnoser.recall(Past(e, told, s, kept, None, answer))
+        after = [
+            diagnoser.step(*pair) for pair in zip(experiments[end:], signals[end:], strict=True)
+        ]
+        assert after == answers[end:]
+        assert make.asked == asked[len(asked) - len(make.asked) :]
+
+
+def test_a_recorded_verdict_names_no_file_to_run(tmp_path):
+    """An effect of a user's own file in it is as no verdict at all; the file is not touched."""
+    (tmp_path / "own.py").write_text("raise SystemExit('executed')")
+    _, answers, _ = fed([0.008], "+")
+    values = {f"amount.{tmp_path}/own.py:Own.x": 1.0, **answers[0].values}
+    step = Past(
+        worn(0.008, 1),
+        Prediction(1, 1e9, SHORT.sample_period, 7, worn(0.008, 1).speed),
+        Signal(1, Level.POSITIVE, "threshold", 7, 1.0),
+        Adaptation(1, Action.KEPT, 7, "", {}),
+        None,
+        replace(answers[0], values=values),
+    )
+    diagnoser = Diagnoser(SHORT, {}, Scripted([0.008] * 2))
+    diagnoser.recall(step)
+    signal = Signal(2, Level.POSITIVE, "threshold", 7, 1.0)
+    assert diagnoser.step(worn(0.008, 2), signal) is not None  # nothing explains it yet

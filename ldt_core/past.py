@@ -1,0 +1,146 @@
+"""What a recording says of the steps of a run, from which a twin goes on where it ended.
+
+A step is complete once its experiment, prediction, signal, adaptation and the model that goes on
+are recorded. What comes after the last complete one is done again: every stage is a function of
+what came before, so that it comes out the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from ldt_core.experiment import (
+    Action,
+    Adaptation,
+    AdviceRecord,
+    DiagnosisRecord,
+    Experiment,
+    ModelRecord,
+    Prediction,
+    Signal,
+)
+from ldt_core.recording.bag import Bag
+from ldt_core.recording.codec import decode
+from ldt_core.recording.messages import deserialize
+
+LOOP = ("experiment", "prediction", "signal", "adaptation", "model")
+BESIDE = ("diagnosis", "advice")
+Recorded = Experiment | Prediction | Signal | Adaptation | ModelRecord
+WINDOW = 100  # experiments that are sent again at most; what is incomplete for longer stays so
+
+
+@dataclass(frozen=True)
+class Past:
+    """A complete step, as it was recorded.
+
+    Args:
+        experiment: of the step.
+        prediction: by the model then in force.
+        signal: of the detector.
+        adaptation: what was done.
+        model: adopted in this step; None where the model stayed.
+        diagnosis: made at this experiment, or None.
+        advice: given at this experiment, or None.
+    """
+
+    experiment: Experiment
+    prediction: Prediction
+    signal: Signal
+    adaptation: Adaptation
+    model: ModelRecord | None = None
+    diagnosis: DiagnosisRecord | None = None
+    advice: AdviceRecord | None = None
+
+
+@dataclass
+class _Open:
+    """What has been read of a step so far."""
+
+    experiments: list[Experiment] = field(default_factory=list)
+    prediction: Prediction | None = None
+    signal: Signal | None = None
+    adaptation: Adaptation | None = None
+
+    @property
+    def experiment(self) -> Experiment | None:
+        """The one that was predicted; a number may have been sent for several."""
+        if self.prediction is None:
+            return None
+        return next((e for e in self.experiments if e.start == self.prediction.start), None)
+
+    @property
+    def begun(self) -> bool:
+        """Whether the twin took the experiment; one that it refused never goes on."""
+        return not (self.prediction is None and self.signal is None and self.adaptation is None)
+
+
+def past(bag: Bag) -> Iterator[Past]:
+    """Complete steps of a recording in the order of their numbers, up to where it ends.
+
+    A node that was started again may have sent its messages in another order, and some twice: the
+    first of each counts. A step that stays incomplete while `WINDOW` later ones come is left out.
+
+    Args:
+        bag: as `read_bag` opened it; may be one that is being written.
+
+    Raises:
+        RecordingError: a message that is none of the topic's.
+    """
+    beside = {
+        name: {record.experiment: record for record in bag.records(name)}
+        for name in BESIDE
+        if bag.topic(name)
+    }
+    models: dict[int, ModelRecord] = {}
+    open_: dict[int, _Open] = {}
+    done = 0
+    for name, record in _messages(bag):
+        if isinstance(record, ModelRecord):
+            models[record.version] = record
+        else:
+            number = record.experiment if isinstance(record, Signal | Adaptation) else record.number
+            if number <= done:
+                continue
+            _take(open_.setdefault(number, _Open()), name, record)
+        for number in sorted(open_):
+            step = _complete(open_[number], models)
+            if step is not None:
+                done = number
+                for earlier in [n for n in open_ if n <= done]:
+                    del open_[earlier]
+                diagnosis, advice = (beside.get(kind, {}).get(number) for kind in BESIDE)
+                yield Past(*step, diagnosis, advice)
+            elif open_[number].begun and len(open_) <= WINDOW:
+                break
+
+
+def _messages(bag: Bag) -> Iterator[tuple[str, Recorded]]:
+    names = [name for name in LOOP if bag.topic(name)]
+    for index, raw in enumerate(bag.messages(*names), start=1):
+        name = raw.topic.rpartition("/")[2]
+        where = f"{bag.path}, {raw.topic}, message {index}"
+        record = decode(name, deserialize(raw.data, raw.kind, where), where)
+        assert isinstance(record, Recorded)  # of the topics in LOOP
+        yield name, record
+
+
+def _take(step: _Open, name: str, record: Experiment | Prediction | Signal | Adaptation) -> None:
+    if isinstance(record, Experiment):
+        step.experiments.append(record)
+    elif getattr(step, name) is None:
+        setattr(step, name, record)
+
+
+def _complete(
+    step: _Open, models: dict[int, ModelRecord]
+) -> tuple[Experiment, Prediction, Signal, Adaptation, ModelRecord | None] | None:
+    experiment, adaptation = step.experiment, step.adaptation
+    if experiment is None or step.prediction is None or step.signal is None or adaptation is None:
+        return None
+    if adaptation.action is not Action.ADAPTED:
+        return experiment, step.prediction, step.signal, adaptation, None
+    model = models.get(adaptation.model_version)
+    if model is None:
+        return None
+    return experiment, step.prediction, step.signal, adaptation, model

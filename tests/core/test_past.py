@@ -1,0 +1,156 @@
+"""Claims about going on from a recording: the state of the twin is what it was."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ldt_core.errors import ModelError, RecordingError
+from ldt_core.experiment import Action
+from ldt_core.machine import load_machine
+from ldt_core.past import WINDOW, past
+from ldt_core.plant import Plant
+from ldt_core.recording.bag import read_bag
+from ldt_core.recording.writer import BagWriter
+from ldt_core.session import run, write_step
+from ldt_core.settings import resolve
+from ldt_core.twin import Twin
+
+SHORT = replace(load_machine("rotor"), duration=4.0)
+
+
+def settings(**given):
+    return resolve(
+        {"experiments": 24, "seed": 3, "start_time": 1e9, "degradation": "ramp", **given}
+    )
+
+
+def experiments(given):
+    plant = Plant.from_settings(SHORT, given)
+    return [plant.experiment(n) for n in range(1, given["experiments"] + 1)]
+
+
+def recorded(path, given, made):
+    run(SHORT, given, made, path)
+    return read_bag(path)
+
+
+def same(one, other):
+    """Whether two records say the same, to the last bit."""
+    if type(one) is not type(other):
+        return False
+    if one is None:
+        return True
+    return all(
+        np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b
+        for a, b in zip(vars(one).values(), vars(other).values(), strict=True)
+    )
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"model": "linear"},
+        {"model": "linear", "gate": "none", "data": "warning-set", "warning_threshold": 0.3},
+        {"model": "linear", "detector": "calibrated", "experiments": 40},
+        {"model": "hybrid", "experiments": 12, "degradation": "abrupt", "inducing": 30},
+        {"model": "diagnosed", "cause": "unbalance", "experiments": 12, "degradation": "abrupt"},
+        {"model": "linear", "advice": True, "advice_every": 3, "degradation": "abrupt"},
+    ],
+    ids=lambda g: "-".join(str(v) for v in g.values()),
+)
+def test_a_twin_goes_on_from_any_step_as_if_nothing_had_happened(given, tmp_path):
+    """Recalled to any step, it predicts, judges, learns and advises as the one that ran through."""
+    given = settings(**given)
+    made = experiments(given)
+    steps = list(Twin(SHORT, given).steps(made))
+    assert any(s.adaptation.action is Action.ADAPTED for s in steps[:-2])  # there is a state
+    told = list(past(recorded(tmp_path / "run", given, made)))
+    assert [p.experiment.number for p in told] == [s.experiment.number for s in steps]
+    for end in range(0, len(steps), 5):
+        twin = Twin(SHORT, given)
+        for step in told[:end]:
+            twin.recall(step)
+        # As far as one cycle of everything that follows: all of it costs the square of the run.
+        for ran, step in zip(steps[end : end + 4], twin.steps(made[end:]), strict=False):
+            for part in ("prediction", "signal", "adaptation", "model", "advice"):
+                assert same(getattr(ran, part), getattr(step, part)), (end, part)
+
+
+def test_a_recording_in_the_disorder_of_a_restart_gives_the_same_steps(tmp_path):
+    """Topics one after the other, and some messages twice, within what is sent again."""
+    given = settings(model="linear", experiments=10)
+    bag = recorded(tmp_path / "run", given, experiments(given))
+    names = ("adaptation", "signal", "prediction", "experiment", "model")
+    with BagWriter(tmp_path / "mixed", "rotor") as writer:
+        for name in (*names, "experiment", "signal"):
+            for record in bag.records(name):
+                writer.write(name, record, 1e9)
+    mixed = list(past(read_bag(tmp_path / "mixed")))
+    for one, other in zip(past(bag), mixed, strict=True):
+        assert all(
+            same(a, b) for a, b in zip(vars(one).values(), vars(other).values(), strict=True)
+        )
+
+
+def test_the_past_ends_with_the_last_complete_step(tmp_path):
+    """A model or an adaptation that is missing at the end is made again; nothing is passed over."""
+    given = settings(model="linear", gate="none")
+    steps = list(Twin(SHORT, given).steps(experiments(given)))
+    learned = next(i for i, s in enumerate(steps) if s.model is not None)
+    for missing in ("model", "adaptation", "signal"):
+        path = tmp_path / missing
+        with BagWriter(path, "rotor") as writer:
+            for step in steps[:learned]:
+                write_step(writer, step)
+            last = steps[learned]
+            for name in ("experiment", "prediction", "signal", "model", "adaptation"):
+                if name != missing:
+                    writer.write(name, getattr(last, name), last.experiment.end)
+            write_step(writer, steps[learned + 1])
+        assert [p.experiment.number for p in past(read_bag(path))] == list(range(1, learned + 1))
+
+
+def test_what_stays_incomplete_for_long_is_passed_over(tmp_path):
+    """A recorder that was away for longer than messages are sent again left a gap for good."""
+    given = settings(model="physics", experiments=WINDOW + 10)
+    steps = list(Twin(SHORT, given).steps(experiments(given)))
+    with BagWriter(tmp_path / "run", "rotor") as writer:
+        for step in steps:
+            if step.experiment.number == 5:
+                writer.write("signal", step.signal, step.experiment.end)
+            else:
+                write_step(writer, step)
+    numbers = [p.experiment.number for p in past(read_bag(tmp_path / "run"))]
+    assert numbers == [n for n in range(1, WINDOW + 11) if n != 5]
+
+
+def test_a_recording_of_another_detector_or_model_is_refused(tmp_path):
+    """The answers would not be those of the run that is to go on."""
+    given = settings(model="linear")
+    told = list(past(recorded(tmp_path / "run", given, experiments(given))))
+    for other, error, words in (
+        ({"threshold": 0.1, "warning_threshold": 0.05}, RecordingError, "signal"),
+        ({"detector": "lddm"}, RecordingError, "detector"),
+        ({"model": "hybrid"}, ModelError, "kind 'hybrid'"),
+    ):
+        twin = Twin(SHORT, settings(**{"model": "linear", **other}))
+        with pytest.raises(error, match=words):
+            list(map(twin.recall, told))
+
+
+def test_experiments_that_the_twin_refused_do_not_hold_up_what_follows(tmp_path):
+    """They are recorded, and nothing ever answers to them."""
+    given = settings(model="physics", experiments=6)
+    steps = list(Twin(SHORT, given).steps(experiments(given)))
+    with BagWriter(tmp_path / "run", "rotor") as writer:
+        for step, number in zip(steps, itertools.count(1)):
+            if number == 3:
+                writer.write("experiment", step.experiment, step.experiment.end)
+            else:
+                write_step(writer, step)
+    numbers = [p.experiment.number for p in past(read_bag(tmp_path / "run"))]
+    assert numbers == [1, 2, 4, 5, 6]
