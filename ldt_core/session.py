@@ -123,7 +123,8 @@ def run(
             on_step(step)
         summary.note(*_troubles(twin))
         return summary
-    with BagWriter(bag, machine.name, namespace, settings=settings) as writer:
+    split = settings.get("split_size")
+    with BagWriter(bag, machine.name, namespace, settings=settings, split_size=split) as writer:
         for index, step in enumerate(twin.steps(experiments, rejected)):
             if index == 0:
                 writer.write("model", untrained, step.experiment.start)

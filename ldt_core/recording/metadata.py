@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import textwrap
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ldt_core.recording.messages import dump, offered_qos, schema
 from ldt_core.recording.storage import METADATA
@@ -14,70 +15,112 @@ from ldt_core.recording.storage import METADATA
 VERSION = 9
 
 
-class Channel:
-    """A topic of the file: its number there (0: none yet), its type, how often it was written."""
+class Topic:
+    """A topic of a recording: its name, its type, how many messages of it were written."""
 
-    def __init__(self, topic: str, kind: str) -> None:
-        self.topic, self.kind = topic, kind
-        self.number = self.count = 0
+    def __init__(self, name: str, kind: str, count: int = 0) -> None:
+        self.name, self.kind, self.count = name, kind, count
+
+    def entry(self) -> dict[str, Any]:
+        """As `metadata.yaml` lists it."""
+        return {
+            "topic_metadata": {
+                "name": self.name,
+                "type": self.kind,
+                "serialization_format": "cdr",
+                "offered_qos_profiles": offered_qos(self.name),
+                "type_description_hash": schema(self.kind)[1],
+            },
+            "message_count": self.count,
+        }
 
 
-class Span:
-    """First and last time of the messages [ns since the epoch], which need not come in order."""
+class FileFacts(NamedTuple):
+    """A file of a recording.
 
-    def __init__(self) -> None:
-        self.first, self.last = -1, -1
+    Args:
+        name: in the folder.
+        messages: how many.
+        first: time of the first message [ns since the epoch], -1 without messages.
+        last: of the last one.
+    """
 
-    def add(self, time_ns: int) -> None:
-        """Take in one message."""
-        self.first = time_ns if self.first < 0 else min(self.first, time_ns)
-        self.last = max(self.last, time_ns)
+    name: str
+    messages: int = 0
+    first: int = -1
+    last: int = -1
+
+    def with_message(self, time_ns: int) -> FileFacts:
+        """One message more; they need not come in order."""
+        first = time_ns if self.first < 0 else min(self.first, time_ns)
+        return FileFacts(self.name, self.messages + 1, first, max(self.last, time_ns))
+
+    def entry(self) -> dict[str, Any]:
+        """As `metadata.yaml` lists it."""
+        return {"path": self.name, **self._counted()}
+
+    @classmethod
+    def of_entry(cls, entry: Mapping[str, Any]) -> FileFacts:
+        """What `metadata.yaml` lists."""
+        count = entry["message_count"]
+        first = entry["starting_time"]["nanoseconds_since_epoch"] if count else -1
+        last = first + entry["duration"]["nanoseconds"] if count else -1
+        return cls(entry["path"], count, first, last)
+
+    def _counted(self) -> dict[str, Any]:
+        return {
+            "duration": {"nanoseconds": self.last - self.first},
+            "starting_time": {"nanoseconds_since_epoch": max(self.first, 0)},
+            "message_count": self.messages,
+        }
+
+    @classmethod
+    def of_all(cls, files: Collection[FileFacts]) -> dict[str, Any]:
+        """Duration, start and count of several together."""
+        first = min((f.first for f in files if f.messages), default=-1)
+        last = max((f.last for f in files if f.messages), default=-1)
+        return cls("", sum(f.messages for f in files), first, last)._counted()
 
 
 def information(
-    channels: Collection[Channel], span: Span, file: str, custom: Mapping[str, str]
-) -> str:
-    """The bag information as YAML.
+    topics: Sequence[Mapping[str, Any]],
+    files: Sequence[FileFacts],
+    custom: Mapping[str, str],
+    base: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """The bag information.
 
     Args:
-        channels: all topics.
-        span: of all messages.
-        file: name of the MCAP file.
+        topics: entries of all topics.
+        files: in their order.
         custom: further texts by name; those that are empty are left out.
+        base: another program's information, whose other keys are kept.
     """
-    total = sum(c.count for c in channels)
-    counted: dict[str, Any] = {
-        "duration": {"nanoseconds": span.last - span.first},
-        "starting_time": {"nanoseconds_since_epoch": max(span.first, 0)},
-        "message_count": total,
+    return {
+        "version": VERSION,
+        "storage_identifier": "mcap",
+        **FileFacts.of_all(files),
+        "topics_with_message_count": list(topics),
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [f.name for f in files],
+        "files": [f.entry() for f in files],
+        "custom_data": {name: text for name, text in custom.items() if text} or None,
+        "ros_distro": "jazzy",
+        **{key: value for key, value in (base or {}).items() if key not in OURS},
     }
-    topics = [
-        {
-            "topic_metadata": {
-                "name": channel.topic,
-                "type": channel.kind,
-                "serialization_format": "cdr",
-                "offered_qos_profiles": offered_qos(channel.topic),
-                "type_description_hash": schema(channel.kind)[1],
-            },
-            "message_count": channel.count,
-        }
-        for channel in channels
-    ]
-    return dump(
-        {
-            "version": VERSION,
-            "storage_identifier": "mcap",
-            **counted,
-            "topics_with_message_count": topics,
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [file],
-            "files": [{"path": file, **counted}],
-            "custom_data": {name: text for name, text in custom.items() if text} or None,
-            "ros_distro": "jazzy",
-        }
-    )
+
+
+#: Keys that follow from the files; the others another program may have set.
+OURS = (
+    "duration",
+    "starting_time",
+    "message_count",
+    "topics_with_message_count",
+    "relative_file_paths",
+    "files",
+    "custom_data",
+)
 
 
 def write_metadata(folder: Path, text: str) -> None:
@@ -85,8 +128,17 @@ def write_metadata(folder: Path, text: str) -> None:
     new = folder / f".{METADATA}.new"
     whole = "rosbag2_bagfile_information:\n" + textwrap.indent(text, "  ")
     try:
-        new.write_text(whole, encoding="utf-8")
+        with new.open("w", encoding="utf-8") as stream:
+            stream.write(whole)
+            stream.flush()
+            os.fsync(stream.fileno())
         os.replace(new, folder / METADATA)
     except OSError:
-        new.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            new.unlink(missing_ok=True)
         raise
+
+
+def text_of(facts: Mapping[str, Any]) -> str:
+    """Bag information as YAML."""
+    return dump(dict(facts))

@@ -1,49 +1,65 @@
-"""Writing a recording as it happens: a rosbag2 folder with one MCAP file.
+"""Writing a recording as it happens: a rosbag2 folder with MCAP files, a new one at a stated size.
 
 Each message is in the kernel's hands at most `FLUSH_PERIOD` after it was written, also when no
-further one follows, so that a killed process loses no more than that. Power failure is not covered:
-nothing is forced onto the medium.
+further one follows, so that a killed process loses no more than that. A file that is complete and
+the `metadata.yaml` that lists it are forced onto the medium; so is what was written to the present
+file, each `SYNC_PERIOD`.
+
+`metadata.yaml` is right about all files but the one that is being written. It holds the settings of
+the run, and so does each complete file at its end. Messages stand in the file of their time alone:
+models of before are in the files of before.
 """
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import threading
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import Any, Self
 
 import msgs_config
 from ldt_core.errors import LdtError, RecordingError, did_you_mean
 from ldt_core.recording import run_settings
 from ldt_core.recording.codec import Record, encode_cdr
-from ldt_core.recording.messages import (
-    declaration,
-    offered_qos_text,
-    schema,
-    serialize,
-)
-from ldt_core.recording.metadata import Channel, Span, information, write_metadata
-from ldt_core.recording.storage import PROFILE
+from ldt_core.recording.lock import FolderLock
+from ldt_core.recording.messages import declaration, schema, serialize
+from ldt_core.recording.metadata import FileFacts, Topic, information, text_of, write_metadata
+from ldt_core.recording.numbers import Numbers, number_of, numbers_text
+from ldt_core.recording.part import Part, described
+from ldt_core.recording.repair import RECORDED
+from ldt_core.recording.resume import continued
 
 FLUSH_PERIOD = 0.25  # s; half of the 0.5 s that may be lost, to leave time for the flush itself
+SYNC_PERIOD = 5.0  # s; what a power failure may cost, beside the time that the medium takes
 LAST_NS = 2**63 - 1  # rosbag2 counts nanoseconds in 64 bits, to the year 2262
+MEGABYTE = 1_000_000  # bytes
+MOST_CHUNKS = 20_000  # of a file, whose index is held in memory until it ends: about 1 kB each
 
 
 class BagWriter:
     """A recording that is being written; use it in a `with` statement.
 
     Args:
-        path: folder to make; must not exist.
+        path: folder to make; must not exist unless `resume` is set.
         machine: name of the machine, for the statuses and for the folder's metadata.
         namespace: put before relative topics ("machine_1").
         topics: topics to declare at once, so that a recording cut short names them.
         settings: parameters of the run, by name, for the folder's metadata.
+        split_size: a new file is begun when the present one exceeds so much [MB]; 0 never for its
+            size; None as declared in `parameters.yaml`.
+        resume: go on with a recording whose writer ended or was killed, in a new file of its
+            folder; what the killed one left is mended first. Machine, settings and topics must be
+            those recorded; settings that are not given are taken from there. A folder that does
+            not exist is made.
 
     Raises:
-        RecordingError: the folder exists or cannot be made.
+        RecordingError: the folder exists or cannot be made; somebody is writing to it; or it is no
+            recording of this machine with these settings.
+        LdtError: what a killed writer left cannot be mended.
     """
 
     def __init__(
@@ -53,46 +69,71 @@ class BagWriter:
         namespace: str = "",
         topics: tuple[str, ...] = (),
         settings: Mapping[str, Any] | None = None,
+        split_size: float | None = None,
+        resume: bool = False,
     ) -> None:
-        from mcap.writer import CompressionType, IndexType, Writer
-
         self.path = Path(path)
         self.machine = machine
         self._custom = {
             "machine": machine,
             run_settings.KEY: run_settings.settings_text(settings) if settings else "",
         }
+        if split_size is None:
+            split_size = float(msgs_config.parameters()["split_size"]["default"])
+        self._most_bytes = split_size * MEGABYTE
         self.prefix = f"/{namespace.strip('/')}" if namespace.strip("/") else ""
-        self._file_name = f"{self.path.resolve().name}_0.mcap"
-        self._channels: dict[str, Channel] = {}
-        self._schemas: dict[str, int] = {}
-        self._span = Span()
+        self._stem = self.path.resolve().name
+        self._index = 0
+        self._files: list[FileFacts] = []  # those that are complete
+        self._topics: dict[str, Topic] = {}
+        self._numbers: dict[str, Numbers] = {}
+        self._channels: dict[str, int] = {}  # topic → its number in the present file
         self._failure: LdtError | None = None
         self._dirty = False
+        self._unlisted = False  # a topic that metadata.yaml does not name yet
         self._lock = threading.Lock()  # the file belongs to callers and the flusher in turn
         self._closed = threading.Event()
-        declared = [self._declare(self._absolute(t), self._kind(t)) for t in topics]
-        self._stream = self._make_folder()
-        self._mcap = Writer(
-            self._stream,
-            compression=CompressionType.ZSTD,
-            index_types=IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA,
-        )
+        wanted = [self._declare(self._absolute(t), self._kind(t)) for t in topics]
+        self._make_folder(resume)
+        self._owner = FolderLock(self.path)
         try:
-            self._mcap.start(profile=PROFILE, library="ldt")
-            for channel in declared:
-                self._register(channel)
-            write_metadata(self.path, self._information())
-        except OSError as error:
-            self._stream.close()
-            raise self._fail(error) from None
-        self._flusher = threading.Thread(target=self._flush_regularly, name="bag", daemon=True)
-        self._flusher.start()
+            if resume:
+                self._go_on(wanted)
+            self._part = self._new_file()
+            self._write_metadata()
+        except BaseException:
+            self._owner.release()
+            raise
+        self._threads = [
+            threading.Thread(target=self._flush_regularly, name="bag", daemon=True),
+            threading.Thread(target=self._sync_regularly, name="bag_sync", daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
 
     @property
     def counts(self) -> dict[str, int]:
-        """Absolute topic → messages written."""
-        return {topic: channel.count for topic, channel in self._channels.items()}
+        """Absolute topic → messages written, those before `resume` included."""
+        return {name: topic.count for name, topic in self._topics.items()}
+
+    def recorded(self, topic: str) -> Numbers:
+        """The experiments of which a message of this topic is recorded; do not change them.
+
+        Args:
+            topic: relative or absolute; one of those whose messages are about an experiment.
+        """
+        return self._numbers.get(self._absolute(topic), Numbers())
+
+    def holds(self, topic: str, kind: str, data: bytes) -> bool:
+        """Whether a message of the same topic about the same experiment is recorded already.
+
+        Args:
+            topic: absolute.
+            kind: message type.
+            data: CDR bytes of the message in question.
+        """
+        number = number_of(topic, kind, data)
+        return number is not None and number in self._numbers.get(topic, ())
 
     def write(self, topic: str, record: Record | Any, time_s: float) -> None:
         """Write a record, or one of the messages of `ldt_core.recording.messages.standard`.
@@ -132,18 +173,25 @@ class BagWriter:
                 raise self._failure
             if self._closed.is_set():
                 raise LdtError(f"{self.path}: the recording is closed")
-            channel = self._channels.get(topic) or self._declare(topic, kind)
-            if channel.kind != kind:
-                raise RecordingError(f"{self.path}, {topic}", channel.kind, kind)
+            known = self._topics.get(topic) or self._declare(topic, kind)
+            if known.kind != kind:
+                raise RecordingError(f"{self.path}, {topic}", known.kind, kind)
+            if self._part.chunks >= MOST_CHUNKS or 0 < self._most_bytes < self._part.size:
+                self._split()
             try:
-                if not channel.number:
-                    self._register(channel)
-                self._mcap.add_message(channel.number, time_ns, data, time_ns, channel.count)
+                if topic not in self._channels:
+                    self._channels[topic] = self._part.register(described(topic, kind))
+                    self._unlisted = True
+                self._part.add(self._channels[topic], data, time_ns, known.count)
             except OSError as error:
                 raise self._fail(error) from None
-            channel.count += 1
-            self._span.add(time_ns)
+            known.count += 1
             self._dirty = True
+            number = number_of(topic, kind, data)
+            if number is not None:
+                if topic not in self._numbers:
+                    self._numbers[topic] = Numbers()
+                self._numbers[topic].add(number)
 
     def flush(self) -> None:
         """Hand all that was written to the operating system.
@@ -156,7 +204,9 @@ class BagWriter:
                 raise self._failure
             if self._dirty and not self._closed.is_set():
                 try:
-                    self._mcap.flush()
+                    self._part.flush()
+                    if self._unlisted:  # a reader needs it where a file is damaged
+                        self._write_metadata()
                 except OSError as error:
                     raise self._fail(error) from None
                 self._dirty = False
@@ -171,21 +221,19 @@ class BagWriter:
             if self._closed.is_set():
                 return
             self._closed.set()
-            information = self._information()
             try:
                 if self._failure is None:
-                    self._mcap.add_metadata("rosbag2", {"serialized_metadata": information})
-                    self._mcap.finish()
-                    self._stream.flush()
+                    self._complete()
             except OSError as error:
                 self._fail(error)
             finally:
-                # The buffer of a failed stream cannot be written; closing would try and fail again.
-                with contextlib.suppress(OSError):
-                    self._stream.close()
-                with contextlib.suppress(OSError):
-                    write_metadata(self.path, information)
-        self._flusher.join()
+                self._part.abandon()
+                if self._failure is not None:
+                    with contextlib.suppress(OSError):
+                        self._write_metadata()
+                self._owner.release()
+        for thread in self._threads:
+            thread.join()
         if self._failure is not None:
             raise self._failure
 
@@ -204,24 +252,59 @@ class BagWriter:
             if error is None:
                 raise
 
-    def _make_folder(self) -> IO[bytes]:
+    def _make_folder(self, resume: bool) -> None:
         try:
-            self.path.mkdir(parents=True)
-            return (self.path / self._file_name).open("xb")
+            self.path.mkdir(parents=True, exist_ok=resume)
         except FileExistsError:
+            expected = "a folder" if resume else "a folder that does not exist yet"
             raise RecordingError(
-                self.path, "a folder that does not exist yet", "an existing one"
+                self.path, expected, "a file" if resume else "an existing one"
             ) from None
         except OSError as error:
-            raise RecordingError(
-                self.path, "a place to write a recording", error.strerror or error
-            ) from None
+            raise self._refused(error) from None
+
+    def _go_on(self, wanted: list[Topic]) -> None:
+        """Take over what is recorded."""
+        past = continued(self.path, self._custom, wanted)
+        self._custom, self._files, self._numbers = past.custom, past.files, past.numbers
+        self._topics = {t.name: t for t in past.topics}
+        for topic in wanted:
+            self._topics.setdefault(topic.name, topic)
+        if past.stem:
+            self._stem, self._index = past.stem, past.index
+
+    def _new_file(self) -> Part:
+        """Begin one, with all topics that are known so far."""
+        try:
+            part = Part(self.path / f"{self._stem}_{self._index}.mcap")
+        except OSError as error:
+            raise self._refused(error) from None
+        self._index += 1
+        self._channels = {
+            name: part.register(described(name, topic.kind)) for name, topic in self._topics.items()
+        }
+        self._custom[RECORDED] = numbers_text(self._numbers, len(self._files))
+        return part
+
+    def _split(self) -> None:
+        """Complete the present file and begin the next."""
+        try:
+            self._part.finish(text_of(self._information()))
+            self._files.append(self._part.facts)
+            self._part = self._new_file()
+            self._write_metadata()
+        except (OSError, RecordingError) as error:
+            self._part.abandon()
+            raise self._fail(error) from None
+
+    def _refused(self, error: OSError) -> RecordingError:
+        return RecordingError(self.path, "a place to write a recording", error.strerror or error)
 
     def _fail(self, error: Exception) -> LdtError:
         """Keep the one failure that all later calls report."""
         full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
         reason = "the disk is full" if full else (getattr(error, "strerror", None) or str(error))
-        written = sum(c.count for c in self._channels.values())
+        written = sum(topic.count for topic in self._topics.values())
         self._failure = LdtError(
             f"{self.path}: {reason}; recording stopped after {written} messages, "
             "those already on disk stay readable"
@@ -232,6 +315,21 @@ class BagWriter:
         while not self._closed.wait(FLUSH_PERIOD):
             with contextlib.suppress(LdtError):  # the next write or close reports it
                 self.flush()
+
+    def _sync_regularly(self) -> None:
+        """Force the present file onto the medium, while others write to it."""
+        while not self._closed.wait(SYNC_PERIOD):
+            with self._lock:
+                if self._closed.is_set() or self._failure is not None:
+                    return
+                descriptor = self._part.descriptor()
+            try:
+                os.fdatasync(descriptor)
+            except OSError as error:  # the next write or close reports it
+                with self._lock:
+                    self._fail(error)
+            finally:
+                os.close(descriptor)
 
     def _absolute(self, topic: str) -> str:
         return topic if topic.startswith("/") else f"{self.prefix}/{topic}"
@@ -244,22 +342,22 @@ class BagWriter:
             )
         return declared["type"]
 
-    def _declare(self, topic: str, kind: str) -> Channel:
-        schema(kind, f"{self.path}, {topic}")  # refuses what is not a standard type
-        self._channels[topic] = Channel(topic, kind)
-        return self._channels[topic]
+    def _declare(self, name: str, kind: str) -> Topic:
+        schema(kind, f"{self.path}, {name}")  # refuses what is not a standard type
+        self._topics[name] = Topic(name, kind)
+        return self._topics[name]
 
-    def _register(self, channel: Channel) -> None:
-        text, digest = schema(channel.kind)
-        if channel.kind not in self._schemas:
-            number = self._mcap.register_schema(channel.kind, "ros2msg", text.encode())
-            self._schemas[channel.kind] = number
-        channel.number = self._mcap.register_channel(
-            channel.topic,
-            "cdr",
-            self._schemas[channel.kind],
-            {"offered_qos_profiles": offered_qos_text(channel.topic), "topic_type_hash": digest},
-        )
+    def _information(self) -> dict[str, Any]:
+        # After a split that failed the present file is among those that are complete.
+        files = list(dict.fromkeys([*self._files, self._part.facts]))
+        return information([t.entry() for t in self._topics.values()], files, self._custom)
 
-    def _information(self) -> str:
-        return information(self._channels.values(), self._span, self._file_name, self._custom)
+    def _complete(self) -> None:
+        """End the last file."""
+        text = text_of(self._information())
+        self._part.finish(text)
+        write_metadata(self.path, text)
+
+    def _write_metadata(self) -> None:
+        write_metadata(self.path, text_of(self._information()))
+        self._unlisted = False

@@ -1,0 +1,59 @@
+"""Who writes a recording: a lock on its folder, which ends with the process that holds it."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+from pathlib import Path
+
+from ldt_core.errors import RecordingError
+
+HELD = (errno.EWOULDBLOCK, errno.EACCES)
+
+
+class FolderLock:
+    """Held from its making to `release`, or to the end of the process, however that comes.
+
+    It is the kernel's (flock) and leaves no file behind. Where a file system has none, as some
+    network shares, there is none: `held` is False then.
+
+    Args:
+        folder: that nobody else may write to meanwhile.
+
+    Raises:
+        RecordingError: somebody else holds it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.held = False
+        self._descriptor: int | None = None
+        try:
+            import fcntl
+        except ImportError:  # not a Unix
+            return
+        with contextlib.suppress(OSError):
+            self._descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        if self._descriptor is None:
+            return
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self.held = True
+        except OSError as error:
+            self.release()
+            if error.errno in HELD:
+                wanted, got = "a recording that nobody is writing", "one that is being written"
+                raise RecordingError(folder, wanted, got) from None
+
+    def release(self) -> None:
+        """Let others write; a second call does nothing."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+            self.held = False
+
+    def __enter__(self) -> FolderLock:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()

@@ -1,0 +1,253 @@
+"""Reading one MCAP file, whatever happened to it.
+
+A file is read as a stream, record by record, in bounded memory, and each stretch that is damaged is
+passed over: what begins behind it is found by the shape of a chunk, whose lengths have to agree
+and whose checksum has to hold. Every byte that is left out is told.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO, Any, NamedTuple, cast
+
+import zstandard
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from mcap.records import Channel, Header, Message, Schema, Statistics
+
+from ldt_core.recording.mcap_records import (
+    BROKEN,
+    FOOTER,
+    HEAD,
+    LIBRARY,
+    MCAP_MAGIC,
+    MESSAGE,
+    PRIVATE,
+    ZSTD_MAGIC,
+    Bytes,
+    message_in,
+    next_record,
+    opened,
+    parse,
+    reason,
+    unpack,
+)
+
+#: Number of a channel in the file → the channel, and its schema if it has one.
+Described = dict[int, tuple[Channel, Schema | None]]
+
+
+class Found(NamedTuple):
+    """A message, and what the file says of its channel."""
+
+    channel: Channel
+    schema: Schema | None
+    message: Message
+
+
+class Summary(NamedTuple):
+    """What the index at the end of a file says."""
+
+    channels: Described
+    statistics: Statistics | None
+
+
+class McapFile:
+    """One MCAP file, perhaps compressed with zstd as a whole.
+
+    Args:
+        path: of the file.
+        note: told of all that is damaged, a sentence each.
+        declared: gives the channels as the recording's metadata.yaml numbers them, for a file of
+            LDT's whose own description is lost.
+    """
+
+    def __init__(
+        self, path: Path, note: Callable[[str], None], declared: Callable[[], Described] = dict
+    ) -> None:
+        self.path, self._note, self._declared = path, note, declared
+        with path.open("rb") as stream:
+            self._zipped = stream.read(len(ZSTD_MAGIC)) == ZSTD_MAGIC
+        #: As the header names the writer; known when the file has been read.
+        self.library = ""
+        #: Channels that messages were found of, or that were described; known like that, too.
+        self.described: Described = {}
+
+    def summary(self) -> Summary | None:
+        """The index at the end of the file, None when there is none to rely on."""
+        if self._zipped:
+            return None
+        with self.path.open("rb") as stream:
+            size = stream.seek(0, io.SEEK_END)
+            tail = min(size, HEAD.size + FOOTER.size + len(MCAP_MAGIC))
+            stream.seek(-tail, io.SEEK_END)
+            end = stream.read()
+            if not end.endswith(MCAP_MAGIC) or end[: HEAD.size] != HEAD.pack(
+                Opcode.FOOTER, FOOTER.size
+            ):
+                self._note(
+                    f"{self.path}: has no end (cut off, or its writer was killed); read up to there"
+                )
+                return None
+            begin, _, crc = FOOTER.unpack(end[HEAD.size : HEAD.size + FOOTER.size])
+            if begin == 0:
+                return None
+            if not begin < size - tail:
+                self._note(f"{self.path}: its index is damaged (no place); read without it")
+                return None
+            stream.seek(begin)
+            data = stream.read()
+        if crc and zlib.crc32(data[: -4 - len(MCAP_MAGIC)]) != crc:
+            self._note(f"{self.path}: its index is damaged; read without it")
+            return None
+        try:
+            return _summary(data[: len(data) - tail])
+        except BROKEN as error:
+            self._note(f"{self.path}: its index is damaged ({reason(error)}); read without it")
+            return None
+
+    def channels(self) -> Iterator[tuple[Channel, Schema | None]]:
+        """All channels that the file describes, from its first to its last byte."""
+        schemas: dict[int, Schema] = {}
+        for record in self._records():
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                yield record, schemas.get(record.schema_id)
+
+    def messages(self) -> Iterator[Found]:
+        """All messages in recorded order; what is damaged is left out and noted."""
+        schemas: dict[int, Schema] = {}
+        described = self.described = {}
+        spare: Described | None = None
+        for record in self._records():
+            if isinstance(record, Message):
+                channel = described.get(record.channel_id)
+                if channel is None:
+                    spare = self._spare() if spare is None else spare
+                    channel = spare.get(record.channel_id)
+                    if channel is not None:
+                        described[record.channel_id] = channel
+                if channel is None:
+                    self._note(
+                        f"{self.path}: messages of a channel that is not described were left out"
+                    )
+                    continue
+                yield Found(*channel, record)
+            elif isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                described[record.id] = record, schemas.get(record.schema_id)
+
+    def metadata(self, name: str) -> dict[str, str] | None:
+        """The last metadata record of this name in a whole file, None when there is none."""
+        found = None
+        for opcode, body in self._framed():
+            if opcode == Opcode.METADATA:
+                record = parse(opcode, body)
+                found = dict(record.metadata) if record.name == name else found
+        return found
+
+    def _spare(self) -> Described:
+        """Channels from elsewhere than the chunks, for when the one that had them is lost."""
+        summary = self.summary()
+        if summary:
+            return summary.channels
+        return self._declared() if self.library == LIBRARY else {}
+
+    def _records(self) -> Iterator[Header | Schema | Channel | Message]:
+        for opcode, body in self._framed():
+            if opcode == Opcode.CHUNK:
+                yield from body
+            elif opcode == Opcode.MESSAGE:
+                yield message_in(body)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                yield parse(opcode, body)
+
+    def _framed(self) -> Iterator[tuple[int, Any]]:
+        """(opcode, content) of the records before the index; of a chunk, the records in it."""
+        with self.path.open("rb") as plain:
+            size = None if self._zipped else plain.seek(0, io.SEEK_END)
+            plain.seek(0)
+            stream: IO[bytes] = plain
+            if self._zipped:
+                stream = cast("IO[bytes]", zstandard.ZstdDecompressor().stream_reader(plain))
+            yield from self._walk(Bytes(stream, size))
+
+    def _walk(self, stream: Bytes) -> Iterator[tuple[int, Any]]:
+        whole = True  # nothing was left out so far
+        try:
+            if stream.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
+                whole = False
+                self._note(f"{self.path}: its first bytes are damaged")
+            while True:
+                at, crc = stream.at, stream.crc
+                try:
+                    opcode, body = next_record(stream)
+                    if opcode >= PRIVATE:
+                        self._note(f"{self.path}: a record of another application was left out")
+                    elif opcode == Opcode.DATA_END:
+                        (said,) = struct.unpack("<L", body)
+                        if whole and said and said != crc:
+                            self._note(
+                                f"{self.path}: damaged somewhere beside the messages; "
+                                "they are whole"
+                            )
+                        return
+                    elif opcode == Opcode.FOOTER:
+                        return
+                    elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.HEADER):
+                        record = parse(opcode, body)
+                        if opcode == Opcode.HEADER:
+                            self.library = record.library
+                    elif opcode == Opcode.MESSAGE:
+                        MESSAGE.unpack_from(body)
+                except BROKEN as error:
+                    whole = False
+                    if not self._pass_over(stream, at, error):
+                        return
+                    continue
+                content: Any = body
+                if opcode == Opcode.CHUNK:
+                    try:
+                        content = opened(body)
+                    except BROKEN as error:
+                        whole = False
+                        self._note(
+                            f"{self.path}: a chunk of {len(body)} bytes before byte {stream.at} "
+                            f"is damaged ({reason(error)}); left out"
+                        )
+                        continue
+                yield opcode, content
+        except BROKEN as error:
+            self._note(
+                f"{self.path}: damaged at byte {stream.at} ({reason(error)}); read up to there"
+            )
+
+    def _pass_over(self, stream: Bytes, at: int, error: Exception) -> bool:
+        """Go on behind damage; False when nothing is found there."""
+        behind = stream.find_chunk(at + 1)
+        if behind is not None:
+            self._note(
+                f"{self.path}: damaged at byte {at} ({reason(error)}); {behind - at} bytes left out"
+            )
+            return True
+        if isinstance(error, EndOfFile):
+            self._note(f"{self.path}: ends in the middle; read up to there")
+        else:
+            self._note(f"{self.path}: damaged at byte {at} ({reason(error)}); read up to there")
+        return False
+
+
+def _summary(data: bytes) -> Summary:
+    records = list(unpack(data))
+    schemas = {r.id: r for r in records if isinstance(r, Schema)}
+    channels: Described = {
+        r.id: (r, schemas.get(r.schema_id)) for r in records if isinstance(r, Channel)
+    }
+    statistics = [r for r in records if isinstance(r, Statistics)]
+    return Summary(channels, statistics[0] if statistics else None)

@@ -1,0 +1,213 @@
+"""The records of an MCAP file as bytes: whether they can be right, and what is in them.
+
+As the format defines them (https://mcap.dev/spec).
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from typing import IO, Any, cast
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile, McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Header, Message, Metadata, Schema, Statistics
+
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+LIBRARY = "ldt"  # what a file that LDT wrote names as its writer
+MAX_CHUNK = 1 << 30  # bytes of one record or chunk; rosbag2 cuts at 1 MB, a larger claim is damage
+HEAD = struct.Struct("<BQ")  # of every record: what it is, and how many bytes follow
+CHUNK = struct.Struct("<QQQIL")  # first and last time, size, checksum, length of the method's name
+MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, time of recording, time of publishing
+FOOTER = struct.Struct("<QQI")  # where the summary and its offsets begin, checksum
+# A chunk's start as it is looked for behind damage: opcode, length, fixed fields, compression.
+CHUNK_START = re.compile(rb"\x06(?=.{36}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0))", re.DOTALL)
+WINDOW = 1 << 22  # bytes that are searched at once
+REACH = 64  # bytes by which windows overlap, more than CHUNK_START looks at
+#: What the mcap and compression libraries raise on damaged bytes.
+BROKEN = (
+    McapError,
+    struct.error,
+    zstandard.ZstdError,
+    RuntimeError,
+    ValueError,
+    KeyError,
+    MemoryError,
+    OverflowError,
+)
+_READ: dict[int, Callable[[ReadDataStream], Any]] = {
+    Opcode.HEADER: Header.read,
+    Opcode.SCHEMA: Schema.read,
+    Opcode.CHANNEL: Channel.read,
+    Opcode.STATISTICS: Statistics.read,
+    Opcode.METADATA: Metadata.read,
+}
+_PASSED_OVER = (Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT, Opcode.METADATA)
+PRIVATE = 0x80  # from here on an opcode is an application's own
+
+
+class Bytes:
+    """A stream that gives all the bytes asked for, and knows where it is.
+
+    Args:
+        stream: at its beginning.
+        size: its bytes; None when that is unknown, and there is no way back.
+    """
+
+    def __init__(self, stream: IO[bytes], size: int | None) -> None:
+        self._stream, self._size = stream, size
+        self.at = self.crc = 0
+
+    def read(self, size: int) -> bytes:
+        """Raises EndOfFile when there are fewer."""
+        if self._size is not None and size > self._size - self.at:
+            raise EndOfFile
+        data = self._stream.read(size)
+        self.at += len(data)
+        self.crc = zlib.crc32(data, self.crc)
+        if len(data) < size:
+            raise EndOfFile
+        return data
+
+    def find_chunk(self, at: int) -> int | None:
+        """Go to the next chunk that begins there or later; None when there is none."""
+        if self._size is None:
+            return None
+        while at < self._size:
+            self._stream.seek(at)
+            window = self._stream.read(WINDOW + REACH)
+            for match in CHUNK_START.finditer(window):
+                place = at + match.start()
+                length = HEAD.unpack_from(window, match.start())[1]
+                left = self._size - place - HEAD.size
+                fields = window[match.start() + HEAD.size : match.start() + REACH]
+                if match.start() < WINDOW and length <= left and agrees(fields, length):
+                    self._stream.seek(place)
+                    self.at = place
+                    return place
+            at += WINDOW
+        return None
+
+
+def parse(opcode: int, body: bytes) -> Any:
+    """The record in these bytes.
+
+    Raises:
+        ValueError: more bytes than it has, or an error of BROKEN.
+    """
+    stream = ReadDataStream(cast("IO[bytes]", Bytes(io.BytesIO(body), len(body))))
+    record = _READ[opcode](stream)
+    if stream.count != len(body):
+        raise ValueError(f"{len(body) - stream.count} bytes too many in a record")
+    return record
+
+
+def message_in(body: bytes) -> Message:
+    """The message in a record's bytes."""
+    channel, sequence, log_time, publish_time = MESSAGE.unpack_from(body)
+    return Message(
+        channel_id=channel,
+        sequence=sequence,
+        log_time=log_time,
+        publish_time=publish_time,
+        data=body[MESSAGE.size :],
+    )
+
+
+def decompress(method: str, data: bytes, size: int) -> bytes:
+    """At most MAX_CHUNK bytes, whatever the data claim.
+
+    Raises:
+        ValueError: it claims more, or another error of BROKEN.
+    """
+    if size > MAX_CHUNK:
+        raise ValueError(f"it claims {size} bytes")
+    if method == "":
+        return data
+    if method == "zstd":
+        claimed = zstandard.frame_content_size(data)
+        if claimed > MAX_CHUNK:
+            raise ValueError(f"it claims {claimed} bytes")
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+    if method == "lz4":
+        return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
+    raise ValueError(f"compression {method!r} is unknown")
+
+
+def reason(error: BaseException) -> str:
+    """Why, in words for a person."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def next_record(stream: Bytes) -> tuple[int, bytes]:
+    """Opcode and content of the next record; an error of BROKEN when it cannot be one."""
+    opcode, length = HEAD.unpack(stream.read(HEAD.size))
+    if length > MAX_CHUNK:
+        raise ValueError(f"a record claims {length} bytes")
+    body = stream.read(length)
+    sound = {
+        Opcode.HEADER: True,
+        Opcode.SCHEMA: True,
+        Opcode.CHANNEL: True,
+        Opcode.MESSAGE: length >= MESSAGE.size,
+        Opcode.CHUNK: agrees(body, length),
+        # The bytes of its entries follow their length: a chunk is not taken for an index.
+        Opcode.MESSAGE_INDEX: length >= 6 and struct.unpack_from("<L", body, 2)[0] == length - 6,
+        Opcode.ATTACHMENT: True,
+        Opcode.METADATA: True,
+        Opcode.DATA_END: length == 4,
+        Opcode.FOOTER: length == FOOTER.size,
+    }.get(opcode, opcode >= PRIVATE)
+    if not sound:
+        raise ValueError(f"no record, or one of a wrong length (kind {opcode}, {length} bytes)")
+    return opcode, body
+
+
+def agrees(fields: bytes, length: int) -> bool:
+    """Whether the lengths within a chunk add up to its own.
+
+    Args:
+        fields: its content, or the first bytes of it.
+        length: of the whole content.
+    """
+    if length < CHUNK.size + 8:
+        return False
+    *_, named = CHUNK.unpack_from(fields)
+    if named > 4:  # "", "lz4" or "zstd"
+        return False
+    (data,) = struct.unpack_from("<Q", fields, CHUNK.size + named)
+    return bool(length == CHUNK.size + named + 8 + data)
+
+
+def opened(body: bytes) -> list[Any]:
+    """The records in a chunk, checked."""
+    _, _, size, crc, named = CHUNK.unpack_from(body)
+    method = body[CHUNK.size : CHUNK.size + named].decode()
+    data = decompress(method, body[CHUNK.size + named + 8 :], size)
+    if len(data) != size:
+        raise ValueError(f"{len(data)} bytes instead of {size}")
+    if crc and zlib.crc32(data) != crc:
+        raise ValueError("its checksum is wrong")
+    return list(unpack(data))
+
+
+def unpack(data: bytes) -> Iterator[Any]:
+    """The records of an opened chunk or of a summary that concern messages."""
+    at = 0
+    while at < len(data):
+        opcode, length = HEAD.unpack_from(data, at)
+        at += HEAD.size
+        if at + length > len(data):
+            raise EndOfFile
+        if opcode == Opcode.MESSAGE:
+            yield message_in(data[at : at + length])
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS):
+            yield parse(opcode, data[at : at + length])
+        at += length

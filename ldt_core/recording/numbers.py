@@ -1,0 +1,168 @@
+"""Which experiments a recording holds, in memory that does not grow with their count."""
+
+from __future__ import annotations
+
+import bisect
+import json
+import struct
+from collections.abc import Iterable, Iterator
+from typing import Any, Self
+
+from ldt_core.recording.codec import DECODERS
+from ldt_core.recording.messages import DIAGNOSTICS, MULTI_ARRAY
+from ldt_core.words import Span
+
+EXACT = 2**53  # whole numbers up to here are exact in a float64
+LITTLE_ENDIAN = 1  # second byte of CDR, as every machine that runs ROS 2 writes it
+_LENGTH = struct.Struct("<I")
+_FIRST = struct.Struct("<d")
+# In a status: the key `experiment` with its length, at a multiple of four bytes, then its value.
+_KEY = b"\x0b\0\0\0experiment\0\0"
+_DIGITS = 17  # of a value that is read, its closing zero included
+
+
+class Numbers:
+    """Whole numbers, kept as stretches without a gap.
+
+    >>> held = Numbers()
+    >>> for number in (1, 2, 3, 7, 5, 6):
+    ...     held.add(number)
+    >>> held.spans, 4 in held, 6 in held, held.last
+    ([(1, 3), (5, 7)], False, True, 7)
+    """
+
+    def __init__(self, spans: Iterable[Span] = ()) -> None:
+        self._first: list[int] = []
+        self._last: list[int] = []
+        for first, last in sorted(spans):
+            self._put(first, last)
+
+    @property
+    def spans(self) -> list[Span]:
+        """The stretches in rising order."""
+        return list(zip(self._first, self._last, strict=True))
+
+    @property
+    def last(self) -> int | None:
+        """The highest, None when there is none."""
+        return self._last[-1] if self._last else None
+
+    def add(self, number: int) -> None:
+        """Take in one; one that is there already changes nothing."""
+        if self._last and number == self._last[-1] + 1:  # as nearly all come
+            self._last[-1] = number
+        elif number not in self:
+            self._put(number, number)
+
+    def __contains__(self, number: int) -> bool:
+        at = bisect.bisect_right(self._first, number) - 1
+        return at >= 0 and number <= self._last[at]
+
+    def __bool__(self) -> bool:
+        return bool(self._first)
+
+    def __len__(self) -> int:
+        return sum(last - first + 1 for first, last in self.spans)
+
+    def __iter__(self) -> Iterator[int]:
+        for first, last in self.spans:
+            yield from range(first, last + 1)
+
+    def copy(self) -> Self:
+        """The same numbers, to go on with."""
+        return type(self)(self.spans)
+
+    def _put(self, first: int, last: int) -> None:
+        """A stretch that holds at least one number that is not there; it joins its neighbours."""
+        low = bisect.bisect_left(self._last, first - 1)
+        high = bisect.bisect_right(self._first, last + 1)
+        if low < high:
+            first, last = min(first, self._first[low]), max(last, self._last[high - 1])
+        self._first[low:high], self._last[low:high] = [first], [last]
+
+
+def number_of(topic: str, kind: str, data: bytes) -> int | None:
+    """The experiment that a stored message is about, without decoding the rest of it.
+
+    Args:
+        topic: its name; the last part counts.
+        kind: message type.
+        data: CDR bytes.
+
+    Returns:
+        its number, None where the message is about none: a model, health, or other bytes.
+    """
+    name = topic.rpartition("/")[2]
+    if name not in DECODERS or DECODERS[name][0] != kind or data[1:2] != b"\x01":
+        return None
+    try:
+        if kind == MULTI_ARRAY:
+            return _first_value(data)
+        if kind == DIAGNOSTICS:
+            return _status_value(data)
+    except (struct.error, ValueError, OverflowError):
+        pass
+    return None
+
+
+def numbers_text(numbers: dict[str, Numbers], files: int) -> str:
+    """What `parse_numbers` reads.
+
+    Args:
+        numbers: topic → experiments.
+        files: how many of the recording's files, from the first on, hold them.
+    """
+    spans = {topic: held.spans for topic, held in numbers.items()}
+    return json.dumps({"files": files, "numbers": spans}) if files else ""
+
+
+def parse_numbers(text: Any) -> tuple[dict[str, Numbers], int]:
+    """(topic → experiments, how many files hold them); nothing of 0 files from any other text."""
+    try:
+        data = json.loads(text)
+        files, numbers = data["files"], data["numbers"]
+        if type(files) is not int or files < 0:
+            return {}, 0
+        found = {}
+        for topic, spans in numbers.items():
+            if not all(type(n) is int for span in spans for n in span):
+                return {}, 0
+            if not all(first <= last for first, last in spans):
+                return {}, 0
+            found[topic] = Numbers((first, last) for first, last in spans)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return {}, 0
+    return found, files
+
+
+def _first_value(data: bytes) -> int | None:
+    """data[0] of a Float64MultiArray; offsets count from behind the 4 bytes of the encoding."""
+    at = 4
+    (dimensions,) = _LENGTH.unpack_from(data, at)
+    at += 4
+    for _ in range(min(dimensions, 3)):  # a third is refused by the decoder
+        (label,) = _LENGTH.unpack_from(data, at)
+        at += 4 + -(-label // 4) * 4 + 8
+    at += 4
+    (values,) = _LENGTH.unpack_from(data, at)
+    at += 4
+    at += -(at - 4) % 8
+    if not values:
+        return None
+    (value,) = _FIRST.unpack_from(data, at)
+    return int(value) if 1 <= value < EXACT and value == int(value) else None
+
+
+def _status_value(data: bytes) -> int | None:
+    """The value of the key `experiment` of a DiagnosticArray."""
+    at = data.find(_KEY)
+    while at >= 0 and at % 4:
+        at = data.find(_KEY, at + 1)
+    if at < 0:
+        return None
+    at += len(_KEY)
+    (length,) = _LENGTH.unpack_from(data, at)
+    if not 1 < length <= _DIGITS:
+        return None
+    text = data[at + 4 : at + 3 + length]
+    return int(text) if text.isdigit() and int(text) else None

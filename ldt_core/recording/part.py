@@ -1,0 +1,142 @@
+"""One MCAP file that is being written, as stock tools want it: chunks, indexes, checksums."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.writer import CompressionType, IndexType, Writer
+
+from ldt_core.recording.mcap_records import LIBRARY
+from ldt_core.recording.messages import offered_qos_text, schema
+from ldt_core.recording.metadata import FileFacts
+from ldt_core.recording.storage import PROFILE
+
+
+class Description(NamedTuple):
+    """What a file says of a channel."""
+
+    topic: str
+    kind: str
+    schema: bytes
+    metadata: Mapping[str, str]
+    schema_encoding: str = "ros2msg"
+    encoding: str = "cdr"
+
+
+def described(topic: str, kind: str) -> Description:
+    """A topic of a standard message type, with the declared quality of service.
+
+    Raises:
+        RecordingError: the type is not a standard one.
+    """
+    text, digest = schema(kind)
+    about = {"offered_qos_profiles": offered_qos_text(topic), "topic_type_hash": digest}
+    return Description(topic, kind, text.encode(), about)
+
+
+class Part:
+    """A new file; whoever makes it calls `finish` or `abandon`.
+
+    Args:
+        file: must not exist.
+        library: what the file names as its writer.
+
+    Raises:
+        OSError: it exists or cannot be made, as every method may when the disk fails.
+    """
+
+    def __init__(self, file: Path, library: str = LIBRARY) -> None:
+        self.file = file
+        self._messages, self._first, self._last = 0, -1, -1
+        #: Chunks written; each is held in memory as an entry of the index.
+        self.chunks = 0
+        #: Bytes written, without what is still collected for the next chunk.
+        self.size = 0
+        self._stream = file.open("xb")
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._writer = Writer(
+            self._stream,
+            compression=CompressionType.ZSTD,
+            index_types=IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA,
+            enable_data_crcs=True,
+        )
+        try:
+            self._writer.start(profile=PROFILE, library=library)
+            self._stream.flush()  # a process killed now leaves a file that can be read
+        except OSError:
+            self.abandon()
+            with contextlib.suppress(OSError):
+                file.unlink()  # it holds nothing
+            raise
+        self.size = self._stream.tell()
+
+    @property
+    def facts(self) -> FileFacts:
+        """What it holds so far."""
+        return FileFacts(self.file.name, self._messages, self._first, self._last)
+
+    def register(self, channel: Description) -> int:
+        """Describe a channel; its number in the file, from 1 in the order of these calls."""
+        key = channel.kind, channel.schema_encoding, channel.schema
+        number = 0
+        if channel.schema_encoding:
+            if key not in self._schemas:
+                self._schemas[key] = self._writer.register_schema(*key)
+            number = self._schemas[key]
+        return int(
+            self._writer.register_channel(
+                channel.topic, channel.encoding, number, dict(channel.metadata)
+            )
+        )
+
+    def add(
+        self,
+        channel: int,
+        data: bytes,
+        time_ns: int,
+        sequence: int,
+        published_ns: int | None = None,
+    ) -> None:
+        """Write a message; it is in the file after the next `flush` at the latest."""
+        sent = time_ns if published_ns is None else published_ns
+        self._writer.add_message(channel, time_ns, data, sent, sequence)
+        self._first = time_ns if self._first < 0 else min(self._first, time_ns)
+        self._last = max(self._last, time_ns)
+        self._messages += 1
+        self._measure()
+
+    def flush(self) -> None:
+        """Hand all that was written to the operating system."""
+        self._writer.flush()
+        self._measure()
+
+    def descriptor(self) -> int:
+        """A descriptor of the file that is the caller's to close."""
+        return os.dup(self._stream.fileno())
+
+    def finish(self, information: str) -> None:
+        """Write the index, force all onto the medium and close.
+
+        Args:
+            information: the recording's, for whoever has this file alone.
+        """
+        self._writer.add_metadata("rosbag2", {"serialized_metadata": information})
+        self._writer.finish()
+        self._stream.flush()
+        os.fsync(self._stream.fileno())
+        self._stream.close()
+
+    def abandon(self) -> None:
+        """Close, without an index; a second call, or one after `finish`, does nothing."""
+        # The buffer of a failed stream cannot be written; closing would try and fail again.
+        with contextlib.suppress(OSError):
+            self._stream.close()
+
+    def _measure(self) -> None:
+        size = self._stream.tell()
+        if size > self.size:
+            self.size, self.chunks = size, self.chunks + 1

@@ -1,0 +1,334 @@
+"""Claims about long recordings: split by size, taken up again, with what is recorded known."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ldt_core.errors import LdtError, RecordingError
+from ldt_core.experiment import Action, Adaptation, Experiment, Level, ModelRecord, Signal
+from ldt_core.recording.bag import experiments, read_bag
+from ldt_core.recording.codec import DECODERS, encode_cdr
+from ldt_core.recording.health import inspect
+from ldt_core.recording.messages import DIAGNOSTICS, MULTI_ARRAY
+from ldt_core.recording.metadata import Topic
+from ldt_core.recording.numbers import Numbers, number_of, numbers_text, parse_numbers
+from ldt_core.recording.repair import repair
+from ldt_core.recording.writer import BagWriter
+from ldt_core.words import spans
+
+SMALL = 0.02  # MB; a few experiments of 200 samples, a chunk each
+SETTINGS = {"threshold": 3.0, "model": "linear", "split_size": 5.0}
+
+
+def experiment(number: int, length: int = 200) -> Experiment:
+    random = np.random.default_rng(number)
+    noise = random.normal(size=(2, length))
+    return Experiment(number, 1e9 + number, 0.01, noise[0], noise[1])
+
+
+def write(bag: BagWriter, numbers: range) -> None:
+    for number in numbers:
+        one = experiment(number)
+        bag.write("experiment", one, one.end)
+        bag.write("signal", Signal(number, Level.NEGATIVE, "lddm", 0, 0.1), one.end)
+        bag.flush()
+
+
+def information(folder: Path) -> dict:
+    return yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+
+
+def killed(folder: Path, numbers: range, size: float = 0.0, **options: Any) -> Path:
+    """A recording whose writer was killed right after it had written these experiments."""
+
+    def record() -> None:
+        bag = BagWriter(folder, "rotor", split_size=size, **options)
+        write(bag, numbers)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    process = multiprocessing.get_context("fork").Process(target=record)
+    process.start()
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
+    return folder
+
+
+def numbers(path: Path) -> list[int]:
+    return [e.number for e in experiments(path).experiments]
+
+
+def test_a_recording_goes_on_in_a_new_file_at_the_stated_size(tmp_path):
+    """Named as rosbag2 names them; each is sound alone, together they hold all."""
+    folder = tmp_path / "run"
+    with BagWriter(folder, "rotor", topics=("experiment",), split_size=SMALL) as bag:
+        write(bag, range(1, 31))
+    files = [folder / f"run_{i}.mcap" for i in range(len(list(folder.glob("*.mcap"))))]
+    assert len(files) > 3
+    assert all(f.stat().st_size > SMALL * 1e6 for f in files[:-1])
+    assert numbers(folder) == list(range(1, 31))
+    assert [n for f in files for n in numbers(f)] == list(range(1, 31))
+    assert inspect(read_bag(folder)).notes == []
+    assert sorted(f.name for f in folder.iterdir()) == ["metadata.yaml", *[f.name for f in files]]
+
+
+def test_the_metadata_counts_every_file_as_rosbag2_lists_them(tmp_path):
+    """Paths, counts, starts and durations of each file and of all; `rosbags` reads the same."""
+    highlevel = pytest.importorskip("rosbags.highlevel")
+    folder = tmp_path / "run"
+    with BagWriter(folder, "rotor", split_size=SMALL) as bag:
+        write(bag, range(1, 31))
+    told = information(folder)
+    assert [f["path"] for f in told["files"]] == told["relative_file_paths"]
+    assert sum(f["message_count"] for f in told["files"]) == told["message_count"] == 60
+    for file in told["files"]:
+        times = [raw.time_ns for raw in read_bag(folder / file["path"]).messages()]
+        assert len(times) == file["message_count"]
+        assert file["starting_time"] == {"nanoseconds_since_epoch": min(times)}
+        assert file["duration"] == {"nanoseconds": max(times) - min(times)}
+    with highlevel.AnyReader([folder]) as reader:
+        assert reader.message_count == 60
+        assert len(list(reader.messages())) == 60
+
+
+def test_no_size_is_one_file(tmp_path):
+    """Size 0 splits never."""
+    with BagWriter(tmp_path / "run", "rotor", split_size=0) as bag:
+        write(bag, range(1, 31))
+    assert len(list((tmp_path / "run").glob("*.mcap"))) == 1
+
+
+def test_many_small_chunks_begin_a_new_file_too(tmp_path, monkeypatch):
+    """A slow machine makes a chunk of each message: the index of a file stays small then, too."""
+    monkeypatch.setattr("ldt_core.recording.writer.MOST_CHUNKS", 5)
+    with BagWriter(tmp_path / "run", "rotor") as bag:
+        write(bag, range(1, 13))
+    assert [f["message_count"] for f in information(tmp_path / "run")["files"]] == [10, 10, 4]
+
+
+def test_the_metadata_of_a_killed_writer_is_right_about_all_complete_files(tmp_path):
+    """The last one alone is counted as empty."""
+    folder = killed(tmp_path / "run", range(1, 31), SMALL)
+    *complete, last = information(folder)["files"]
+    assert len(complete) > 2
+    for file in complete:
+        assert file["message_count"] == sum(1 for _ in read_bag(folder / file["path"]).messages())
+    assert last["message_count"] == 0
+    assert {f.name for f in folder.glob("*.mcap")} == {f["path"] for f in (*complete, last)}
+    assert numbers(folder) == list(range(1, 31))
+
+
+@pytest.mark.parametrize("size", [0.0, SMALL])
+def test_a_recording_is_taken_up_where_its_writer_was_killed(tmp_path, size):
+    """Nothing that was there is lost or written again; the whole is sound in the end."""
+    folder = killed(tmp_path / "run", range(1, 21), size)
+    before = {f.name for f in folder.glob("*.mcap")}
+    with BagWriter(folder, "rotor", split_size=size, resume=True) as bag:
+        assert bag.recorded("experiment").spans == [(1, 20)]
+        assert bag.recorded("signal").spans == [(1, 20)]
+        assert bag.recorded("adaptation").spans == []
+        assert bag.counts == {"/experiment": 20, "/signal": 20}
+        data = encode_cdr(experiment(20))
+        assert bag.holds("/experiment", MULTI_ARRAY, data)
+        assert not bag.holds("/experiment", MULTI_ARRAY, encode_cdr(experiment(21)))
+        write(bag, range(21, 26))
+        assert bag.recorded("/experiment").last == 25
+    assert numbers(folder) == list(range(1, 26))
+    assert len({f.name for f in folder.glob("*.mcap")} - before) >= 1
+    assert inspect(read_bag(folder)).notes == []
+    assert information(folder)["message_count"] == 50
+    assert repair(folder).sound
+
+
+def test_a_recording_is_taken_up_again_and_again(tmp_path):
+    """Killed in every part of it; also one that was closed in order."""
+    folder = tmp_path / "run"
+    for part in range(4):
+        killed(folder, range(5 * part + 1, 5 * part + 6), SMALL, resume=True)
+    with BagWriter(folder, "rotor", resume=True) as bag:
+        assert bag.recorded("experiment").spans == [(1, 20)]
+    with BagWriter(folder, "rotor", resume=True) as bag:
+        assert bag.recorded("experiment").spans == [(1, 20)]
+        write(bag, range(21, 23))
+    assert numbers(folder) == list(range(1, 23))
+    assert repair(folder).sound
+
+
+def test_files_that_are_complete_are_not_read_to_take_a_recording_up(tmp_path):
+    """Their experiments stand in metadata.yaml: a long recording is taken up as fast as a short."""
+    folder = killed(tmp_path / "run", range(1, 31), SMALL)
+    first = folder / "run_0.mcap"
+    data = bytearray(first.read_bytes())
+    data[5000:6000] = bytes(1000)
+    first.write_bytes(data)
+    with BagWriter(folder, "rotor", resume=True) as bag:
+        assert bag.recorded("experiment").spans == [(1, 30)]
+    assert not (folder / "run_0.mcap.damaged").exists()
+    assert repair(folder).mended  # and here it is read
+    with BagWriter(folder, "rotor", resume=True) as bag:
+        assert len(bag.recorded("experiment")) < 30  # what was lost may come again
+
+
+def test_a_recording_that_was_never_begun_is_begun(tmp_path):
+    """No folder, an empty one, or files that their writer did not come to fill."""
+    for made in ("none", "folder", "file"):
+        folder = tmp_path / made
+        if made != "none":
+            folder.mkdir()
+        if made == "file":
+            BagWriter(tmp_path / "other", "rotor").close()
+            (tmp_path / "other" / "metadata.yaml").rename(folder / "metadata.yaml")
+            (folder / "file_0.mcap").touch()
+        with BagWriter(folder, "rotor", resume=True) as bag:
+            write(bag, range(1, 3))
+        assert numbers(folder) == [1, 2]
+        assert repair(folder).sound
+
+
+def test_settings_are_kept_and_another_run_is_refused(tmp_path):
+    """Another machine, another setting, a topic of another type, a folder of something else."""
+    folder = killed(tmp_path / "run", range(1, 3), settings=SETTINGS)
+    with BagWriter(folder, "rotor", resume=True):
+        pass
+    assert read_bag(folder).settings() == {"threshold": 3.0, "model": "linear"}
+    same = {"split_size": 7.0, "model": "linear", "threshold": 3, "seed": 0}  # 0 is the default
+    with BagWriter(folder, "rotor", settings=same, resume=True):
+        pass
+    with pytest.raises(RecordingError, match=r"run, threshold: expected 3.0, as in the rec"):
+        BagWriter(folder, "rotor", settings={**SETTINGS, "threshold": 2.0}, resume=True)
+    with pytest.raises(RecordingError, match="run: expected the recorded machine, rotor, got mill"):
+        BagWriter(folder, "mill", resume=True)
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "to_mother.txt").write_text("dear")
+    with pytest.raises(RecordingError):
+        BagWriter(tmp_path / "letters", "rotor", resume=True)
+    assert [f.name for f in (tmp_path / "letters").iterdir()] == ["to_mother.txt"]
+
+
+def test_a_topic_of_another_type_or_quality_of_service_is_refused(tmp_path, monkeypatch):
+    """What is recorded under one topic can be played as one."""
+    folder = killed(tmp_path / "run", range(1, 3), topics=("signal",))
+    text = (folder / "metadata.yaml").read_text()
+    (folder / "metadata.yaml").write_text(text.replace("depth: 100", "depth: 7"))
+    with pytest.raises(RecordingError, match="/signal: expected the recorded quality of service"):
+        BagWriter(folder, "rotor", topics=("signal",), resume=True)
+    (folder / "metadata.yaml").write_text(text)
+    monkeypatch.setattr(BagWriter, "_kind", lambda self, topic: MULTI_ARRAY)
+    with pytest.raises(RecordingError, match=f"/signal: expected the recorded type {DIAGNOSTICS}"):
+        BagWriter(folder, "rotor", topics=("signal",), resume=True)
+
+
+def test_a_recording_that_is_being_written_belongs_to_its_writer(tmp_path):
+    """Neither taken up nor mended by another; it is free when its writer has ended."""
+    folder = tmp_path / "run"
+    with BagWriter(folder, "rotor") as bag:
+        write(bag, range(1, 3))
+        for intruder in (lambda: BagWriter(folder, "rotor", resume=True), lambda: repair(folder)):
+            with pytest.raises(RecordingError, match="one that is being written"):
+                intruder()
+        with pytest.raises(RecordingError, match="one that is being written"):
+            repair(folder / "run_0.mcap")
+    assert repair(folder).sound
+
+
+def test_each_message_about_an_experiment_tells_its_number(tmp_path):
+    """Out of the bytes, for every topic that has one; a model is about none."""
+    one = experiment(7, length=3)
+    records = {
+        "experiment": one,
+        "signal": Signal(7, Level.WARNING, "a detector", 3, 0.5, {"limit": 1.0}),
+        "adaptation": Adaptation(7, Action.KEPT, 0, "so: experiment 8", {"a": 1.0}),
+        "model": ModelRecord(4, "linear", (7,), {}),
+    }
+    for topic, record in records.items():
+        expected = None if topic == "model" else 7
+        for machine in ("", "m", "rotor", "long name"):  # texts of any length shift what follows
+            data = encode_cdr(record, machine, 5.0)
+            assert number_of(f"/m/{topic}", DECODERS[topic][0], data) == expected
+
+
+@given(st.binary(max_size=200), st.sampled_from(sorted(DECODERS)))
+def test_bytes_of_any_kind_have_a_number_or_none(data, topic):
+    """Whoever publishes decides what is in them."""
+    for head in (b"", b"\0\1\0\0", encode_cdr(experiment(3, length=2))[:40]):
+        found = number_of(topic, DECODERS[topic][0], head + data)
+        assert found is None or found >= 1
+
+
+@given(st.lists(st.integers(1, 60)), st.lists(st.integers(1, 60)))
+def test_numbers_are_a_set_in_stretches(first, then):
+    """In any order, with any repetition, over a text and back."""
+    held = Numbers()
+    for number in first:
+        held.add(number)
+    text = numbers_text({"/experiment": held}, 2) if first else ""
+    found, files = parse_numbers(text)
+    again = found.get("/experiment", Numbers())
+    assert files == (2 if first else 0)
+    for number in then:
+        again.add(number)
+    everything = {*first, *then}
+    assert again.spans == spans(everything)
+    assert list(again) == sorted(everything)
+    assert len(again) == len(everything)
+    assert all((n in again) == (n in everything) for n in range(62))
+
+
+@pytest.mark.parametrize("text", [None, "", "{", "[]", "7", '{"files": -1, "numbers": {}}'])
+def test_a_list_of_numbers_that_is_none_counts_as_nothing(text):
+    """It comes from a file: all of the recording is read then."""
+    assert parse_numbers(text) == ({}, 0)
+
+
+@pytest.mark.parametrize("spans_", ["[[2, 1]]", '[["a", 2]]', "[[1]]", "7", "[[1, 2, 3]]", "[7]"])
+def test_stretches_that_are_none_count_as_nothing(spans_):
+    """The same."""
+    assert parse_numbers(f'{{"files": 1, "numbers": {{"/experiment": {spans_}}}}}') == ({}, 0)
+
+
+def test_the_disk_that_fails_at_a_split_stops_the_recording(tmp_path, monkeypatch):
+    """The file before is complete; what follows is refused with the one reason."""
+    bag = BagWriter(tmp_path / "run", "rotor", split_size=SMALL)
+    (tmp_path / "run" / "run_1.mcap").mkdir()  # in the way of the second file
+    with pytest.raises(LdtError, match="recording stopped after") as caught:
+        write(bag, range(1, 31))
+    with pytest.raises(LdtError, match="recording stopped after"):
+        bag.close()
+    written = int(str(caught.value).split("after ")[1].split()[0])
+    (tmp_path / "run" / "run_1.mcap").rmdir()
+    assert sum(1 for _ in read_bag(tmp_path / "run").messages()) == written
+    assert inspect(read_bag(tmp_path / "run")).notes == []
+
+
+def test_topics_keep_their_order_in_every_file(tmp_path):
+    """By which the channels of a damaged file are known."""
+    with BagWriter(tmp_path / "run", "rotor", topics=("model",), split_size=SMALL) as bag:
+        write(bag, range(1, 31))
+    expected = ["/model", "/experiment", "/signal"]
+    for file in (tmp_path / "run").glob("*.mcap"):
+        assert list(read_bag(file).topics) == expected
+    listed = information(tmp_path / "run")["topics_with_message_count"]
+    assert [t["topic_metadata"]["name"] for t in listed] == expected
+    assert Topic("/model", DECODERS["model"][0]).entry() == listed[0]
+
+
+def test_a_second_of_silence_between_files_is_none(tmp_path):
+    """What is written while a file is completed is in the next: numbers go on without a gap."""
+    until = time.monotonic() + 0.7  # the flusher's turns fall in between
+    count = 0
+    with BagWriter(tmp_path / "run", "rotor", split_size=SMALL) as bag:
+        while time.monotonic() < until:
+            count += 1
+            one = experiment(count)
+            bag.write("experiment", one, one.end)
+    assert numbers(tmp_path / "run") == list(range(1, count + 1))
