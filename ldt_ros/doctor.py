@@ -32,7 +32,7 @@ DISTRIBUTION = "jazzy"
 WHEELS = ("ros-jazzy-rclpy", "ros-jazzy-common-interfaces")
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 EXCHANGE = 10.0  # s for two processes to start, meet, and exchange a message
-GROUP = ("239.255.0.1", "127.0.0.1")  # where Fast DDS announces itself, and by which interface
+GROUP = ("239.255.76.68", "127.0.0.1")  # where our DDS profile lets peers meet, by which interface
 DATAGRAM = 1.0  # s for a datagram to come back
 LITTLE_SHARED = 16 * MIB  # of shared memory: tracing and numpy's workers take little
 LOG_HEAD = re.compile(r"^(\[[\w.]+\] ?)+: ")  # level, time, and logger of a line of ROS's log
@@ -188,9 +188,9 @@ def _security(library: str | None) -> list[Finding]:
 
 
 def multicast() -> list[Finding]:
-    """Whether a datagram to the group of Fast DDS comes back on the loopback interface."""
+    """Whether a datagram to the group of our profile comes back on the loopback interface."""
     group, interface = GROUP
-    remedy = "ip link set lo up, and let a firewall pass UDP to 239.255.0.1 on lo"
+    remedy = f"ip link set lo up, and let a firewall pass UDP to {group} on lo"
     try:
         with (
             socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver,

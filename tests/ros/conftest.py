@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from network import two_hosts
 from stranger import Stranger
 
 
@@ -27,3 +28,10 @@ def monitor(stranger):
     stranger.executor.add_node(node)
     yield node, steps
     node.destroy_node()
+
+
+@pytest.fixture
+def hosts():
+    """What to put before a command to run it on either of two hosts."""
+    with two_hosts() as prefixes:
+        yield prefixes

@@ -8,10 +8,10 @@ import shutil
 import subprocess
 import sys
 import textwrap
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from network import HOSTS
 from programs import Programs
 
 from ldt_core import docs
@@ -20,7 +20,6 @@ pytest.importorskip("rclpy")
 
 PAGE = docs.text("deploy")
 PROFILE = re.search(r"```xml\n(.*?)```", PAGE, re.S)[1]
-HOSTS = ("192.168.7.1", "192.168.7.2")  # as on the page
 PATIENCE = 20  # s
 TALK = f"""
     import sys, time
@@ -46,33 +45,6 @@ TALK = f"""
     print(*heard)
     rclpy.try_shutdown()
 """
-
-
-@pytest.fixture
-def hosts() -> Iterator[list[list[str]]]:
-    """What to put before a command to run it on either host."""
-    if not shutil.which("ip") or os.geteuid() != 0:
-        pytest.skip("two hosts need the command ip and root")
-    names = [f"ldt{os.getpid()}{k}" for k in "ab"]
-    ends = [f"l{os.getpid()}{k}" for k in "ab"]
-    try:
-        done = [_ip("netns", "add", name) for name in names]
-        done.append(_ip("link", "add", ends[0], "type", "veth", "peer", "name", ends[1]))
-        if any(done):
-            pytest.skip("no right to make network namespaces")
-        for name, end, address in zip(names, ends, HOSTS, strict=True):
-            _ip("link", "set", end, "netns", name)
-            _ip("-n", name, "addr", "add", f"{address}/24", "dev", end)
-            for device in ("lo", end):
-                _ip("-n", name, "link", "set", device, "up")
-        yield [["ip", "netns", "exec", name] for name in names]
-    finally:
-        for name in names:
-            _ip("netns", "del", name)
-
-
-def _ip(*arguments: str) -> int:
-    return subprocess.run(["ip", *arguments], capture_output=True, check=False).returncode
 
 
 def heard(
