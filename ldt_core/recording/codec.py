@@ -7,12 +7,10 @@ comes from outside. Floats in texts are written with `repr` and come back bit-eq
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Callable
 from typing import Any
 
-from ldt_core.errors import ModelError, RecordingError, did_you_mean
+from ldt_core.errors import RecordingError, did_you_mean
 from ldt_core.experiment import (
     Adaptation,
     AdviceRecord,
@@ -27,10 +25,10 @@ from ldt_core.recording.messages import (
     MULTI_ARRAY,
     STRING,
     Messages,
-    quoted,
     serialize,
     standard,
 )
+from ldt_core.recording.model_text import model_text, parse_model
 from ldt_core.recording.samples import (
     decode_experiment,
     decode_prediction,
@@ -51,8 +49,6 @@ from ldt_core.recording.statuses import (
 Record = (
     Experiment | Prediction | Signal | ModelRecord | Adaptation | DiagnosisRecord | AdviceRecord
 )
-
-MAX_JSON = 100_000_000  # characters, more than a matrix of 2000 x 2000 takes
 
 
 def encode(
@@ -76,7 +72,7 @@ def encode(
         case Signal():
             return encode_signal(record, make, machine, time)
         case ModelRecord():
-            return make.String(data=_model_json(record))
+            return make.String(data=model_text(record))
         case Adaptation():
             return encode_adaptation(record, make, machine, time)
         case DiagnosisRecord():
@@ -113,47 +109,8 @@ def decode(topic: str, message: Any, where: str | None = None) -> Record:
     return DECODERS[name][1](where or topic, message)
 
 
-def _model_json(record: ModelRecord) -> str:
-    data = {
-        "version": record.version,
-        "kind": record.kind,
-        "trained_on": list(record.trained_on),
-        "parameters": dict(record.parameters),
-    }
-    return json.dumps(data, allow_nan=False)
-
-
 def _decode_model(where: str, message: Any) -> ModelRecord:
-    text = message.data
-    if len(text) > MAX_JSON:
-        raise ModelError(where, f"at most {MAX_JSON} characters", len(text))
-    try:
-        data = json.loads(text, parse_float=_finite, parse_constant=_finite)
-    except (ValueError, RecursionError) as error:
-        raise ModelError(where, "a model record in JSON", error) from None
-    if not isinstance(data, dict):
-        raise ModelError(where, "a JSON object", quoted(text))
-    for key, kind in (("version", int), ("kind", str), ("trained_on", list), ("parameters", dict)):
-        if key not in data:
-            raise ModelError(where, f"the key {key!r}", f"only {sorted(data)}")
-        if not isinstance(data[key], kind) or isinstance(data[key], bool):
-            raise ModelError(f"{where}, {key}", _JSON_WORDS[kind], quoted(data[key]))
-    numbers = data["trained_on"]
-    if data["version"] < 0:
-        raise ModelError(f"{where}, version", "0 or more", data["version"])
-    if not all(type(n) is int and n >= 1 for n in numbers):
-        raise ModelError(f"{where}, trained_on", "experiment numbers from 1", quoted(numbers))
-    return ModelRecord(data["version"], data["kind"], tuple(numbers), data["parameters"])
-
-
-_JSON_WORDS = {int: "a whole number", str: "a word", list: "a list", dict: "names with values"}
-
-
-def _finite(text: str) -> float:
-    number = float(text.replace("Infinity", "inf"))
-    if not math.isfinite(number):
-        raise ValueError(f"{text} is no finite number")
-    return number
+    return parse_model(where, message.data)
 
 
 #: Topic (last part) → (message type, decoder of it).

@@ -76,7 +76,7 @@ kinds = st.sampled_from(["none", "effect", "ambiguous", "unknown"])
 
 
 def diagnosis(experiment, version, sentence, effects, kind, values):
-    told = {"verdict.kind": kind, "verdict.sentence": sentence, **values}
+    told = {**values, "verdict.kind": kind, "verdict.sentence": sentence}
     return DiagnosisRecord(experiment, version, sentence, tuple(effects), told)
 
 
