@@ -39,7 +39,8 @@ def integrate(
     y = y.copy()
     row = 0
     if keep[0]:
-        states[0] = y
+        for i in range(n):
+            states[0, i] = y[i]
         row = 1
     k1, k2, k3, k4 = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
     k5, k6, k7, w = np.zeros(n), np.zeros(n), np.zeros(n), y.copy()
@@ -116,6 +117,7 @@ def integrate(
             else:
                 h = d * factor
         if keep[e + 1]:
-            states[row] = y
+            for i in range(n):
+                states[row, i] = y[i]
             row += 1
     return states, True

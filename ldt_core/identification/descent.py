@@ -1,4 +1,4 @@
-"""The search itself, compiled: from a start to the nearest minimum, one pass a trial.
+"""The search itself: from a start to the nearest minimum, one pass a trial.
 
 The linear parameters of a trial are foretold from the last one, to first order, and corrected by
 what the pass finds left over. So its loss is exact although they were not solved for beforehand,
@@ -24,7 +24,6 @@ LONGEST_STEP = 2.0
 THETA_TOLERANCE = 1e-9
 
 
-@njit(cache=True, fastmath=False)
 def linear_part(theta, sigma, u, y, begins, cuts, kept, owners, feedthrough, offset):
     """Weights of the columns x, u and 1 that are best at θ, those of w, and the loss."""
     step, drive, first = schwarz.discrete(theta, sigma)
@@ -37,18 +36,12 @@ def linear_part(theta, sigma, u, y, begins, cuts, kept, owners, feedthrough, off
     return linear, v, rest[count, count]
 
 
-@njit(cache=True, fastmath=False)
 def tangent(theta, sigma, linear, v, u, y, begins, cuts, kept, owners, feedthrough, offset):
     """(segments, m, m) products of all columns at θ and some weights, J and residual included."""
-    step, drive, first = schwarz.discrete(theta, sigma)
-    steps, drives, firsts = schwarz.discrete_slopes(theta, sigma)
-    return second_pass(
-        step, drive, first, steps, drives, firsts, linear, v,
-        u, y, begins, cuts, feedthrough, offset,
-    )  # fmt: skip
+    system = schwarz.discrete_slopes(theta, sigma)
+    return second_pass(*system, linear, v, u, y, begins, cuts, feedthrough, offset)
 
 
-@njit(cache=True, fastmath=False)
 def solved(grams, kept, owners, experiments, n):
     """The least squares that a tangent of n states is, all linear parameters at their best.
 
@@ -67,12 +60,12 @@ def corrected(linear, v, rest, states, change):
     """(weights, start states) to first order where θ changes by that (n,), or () for not at all."""
     count = linear.size
     last = rest.shape[1] - 1
-    better, others = linear.copy(), v.copy()
+    better, others = np.empty(count), np.empty(v.shape)
     for i in range(count):
         more = rest[i, last]
         for p in range(change.size):
             more -= rest[i, count + p] * change[p]
-        better[i] += more
+        better[i] = linear[i] + more
     for e in range(v.shape[0]):
         for i in range(v.shape[1]):
             more = states[e, i, last]
@@ -80,7 +73,7 @@ def corrected(linear, v, rest, states, change):
                 more -= states[e, i, count + p] * change[p]
             for j in range(count):
                 more -= states[e, i, j] * (better[j] - linear[j])
-            others[e, i] += more
+            others[e, i] = v[e, i] + more
     return better, others
 
 
@@ -93,13 +86,17 @@ def left_over(grams, owners, rest, states, count):
     linear, v = corrected(np.zeros(count), np.zeros(states.shape[:2]), rest, states, nothing)
     squares, weights = np.zeros(owners.size), np.zeros(size)
     weights[size - 1] = 1.0
-    weights[n : n + count] = -linear
+    for i in range(count):
+        weights[n + i] = -linear[i]
     for s in range(owners.size):
-        weights[:n] = -v[owners[s]]
+        for i in range(n):
+            weights[i] = -v[owners[s], i]
         for i in range(size):
             for j in range(size):
                 squares[s] += weights[i] * weights[j] * grams[s, min(i, j), max(i, j)]
-    return np.maximum(squares, 0.0)  # rounding
+    for s in range(owners.size):
+        squares[s] = max(squares[s], 0.0)  # rounding
+    return squares
 
 
 @njit(cache=True, fastmath=False)
@@ -108,8 +105,12 @@ def newton(rest, theta, low, high, damping):
     n = theta.size
     count = rest.shape[0] - n - 1
     curvature, descent = rest[count : count + n, count : count + n], rest[count : count + n, -1]
-    free = np.flatnonzero(~(((theta <= low) & (descent < 0)) | ((theta >= high) & (descent > 0))))
-    size = free.size
+    free, size = np.empty(n, dtype=np.int64), 0
+    for i in range(n):
+        below = theta[i] <= low[i] and descent[i] < 0
+        if not (below or (theta[i] >= high[i] and descent[i] > 0)):
+            free[size] = i
+            size += 1
     system = np.zeros((size + 1, size + 1))
     for i in range(size):
         for j in range(size):
@@ -117,14 +118,16 @@ def newton(rest, theta, low, high, damping):
         system[i, i] += damping
         system[i, size] = descent[free[i]]
     solve(system, size)
-    change = np.zeros(n)
+    change, longest = np.zeros(n), 0.0
     for i in range(size):
         change[free[i]] = system[i, size]
-    longest = np.abs(change).max()
+        longest = max(longest, abs(system[i, size]))
     if longest > LONGEST_STEP:
-        change *= LONGEST_STEP / longest
-    change = np.minimum(np.maximum(theta + change, low), high) - theta
+        for i in range(n):
+            change[i] *= LONGEST_STEP / longest
     promised = 0.0
+    for i in range(n):
+        change[i] = min(max(theta[i] + change[i], low[i]), high[i]) - theta[i]
     for i in range(n):
         promised += 2 * change[i] * descent[i]
         for j in range(n):
@@ -132,14 +135,12 @@ def newton(rest, theta, low, high, damping):
     return change, promised
 
 
-@njit(cache=True, fastmath=False)
 def first_damping(rest, n):
     """Little against the largest curvature."""
     count = rest.shape[0] - n - 1
-    return FIRST_DAMPING * np.diag(rest)[count : count + n].max()
+    return FIRST_DAMPING * float(np.diag(rest)[count : count + n].max())
 
 
-@njit(cache=True, fastmath=False)
 def descend(
     theta, low, high, steps, tolerance,
     sigma, u, y, begins, cuts, kept, owners, feedthrough, offset,
@@ -159,7 +160,7 @@ def descend(
     rest, states = solved(grams, kept, owners, experiments, n)
     damping, growth = first_damping(rest, n), 2.0
     for _ in range(steps - 1):
-        loss = rest[-1, -1]
+        loss = float(rest[-1, -1])
         change, promised = newton(rest, theta, low, high, damping)
         if not loss > 0 or not change.any():
             break
@@ -170,11 +171,11 @@ def descend(
             u, y, begins, cuts, kept, owners, feedthrough, offset,
         )  # fmt: skip
         trial_rest, trial_states = solved(grams, kept, owners, experiments, n)
-        gained = loss - trial_rest[-1, -1]
+        gained = loss - float(trial_rest[-1, -1])
         if gained > 0:
             theta, linear, v, rest, states = trial, trial_linear, trial_v, trial_rest, trial_states
             if promised > 0:
-                damping *= max(1 / 3, 1 - (2 * gained / promised - 1) ** 3)
+                damping *= max(1 / 3, 1 - min(2 * gained / promised - 1, 1.0) ** 3)
             growth = 2.0
         else:
             damping *= growth

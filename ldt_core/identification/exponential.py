@@ -30,30 +30,44 @@ def exponential(matrix, slopes):
         norm *= 0.5
         halvings += 1
     scale = 0.5**halvings
-    small, turns = matrix * scale, slopes * scale
-    result, term = np.eye(size), np.eye(size)
-    change, moved = np.zeros(slopes.shape), np.zeros(slopes.shape)
-    for k in range(1, TERMS + 1):
-        for p in range(directions):
-            moved[p] = (_times(moved[p], small) + _times(term, turns[p])) / k
-            change[p] += moved[p]
-        term = _times(term, small) / k
-        result += term
-    for _ in range(halvings):
-        for p in range(directions):
-            change[p] = _times(change[p], result) + _times(result, change[p])
-        result = _times(result, result)
-    return result, change
+    # Matrix 0 is the exponential's, the others are those of its derivatives: arguments, last terms
+    # and sums of the series, products.
+    shape = (directions + 1, size, size)
+    small, term, total = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    one, other = np.zeros(shape), np.zeros(shape)
+    for i in range(size):
+        term[0, i, i] = total[0, i, i] = 1.0
+        for j in range(size):
+            small[0, i, j] = matrix[i, j] * scale
+            for p in range(directions):
+                small[p + 1, i, j] = slopes[p, i, j] * scale
+    for k in range(1, TERMS + halvings + 1):
+        squaring = k > TERMS
+        for p in range(directions + 1):
+            left, right = (total, total) if squaring else (term, small)
+            _times(left[p], right[0], one[p])
+            if p:
+                _times(left[0], right[p], other[p])
+        for p in range(directions + 1):
+            for i in range(size):
+                for j in range(size):
+                    product = one[p, i, j] + other[p, i, j] if p else one[p, i, j]
+                    if squaring:
+                        total[p, i, j] = product
+                    else:
+                        term[p, i, j] = product / k
+                        total[p, i, j] += term[p, i, j]
+    return total[0], total[1:]
 
 
 @njit(cache=True, fastmath=False)
-def _times(a, b):
+def _times(a, b, product):
     # not BLAS: its threads would decide on the last bits
     size = a.shape[0]
-    product = np.zeros((size, size))
     for i in range(size):
+        for j in range(size):
+            product[i, j] = 0.0
         for k in range(size):
             factor = a[i, k]
             for j in range(size):
                 product[i, j] += factor * b[k, j]
-    return product

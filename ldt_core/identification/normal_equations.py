@@ -1,5 +1,7 @@
 """The search's inner loops: one pass over the samples, then matrices of a few rows.
 
+Loops over elements throughout: each assignment to a slice would take a second to compile.
+
 A pass makes the columns of the least squares sample by sample and adds up their products, so no
 column is ever stored. Columns, for a model of n states:
 
@@ -50,7 +52,8 @@ def first_pass(step, drive, first, u, y, begins, cuts, feedthrough, offset):
         gram = grams[s]
         if cuts[s] == begins[experiment]:
             experiment += 1
-            row[:n], row[n : 2 * n] = first, 0.0
+            for i in range(n):
+                row[i], row[n + i] = first[i], 0.0
             if offset:
                 row[m - 2] = 1.0
         for k in range(cuts[s], cuts[s + 1]):
@@ -67,7 +70,8 @@ def first_pass(step, drive, first, u, y, begins, cuts, feedthrough, offset):
                     free += step[i, j] * row[j]
                     forced += step[i, j] * row[n + j]
                 following[i], following[n + i] = free, forced
-            row[: 2 * n] = following
+            for i in range(2 * n):
+                row[i] = following[i]
     return grams
 
 
@@ -96,10 +100,12 @@ def second_pass(
     for s in range(cuts.size - 1):
         gram = grams[s]
         if cuts[s] == begins[experiment]:
-            row[:n], row[n : 2 * n] = first, 0.0
+            for i in range(n):
+                row[i], row[n + i] = first[i], 0.0
+                for p in range(n):
+                    free[p, i], forced[p, i] = firsts[p, i], 0.0
             if offset:
                 row[base - 1] = 1.0
-            free[:], forced[:] = firsts, 0.0
             own = v[experiment]
             experiment += 1
         for k in range(cuts[s], cuts[s + 1]):
@@ -135,7 +141,8 @@ def second_pass(
                     a += step[i, j] * row[j]
                     b += step[i, j] * row[n + j]
                 following[i], following[n + i] = a, b
-            row[: 2 * n] = following
+            for i in range(2 * n):
+                row[i] = following[i]
     return grams
 
 
@@ -160,17 +167,24 @@ def eliminate(grams, kept, owners, experiments, n):
     gram = np.empty((m, m))
     s = 0
     for e in range(experiments):
-        gram[:] = 0.0
+        for i in range(m):
+            for j in range(m):
+                gram[i, j] = 0.0
         while s < owners.size and owners[s] == e:
             if kept[s]:
-                gram += grams[s]
+                for i in range(m):
+                    for j in range(i, m):
+                        gram[i, j] += grams[s, i, j]
             s += 1
         for i in range(m):
             for j in range(i):
                 gram[i, j] = gram[j, i]
         solve(gram, n)
-        rest += gram[n:, n:]
-        states[e] = gram[:n, n:]
+        for j in range(m - n):
+            for i in range(m - n):
+                rest[i, j] += gram[n + i, n + j]
+            for i in range(n):
+                states[e, i, j] = gram[i, n + j]
     return rest, states
 
 
@@ -188,8 +202,8 @@ def solve(gram, count):
     for k in range(count):
         pivot = gram[k, k]
         if not pivot > least[k]:
-            gram[k, :] = 0.0
-            gram[:, k] = 0.0
+            for i in range(size):
+                gram[k, i] = gram[i, k] = 0.0
             continue
         for j in range(k, size):
             gram[k, j] /= pivot

@@ -303,7 +303,8 @@ def _states(step, drive, u, begins):
 def _powers(step, first, length):
     order = first.size
     rows = np.empty((length, order))
-    rows[0] = first
+    for i in range(order):
+        rows[0, i] = first[i]
     for k in range(length - 1):
         for i in range(order):
             total = 0.0

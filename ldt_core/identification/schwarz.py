@@ -52,52 +52,48 @@ def bounds(order: int, sigma: float) -> tuple[Array, Array]:
     return np.full(order, np.log(LEAST * sigma)), np.full(order, np.log(FASTEST))
 
 
-@njit(cache=True, fastmath=False)
-def matrices(theta, sigma):
+def matrices(theta: Array, sigma: float) -> tuple[Array, Array]:
     """(A, b) of θ."""
+    block, _ = _generator(theta, sigma, False)
+    return block[:-1, :-1].copy(), block[:-1, -1].copy()
+
+
+def discrete(theta: Array, sigma: float) -> tuple[Array, Array, Array]:
+    """(A_d, b_d, b): one sample of a held input, exactly."""
+    block, slopes = _generator(theta, sigma, False)
+    moved, _ = exponential(block, slopes)
+    return moved[:-1, :-1].copy(), moved[:-1, -1].copy(), block[:-1, -1].copy()
+
+
+def discrete_slopes(theta: Array, sigma: float) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """(A_d, b_d, b), and their derivatives by θ, (n, n, n), (n, n), (n, n), the parameter first."""
+    block, slopes = _generator(theta, sigma, True)
+    moved, change = exponential(block, slopes)
+    return (
+        *(moved[:-1, :-1].copy(), moved[:-1, -1].copy(), block[:-1, -1].copy()),
+        *(change[:, :-1, :-1].copy(), change[:, :-1, -1].copy(), slopes[:, :-1, -1].copy()),
+    )
+
+
+@njit(cache=True, fastmath=False)
+def _generator(theta, sigma, with_slopes):
+    """[[A, b], [0, 0]], whose exponential is the system with a held input; its derivatives by θ."""
     order = theta.size
-    A, b = np.zeros((order, order)), np.zeros(order)
+    block = np.zeros((order + 1, order + 1))
+    slopes = np.zeros((order if with_slopes else 0, order + 1, order + 1))
     for i in range(order):
-        A[i, i] = -sigma
+        block[i, i] = -sigma
         value = np.exp(theta[i])
         if i:
-            A[i - 1, i], A[i, i - 1] = value, -value
+            block[i - 1, i], block[i, i - 1] = value, -value
         else:
-            A[0, 0] -= value
-            b[0] = np.sqrt(2 * value)
-    return A, b
-
-
-@njit(cache=True, fastmath=False)
-def discrete(theta, sigma):
-    """(A_d, b_d, b): one sample of a held input, exactly."""
-    order = theta.size
-    A, b = matrices(theta, sigma)
-    moved, _ = exponential(_block(A, b), np.zeros((0, order + 1, order + 1)))
-    return moved[:order, :order].copy(), moved[:order, order].copy(), b
-
-
-@njit(cache=True, fastmath=False)
-def discrete_slopes(theta, sigma):
-    """Derivatives of (A_d, b_d, b) by θ: (n, n, n), (n, n), (n, n), the parameter first."""
-    order = theta.size
-    A, b = matrices(theta, sigma)
-    slopes = np.zeros((order, order + 1, order + 1))
-    slopes[0, 0, 0], slopes[0, 0, order] = -np.exp(theta[0]), b[0] / 2
-    for i in range(1, order):
-        slopes[i, i - 1, i], slopes[i, i, i - 1] = A[i - 1, i], A[i, i - 1]
-    _, change = exponential(_block(A, b), slopes)
-    along = slopes[:, :order, order].copy()
-    return change[:, :order, :order].copy(), change[:, :order, order].copy(), along
-
-
-@njit(cache=True, fastmath=False)
-def _block(A, b):
-    """[[A, b], [0, 0]]: its exponential is the system with a held input."""
-    order = b.size
-    block = np.zeros((order + 1, order + 1))
-    block[:order, :order], block[:order, order] = A, b
-    return block
+            block[0, 0] -= value
+            block[0, order] = np.sqrt(2 * value)
+        if with_slopes and i:
+            slopes[i, i - 1, i], slopes[i, i, i - 1] = value, -value
+        elif with_slopes:
+            slopes[0, 0, 0], slopes[0, 0, order] = -value, block[0, order] / 2
+    return block, slopes
 
 
 def from_poles(poles: ArrayLike, sigma: float) -> Array:

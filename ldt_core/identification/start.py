@@ -107,4 +107,5 @@ def _moments(step, drive, state, voltage, sums, products):
                 products[i, j] += state[i] * state[j]
                 moved += step[i, j] * state[j]
             following[i] = moved
-        state[:] = following
+        for i in range(order):
+            state[i] = following[i]

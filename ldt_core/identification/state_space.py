@@ -136,5 +136,6 @@ def _run(step, drive, C, D, offset, voltage, state):
             for j in range(order):
                 moved += step[i, j] * state[j]
             following[i] = moved
-        state[:] = following
+        for i in range(order):
+            state[i] = following[i]
     return output

@@ -4,6 +4,9 @@ One set of equations, the rotor's (see `rotor.py`), serves every machine: a moto
 without unbalance, and skips the foundation. The classical fourth-order Runge-Kutta method runs with
 steps of fixed length between the switches of the voltage, so that no step ever crosses one: between
 switches the right-hand side is smooth and the order holds. Effects join by `terms.py`.
+
+What is compiled copies arrays element by element: an assignment to a slice, with the sentence that
+it would fail with, takes seconds to compile.
 """
 
 from __future__ import annotations
@@ -62,16 +65,17 @@ def propagate(ad, bd, volts, initial, seen, gain):  # pragma: no cover - compile
     """
     length, n = volts.size, initial.size
     states = np.empty((length, n))
-    x = initial.copy()
+    x, moved = initial.copy(), np.empty(n)
     for k in range(length):
-        states[k] = x
+        for i in range(n):
+            states[k, i] = x[i]
         if k < seen.size:
             x[1] += gain * (seen[k] - x[1])
-        moved = bd * volts[k]
         for i in range(n):
+            moved[i] = bd[i] * volts[k]
             for j in range(n):
                 moved[i] += ad[i, j] * x[j]
-        x = moved
+        x, moved = moved, x
     return states
 
 
@@ -236,7 +240,8 @@ def _run_with_terms(
         count = long[k] if trial else steps[k]
         if trial:
             before = y
-            kept[:] = z
+            for i in range(z.size):
+                kept[i] = z[i]
             forget(terms)
         h = (edges[k + 1] - edges[k]) / count
         half, sixth = h / 2, h / 6
@@ -273,7 +278,8 @@ def _run_with_terms(
             again = not (is_quiet(terms) and math.isfinite(whole))
             if again:
                 y = before
-                z[:] = kept
+                for i in range(z.size):
+                    z[i] = kept[i]
                 wait, pause = pause, min(2 * pause, PATIENCE)
                 continue
             pause = 1

@@ -30,7 +30,8 @@ def run_rigid(
         count = long[k] if trial else steps[k]
         if trial:
             before = a, w, i
-            kept[:] = z
+            for j in range(z.size):
+                kept[j] = z[j]
             forget(terms)
         h = (edges[k + 1] - edges[k]) / count
         half, sixth = h / 2, h / 6
@@ -66,7 +67,8 @@ def run_rigid(
             again = not (is_quiet(terms) and math.isfinite(a + w + i + z.sum()))
             if again:
                 a, w, i = before
-                z[:] = kept
+                for j in range(z.size):
+                    z[j] = kept[j]
                 wait, pause = pause, min(2 * pause, PATIENCE)
                 continue
             pause = 1
