@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ldt_core.cli.options import json_option, namespace_option
+from ldt_core.errors import OptionError
 
 if TYPE_CHECKING:
     from ldt_core.doctor.check import Finding
@@ -21,20 +22,33 @@ COLOURS = {"ok": "green", "warning": "yellow", "problem": "red"}
 @click.option(
     "--bag", default="", help="Folder that a run would record to, if not under ldt_recordings."
 )
+@click.option(
+    "--repair",
+    "mend",
+    is_flag=True,
+    help="Write damaged files of RECORDING anew, with every message that can be read; the damaged "
+    "ones are kept beside them.",
+)
 @namespace_option
 @json_option
-def command(recording: str | None, bag: str, namespace: str, as_json: bool) -> int:
+def command(recording: str | None, bag: str, mend: bool, namespace: str, as_json: bool) -> int:
     """Look for what keeps `ldt up` from running well here, or for damage in RECORDING.
 
     One line a check: ok, warning or problem, and behind -> what to do about it. Exit code 0 when
-    there is no problem, 1 otherwise. Nothing is changed.
+    there is no problem, 1 otherwise. Nothing is changed without --repair.
 
     Example: ldt doctor
     """
     from ldt_core.doctor import check, machine
 
     if recording is None:
+        if mend:
+            raise OptionError("--repair", "a RECORDING to mend", "none")
         found = check.examine([*machine.probes(bag), *check.found_probes()])
+    elif mend:
+        from ldt_core.doctor.recording import mended
+
+        found = mended(recording, namespace)
     else:
         from ldt_core.doctor.recording import findings
         from ldt_core.recording.bag import read_bag

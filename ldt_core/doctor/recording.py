@@ -1,18 +1,58 @@
-"""What is wrong with a recording, in findings."""
+"""What is wrong with a recording, and what was done about it, in findings."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from ldt_core.doctor.check import Finding, ok, problem, warning
-from ldt_core.recording.health import ANSWERS, Health
+from ldt_core.errors import BadInput
+from ldt_core.recording.bag import namespaces, read_bag
+from ldt_core.recording.health import ANSWERS, Health, inspect
+from ldt_core.recording.repair import Mended, repair
+from ldt_core.recording.storage import Storage
 from ldt_core.settings import as_options
 from ldt_core.words import numbered, spans
 
 LISTED = 5  # stretches of numbers, or pauses, that a line shows
-AGAIN = "commands use what is there; record again if that is not enough"
+AGAIN = "commands use what is there; ldt doctor --repair puts it into sound files"
+LOST = "put it back from a copy, if there is one; commands use what is there"
 REPLAY = "replay it by ldt replay"
+
+
+def mended(path: str, namespace: str) -> list[Finding]:
+    """Mend a recording; the lines on what was done, and then on what there is now.
+
+    Raises:
+        BadInput, LdtError: as `ldt_core.recording.repair.repair`.
+    """
+    work = repair(path)
+    done = [_rewritten(file) for file in work.mended]
+    if work.metadata:
+        done.append(ok("repair", f"metadata.yaml written anew: {work.metadata}"))
+    done += [problem("repair", sentence, LOST) for sentence in work.unmended]
+    if work.sound:
+        done.append(ok("repair", "nothing to mend; left as it is"))
+    try:
+        return [*done, *findings(inspect(read_bag(path, namespace)))]
+    except BadInput as error:  # several machines, or nothing that could be recovered
+        several = len(namespaces(Storage(path).topics)) > 1
+        line = warning if several else problem
+        return [*done, line("recording", str(error), "the files themselves are sound")]
+
+
+def _rewritten(file: Mended) -> Finding:
+    told = f"{file.file.name} written anew, {_counted(file.recovered)} recovered"
+    if file.missing:
+        told += f", {_counted(file.missing)} lost"
+    wrong = "; ".join(note.removeprefix(f"{file.file}: ") for note in file.notes)
+    return ok("repair", f"{told}; the damaged one is kept as {file.kept.name} ({wrong})")
+
+
+def _counted(messages: Mapping[str, int]) -> str:
+    each = ", ".join(f"{topic} {count}" for topic, count in sorted(messages.items()) if count)
+    total = sum(messages.values())
+    return f"{total} message{'' if total == 1 else 's'}" + (f" ({each})" if each else "")
 
 
 def findings(health: Health) -> list[Finding]:
@@ -32,10 +72,14 @@ def _files(health: Health) -> list[Finding]:
     total = sum(health.counts.values())
     size = sum(health.files.values()) / 1e6
     shown = f"{len(health.files)} file(s), {size:.1f} MB, {total} messages"
+    if health.writing:  # its last file has no end yet, and is not counted
+        here = f"{list(health.files)[-1]}: "
+        found = [problem("files", note, AGAIN) for note in health.notes if here not in note]
+        return found or [ok("files", f"being written now: {shown} so far")]
     found = [problem("files", note, AGAIN) for note in health.notes]
     if health.declared is not None:
         told = f"{shown}, metadata.yaml counts {health.declared}"
-        remedy = "its recorder was killed or files were changed; ros2 bag reindex corrects it"
+        remedy = "its recorder was killed or files were changed; ldt doctor --repair corrects it"
         found.append(warning("metadata", told, remedy))
     if found:
         return found

@@ -11,6 +11,7 @@ from ldt_core.errors import LdtError, RecordingError
 from ldt_core.experiment import Adaptation, Experiment, ModelRecord, Prediction, Signal
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.codec import DECODERS, decode
+from ldt_core.recording.lock import is_written
 from ldt_core.recording.messages import deserialize
 from ldt_core.recording.node_status import HEALTH_TOPIC, NodeStatus, node_statuses
 from ldt_core.recording.run_settings import Setting
@@ -45,6 +46,7 @@ class Health:
         models: kind → versions.
         detectors: names, of all signals.
         span: first and last time of a message [s since the epoch], None without messages.
+        writing: whether LDT was writing to it when it was looked at.
     """
 
     path: Path
@@ -65,6 +67,7 @@ class Health:
     models: dict[str, set[int]] = field(default_factory=dict)
     detectors: set[str] = field(default_factory=set)
     span: tuple[float, float] | None = None
+    writing: bool = False
 
     @property
     def missing(self) -> list[Span]:
@@ -88,7 +91,7 @@ def inspect(bag: Bag) -> Health:
         RecordingError: a file of it cannot be read any more.
     """
     metadata = bag.storage.metadata
-    health = Health(bag.path, bag.machine)
+    health = Health(bag.path, bag.machine, writing=is_written(bag.path))
     try:
         health.settings = bag.settings()
     except RecordingError as error:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import time
 from pathlib import Path
 
 from ldt_core.errors import RecordingError
 
 HELD = (errno.EWOULDBLOCK, errno.EACCES)
+PAUSE = 0.05  # s between two attempts
 
 
 class FolderLock:
@@ -20,12 +22,13 @@ class FolderLock:
 
     Args:
         folder: that nobody else may write to meanwhile.
+        patience: how long somebody else may hold it [s].
 
     Raises:
         RecordingError: somebody else holds it.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, patience: float = 0.0) -> None:
         self.held = False
         self._descriptor: int | None = None
         try:
@@ -36,14 +39,20 @@ class FolderLock:
             self._descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         if self._descriptor is None:
             return
-        try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self.held = True
-        except OSError as error:
-            self.release()
-            if error.errno in HELD:
-                wanted, got = "a recording that nobody is writing", "one that is being written"
-                raise RecordingError(folder, wanted, got) from None
+        until = time.monotonic() + patience
+        while not self.held:
+            try:
+                fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                self.held = True
+            except OSError as error:
+                if error.errno not in HELD:
+                    self.release()
+                    return
+                if time.monotonic() >= until:
+                    self.release()
+                    wanted, got = "a recording that nobody is writing", "one that is being written"
+                    raise RecordingError(folder, wanted, got) from None
+                time.sleep(PAUSE)
 
     def release(self) -> None:
         """Let others write; a second call does nothing."""
@@ -57,3 +66,12 @@ class FolderLock:
 
     def __exit__(self, *_: object) -> None:
         self.release()
+
+
+def is_written(path: Path) -> bool:
+    """Whether LDT is writing to a recording, a folder or a file of one, at this moment."""
+    try:
+        with FolderLock(path if path.is_dir() else path.parent):
+            return False
+    except RecordingError:
+        return True

@@ -168,6 +168,15 @@ def dump(data: Any) -> str:
     return yaml.dump(data, Dumper=_Plain, sort_keys=False, allow_unicode=True)
 
 
+def load(text: str) -> Any:
+    """The data in YAML of others, by the fast loader where there is one; no tags are obeyed.
+
+    Raises:
+        yaml.YAMLError, ValueError, RecursionError: it is none.
+    """
+    return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+
+
 @functools.cache
 def offered_qos_text(topic: str) -> str:
     """`offered_qos` as YAML, which a channel of an MCAP file carries."""

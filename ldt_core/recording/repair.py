@@ -23,6 +23,7 @@ from ldt_core.errors import LdtError, RecordingError
 from ldt_core.recording.lock import FolderLock
 from ldt_core.recording.mcap_file import McapFile, Summary
 from ldt_core.recording.mcap_records import LIBRARY
+from ldt_core.recording.messages import load
 from ldt_core.recording.metadata import (
     FileFacts,
     information,
@@ -37,6 +38,7 @@ KEPT = ".damaged"  # behind the name of a file that was replaced
 MENDED_BY = "ldt repair"  # the writer that a mended file names: its channels have other numbers
 RECORDED = "recorded"  # key of the folder's custom data: which experiments the first files hold
 COUNTED = ("message_count", "topics_with_message_count", "files")  # keys of the bag information
+NEEDED = ("version", "storage_identifier", "relative_file_paths", *COUNTED[:2])
 MARGIN = 1_000_000  # bytes that have to be free beside the size of what is written
 
 
@@ -261,7 +263,7 @@ def _renew_metadata(
     counts: Counter[str],
 ) -> None:
     """Write metadata.yaml if it does not say what the files hold."""
-    old = storage.metadata
+    old = storage.metadata if all(key in storage.metadata for key in NEEDED) else {}
     lost = [name for name in storage.listed if name not in [f.name for f in facts]]
     for name in lost:
         work.unmended.append(f"{storage.path}: {METADATA} lists {name}, which is missing")
@@ -309,7 +311,7 @@ def _custom_of(storage: Storage) -> dict[str, str]:
     for file in storage.files:
         said = McapFile(file, lambda note: None).metadata("rosbag2") or {}
         with contextlib.suppress(yaml.YAMLError, ValueError, RecursionError, AttributeError):
-            custom = yaml.safe_load(said.get("serialized_metadata", "")).get("custom_data")
+            custom = load(said.get("serialized_metadata", "")).get("custom_data")
             if isinstance(custom, dict):
                 return {k: v for k, v in custom.items() if k != RECORDED and isinstance(v, str)}
     return {}
@@ -344,7 +346,7 @@ def _entry(channel: Channel, described: Schema | None) -> dict[str, Any]:
     kind = described.name if described else channel.message_encoding
     offered: Any = None
     with contextlib.suppress(yaml.YAMLError, RecursionError):
-        offered = yaml.safe_load(channel.metadata.get("offered_qos_profiles", ""))
+        offered = load(channel.metadata.get("offered_qos_profiles", ""))
     return {
         "topic_metadata": {
             "name": channel.topic,

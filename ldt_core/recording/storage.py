@@ -27,7 +27,7 @@ from ldt_core.recording.mcap_records import (
     decompress,
     reason,
 )
-from ldt_core.recording.messages import quoted, schema
+from ldt_core.recording.messages import load, quoted, schema
 
 METADATA = "metadata.yaml"
 PROFILE = "ros2"
@@ -251,7 +251,7 @@ def read_metadata(file: Path) -> dict[str, Any]:
     try:
         if file.stat().st_size > MAX_METADATA:
             return {}
-        data = yaml.safe_load(file.read_text(encoding="utf-8"))
+        data = load(file.read_text(encoding="utf-8"))
         info = data["rosbag2_bagfile_information"]
     except (yaml.YAMLError, ValueError, RecursionError, TypeError, KeyError):
         return {}

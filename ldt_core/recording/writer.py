@@ -37,6 +37,7 @@ FLUSH_PERIOD = 0.25  # s; half of the 0.5 s that may be lost, to leave time for 
 SYNC_PERIOD = 5.0  # s; what a power failure may cost, beside the time that the medium takes
 LAST_NS = 2**63 - 1  # rosbag2 counts nanoseconds in 64 bits, to the year 2262
 MEGABYTE = 1_000_000  # bytes
+PATIENCE = 1.0  # s; for a writer that was killed to be gone, or for somebody who only looks
 MOST_CHUNKS = 20_000  # of a file, whose index is held in memory until it ends: about 1 kB each
 
 
@@ -95,7 +96,7 @@ class BagWriter:
         self._closed = threading.Event()
         wanted = [self._declare(self._absolute(t), self._kind(t)) for t in topics]
         self._make_folder(resume)
-        self._owner = FolderLock(self.path)
+        self._owner = FolderLock(self.path, PATIENCE if resume else 0.0)
         try:
             if resume:
                 self._go_on(wanted)
