@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -18,6 +18,7 @@ from ldt_core.errors import LdtError
 from ldt_core.machine import load_machine
 from ldt_core.recording.node_status import HEALTH_TOPIC, LAST_REJECTION, REJECTED
 from ldt_ros.interfaces import declare, message_type, qos
+from ldt_ros.rivals import Rivals
 
 HEALTH_PERIOD = 1.0  # s, as the stock diagnostic aggregator expects
 LINGER = 0.3  # s between telling of the end and ending, so that the telling arrives
@@ -54,6 +55,7 @@ class TwinNode(Node):
         self._last_rejection = ""
         self._outputs: dict[str, Publisher] = {}
         self._inputs: dict[str, Subscription] = {}
+        self.rivals = Rivals(self, self._outputs, self._inputs)
         self._health = self.create_publisher(DiagnosticArray, HEALTH_TOPIC, qos(HEALTH_TOPIC))
         self._told: tuple = ()
         self._told_at = 0.0
@@ -124,33 +126,34 @@ class TwinNode(Node):
                 return False
         return True
 
-    def _rivals(self) -> list[str]:
-        shared = [t for t in (*self._outputs, *self._inputs) if not t.startswith("/")]
-        return [t for t in shared if self.count_publishers(t) > 1]
-
     def _tell(self) -> None:
         now = time.monotonic()
-        news = (self.finished, self._health.get_subscription_count())
+        news = (self.finished, self._health.get_subscription_count(), self.rivals.met)
         settled = bool(self._told) and self._told[0] and self._told[2:] == news
         if settled and now - self._told_at < HEALTH_PERIOD:
             return  # the graph is asked as rarely as health is told once all have met
-        rivals = self._rivals()
-        situation = (self.ready, tuple(rivals), *news)
+        self.rivals.look()
+        rivals = self.rivals.words()
+        situation = (self.ready, rivals, *news)
         if situation == self._told and now - self._told_at < HEALTH_PERIOD:
             return
         if rivals and (not self._told or self._told[1] != situation[1]):
-            self.get_logger().warning(f"more than one publisher of {', '.join(rivals)}")
+            if self.rivals.alarms:
+                self.get_logger().error(rivals)
+            else:
+                self.get_logger().warning(rivals)
         self._told = situation
         self.tell()
 
     def tell(self) -> None:
         """Publish health now: others wait for what it says."""
         self._told_at = time.monotonic()
-        ready, rivals = self._told[:2] if self._told else (False, ())
+        ready = self._told[0] if self._told else False
         status = DiagnosticStatus(name=self.full_name, hardware_id=self.machine.name)
-        status.level, status.message = self._verdict(rivals)
+        status.level, status.message = self._verdict()
         values = {"ready": _word(ready), "finished": _word(self.finished)}
         values |= self.health()
+        values |= self.rivals.health()
         values |= {f"received {t}": n for t, n in self.counts.items()}
         values |= {f"{REJECTED}{kind}": n for kind, n in self.rejected.items()}
         if self._last_rejection:
@@ -160,9 +163,10 @@ class TwinNode(Node):
         message.header.stamp = self.get_clock().now().to_msg()
         self._health.publish(message)
 
-    def _verdict(self, rivals: Sequence[str]) -> tuple[bytes, str]:
-        if rivals:
-            return DiagnosticStatus.WARN, f"more than one publisher of {', '.join(rivals)}"
+    def _verdict(self) -> tuple[bytes, str]:
+        if self.rivals.topics:
+            alarm = DiagnosticStatus.ERROR if self.rivals.alarms else DiagnosticStatus.WARN
+            return alarm, self.rivals.words()
         if self.rejected:
             return DiagnosticStatus.WARN, f"{sum(self.rejected.values())} messages rejected"
         ready = bool(self._told) and self._told[0]

@@ -31,7 +31,7 @@ from ldt_core.metrics import Summary
 from ldt_core.models import MODELS
 from ldt_core.pace import parse_rate
 from ldt_core.recording.bag import read_bag
-from ldt_core.recording.node_status import LEFT_OUT
+from ldt_core.recording.node_status import LEFT_OUT, SECOND_PUBLISHER
 from ldt_core.recording.run_settings import settings_text
 from ldt_core.session import SOURCES, Member, fleet, recorded_summary, roles, source_of
 from ldt_core.settings import resolve
@@ -333,6 +333,8 @@ class Graph:
                 for key, count in told.values.items():
                     if key in ("no diagnosis", "no advice"):
                         summary.note(f"{key}: {count}")
+                    elif key.startswith(SECOND_PUBLISHER):
+                        summary.note(f"alarm: a {key}, {count}x as {role} saw it")
                     elif (key in COUNTS or key.startswith(LEFT_OUT)) and count != "0":
                         summary.note(f"{role}, {key}: {count}")
                 for kind, times in told.rejected.items():

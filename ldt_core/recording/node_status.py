@@ -10,6 +10,7 @@ HEALTH_TOPIC = "/diagnostics"
 REJECTED = "rejected "  # how the keys begin under which a node counts what it refused
 LEFT_OUT = "left out, "  # the same, for samples that became part of no experiment
 LAST_REJECTION = "last rejection"
+SECOND_PUBLISHER = "second publisher of "  # how the keys begin under which an alarm is counted
 DIGITS = 16  # of a number, which a double has to hold; anybody may say more
 
 
