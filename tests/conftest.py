@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 import os
 import random
+import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,6 +24,30 @@ DOMAINS = 100  # which domain_coordinator reserves
 # Compiling takes seconds at the first call and shared machines stall: time is not what is tested.
 settings.register_profile("ldt", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("ldt")
+
+# The hundreds of programs that the tests start would translate all modules again, each of them.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """One more than there are cores: tests of the node graph mostly wait for its processes."""
+    return len(os.sched_getaffinity(0)) + 1
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """Leave the order of the files to us."""
+    if hasattr(config.option, "loadscopereorder"):
+        config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Side by side, files of few tests first: these run whole programs, and none is to be last."""
+    if hasattr(config, "workerinput"):
+        size = Counter(item.path for item in items)
+        items.sort(key=lambda item: size[item.path])
 
 
 @pytest.fixture(scope="session")

@@ -142,9 +142,9 @@ def evaluate(terms, t, y, volts, state, rate):  # pragma: no cover - compiled
         if terms.stateful[j]:
             s = state.ctypes.data + BYTES * terms.first_state[j]
             r = rate.ctypes.data + BYTES * terms.first_state[j]
-            value: float = _call_with_states(terms.address[j], t, y[0], y[1], y[2], volts, p, s, r)  # type: ignore[call-arg]
+            value: float = _call_with_states(terms.address[j], t, y[0], y[1], y[2], volts, p, s, r)
         else:
-            value = _call(terms.address[j], t, y[0], y[1], y[2], volts, p)  # type: ignore[call-arg]
+            value = _call(terms.address[j], t, y[0], y[1], y[2], volts, p)
         if terms.watched[j]:
             terms.least[j] = min(terms.least[j], value)
             terms.most[j] = max(terms.most[j], value)

@@ -159,7 +159,8 @@ def test_a_node_that_dies_is_named(start, domain, tmp_path):
 
 def test_a_second_graph_in_the_same_domain_is_refused(start, tmp_path):
     """Two publishers of one topic would make nonsense of both; another namespace is fine."""
-    first = start("--experiments", "100000", "--rate", "200", "--bag", "first")
+    # At a pace that leaves the cores to the others.
+    first = start("--experiments", "100000", "--rate", "40", "--bag", "first")
     wait_for(lambda: experiments_recorded(tmp_path / "first") > 1, "experiments in the recording")
     code, _, errors = finish(start("--experiments", "2", "--bag", "second"))
     assert code == 2

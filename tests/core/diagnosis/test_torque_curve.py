@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
@@ -84,13 +84,22 @@ def test_an_unknown_first_speed_is_no_torque():
     assert curve.torque == pytest.approx(right.torque, abs=1e-6)
 
 
-@given(st.floats(1e-3, 1e3), st.floats(1e-2, 1e2))
-def test_units_do_not_matter(torque, speed):
-    """Twice the torque is found twice as large, and a quantity in other units is the same one."""
+@pytest.fixture(scope="module")
+def in_our_units():
+    """Quantity, residuals and what is found of them."""
     quantity = ramps(2)
     random = np.random.default_rng(3)
     wrong = [moved(band(q)) + random.normal(0, NOISE, LENGTH) for q in quantity]
-    one = found(quantity, wrong)
+    return quantity, wrong, found(quantity, wrong)
+
+
+@settings(max_examples=12)  # each takes 0.2 s; a scale that matters does so at any
+@example(1e-3, 1e2)
+@example(1e3, 1e-2)
+@given(st.floats(1e-3, 1e3), st.floats(1e-2, 1e2))
+def test_units_do_not_matter(in_our_units, torque, speed):
+    """Twice the torque is found twice as large, and a quantity in other units is the same one."""
+    quantity, wrong, one = in_our_units
     other = found([speed * q for q in quantity], [torque * w for w in wrong], noise=torque * NOISE)
     size = np.abs(one.torque).max()
     assert other.torque / torque == pytest.approx(one.torque, abs=1e-3 * size)
