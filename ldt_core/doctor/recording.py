@@ -14,7 +14,7 @@ from ldt_core.recording.storage import Storage
 from ldt_core.settings import as_options
 from ldt_core.words import numbered, spans
 
-LISTED = 5  # stretches of numbers, or pauses, that a line shows
+LISTED = 5  # stretches of numbers that a line shows
 AGAIN = "commands use what is there; ldt doctor --repair puts it into sound files"
 LOST = "put it back from a copy, if there is one; commands use what is there"
 REPLAY = "replay it by ldt replay"
@@ -125,9 +125,9 @@ def _experiments(health: Health) -> list[Finding]:
 def _pauses(health: Health) -> list[Finding]:
     if not health.pauses:
         return []
-    longest = sorted(health.pauses.items(), key=lambda p: -p[1])[:LISTED]
+    longest = sorted(health.pauses.items(), key=lambda p: -p[1])
     shown = ", ".join(f"{wait:.3g} s before number {number}" for number, wait in longest)
-    count = len(health.pauses)
+    count = health.paused
     told = f"{count} longer than an experiment, " + ("" if count == 1 else "the longest ") + shown
     remedy = "look whether the machine stood still then, or what it sent was not recorded"
     return [warning("pauses", told, remedy)]

@@ -19,9 +19,10 @@ from ldt_core.experiment import (
 )
 from ldt_core.recording.codec import DECODERS, Record, decode
 from ldt_core.recording.messages import deserialize
+from ldt_core.recording.numbers import Numbers
 from ldt_core.recording.run_settings import KEY, Setting, parse_settings
 from ldt_core.recording.storage import Raw, Storage
-from ldt_core.words import gaps, numbered, spans
+from ldt_core.words import numbered
 
 if TYPE_CHECKING:
     from ldt_core.machine import Machine
@@ -150,12 +151,11 @@ class Bag:
             ExperimentError: a message that is no experiment, or one that the machine cannot have
                 made; says which one.
         """
-        seen: set[int] = set()
-        repeated: list[int] = []
+        seen, repeated = Numbers(), Numbers()
         for experiment in self.records("experiment"):
             assert isinstance(experiment, Experiment)
             if experiment.number in seen:
-                repeated.append(experiment.number)
+                repeated.add(experiment.number)
             seen.add(experiment.number)
             if machine is not None:
                 self._check(machine, experiment)
@@ -164,9 +164,9 @@ class Bag:
             got = f"none ({self.damage})" if self.damage else "none"
             raise RecordingError(f"{self.path}, {self.topic('experiment')}", "experiments", got)
         if repeated:
-            told = numbered("experiment", spans(repeated), LISTED)
+            told = numbered("experiment", repeated.spans, LISTED)
             self.storage.note(f"{self.path}: recorded more than once: {told}")
-        if missing := gaps(seen):
+        if missing := seen.gaps:
             told = numbered("experiment", missing, LISTED)
             self.storage.note(f"{self.path}: missing: {told}")
 

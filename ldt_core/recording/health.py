@@ -14,11 +14,16 @@ from ldt_core.recording.codec import DECODERS, decode
 from ldt_core.recording.lock import is_written
 from ldt_core.recording.messages import deserialize
 from ldt_core.recording.node_status import HEALTH_TOPIC, NodeStatus, node_statuses
+from ldt_core.recording.numbers import Numbers
 from ldt_core.recording.run_settings import Setting
 from ldt_core.recording.storage import Raw
-from ldt_core.words import Span, gaps
+from ldt_core.words import Span
+
+_Key = tuple[int, float, int]  # of an experiment and its prediction: number, start, samples
 
 ANSWERS = ("prediction", "signal", "adaptation")  # what each experiment of a run gets
+LONGEST = 5  # pauses that are kept one by one
+REMEMBERED = 1000  # experiments with their prediction; a repetition comes soon after, if at all
 PAUSE = 1.0  # share of an experiment's duration by which the next may begin later, unmentioned
 
 
@@ -33,11 +38,13 @@ class Health:
         notes: what is damaged or missing in the files, a sentence each.
         counts: absolute topic → messages that could be read.
         declared: messages that `metadata.yaml` counts, None when it does not say.
-        numbers: experiment number → how often it was recorded.
+        numbers: of the experiments.
+        repeated: numbers that were recorded more than once.
         samples: (samples, sample period [s]) → experiments that have it.
         backwards: numbers of experiments that start before the one recorded before them ends.
         pauses: number of an experiment → seconds after the end of the one recorded before it, where
-            that is longer than an experiment.
+            that is longer than an experiment; the longest ones.
+        paused: how many such pauses there are.
         unreadable: absolute topic → (messages that are no such record, why the first is not).
         answered: topic of an answer → numbers of the experiments that got it.
         nodes: name of a node of this machine → what it told of itself last.
@@ -55,12 +62,14 @@ class Health:
     notes: list[str] = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
     declared: int | None = None
-    numbers: Counter[int] = field(default_factory=Counter)
+    numbers: Numbers = field(default_factory=Numbers)
+    repeated: Numbers = field(default_factory=Numbers)
     samples: Counter[tuple[int, float]] = field(default_factory=Counter)
-    backwards: list[int] = field(default_factory=list)
+    backwards: Numbers = field(default_factory=Numbers)
     pauses: dict[int, float] = field(default_factory=dict)
+    paused: int = 0
     unreadable: dict[str, tuple[int, str]] = field(default_factory=dict)
-    answered: dict[str, set[int]] = field(default_factory=dict)
+    answered: dict[str, Numbers] = field(default_factory=dict)
     nodes: dict[str, NodeStatus] = field(default_factory=dict)
     settings: Mapping[str, Setting] = field(default_factory=dict)
     settings_trouble: str = ""
@@ -72,16 +81,12 @@ class Health:
     @property
     def missing(self) -> list[Span]:
         """Stretches of numbers between the first and the last experiment that are not recorded."""
-        return gaps(self.numbers)
-
-    @property
-    def repeated(self) -> list[int]:
-        """Numbers that were recorded more than once."""
-        return sorted(n for n, times in self.numbers.items() if times > 1)
+        return self.numbers.gaps
 
     def unanswered(self, topic: str) -> list[int]:
         """Experiments without an answer of this kind."""
-        return sorted(set(self.numbers) - self.answered.get(topic, set()))
+        answered = self.answered.get(topic, Numbers())
+        return [number for number in self.numbers if number not in answered]
 
 
 def inspect(bag: Bag) -> Health:
@@ -99,14 +104,14 @@ def inspect(bag: Bag) -> Health:
     health.files = {f.name: f.stat().st_size for f in bag.storage.files}
     total = metadata.get("message_count")
     health.declared = total if isinstance(total, int) else None
-    reading = _Reading(health, bag.namespace)
+    reading = _Reading(health, bag.namespace, predicts=bag.topic("prediction") is not None)
     # All messages of all machines: what metadata.yaml counts, and what can be damaged.
     whole = 0
     for raw in bag.storage.messages():
         whole += 1
         if raw.topic in bag.topics:
             reading.take(raw)
-    health.answered.setdefault("prediction", set()).update(reading.predicted())
+    health.answered["prediction"] = reading.predicted()
     health.notes = bag.notes
     if health.declared == whole:
         health.declared = None
@@ -119,13 +124,17 @@ class _Reading:
     Args:
         health: is filled.
         namespace: of the machine.
+        predicts: whether the recording has predictions.
     """
 
-    def __init__(self, health: Health, namespace: str) -> None:
-        self.health, self.namespace = health, namespace
+    def __init__(self, health: Health, namespace: str, predicts: bool) -> None:
+        self.health, self.namespace, self._predicts = health, namespace, predicts
         self._last: Experiment | None = None
-        self._measured: set[tuple[int, float, int]] = set()
-        self._predicted: set[tuple[int, float, int]] = set()
+        # Those that wait for each other, and the last ones that did so no longer. A number may come
+        # twice: the experiment that was predicted has the prediction's start.
+        self._measured: set[_Key] = set()
+        self._predicted: set[_Key] = set()
+        self._matched: dict[_Key, None] = {}
 
     def take(self, raw: Raw) -> None:
         """A message of this machine; what cannot be read is counted."""
@@ -139,11 +148,26 @@ class _Reading:
             count, why = health.unreadable.get(raw.topic, (0, str(error)))
             health.unreadable[raw.topic] = (count + 1, why)
 
-    def predicted(self) -> set[int]:
+    def predicted(self) -> Numbers:
         """Numbers of the experiments of which no recorded one lacks its prediction."""
-        # A number may come twice: the experiment that was predicted has the prediction's start.
-        lacking = {number for number, *_ in self._measured - self._predicted}
-        return {number for number, *_ in self._measured} - lacking
+        lacking = {number for number, *_ in self._measured}
+        found = Numbers()
+        for number in self.health.numbers:
+            if number not in lacking:
+                found.add(number)
+        return found
+
+    def _match(self, key: _Key, ours: set[_Key], others: set[_Key]) -> None:
+        """Note one of a pair; when both have come, they need not be kept."""
+        if key in self._matched:
+            return
+        if key not in others:
+            ours.add(key)
+            return
+        others.remove(key)
+        self._matched[key] = None
+        if len(self._matched) > REMEMBERED:
+            del self._matched[next(iter(self._matched))]
 
     def _take(self, raw: Raw) -> None:
         health, name = self.health, raw.topic.rpartition("/")[2]
@@ -158,9 +182,12 @@ class _Reading:
             case Experiment():
                 self._measure(record)
             case Prediction() if name == "prediction":
-                self._predicted.add((record.number, record.start, len(record)))
+                key = record.number, record.start, len(record)
+                self._match(key, self._predicted, self._measured)
             case Signal() | Adaptation():
-                health.answered.setdefault(name, set()).add(record.experiment)
+                if name not in health.answered:
+                    health.answered[name] = Numbers()
+                health.answered[name].add(record.experiment)
                 if isinstance(record, Signal):
                     health.detectors.add(record.detector)
             case ModelRecord():
@@ -168,13 +195,20 @@ class _Reading:
 
     def _measure(self, record: Experiment) -> None:
         health = self.health
-        health.numbers[record.number] += 1
+        if record.number in health.numbers:
+            health.repeated.add(record.number)
+        health.numbers.add(record.number)
         health.samples[len(record), record.period] += 1
-        self._measured.add((record.number, record.start, len(record)))
+        if self._predicts:
+            key = record.number, record.start, len(record)
+            self._match(key, self._measured, self._predicted)
         if self._last is not None:
             wait = record.start - self._last.end
             if wait < -record.period:
-                health.backwards.append(record.number)
+                health.backwards.add(record.number)
             elif wait > PAUSE * (self._last.end - self._last.start):
+                health.paused += 1
                 health.pauses[record.number] = wait
+                if len(health.pauses) > LONGEST:
+                    del health.pauses[min(health.pauses, key=health.pauses.__getitem__)]
         self._last = record

@@ -43,6 +43,12 @@ class Numbers:
         return list(zip(self._first, self._last, strict=True))
 
     @property
+    def gaps(self) -> list[Span]:
+        """The stretches between them."""
+        held = zip(self._last, self._first[1:], strict=False)
+        return [(before + 1, after - 1) for before, after in held]
+
+    @property
     def last(self) -> int | None:
         """The highest, None when there is none."""
         return self._last[-1] if self._last else None

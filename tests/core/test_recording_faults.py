@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ from ldt_core.errors import BadInput, LdtError, RecordingError
 from ldt_core.experiment import Experiment, Level, Signal
 from ldt_core.recording.bag import experiments, read_bag
 from ldt_core.recording.health import inspect
-from ldt_core.recording.mcap_file import McapFile
+from ldt_core.recording.mcap_file import Found, McapFile
 from ldt_core.recording.mcap_records import HEAD
 from ldt_core.recording.messages import MULTI_ARRAY, STRING, schema, serialize, standard
 from ldt_core.recording.numbers import Numbers
@@ -36,7 +36,7 @@ from ldt_core.recording.writer import BagWriter
 
 NAME = "run_0.mcap"
 CUTS = FLIPS = 1000  # at random bytes
-MENDED = 5  # of so many damaged files one is mended too, for the time that it takes
+MENDED = 10  # of so many damaged files one is mended too, for the time that it takes
 KILLS = 12  # of writers, and as many of repairs
 NOBODY = 65534
 
@@ -141,6 +141,7 @@ def cut_places(whole: Whole) -> list[int]:
 
 def test_a_file_cut_anywhere_gives_every_chunk_before_the_cut(whole, tmp_path, unsynced):
     """At every record's and chunk's boundary and at 1000 random bytes, read; a part is mended."""
+    chunk_ends = [end for _, end, _ in whole.chunks]
     for turn, at in enumerate(cut_places(whole)):
         folder = copy(whole, tmp_path / "run", whole.data[:at])
         expected = [m for _, end, held in whole.chunks if end <= at for m in held]
@@ -151,7 +152,7 @@ def test_a_file_cut_anywhere_gives_every_chunk_before_the_cut(whole, tmp_path, u
             continue
         assert found == expected, at
         assert any("has no end" in n or "index is damaged" in n for n in notes), at
-        if turn % MENDED == 0 or at in whole.boundaries:
+        if turn % MENDED == 0 or at in chunk_ends:
             mended(folder, whole.data[:at], expected)
 
 
@@ -447,6 +448,24 @@ def test_a_disk_that_is_full_costs_what_came_after(tmp_path):
         check=False,
     )
     assert (done.stdout, done.stderr) == ("as it should be\n", "")
+
+
+def test_a_file_that_grows_meanwhile_is_left_alone(whole, tmp_path, monkeypatch):
+    """Another program's recorder knows nothing of LDT's lock: what it writes is not lost."""
+    data = whole.data[: whole.chunks[5][1]]
+    folder = copy(whole, tmp_path / "run", data)
+    messages = McapFile.messages
+
+    def and_more(self: McapFile) -> Iterator[Found]:
+        yield from messages(self)
+        with (folder / NAME).open("ab") as stream:
+            stream.write(b"more")
+
+    monkeypatch.setattr(McapFile, "messages", and_more)
+    with pytest.raises(RecordingError, match="a file that nobody is writing, got one that has ch"):
+        repair(folder)
+    assert (folder / NAME).read_bytes().startswith(data + b"more")
+    assert sorted(f.name for f in folder.iterdir()) == ["metadata.yaml", NAME]
 
 
 def test_a_file_that_may_not_grow_is_not_mended(whole, tmp_path):

@@ -150,6 +150,30 @@ def test_experiments_without_an_answer_are_told_by_kind(tmp_path):
     assert found(recorded(tmp_path / "alone", experiment(1)), "answers") == []
 
 
+def test_an_experiment_that_came_twice_is_answered_once(tmp_path):
+    """Sent again with the same start it is the same; with another start it wants its own."""
+    start = 1e9 + 5000
+    twice = [experiment(1), *answers(1), experiment(1)]
+    assert inspect(recorded(tmp_path / "same", *twice)).unanswered("prediction") == []
+    other = [experiment(1), *answers(1), experiment(1, start)]
+    assert inspect(recorded(tmp_path / "other", *other)).unanswered("prediction") == [1]
+    before = [answers(1)[0], experiment(1), *answers(1)[1:]]  # topics need not keep order
+    assert inspect(recorded(tmp_path / "before", *before)).unanswered("prediction") == []
+
+
+def test_of_many_pauses_the_longest_are_kept_and_all_are_counted(tmp_path):
+    """A machine that rests after each experiment: the list does not grow with them."""
+    starts, now = [], 1e9
+    for number in range(1, 31):
+        starts.append(experiment(number, now))
+        now += 0.5 + (2 + number % 7) * 0.5
+    health = inspect(recorded(tmp_path / "run", *starts))
+    assert health.paused == 29
+    assert len(health.pauses) == 5
+    assert sorted(health.pauses.values()) == [3.5, 4.0, 4.0, 4.0, 4.0]
+    assert found(tmp_path / "run", "pauses")[0][1].startswith("29 longer than an experiment, the l")
+
+
 @pytest.mark.parametrize("namespace", ["", "press"])
 def test_what_the_nodes_refused_is_told_with_the_reason(tmp_path, namespace):
     """Counts grow while a run goes on: the last is what counts; another machine's are its own."""

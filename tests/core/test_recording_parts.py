@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import multiprocessing
 import os
 import signal
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -20,12 +22,13 @@ from ldt_core.experiment import Action, Adaptation, Experiment, Level, ModelReco
 from ldt_core.recording.bag import experiments, read_bag
 from ldt_core.recording.codec import DECODERS, encode_cdr
 from ldt_core.recording.health import inspect
+from ldt_core.recording.lock import FolderLock, is_written
 from ldt_core.recording.messages import DIAGNOSTICS, MULTI_ARRAY
 from ldt_core.recording.metadata import Topic
 from ldt_core.recording.numbers import Numbers, number_of, numbers_text, parse_numbers
 from ldt_core.recording.repair import repair
 from ldt_core.recording.writer import BagWriter
-from ldt_core.words import spans
+from ldt_core.words import gaps, spans
 
 SMALL = 0.02  # MB; a few experiments of 200 samples, a chunk each
 SETTINGS = {"threshold": 3.0, "model": "linear", "split_size": 5.0}
@@ -241,6 +244,39 @@ def test_a_recording_that_is_being_written_belongs_to_its_writer(tmp_path):
     assert repair(folder).sound
 
 
+def test_a_recording_that_is_let_go_meanwhile_can_be_taken(tmp_path):
+    """A writer that was killed may take a moment to be gone."""
+    holder = FolderLock(tmp_path)
+    letting_go = threading.Timer(0.2, holder.release)
+    letting_go.start()
+    with FolderLock(tmp_path, patience=60) as lock:
+        assert lock.held
+        assert is_written(tmp_path)
+    letting_go.join()
+    assert not is_written(tmp_path)
+
+
+def test_what_is_written_is_forced_onto_the_medium_in_time(tmp_path, monkeypatch):
+    """Regularly, and all of it at the end; a medium that refuses stops the recording."""
+    synced: list[int] = []
+    done = threading.Event()
+
+    def sync(descriptor: int) -> None:
+        synced.append(os.fstat(descriptor).st_size)
+        if len(synced) == 3:
+            done.set()
+            raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr("ldt_core.recording.writer.SYNC_PERIOD", 0.01)
+    monkeypatch.setattr(os, "fdatasync", sync)
+    bag = BagWriter(tmp_path / "run", "rotor")
+    write(bag, range(1, 3))
+    assert done.wait(60)
+    with pytest.raises(LdtError, match="Input/output error; recording stopped after 4 messages"):
+        bag.close()
+    assert numbers(tmp_path / "run") == [1, 2]
+
+
 def test_each_message_about_an_experiment_tells_its_number(tmp_path):
     """Out of the bytes, for every topic that has one; a model is about none."""
     one = experiment(7, length=3)
@@ -278,7 +314,7 @@ def test_numbers_are_a_set_in_stretches(first, then):
     for number in then:
         again.add(number)
     everything = {*first, *then}
-    assert again.spans == spans(everything)
+    assert (again.spans, again.gaps) == (spans(everything), gaps(everything))
     assert list(again) == sorted(everything)
     assert len(again) == len(everything)
     assert all((n in again) == (n in everything) for n in range(62))

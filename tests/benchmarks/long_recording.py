@@ -1,0 +1,120 @@
+"""Memory and speed of a long recording, written and read back, as a table.
+
+python -m tests.benchmarks.long_recording [EXPERIMENTS]
+
+Short experiments at full speed, with all that a run records of each, in files of 50 MB. Writing,
+reading and the recording's health each have a process of their own.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ldt_core.doctor.recording import findings
+from ldt_core.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal
+from ldt_core.recording.bag import read_bag
+from ldt_core.recording.health import inspect
+from ldt_core.recording.writer import BagWriter
+from tests.benchmarks.__main__ import machine
+
+EXPERIMENTS, SAMPLES, PERIOD = 100_000, 50, 0.01
+SPLIT = 50.0  # MB
+SHARES = (0.1, 0.5, 1.0)  # of the experiments, at which memory is looked at
+
+
+def resident() -> float:
+    """Memory of this process that is in the machine's [MB]."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith("VmRSS"):
+            return int(line.split()[1]) / 1000
+    raise RuntimeError("no VmRSS")
+
+
+def write(folder: Path, count: int) -> Iterator[int]:
+    """A run of so many experiments; gives each number when it is written."""
+    noise = np.random.default_rng(0)
+    with BagWriter(folder, "rotor", split_size=SPLIT) as bag:
+        for number in range(1, count + 1):
+            voltage, speed, guess = noise.normal(size=(3, SAMPLES))
+            one = Experiment(number, 1e9 + number, PERIOD, voltage, speed)
+            said = Prediction(number, one.start, PERIOD, 0, guess)
+            bag.write("experiment", one, one.end)
+            bag.write("prediction", said, one.end)
+            bag.write("original_prediction", said, one.end)
+            signal = Signal(number, Level.NEGATIVE, "threshold", 0, 0.5, {"threshold": 3.0})
+            bag.write("signal", signal, one.end)
+            done = Adaptation(number, Action.KEPT, 0, "the prediction holds", {"memory": 0.0})
+            bag.write("adaptation", done, one.end)
+            yield number
+
+
+def read(folder: Path, count: int) -> Iterator[int]:
+    """Its experiments, each checked."""
+    for experiment in read_bag(folder).experiments():
+        yield experiment.number
+
+
+def resume(folder: Path, count: int) -> Iterator[int]:
+    """Taken up again where it ended; all experiments are known then."""
+    with BagWriter(folder, "rotor", split_size=SPLIT, resume=True) as bag:
+        yield len(bag.recorded("experiment"))
+
+
+def examine(folder: Path, count: int) -> Iterator[int]:
+    """Its health."""
+    health = inspect(read_bag(folder))
+    assert not health.notes, findings(health)
+    yield len(health.numbers)
+
+
+Work = Callable[[Path, int], Iterator[int]]
+
+
+def measure(work: Work, folder: Path, count: int) -> list[float]:
+    """Seconds, then memory before and at each of the shares [MB], in a process of its own."""
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(1) as pool:
+        return pool.apply(_measure, (work, folder, count))
+
+
+def _measure(work: Work, folder: Path, count: int) -> list[float]:
+    looks = [round(share * count) for share in SHARES]
+    memory = [resident()]
+    begin = time.perf_counter()
+    number = 0
+    for number in work(folder, count):
+        if number in looks[:-1]:
+            memory.append(resident())
+    memory.append(resident())  # at the end, all closed
+    assert number == count, (number, count)
+    return [time.perf_counter() - begin, *memory]
+
+
+def main() -> int:
+    """Measure and print."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else EXPERIMENTS
+    print(f"Measured on {machine()}: {count} experiments of {SAMPLES} samples.\n")
+    shares = " | ".join(f"at {share:.0%}" for share in SHARES)
+    print(f"| work | time | per second | before | {shares} |\n|---|---|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "run"
+        for work in (write, read, resume, examine):
+            seconds, *memory = measure(work, folder, count)
+            shown = [f"{m:.0f} MB" for m in memory]
+            shown[1:1] = ["-"] * (len(SHARES) + 1 - len(shown))
+            speed = f"{seconds:.1f} s | {count / seconds:.0f}"
+            print(f"| {work.__name__} | {speed} | {' | '.join(shown)} |", flush=True)
+        size = sum(f.stat().st_size for f in folder.iterdir()) / 1e6
+        print(f"\n{len(list(folder.glob('*.mcap')))} files, {size:.0f} MB.")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
