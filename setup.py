@@ -21,6 +21,7 @@ ROS = ["ros-jazzy-rclpy[fastrtps]==7.1.6", "ros-jazzy-common-interfaces==5.3.6"]
 TEST = [
     "axe-playwright-python>=0.1.7",
     "colcon-common-extensions",
+    "cryptography>=42",
     "dask>=2024.8",
     "distributed>=2024.8",
     "hypothesis>=6.100",
@@ -151,6 +152,7 @@ def build() -> None:
             "challenge": ["pysindy>=2"],
             "river": ["river>=0.21"],
             "watch": ["aiohttp>=3.10"],
+            "security": ["cryptography>=42"],
             "test": TEST,
         },
         entry_points={
@@ -180,6 +182,7 @@ def build() -> None:
                 "replay = ldt_core.cli.replay:command",
                 "report = ldt_core.cli.report:command",
                 "run = ldt_core.cli.run:command",
+                "security = ldt_core.cli.security:command",
                 "simulate = ldt_core.cli.simulate:command",
                 "study = ldt_core.cli.study:command",
                 "tune = ldt_core.cli.tune:command",

@@ -20,7 +20,7 @@ def _table(name: str) -> dict[str, dict[str, Any]]:
 
 
 def topics() -> dict[str, dict[str, Any]]:
-    """Topic → {type, qos, recorded, publisher}."""
+    """Topic → {type, qos, recorded, publisher, subscriber, may_publish, may_listen}."""
     return _table("topics")
 
 

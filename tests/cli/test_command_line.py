@@ -157,7 +157,7 @@ def completed(line: str, monkeypatch: pytest.MonkeyPatch, capsys) -> list[tuple[
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
-        ("ldt s", ["simulate", "study"]),
+        ("ldt s", ["security", "simulate", "study"]),
         ("ldt challenge ", ["make", "score"]),
         ("ldt run --mod", ["--model"]),
         ("ldt --h", ["--help"]),

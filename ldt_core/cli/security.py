@@ -1,0 +1,104 @@
+"""`ldt security`: a keystore by which every node may do its own work and no other."""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import Any
+
+import click
+
+from ldt_core.cli.options import json_option
+from ldt_core.cli.spelling import Group
+from ldt_core.errors import BadInput
+
+
+@click.group("security", cls=Group)
+def command() -> None:
+    """Make what DDS-Security needs: who is who in a graph, and who may publish what.
+
+    Example: ldt security init
+    """
+
+
+@command.command("init")
+@click.option(
+    "--out",
+    default="ldt_keystore",
+    show_default=True,
+    help="Folder of the keystore, which must not exist.",
+)
+@click.option(
+    "--namespace",
+    "namespaces",
+    multiple=True,
+    help="Namespace of a machine's topics; may be given several times. Without it, none.",
+)
+@click.option(
+    "--stream-topic",
+    "streams",
+    multiple=True,
+    metavar="TOPIC",
+    help="Topic of a machine's own that the segmenter hears; may be given several times.",
+)
+@click.option(
+    "--domain",
+    type=int,
+    default=None,
+    help="ROS domain in which it is valid; by default ROS_DOMAIN_ID, or 0.",
+)
+@click.option(
+    "--days", type=click.IntRange(1, 36500), default=3650, show_default=True, help="Of validity."
+)
+@json_option
+def init(
+    out: str,
+    namespaces: tuple[str, ...],
+    streams: tuple[str, ...],
+    domain: int | None,
+    days: int,
+    as_json: bool,
+) -> None:
+    """Write a keystore in the layout of SROS 2.
+
+    It has an authority, and for each role in a graph an enclave with a key, a certificate and
+    signed permissions: the adaptor alone may publish the model, plant, player and segmenter alone
+    the experiments (a machine that publishes them itself runs in the plant's enclave). Keys are
+    readable by their owner alone. The folder `private` is needed for nothing but further enclaves:
+    take it off the machine.
+
+    Example: ldt security init --out keys --namespace press
+    """
+    from ldt_core.security.keystore import make_keystore
+
+    number = _domain_of_environment() if domain is None else domain
+    made = make_keystore(out, list(namespaces), number, days, list(streams))
+    if as_json:
+        found: dict[str, Any] = {
+            "keystore": str(made.folder),
+            "domain": made.domain,
+            "valid_until": made.end.isoformat(),
+            "enclaves": {
+                e.name: {"publishes": list(e.publishes), "hears": list(e.hears)}
+                for e in made.enclaves
+            },
+        }
+        click.echo(json.dumps(found))
+        return
+    width = max(len(e.name) for e in made.enclaves)
+    for enclave in made.enclaves:
+        own = [t for t in enclave.publishes if t.startswith("rt/") and t not in _OF_ALL]
+        told = ", ".join(t.removeprefix("rt") for t in own) or "nothing"
+        click.echo(f"{enclave.name:{width}}  may publish {told}")
+    click.echo(f"{made.folder}: valid in ROS domain {made.domain} until {made.end:%Y-%m-%d}")
+    click.echo(f"ldt up --secure {made.folder} runs in it, where the middleware can.")
+
+
+_OF_ALL = ("rt/rosout", "rt/parameter_events")
+
+
+def _domain_of_environment() -> int:
+    text = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not (text.isascii() and text.isdigit()):
+        raise BadInput("ROS_DOMAIN_ID", "a whole number from 0 to 232", repr(text[:20]))
+    return int(text)
