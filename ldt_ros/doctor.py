@@ -26,6 +26,7 @@ from ldt_core.errors import BadInput
 from ldt_core.words import few
 from ldt_ros.environment import MODULES, one_line, require_ros
 from ldt_ros.leftovers import SHARED, SharedMemory, leftovers
+from ldt_ros.secure import has_security
 
 MIB = 1024**2
 DISTRIBUTION = "jazzy"
@@ -37,7 +38,6 @@ DATAGRAM = 1.0  # s for a datagram to come back
 LITTLE_SHARED = 16 * MIB  # of shared memory: tracing and numpy's workers take little
 LOG_HEAD = re.compile(r"^(\[[\w.]+\] ?)+: ")  # level, time, and logger of a line of ROS's log
 LISTED = 4  # names that a line shows
-SECURITY = b"dds.sec.auth"  # in every Fast DDS that was built with DDS-Security
 ANOTHER_DOMAIN = "if they are not yours, set ROS_DOMAIN_ID to another number from 0 to 101"
 
 
@@ -171,20 +171,37 @@ def _security(library: str | None) -> list[Finding]:
     """Whether the middleware can do what SROS 2 would ask of it."""
     name = "security"
     asked = os.environ.get("ROS_SECURITY_ENABLE", "").lower() == "true"
-    able = library is not None and SECURITY in Path(library).read_bytes()
+    able = has_security(library)
     if asked and not able:
         told = "ROS_SECURITY_ENABLE is set"
-        told += ", and this Fast DDS is built without DDS-Security" if library else ""
+        told += ", and DDS-Security is not in this build of Fast DDS" if library else ""
         remedy = "unset ROS_SECURITY_ENABLE and keep to this machine, or install ROS 2 with SROS 2"
         if os.environ.get("ROS_SECURITY_STRATEGY") == "Enforce":
             return [problem(name, f"{told}, so that no node starts", remedy)]
         return [warning(name, f"{told}, so that nothing is secured", remedy)]
     if library is None:
         return []
-    can = "could do" if able else "cannot do"
-    state = "asked for" if asked else f"off (this Fast DDS {can} SROS 2)"
-    reach = "" if asked else "; by our profile nobody outside this machine is reached"
-    return [ok(name, state + (reach if not any(v in os.environ for v in PROFILES) else ""))]
+    state = "DDS-Security: in this build" if able else "DDS-Security: not in this build of Fast DDS"
+    if asked:
+        return [ok(name, f"{state}, asked for")]
+    state += "" if able else ", so that ldt up --secure starts nothing"
+    reach = "by our profile nobody outside this machine is reached, but every user of it"
+    return [ok(name, state if any(v in os.environ for v in PROFILES) else f"{state}; {reach}")]
+
+
+def loopback(folder: Path = Path("/proc/sys/net/ipv4/conf")) -> list[Finding]:
+    """Whether the kernel drops what comes from outside for 127.0.0.1, as it does by default."""
+    name = "loopback"
+    open_ = []
+    for file in sorted(folder.glob("*/route_localnet")):
+        with contextlib.suppress(OSError):
+            if file.read_text().strip() != "0":
+                open_.append(file.parent.name)
+    if open_:
+        told = f"packets for 127.0.0.1 are let in by {few(open_, LISTED)}"
+        remedy = " ".join(f"net.ipv4.conf.{device}.route_localnet=0" for device in open_[:LISTED])
+        return [warning(name, told, f"sysctl -w {remedy}")]
+    return [ok(name, "nothing from outside reaches 127.0.0.1")]
 
 
 def multicast() -> list[Finding]:
@@ -254,6 +271,7 @@ def shared_memory() -> list[Finding]:
 
 PROBES = [
     Probe("ROS 2", ros),
+    Probe("loopback", loopback),
     Probe("multicast", multicast),
     Probe("UDP buffer", buffer),
     Probe("shared memory", shared_memory),

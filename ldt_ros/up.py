@@ -38,6 +38,7 @@ from ldt_core.settings import resolve
 from ldt_core.stopping import INTERRUPTED, stop_on_signals
 from ldt_ros.environment import one_line, prepare, require_ros
 from ldt_ros.leftovers import SharedMemory
+from ldt_ros.secure import enclave_arguments, secured
 from ldt_ros.supervisor import Child, Supervisor
 
 LISTEN = 0.3  # s for rivals in this domain to show themselves; discovery takes at most 0.25 s
@@ -133,10 +134,10 @@ def launch(
     runs = _plan(given)
     folder = Path(tempfile.mkdtemp(prefix="ldt-"))
     before = dict(os.environ)
-    environment = prepare(folder)
-    supervisor = Supervisor(folder, environment)
     keep_output = False
     try:
+        environment = secured(given, runs[0].roles, prepare(folder))
+        supervisor = Supervisor(folder, environment)
         with SharedMemory(), ExitStack() as stack:
             stack.callback(supervisor.stop_all)
             graph = Graph(runs, supervisor, on_step)
@@ -293,7 +294,8 @@ class Graph:
         for group in groups:
             nodes = [part for role in group for part in ("--node", role)]
             name = group[0] if len(group) == 1 else run.name
-            child = self.supervisor.start(name, *nodes, *ros)
+            enclave = enclave_arguments(run.settings, run.namespace, group[0])
+            child = self.supervisor.start(name, *nodes, *ros, *enclave)
             if "recorder" in group:
                 self._recorders.append(child)
 
@@ -356,7 +358,7 @@ class _Refused(LdtError):
 
 
 @click.command("up")
-@parameters(*GROUPS, "recorder", "graph")
+@parameters(*GROUPS, "recorder", "graph", "security")
 @json_option
 def command(settings: dict[str, Any], as_json: bool) -> None:
     """Run the whole node graph: machine, twin, detector, adaptor, recorder, and more if asked for.

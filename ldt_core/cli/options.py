@@ -116,6 +116,9 @@ def _option(name: str, declaration: Mapping[str, Any]) -> Callable[..., Any]:
     def checked(_context: click.Context, _parameter: click.Parameter, value: Any) -> Any:
         return check(flag, list(value) if many else value, declaration)
 
+    alone: dict[str, Any] = {}
+    if "without_value" in declaration:
+        alone = {"is_flag": False, "flag_value": declaration["without_value"]}
     return click.option(
         flag,
         name,
@@ -126,4 +129,5 @@ def _option(name: str, declaration: Mapping[str, Any]) -> Callable[..., Any]:
         callback=checked,
         shell_complete=completer,
         help=text,
+        **alone,
     )
