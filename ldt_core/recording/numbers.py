@@ -16,7 +16,7 @@ EXACT = 2**53  # whole numbers up to here are exact in a float64
 LITTLE_ENDIAN = 1  # second byte of CDR, as every machine that runs ROS 2 writes it
 _LENGTH = struct.Struct("<I")
 _FIRST = struct.Struct("<d")
-# In a status: the key `experiment` with its length, at a multiple of four bytes, then its value.
+# In a status: the key `experiment` with its length; its value follows.
 _KEY = b"\x0b\0\0\0experiment\0\0"
 _DIGITS = 17  # of a value that is read, its closing zero included
 
@@ -162,8 +162,6 @@ def _first_value(data: bytes) -> int | None:
 def _status_value(data: bytes) -> int | None:
     """The value of the key `experiment` of a DiagnosticArray."""
     at = data.find(_KEY)
-    while at >= 0 and at % 4:
-        at = data.find(_KEY, at + 1)
     if at < 0:
         return None
     at += len(_KEY)

@@ -115,12 +115,12 @@ def _agreed(folder: Path, metadata: Mapping[str, Any], custom: Mapping[str, str]
     """What the recording says of its run, which whoever goes on must not contradict."""
     found = metadata.get("custom_data")
     recorded = dict(found) if isinstance(found, dict) else {}
-    machine = recorded.get("machine", "")
+    machine = recorded.get("machine", custom["machine"])  # a writer killed at once said nothing
     if custom["machine"] != machine:
         got = custom["machine"] or "none"
-        raise RecordingError(folder, f"the recorded machine, {machine or 'none'}", got)
+        raise RecordingError(folder, f"the recorded machine, {machine}", got)
     given, there = custom[run_settings.KEY], recorded.get(run_settings.KEY, "")
-    if given:
+    if given and there:
         _compare(folder, there, given)
     return {**custom, **recorded}
 
@@ -128,7 +128,7 @@ def _agreed(folder: Path, metadata: Mapping[str, Any], custom: Mapping[str, str]
 def _compare(folder: Path, there: str, given: str) -> None:
     """Settings that one of the two lacks are at their defaults."""
     declared = msgs_config.parameters()
-    old = run_settings.parse_settings(f"{folder}, settings", there) if there else {}
+    old = run_settings.parse_settings(f"{folder}, settings", there)
     new = {name: value for name, value in json.loads(given).items() if name != "format"}
     for name in sorted({*old, *new}):
         default = declared.get(name, {}).get("default")

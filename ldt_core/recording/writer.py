@@ -95,15 +95,17 @@ class BagWriter:
         self._lock = threading.Lock()  # the file belongs to callers and the flusher in turn
         self._closed = threading.Event()
         wanted = [self._declare(self._absolute(t), self._kind(t)) for t in topics]
-        self._make_folder(resume)
+        made = self._make_folder(resume)
         self._owner = FolderLock(self.path, PATIENCE if resume else 0.0)
         try:
             if resume:
                 self._go_on(wanted)
-            self._part = self._new_file()
-            self._write_metadata()
+            self._begin()
         except BaseException:
             self._owner.release()
+            if made:
+                with contextlib.suppress(OSError):
+                    self.path.rmdir()  # nothing is in it
             raise
         self._threads = [
             threading.Thread(target=self._flush_regularly, name="bag", daemon=True),
@@ -253,7 +255,9 @@ class BagWriter:
             if error is None:
                 raise
 
-    def _make_folder(self, resume: bool) -> None:
+    def _make_folder(self, resume: bool) -> bool:
+        """Whether it was not there before."""
+        made = not self.path.exists()
         try:
             self.path.mkdir(parents=True, exist_ok=resume)
         except FileExistsError:
@@ -261,6 +265,20 @@ class BagWriter:
             raise RecordingError(
                 self.path, expected, "a file" if resume else "an existing one"
             ) from None
+        except OSError as error:
+            raise self._refused(error) from None
+        return made
+
+    def _begin(self) -> None:
+        """Make the first file that this writer fills, and list it."""
+        try:
+            self._part = self._new_file()
+            try:
+                self._write_metadata()
+            except OSError:
+                self._part.abandon()
+                self._part.file.unlink()
+                raise
         except OSError as error:
             raise self._refused(error) from None
 
@@ -276,10 +294,7 @@ class BagWriter:
 
     def _new_file(self) -> Part:
         """Begin one, with all topics that are known so far."""
-        try:
-            part = Part(self.path / f"{self._stem}_{self._index}.mcap")
-        except OSError as error:
-            raise self._refused(error) from None
+        part = Part(self.path / f"{self._stem}_{self._index}.mcap")
         self._index += 1
         self._channels = {
             name: part.register(described(name, topic.kind)) for name, topic in self._topics.items()
@@ -294,7 +309,7 @@ class BagWriter:
             self._files.append(self._part.facts)
             self._part = self._new_file()
             self._write_metadata()
-        except (OSError, RecordingError) as error:
+        except OSError as error:
             self._part.abandon()
             raise self._fail(error) from None
 

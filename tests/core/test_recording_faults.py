@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -37,7 +38,8 @@ from ldt_core.recording.writer import BagWriter
 NAME = "run_0.mcap"
 CUTS = FLIPS = 1000  # at random bytes
 MENDED = 10  # of so many damaged files one is mended too, for the time that it takes
-KILLS = 12  # of writers, and as many of repairs
+KILLS = 12
+FILE_STEPS = ("open", "os.mkdir", "os.link", "os.rename", "os.remove")  # as Python audits them
 NOBODY = 65534
 
 
@@ -316,16 +318,46 @@ def test_files_that_are_missing_or_of_another_format_are_told(whole, tmp_path):
     assert any("run_1.mcap: holds nothing" in sentence for sentence in repair(folder).unmended)
 
 
-def forked(work: Callable[[], None], after: float | None = None) -> int:
-    """Exit code of a process that does this, killed after so many seconds."""
+def forked(work: Callable[[], None], until: Callable[[], object] = lambda: None) -> int:
+    """Exit code of a process that does this.
+
+    Args:
+        work: what it does.
+        until: waits for the moment at which it is killed, if it ends; None where it is left to end.
+    """
     process = multiprocessing.get_context("fork").Process(target=work)
     process.start()
-    process.join(after)
-    if after is not None:
+    if until() is not None:
         process.kill()
-        process.join()
+    process.join()
     assert process.exitcode is not None
     return process.exitcode
+
+
+def killed_at_file_step(work: Callable[[], object], step: int) -> bool:
+    """Do it in a process that is killed before its so many-th opening, renaming, removing, linking.
+
+    Returns:
+        False where it had ended before.
+    """
+
+    def run() -> None:
+        left = step
+
+        def hook(event: str, arguments: object) -> None:
+            nonlocal left
+            left -= event in FILE_STEPS
+            if left == -1:
+                left -= 1  # the kill itself is audited, too
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        sys.addaudithook(hook)
+        work()
+        os._exit(0)
+
+    code = forked(run)
+    assert code in (0, -signal.SIGKILL)
+    return code != 0
 
 
 def test_a_writer_killed_at_any_moment_loses_nothing_that_was_flushed(tmp_path):
@@ -345,42 +377,79 @@ def test_a_writer_killed_at_any_moment_loses_nothing_that_was_flushed(tmp_path):
 
     place = random.Random(5)
     flushed = 0
+
+    def so_many() -> bool:
+        nonlocal flushed
+        for _ in range(place.randrange(1, 40)):
+            flushed = int.from_bytes(os.read(told, 4), "little")
+        time.sleep(place.uniform(0, 0.003))
+        return True
+
     for _ in range(KILLS):
-        assert forked(record, place.uniform(0.05, 0.35)) == -signal.SIGKILL
+        assert forked(record, so_many) == -signal.SIGKILL
         os.write(tell, bytes(4))
         while number := int.from_bytes(os.read(told, 4), "little"):
             flushed = number
-        if not flushed:
-            continue
         found = [e.number for e in experiments(folder).experiments]
         assert found == list(range(1, len(found) + 1))
         assert len(found) - flushed in (0, 1)  # that one was flushed, and there was no time to tell
-    assert flushed > 100
     repair(folder)
     assert repair(folder).sound
     assert inspect(read_bag(folder)).notes == []
 
 
-def test_a_repair_killed_at_any_moment_leaves_all_there_is(whole, tmp_path):
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_writer_killed_before_any_of_its_steps_can_be_followed(tmp_path, unsynced, begun):
+    """In making the folder, in a split, in closing; and in taking up what a killed one left."""
+    folder, start = tmp_path / "run", tmp_path / "start" / "run"
+
+    def record() -> None:
+        run = {"settings": {"threshold": 2.5}, "split_size": 0.006}
+        with BagWriter(folder, "rotor", resume=True, **run) as bag:
+            write(bag, range((bag.recorded("experiment").last or 0) + 1, 25), 40)
+
+    def reset() -> None:
+        shutil.rmtree(folder, ignore_errors=True)
+        if begun:
+            shutil.copytree(start, folder)
+
+    if begun:
+        steps = 0
+        while not (folder / "run_1.mcap").exists() and killed_at_file_step(record, steps):
+            steps += 1
+        shutil.copytree(folder, start)
+        assert not repair(folder).sound
+    step = 0
+    reset()
+    while killed_at_file_step(record, step):
+        record()
+        found = experiments(folder)
+        assert [e.number for e in found.experiments] == list(range(1, 25)), step
+        assert found.notes == [], step
+        assert repair(folder).sound, step
+        assert read_bag(folder).settings() == {"threshold": 2.5}, step
+        step += 1
+        reset()
+    assert step > 10
+
+
+def test_a_repair_killed_before_any_of_its_steps_leaves_all_there_is(whole, tmp_path, unsynced):
     """The file is the damaged one or the mended one; the next repair ends the work."""
     data = whole.data[: whole.chunks[-2][1] + 30]
     expected = [m for _, _, held in whole.chunks[:-1] for m in held]
-    place = random.Random(6)
-    killed = 0
-    folder = tmp_path / "run"
-
-    def mend() -> None:
-        repair(folder)
-
-    for _ in range(KILLS):
-        copy(whole, folder, data)
-        killed += forked(mend, place.uniform(0, 0.04)) != 0
+    folder = copy(whole, tmp_path / "run", data)
+    step = 0
+    while killed_at_file_step(lambda: repair(folder), step):
         assert read(folder)[0] == expected
         repair(folder)
         assert read(folder) == (expected, [])
         assert data in [f.read_bytes() for f in folder.glob("*" + KEPT + "*")]
         assert not list(folder.glob("*.mending"))
-    assert killed
+        assert repair(folder).sound
+        copy(whole, folder, data)
+        step += 1
+    assert step > 10
+    assert read(folder) == (expected, [])
 
 
 DISK = textwrap.dedent(
@@ -418,11 +487,13 @@ DISK = textwrap.dedent(
         else:
             raise AssertionError("mended without a place to write to")
     assert {f.name: f.read_bytes() for f in folder.iterdir()} == before
-    assert BagWriter.__init__
     try:
         BagWriter(disk / "other", "rotor")
     except RecordingError as error:
-        assert "No space left" in str(error), error
+        assert "place to write a recording, got No space left" in str(error), error
+    else:
+        raise AssertionError("begun without a place to write to")
+    assert not (disk / "other").exists()
     (disk / "filler").unlink()
     with BagWriter(folder, "rotor", resume=True) as bag:
         assert list(bag.recorded("experiment")) == kept

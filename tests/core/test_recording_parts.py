@@ -342,6 +342,7 @@ def test_the_disk_that_fails_at_a_split_stops_the_recording(tmp_path, monkeypatc
         bag.close()
     written = int(str(caught.value).split("after ")[1].split()[0])
     (tmp_path / "run" / "run_1.mcap").rmdir()
+    assert [f["path"] for f in information(tmp_path / "run")["files"]] == ["run_0.mcap"]
     assert sum(1 for _ in read_bag(tmp_path / "run").messages()) == written
     assert inspect(read_bag(tmp_path / "run")).notes == []
 
