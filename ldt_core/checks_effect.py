@@ -20,7 +20,8 @@ import numpy as np
 from ldt_core.effects.base import Effect, Values
 from ldt_core.errors import BadInput, OptionError
 from ldt_core.machine import Machine, load_machine
-from ldt_core.physics.integrate import MAX_STEP, MAX_STEP_RATE
+from ldt_core.physics.constants import MAX_STEP
+from ldt_core.physics.integrate import MAX_STEP_RATE
 from ldt_core.physics.parameter import Parameter
 
 # rad/s, for a neutral effect: an effect on the equations takes the integrator where the machine

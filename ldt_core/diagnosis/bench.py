@@ -25,7 +25,8 @@ from ldt_core.cause.free_run import white_noise
 from ldt_core.diagnosis.starts import NO_OFFSET, Starts, basis_of, settle, settled
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
-from ldt_core.physics.integrate import NOT_TRACKED, propagate
+from ldt_core.physics.constants import NOT_TRACKED
+from ldt_core.physics.integrate import propagate
 from ldt_core.physics.motor import memory
 
 if TYPE_CHECKING:

@@ -10,14 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ldt_core.physics.integrate import (
-    MAX_STEP,
-    NOT_TRACKED,
-    Constants,
-    Tracked,
-    integrate,
-    propagate,
-)
+from ldt_core.physics.constants import MAX_STEP, NOT_TRACKED, Constants, Tracked
 from ldt_core.physics.parameter import Parameter
 
 if TYPE_CHECKING:
@@ -133,6 +126,9 @@ class Physics(abc.ABC):
             BadInput: an effect that this machine cannot have, or a machine too stiff to simulate.
             LdtError: the simulated state grows without bound.
         """
+        # With its compiler it takes longer to import than all else that loads a machine.
+        from ldt_core.physics.integrate import integrate, propagate
+
         # A record's arrays are read-only: kernels would be compiled once more for them.
         volts = np.require(voltage, np.float64, ["C", "W"])
         tracked = np.require(tracked[0], np.float64, ["C", "W"]), tracked[1]

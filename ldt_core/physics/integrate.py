@@ -20,6 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ldt_core.errors import BadInput, LdtError
+from ldt_core.physics.constants import MAX_STEP, NOT_TRACKED, Constants, Tracked
 from ldt_core.physics.rigid import PATIENCE, run_rigid
 from ldt_core.physics.terms import evaluate, forget, gather, is_quiet
 
@@ -28,33 +29,12 @@ if TYPE_CHECKING:
     from ldt_core.physics.base import Physics
 
 Array = NDArray[np.float64]
-#: Speeds to follow (L,) [rad/s] or none (0,), and the part of the difference taken at a sample.
-Tracked = tuple[Array, float]
 
-NOT_TRACKED: Tracked = (np.zeros(0), 0.0)
-MAX_STEP = 0.25e-3  # s; worst relative speed error 5e-6 over 300 random experiments of the rotor
 MAX_STEP_RATE = 1.0  # step times fastest rate: RK4 is stable to 2.8, and accurate well below
 MAX_STEPS = 2_000_000_000  # of one simulation: some minutes of computing; more is a mistake
 STATES = 7
 QUIET = 1e-3  # of the stall torque and the voltage: a term that changes less needs no short steps
 SMALL_TURN = 0.1  # rad; below, the series of `_turned` is exact to rounding
-
-
-class Constants(NamedTuple):
-    """Numbers of the equations, in SI units."""
-
-    torque_constant: float
-    friction: float
-    resistance: float
-    inductance: float
-    inertia: float  # J + m e^2 - (m e)^2 / (M + m): what is left after solving for theta''
-    unbalance: float  # m e
-    mass: float  # M + m
-    stiffness_x: float
-    stiffness_y: float
-    damping_x: float
-    damping_y: float
-    weight_torque: float  # m g e
 
 
 @njit(cache=True, nogil=True)

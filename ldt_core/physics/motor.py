@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from ldt_core.physics.base import Array, Physics, Values
-from ldt_core.physics.integrate import Constants
+from ldt_core.physics.constants import Constants
 from ldt_core.physics.parameter import Parameter
 
 MOTOR_PARAMETERS = (

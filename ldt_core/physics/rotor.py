@@ -16,7 +16,7 @@ from __future__ import annotations
 import cmath
 
 from ldt_core.physics.base import Array, Physics, Values
-from ldt_core.physics.integrate import Constants
+from ldt_core.physics.constants import Constants
 from ldt_core.physics.motor import MOTOR_PARAMETERS, fastest_root, motor_rate, motor_system
 from ldt_core.physics.parameter import Parameter
 
