@@ -44,10 +44,18 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Side by side, files of few tests first: these run whole programs, and none is to be last."""
+    """Side by side, files of few tests first: these run whole programs, and none is to be last.
+
+    Those of the node graph are spread out among the others: each fills all cores by itself.
+    """
     if hasattr(config, "workerinput"):
         size = Counter(item.path for item in items)
-        items.sort(key=lambda item: size[item.path])
+        place: dict[Path, float] = {}
+        for graph in (True, False):
+            files = [f for f in size if (f.parent.name == "ros") is graph]
+            files.sort(key=lambda f: size[f])
+            place |= {file: index / len(files) for index, file in enumerate(files)}
+        items.sort(key=lambda item: place[item.path])
 
 
 @pytest.fixture(scope="session")
