@@ -16,6 +16,7 @@ from rclpy.subscription import Subscription
 import msgs_config
 from ldt_core.errors import LdtError
 from ldt_core.machine import load_machine
+from ldt_core.printable import one_line
 from ldt_core.recording.node_status import HEALTH_TOPIC, LAST_REJECTION, REJECTED
 from ldt_ros.interfaces import declare, message_type, qos
 from ldt_ros.rivals import Rivals
@@ -86,7 +87,7 @@ class TwinNode(Node):
         """Count a message that cannot be used; log the first of its kind."""
         kind = f"{topic}: {type(error).__name__}"
         self.rejected[kind] += 1
-        reason = str(error)
+        reason = one_line(str(error))
         reason = reason if len(reason) <= SHOWN else reason[: SHOWN - 3] + "..."
         self._last_rejection = f"{topic}: {reason}"
         if self.rejected[kind] == 1:

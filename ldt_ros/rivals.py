@@ -9,6 +9,7 @@ from typing import Any
 
 from rclpy.node import Node
 
+from ldt_core.printable import one_line
 from ldt_core.recording.node_status import SECOND_PUBLISHER
 
 GUARDED = ("experiment", "model")  # what comes there moves the twin
@@ -71,4 +72,4 @@ class Rivals:
         names = [f"{i.node_namespace.rstrip('/')}/{i.node_name}" for i in infos]
         known = {n for n in names if not n.endswith(UNKNOWN)}
         late = len(names) > 1 and now - since > LEASE
-        return ", ".join(sorted(names)) if len(known) > 1 or late else ""
+        return one_line(", ".join(sorted(names))) if len(known) > 1 or late else ""

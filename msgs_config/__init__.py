@@ -18,7 +18,8 @@ _HERE = resources.files(__name__)
 def _table(name: str) -> dict[str, dict[str, Any]]:
     text = (_HERE / f"{name}.yaml").read_text(encoding="utf-8")
     # Every node and command reads them: libyaml's parser, where there is one, is ten times as fast.
-    return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    return yaml.load(text, loader)  # noqa: S506 - both loaders are safe ones
 
 
 def topics() -> dict[str, dict[str, Any]]:

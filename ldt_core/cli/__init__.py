@@ -14,6 +14,7 @@ from click.shell_completion import CompletionItem
 
 from ldt_core.cli.completion import VARIABLE, register
 from ldt_core.cli.spelling import Group, unknown_option
+from ldt_core.cli.terminal import echo
 from ldt_core.errors import LdtError
 
 GROUP = "ldt.command"
@@ -70,7 +71,7 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
     except click.Abort:
         return _say("interrupted", 130)
     except click.exceptions.NoArgsIsHelpError as error:
-        click.echo(error.format_message(), err=True)
+        echo(error.format_message(), err=True)
         return 2
     except click.NoSuchOption as error:
         return _say(unknown_option(error), 2)
@@ -90,5 +91,5 @@ def _name(command: click.Command) -> str:
 
 
 def _say(sentence: str, code: int) -> int:
-    click.echo(f"ldt: {' '.join(sentence.split())}", err=True)
+    echo(f"ldt: {' '.join(sentence.split())}", err=True)
     return code

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ldt_core.cli.options import diagnosis_option, json_option, namespace_option, parameters
+from ldt_core.cli.terminal import echo, one_line
 
 if TYPE_CHECKING:
     from ldt_core.experiment import DiagnosisRecord, Experiment, ModelRecord
@@ -100,8 +101,8 @@ def command(
             **advice.values,
             "way": way and {**vars(way), "sentence": way.describe()},
         }
-        click.echo(json.dumps(record, allow_nan=False))
+        echo(json.dumps(record, allow_nan=False))
         return
-    click.echo(advice.sentence)
+    echo(one_line(advice.sentence))
     if way is not None:
-        click.echo(way.describe())
+        echo(way.describe())

@@ -6,9 +6,9 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
 from rich.table import Table
 
+from ldt_core.cli.console import Console
 from ldt_core.cli.options import json_option, namespace_option, parameters
 from ldt_core.cli.recordings import (
     force_option,
@@ -17,6 +17,7 @@ from ldt_core.cli.recordings import (
     progress,
     read_recordings,
 )
+from ldt_core.cli.terminal import echo, one_line
 
 if TYPE_CHECKING:
     from ldt_core.calibration import Calibration
@@ -87,7 +88,7 @@ def command(
         draw(found, held_out or kept, figure)
     if as_json:
         record = {"machine": machine.name, "out": out, **found.as_dict()}
-        click.echo(json.dumps(record, allow_nan=False))
+        echo(json.dumps(record, allow_nan=False))
     else:
         _print(found, out)
 
@@ -115,5 +116,5 @@ def _print(found: Calibration, out: str) -> None:
             highlight=False,
         )
     for note in found.notes:
-        console.print(f"- {note}", markup=False, highlight=False)
+        console.print(one_line(f"- {note}"), markup=False, highlight=False)
     console.print(f"machine file: {out}", markup=False, highlight=False)

@@ -11,6 +11,7 @@ import click
 from ldt_core.cli.options import json_option
 from ldt_core.cli.resumable import ResumableProgress, compute_options, jobs_option
 from ldt_core.cli.spelling import Group
+from ldt_core.cli.terminal import echo
 
 
 @click.group("challenge", cls=Group)
@@ -66,7 +67,7 @@ def make(
 
     def say(digest: str) -> None:
         digests.append(digest)
-        click.echo(f"SHA-256 of the key: {digest}", err=as_json)
+        echo(f"SHA-256 of the key: {digest}", err=as_json)
 
     written = make_challenge(
         cases,
@@ -80,9 +81,9 @@ def make(
     )
     if as_json:
         record = {"cases": cases, "out": out, "key": str(written), "sha256": digests[0]}
-        click.echo(json.dumps(record))
+        echo(json.dumps(record))
     else:
-        click.echo(f"{cases} cases: {out}; key: {written}")
+        echo(f"{cases} cases: {out}; key: {written}")
 
 
 @command.command("score")
@@ -137,7 +138,7 @@ def score(
     target = Path(out) if out else place.with_name(place.name + OUT_SUFFIX)
 
     def say(file: str, digest: str) -> None:
-        click.echo(f"SHA-256 of {file}: {digest}", err=as_json)
+        echo(f"SHA-256 of {file}: {digest}", err=as_json)
 
     with ResumableProgress("score", "answers", str(target)) as progress:
         found = score_challenge(

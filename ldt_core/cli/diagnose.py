@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
 from rich.table import Table
 
 from ldt_core.cli.completion import known
+from ldt_core.cli.console import Console
 from ldt_core.cli.options import namespace_option, parameters
 from ldt_core.cli.recordings import progress, read_recordings
 from ldt_core.cli.resumable import ResumableProgress, compute_options
+from ldt_core.cli.terminal import echo, one_line
 
 if TYPE_CHECKING:
     from ldt_core.diagnosis.each import Options
@@ -138,7 +139,7 @@ def command(
         if figure:
             picture(found, figure)
     if as_json:
-        click.echo(in_json(found), nl=False)
+        echo(in_json(found), nl=False)
     else:
         _print(found, folder)
     return 0
@@ -158,9 +159,9 @@ def _each(
 
     def say(answer: Answer) -> None:
         for note in answer.notes:
-            click.echo(note, err=True)
+            echo(one_line(note), err=True)
         if answer.error:
-            click.echo(f"ldt: {answer.error}", err=True)
+            echo(one_line(f"ldt: {answer.error}"), err=True)
 
     with ResumableProgress("diagnose", "recordings", str(folder)) as bar:
         answers = diagnose_each(
@@ -210,5 +211,5 @@ def _print(found: Diagnosis, folder: Path) -> None:
     if found.next_experiment is not None:
         console.print(f"next: {found.next_experiment.why}", markup=False, highlight=False)
     for note in found.notes:
-        console.print(f"- {note}", markup=False, highlight=False)
+        console.print(one_line(f"- {note}"), markup=False, highlight=False)
     console.print(f"{folder / PAGE}, {folder / JSON}", markup=False, highlight=False)

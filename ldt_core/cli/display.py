@@ -7,12 +7,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.progress import track as _track
 from rich.table import Table
 
+from ldt_core.cli.console import Console
+from ldt_core.cli.terminal import one_line
 from ldt_core.experiment import Adaptation, Level, Signal, Step
 from ldt_core.metrics import Summary
 
@@ -41,7 +42,7 @@ class RunProgress:
             disable=not console.is_terminal,
         )
         self._tasks = {
-            machine: self._progress.add_task("starting", total=total, machine=machine)
+            machine: self._progress.add_task("starting", total=total, machine=_name(machine))
             for machine, total in totals.items()
         }
 
@@ -80,10 +81,10 @@ def print_summaries(
         listed = [{"machine": m, **s.as_dict(), "recording": bag or None} for m, s, bag in runs]
         print(json.dumps({"settings": dict(settings), "runs": listed}, allow_nan=False))
         return
-    table = Table(title=f"{settings['model']} model, {settings['detector']} detector")
+    table = Table(title=_name(f"{settings['model']} model, {settings['detector']} detector"))
     table.add_column("")
     for machine, _, _ in runs:
-        table.add_column(machine, justify="right")
+        table.add_column(_name(machine), justify="right")
     labels = [label for label, _ in runs[0][1].rows()]
     for index, label in enumerate(labels):
         table.add_row(escape(label), *(summary.rows()[index][1] for _, summary, _ in runs))
@@ -92,16 +93,22 @@ def print_summaries(
     for machine, summary, bag in runs:
         for d in summary.diagnoses[-DIAGNOSES:]:
             words = f"{machine}, diagnosis at experiment {d.experiment}: {d.sentence}"
-            console.print(words, markup=False, highlight=False)
+            console.print(one_line(words), markup=False, highlight=False)
         if (before := len(summary.diagnoses) - DIAGNOSES) > 0:
-            console.print(f"{machine}: {before} earlier diagnoses", markup=False, highlight=False)
+            words = f"{machine}: {before} earlier diagnoses"
+            console.print(one_line(words), markup=False, highlight=False)
         if (a := summary.advice) is not None:
             words = f"{machine}, advice at experiment {a.experiment}: {a.sentence}"
-            console.print(words, markup=False, highlight=False)
+            console.print(one_line(words), markup=False, highlight=False)
         for note in summary.notes:
-            console.print(f"{machine}: {note}", markup=False, highlight=False)
+            console.print(one_line(f"{machine}: {note}"), markup=False, highlight=False)
         if bag and Path(bag).exists():
             console.print(f"recording: {bag}", markup=False, highlight=False)
+
+
+def _name(text: str) -> str:
+    """A name for rich, which would take square brackets in it for its own."""
+    return escape(one_line(text))
 
 
 def track(items: Iterable[Item], what: str) -> Iterator[Item]:

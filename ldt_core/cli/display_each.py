@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ldt_core.cli.console import Console
 from ldt_core.diagnosis.each import Answer
 
 WIDTH = 110  # characters of a table in a file or pipe

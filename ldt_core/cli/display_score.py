@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.box import SIMPLE
-from rich.console import Console
 from rich.table import Table
 
 from ldt_core.challenge.score.files import as_dict
 from ldt_core.challenge.score.procedure import Score
 from ldt_core.challenge.score.text import cell, headline, quality, versus
+from ldt_core.cli.console import Console
 
 WIDTH = 110  # characters of a table in a file or pipe
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from rich.box import SIMPLE
-from rich.console import Console
 from rich.table import Table
 
+from ldt_core.cli.console import Console
 from ldt_core.study.study import Study
 from ldt_core.study.tables import summary, table_rows
 

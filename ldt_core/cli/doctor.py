@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ldt_core.cli.options import json_option, namespace_option
+from ldt_core.cli.terminal import echo, one_line
 from ldt_core.errors import OptionError
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def command(recording: str | None, bag: str, mend: bool, namespace: str, as_json
         found = findings(inspect(read_bag(recording, namespace)))
     passed = check.passed(found)
     if as_json:
-        click.echo(json.dumps({"ok": passed, "checks": [f.as_dict() for f in found]}))
+        echo(json.dumps({"ok": passed, "checks": [f.as_dict() for f in found]}))
     else:
         _print(found)
     return 0 if passed else 1
@@ -68,5 +69,5 @@ def _print(found: Sequence[Finding]) -> None:
     for finding in found:
         grade = click.style(f"{finding.grade:8}", fg=COLOURS[finding.grade])
         remedy = f" -> {finding.remedy}" if finding.remedy else ""
-        sentence = " ".join(f"{finding.message}{remedy}".split())
+        sentence = one_line(f"{finding.message}{remedy}")
         click.echo(f"{grade} {finding.name:{width}}  {sentence}")

@@ -10,6 +10,7 @@ import click
 
 from ldt_core.cli.completion import known
 from ldt_core.cli.options import json_option
+from ldt_core.cli.terminal import echo
 
 if TYPE_CHECKING:
     from ldt_core.effects.base import Effect
@@ -33,15 +34,15 @@ def command(effect: str | None, as_json: bool) -> None:
         found = get_effect(effect)
         checked = _check(found)
         if as_json:
-            click.echo(json.dumps({**_record(found), "checked": checked}, allow_nan=False))
+            echo(json.dumps({**_record(found), "checked": checked}, allow_nan=False))
         else:
-            click.echo("\n".join([*_lines(found), "", "Checked:", *(f"- {c}" for c in checked)]))
+            echo("\n".join([*_lines(found), "", "Checked:", *(f"- {c}" for c in checked)]))
         return
     known = _known()
     if as_json:
-        click.echo(json.dumps([_record(e) for e in known], allow_nan=False))
+        echo(json.dumps([_record(e) for e in known], allow_nan=False))
     else:
-        click.echo("\n\n".join("\n".join(_lines(e)) for e in known))
+        echo("\n\n".join("\n".join(_lines(e)) for e in known))
 
 
 def _known() -> list[Effect]:
@@ -53,7 +54,7 @@ def _known() -> list[Effect]:
         try:
             found.append(get_effect(name))
         except Exception as error:  # whatever that package does
-            click.echo(f"effect {name} cannot be loaded: {_sentence(error)}", err=True)
+            echo(f"effect {name} cannot be loaded: {_sentence(error)}", err=True)
     return found
 
 

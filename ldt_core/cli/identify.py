@@ -15,6 +15,7 @@ from ldt_core.cli.recordings import (
     progress,
     read_recordings,
 )
+from ldt_core.cli.terminal import echo, one_line
 
 if TYPE_CHECKING:
     from ldt_core.calibration.equivalent import Equivalent
@@ -96,7 +97,7 @@ def command(
     if as_json:
         machine = found.machine
         record = {"machine": machine.name, "out": out, "parameters": dict(machine.parameters)}
-        click.echo(json.dumps({**record, **found.as_dict()}, allow_nan=False))
+        echo(json.dumps({**record, **found.as_dict()}, allow_nan=False))
     else:
         _print(found, out)
 
@@ -105,18 +106,18 @@ def _print(found: Equivalent, out: str) -> None:
     form = found.form
     names = ["tau_m", "tau_e"] if form.oscillates else ["time constant", "and"]
     times = (f"{n} {t:.4g} s" for n, t in zip(names, form.time_constants, strict=False))
-    click.echo(f"gain {form.gain:.5g} rad/s per V, {' '.join(times)}")
+    echo(f"gain {form.gain:.5g} rad/s per V, {' '.join(times)}")
     units = {p.name: p.unit for p in found.machine.model.parameters}
     values = (f"{n} {v:.5g} {units[n]}" for n, v in found.machine.parameters.items())
-    click.echo(f"equivalent motor: {', '.join(values)}")
+    echo(f"equivalent motor: {', '.join(values)}")
     for part, error in found.errors.items():
         where = {"fit": "fitted", "held_out": "held out"}[part]
         count, linear = len(found.experiments[part]), found.linear_errors[part]
-        click.echo(
+        echo(
             f"free-run error on {count} experiment{'s' if count > 1 else ''} {where}: "
             f"{error.rmse:.4g} rad/s, mean maximum {error.mean_max_error:.4g} (linear model of "
             f"order {found.linear.order} with an offset: {linear.rmse:.4g} rad/s)"
         )
     for note in found.notes:
-        click.echo(f"- {note}")
-    click.echo(f"machine file: {out}")
+        echo(one_line(f"- {note}"))
+    echo(f"machine file: {out}")

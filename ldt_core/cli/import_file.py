@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from ldt_core.cli.options import declared_option, json_option, out_option
+from ldt_core.cli.terminal import echo, one_line
 
 UNIT_HELP = "with a unit if it is not SI, for example"
 
@@ -89,13 +90,13 @@ def command(
             "notes": list(imported.notes),
             "recording": out,
         }
-        click.echo(json.dumps(record))
+        echo(json.dumps(record))
         return
     for note in imported.notes:
-        click.echo(note)
+        echo(one_line(note))
     sizes = sorted({len(e) for e in imported.experiments})
     samples = " to ".join(str(size) for size in dict.fromkeys((sizes[0], sizes[-1])))
-    click.echo(
+    echo(
         f"{len(imported.experiments)} experiments of {samples} samples at "
         f"{1 / first.period:.6g} Hz: {out}"
     )

@@ -7,6 +7,7 @@ import json
 import click
 
 from ldt_core.cli.options import json_option, namespace_option
+from ldt_core.cli.terminal import echo
 
 
 @click.command("plot")
@@ -39,6 +40,6 @@ def command(
     plot_run(run, out, title)
     if as_json:
         record = {"figure": out, "shown": run.shown[0].number, "experiments": len(run.signals)}
-        click.echo(json.dumps(record))
+        echo(json.dumps(record))
     else:
-        click.echo(out)
+        echo(out)

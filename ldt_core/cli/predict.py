@@ -13,6 +13,7 @@ from ldt_core.cli.options import (
     out_option,
     parameters,
 )
+from ldt_core.cli.terminal import echo, one_line
 
 
 @click.command("predict")
@@ -70,11 +71,11 @@ def command(
             writer.write("prediction", prediction, experiment.end)
             error.add(prediction.residual(experiment))
     for note in played.notes:
-        click.echo(note, err=True)
+        echo(one_line(note), err=True)
     if as_json:
-        click.echo(json.dumps({**error.as_dict(), "recording": out}))
+        echo(json.dumps({**error.as_dict(), "recording": out}))
     else:
-        click.echo(
+        echo(
             f"{error.experiments} experiments, root mean square error {error.rmse:.4g} rad/s, "
             f"mean maximum error {error.mean_max_error:.4g} rad/s: {out}"
         )

@@ -7,7 +7,9 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
+
+from ldt_core.cli.console import Console
+from ldt_core.cli.terminal import echo, one_line
 
 if TYPE_CHECKING:
     from ldt_core.experiment import Experiment
@@ -50,7 +52,7 @@ def read_recordings(
             numbered = len(recordings) > 1
             found.append(replace(experiment, number=len(found) + 1) if numbered else experiment)
         for note in bag.notes:
-            click.echo(note, err=True)
+            echo(one_line(note), err=True)
     return found
 
 

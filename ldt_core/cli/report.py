@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from ldt_core.cli.options import json_option, namespace_option
+from ldt_core.cli.terminal import echo
 
 
 @click.command("report")
@@ -31,6 +32,6 @@ def command(recording: str, out: str, namespace: str, as_json: bool) -> None:
     run = write_page(recording, out, namespace)
     if as_json:
         facts = {"page": out, "bytes": Path(out).stat().st_size, **run.summary.as_dict()}
-        click.echo(json.dumps(facts, indent=2))
+        echo(json.dumps(facts, indent=2))
     else:
-        click.echo(out)
+        echo(out)

@@ -6,8 +6,10 @@ from collections.abc import Callable
 from typing import Any, Self
 
 import click
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from ldt_core.cli.console import Console
+from ldt_core.cli.terminal import echo
 
 jobs_option = click.option(
     "--jobs",
@@ -58,7 +60,7 @@ class ResumableProgress:
         self._progress.stop()
         if kind is KeyboardInterrupt:
             kept = f"{self._done} of {self._total} {self._items} are kept in {self._out}"
-            click.echo(f"{kept}; the same command goes on from there", err=True)
+            echo(f"{kept}; the same command goes on from there", err=True)
 
     def show(self, done: int, total: int) -> None:
         """Items that are there, and how many there will be as far as is known."""

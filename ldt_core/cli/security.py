@@ -10,6 +10,7 @@ import click
 
 from ldt_core.cli.options import json_option
 from ldt_core.cli.spelling import Group
+from ldt_core.cli.terminal import echo
 from ldt_core.errors import BadInput
 
 
@@ -83,15 +84,15 @@ def init(
                 for e in made.enclaves
             },
         }
-        click.echo(json.dumps(found))
+        echo(json.dumps(found))
         return
     width = max(len(e.name) for e in made.enclaves)
     for enclave in made.enclaves:
         own = [t for t in enclave.publishes if t.startswith("rt/") and t not in _OF_ALL]
         told = ", ".join(t.removeprefix("rt") for t in own) or "nothing"
-        click.echo(f"{enclave.name:{width}}  may publish {told}")
-    click.echo(f"{made.folder}: valid in ROS domain {made.domain} until {made.end:%Y-%m-%d}")
-    click.echo(f"ldt up --secure {made.folder} runs in it, where the middleware can.")
+        echo(f"{enclave.name:{width}}  may publish {told}")
+    echo(f"{made.folder}: valid in ROS domain {made.domain} until {made.end:%Y-%m-%d}")
+    echo(f"ldt up --secure {made.folder} runs in it, where the middleware can.")
 
 
 _OF_ALL = ("rt/rosout", "rt/parameter_events")

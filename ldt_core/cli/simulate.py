@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from ldt_core.cli.options import declared_option, json_option, out_option, parameters
+from ldt_core.cli.terminal import echo
 
 
 @click.command("simulate")
@@ -59,9 +60,9 @@ def command(
             "simulated": plant.describe(),
             "recording": out,
         }
-        click.echo(json.dumps(record))
+        echo(json.dumps(record))
         return
-    click.echo(
+    echo(
         f"{settings['experiments']} experiments of {machine.samples} samples "
         f"({', '.join(plant.describe())}): {out}"
     )

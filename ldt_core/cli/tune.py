@@ -10,6 +10,7 @@ import click
 from ldt_core.cli.options import json_option, namespace_option, parameters
 from ldt_core.cli.resumable import ResumableProgress, compute_options
 from ldt_core.cli.spelling import Choice
+from ldt_core.cli.terminal import echo, one_line
 
 if TYPE_CHECKING:
     from ldt_core.tuning.procedure import Tuning
@@ -125,10 +126,10 @@ def command(
     write_results(found, out)
     pictures = write_figure(found, out)
     for note in (*bag.notes, *found.notes):
-        click.echo(note, err=True)
+        echo(one_line(note), err=True)
     if as_json:
         record = {**as_dict(found), "out": out, "figure": str(pictures[0])}
-        click.echo(json.dumps(record, allow_nan=False))
+        echo(json.dumps(record, allow_nan=False))
     if found.choice.chosen is None:
         raise LdtError(sentence(found))
     if not as_json:
@@ -139,9 +140,9 @@ def _print(found: Tuning, out: str) -> None:
     from ldt_core.tuning.words import sentence, why
 
     assert found.choice.chosen is not None
-    click.echo(sentence(found))
+    echo(sentence(found))
     for reason in why(found):
-        click.echo(f"- {reason}")
-    click.echo(f"options: {found.choice.chosen.setting.options}")
-    click.echo(f"for other commands: --settings {out}/tune.json")
-    click.echo(f"all that was tried: {out}/tune.csv, {out}/tradeoff.png")
+        echo(f"- {reason}")
+    echo(f"options: {found.choice.chosen.setting.options}")
+    echo(f"for other commands: --settings {out}/tune.json")
+    echo(f"all that was tried: {out}/tune.csv, {out}/tradeoff.png")

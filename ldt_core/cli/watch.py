@@ -7,6 +7,7 @@ import json
 import click
 
 from ldt_core.cli.options import json_option, namespace_option
+from ldt_core.cli.terminal import echo, printable
 
 PORT = 8766
 
@@ -59,11 +60,11 @@ def command(
                 f"WARNING: bound to {host}: everybody on this network can see the machines, "
                 "unencrypted and without a password"
             )
-            click.secho(warning, err=True, fg="red", bold=True)
+            click.secho(printable(warning), err=True, fg="red", bold=True)
         if as_json:
-            click.echo(json.dumps({"address": address, "watched": source.words}))
+            echo(json.dumps({"address": address, "watched": source.words}))
         else:
-            click.echo(f"{source.words}: {address} (Ctrl-C ends it)")
+            echo(f"{source.words}: {address} (Ctrl-C ends it)")
 
     fleet = Fleet(source.live)
     serve(fleet, source, assets(source.words), host, port, ready)

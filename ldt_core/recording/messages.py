@@ -174,7 +174,8 @@ def load(text: str) -> Any:
     Raises:
         yaml.YAMLError, ValueError, RecursionError: it is none.
     """
-    return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    return yaml.load(text, loader)  # noqa: S506 - both loaders are safe ones
 
 
 @functools.cache

@@ -132,6 +132,7 @@ class Storage:
         found, refused = [], None
         for file in files:
             try:
+                self._refuse_link(file)
                 _magic(file)
                 found.append(file)
             except RecordingError as error:
@@ -141,6 +142,12 @@ class Storage:
         if refused and not found:
             raise refused
         return found
+
+    def _refuse_link(self, file: Path) -> None:
+        """A recording that was sent must not bring other files of this machine into a report."""
+        if file.resolve().parent != self.path.resolve():
+            expected = "a file of the recording's own folder"
+            raise RecordingError(file, expected, "a link to one of another folder")
 
     def _discover(self, file: Path) -> None:
         """Fill `topics` from one file."""

@@ -1,0 +1,37 @@
+"""Texts of others' that are to be printed: nothing in them can move a cursor or hide a line.
+
+Recordings, messages and file names hold whatever somebody has put there, and a terminal obeys what
+it is sent.
+"""
+
+from __future__ import annotations
+
+import re
+
+#: Control characters but line feed and tab, marks and overrides of the writing's direction, line
+#: separators, and halves of characters, which no stream can encode.
+UNPRINTABLE = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+
+
+def printable(text: str) -> str:
+    r"""The text with what a terminal would obey as the escapes of Python.
+
+    >>> printable("rotor\x1b[2J, all is well")
+    'rotor\\x1b[2J, all is well'
+    """
+    return UNPRINTABLE.sub(_escape, text)
+
+
+def one_line(text: str) -> str:
+    r"""The same on one line, so that a name cannot look like a line of ours.
+
+    >>> one_line("rotor\nok  no damage")
+    'rotor ok no damage'
+    """
+    return printable(" ".join(text.split()))
+
+
+def _escape(match: re.Match[str]) -> str:
+    return match.group().encode("unicode_escape").decode()
