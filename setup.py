@@ -153,6 +153,7 @@ def build() -> None:
             "river": ["river>=0.21"],
             "watch": ["aiohttp>=3.10"],
             "security": ["cryptography>=42"],
+            "audit": ["pip-audit>=2.9"],
             "test": TEST,
         },
         entry_points={
