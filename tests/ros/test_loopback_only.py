@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -65,10 +66,14 @@ def profile(folder: Path, address: str) -> dict[str, str]:
 
 
 def usual(folder: Path) -> dict[str, str]:
-    """The environment for Fast DDS as it is without any profile."""
+    """The environment for Fast DDS as it is without any profile, but for shared memory.
+
+    A process that is killed leaves it behind, and a host in a namespace shares it with the other.
+    """
     file = folder / "empty.xml"
     file.write_text('<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"/>')
-    return {"FASTRTPS_DEFAULT_PROFILES_FILE": str(file)}
+    both = {"FASTRTPS_DEFAULT_PROFILES_FILE": str(file), "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    return both
 
 
 @pytest.fixture
@@ -179,6 +184,11 @@ def test_a_graph_sends_nothing_out_and_lets_nothing_in(
         groups = joined(home)
         assert OWN_GROUP in groups["lo"]
         assert groups[f"l{os.getpid()}a"] == {"224.0.0.1"}  # which every interface is in
+        for half in halves:
+            maps = Path(f"/proc/{half.pid}/maps").read_text()
+            shared = set(re.findall(r"/dev/shm/(\S+)", maps))
+            # By which the tracing library is woken, and which holds nothing else.
+            assert all(name.startswith("lttng-ust-wait-") for name in shared)
         assert said(stranger) == {"met": [], "heard": []}
         ear.terminate()
         assert {d["from"] for d in datagrams(ear) if d["from"]} == {HOSTS[1]}

@@ -43,9 +43,12 @@ def keystore(domain, tmp_path) -> str:
 @pytest.mark.parametrize("role", [*NODES, "watch"])
 def test_no_node_needs_more_than_its_enclave_may(role, stranger, tmp_path):
     """Every topic and service that it really has in the graph; the adaptor with its diagnoses."""
-    settings = {"recorder": {"bag": str(tmp_path / "bag")}, "adaptor": CAUSE}.get(role, {})
-    if role == "player":
-        settings = {"play": written(tmp_path / "played", 1)}
+    settings = {
+        "recorder": {"bag": str(tmp_path / "bag")},
+        "player": {"play": written(tmp_path / "played", 1)},
+        "twin": {"model": "physics"},
+        "adaptor": CAUSE,
+    }.get(role, {})
     if role == "watch":
         node = WatchNode(Fleet(True), "press", context=stranger.context)
         stranger.nodes.append(node)
