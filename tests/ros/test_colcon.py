@@ -42,7 +42,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
         env={**os.environ, "PYTHONPATH": ""},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,  # a stalled machine is not what is tested
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
