@@ -71,7 +71,7 @@ def test_what_a_terminal_would_obey_is_shown_instead():
         ["doctor"],
         ["report", "-o", "page.html"],
         ["plot", "--out", "run.png"],
-        ["replay", "--out", "again", "--model", "linear", "--order", "1"],
+        ["replay", "--out", "again", "--model", "physics"],
         ["advise"],
         ["predict", "--machine", "rotor", "--out", "predicted"],
     ],

@@ -25,15 +25,15 @@ from ldt_core.security.keystore import FILES, check_keystore, make_keystore
 from ldt_core.security.permissions import LISTENERS, NODES, ROLES, publishers
 
 DOMAIN = 7
-NAMESPACES = ["", "press", "hall/mill"]
+NAMESPACES = ["", "hall/press"]
 TOPICS = msgs_config.topics()
 
 
 @pytest.fixture(scope="module")
 def keystore(tmp_path_factory) -> Path:
-    """Of three machines."""
+    """Of two machines."""
     folder = tmp_path_factory.mktemp("security") / "keys"
-    make_keystore(folder, NAMESPACES, DOMAIN, streams=["/press/axis/joint_states"])
+    make_keystore(folder, NAMESPACES, DOMAIN, streams=["/hall/press/axis/joint_states"])
     return folder
 
 
@@ -66,6 +66,7 @@ def allowed(document: bytes) -> dict[str, dict[str, list[str]]]:
     return found
 
 
+@pytest.fixture(scope="module")
 def signed(keystore: Path) -> dict[str, dict[str, list[str]]]:
     """What the signed permissions of each enclave say, once openssl has verified them."""
     found = {}
@@ -117,16 +118,15 @@ def test_openssl_follows_every_certificate_to_the_authority(keystore):
     assert b"prime256v1" in text
 
 
-def test_for_each_topic_those_may_publish_who_are_declared_to_and_nobody_else(keystore):
+def test_for_each_topic_those_may_publish_who_are_declared_to_and_nobody_else(signed):
     """By name and by pattern, in the documents that openssl has verified."""
-    permissions = signed(keystore)
     for topic in TOPICS:
         for namespace in [""] if topic.startswith("/") else NAMESPACES:
             below = f"/{namespace}" if namespace else ""
             full = f"rt{topic}" if topic.startswith("/") else f"rt{below}/{topic}"
             may = {
                 name
-                for name, of in permissions.items()
+                for name, of in signed.items()
                 if any(fnmatchcase(full, pattern) for pattern in of["publish"])
             }
             bases = [f"/{n}" if n else "" for n in NAMESPACES]
@@ -137,9 +137,9 @@ def test_for_each_topic_those_may_publish_who_are_declared_to_and_nobody_else(ke
     assert publishers("experiment") == ["plant", "player", "segmenter"]
 
 
-def test_nobody_may_do_anything_that_is_not_declared(keystore):
+def test_nobody_may_do_anything_that_is_not_declared(signed):
     """No pattern in a topic's name; a machine hears nothing of another one."""
-    for name, of in signed(keystore).items():
+    for name, of in signed.items():
         for verb, topics in of.items():
             for topic in topics:
                 if "*" in topic:  # the node's own answers on its parameters
@@ -152,7 +152,7 @@ def test_nobody_may_do_anything_that_is_not_declared(keystore):
             others = [n for n in NAMESPACES if n and f"/{n}" != machine]
             reached = [t for t in of["subscribe"] for n in others if t.startswith(f"rt/{n}/")]
             assert reached == [] or name.endswith("/segmenter")
-    assert "rt/press/axis/joint_states" in signed(keystore)["/press/segmenter"]["subscribe"]
+    assert "rt/hall/press/axis/joint_states" in signed["/hall/press/segmenter"]["subscribe"]
 
 
 def test_governance_lets_nobody_in_who_is_not_known(keystore):
@@ -283,7 +283,7 @@ def test_the_command_says_what_it_made(tmp_path, capsys, monkeypatch):
 
 def test_a_sound_keystore_is_taken(keystore):
     """For all roles of a machine in its domain."""
-    names = [f"/press/{role}" for role in NODES] + ["/monitor"]
+    names = [f"/hall/press/{role}" for role in NODES] + ["/monitor"]
     assert check_keystore(keystore, names, DOMAIN) == keystore.absolute()
 
 
@@ -302,7 +302,7 @@ def test_an_unsound_one_is_refused_in_a_sentence(keystore, tmp_path):
         check_keystore(copy, ["/twin"], DOMAIN)
     (copy / "public/ca.cert.pem").unlink()
     with pytest.raises(BadInput, match=r"none with the file identity_ca\.cert\.pem"):
-        check_keystore(copy, ["/press/twin"], DOMAIN)
+        check_keystore(copy, ["/hall/press/twin"], DOMAIN)
     (tmp_path / "copy/enclaves/detector/cert.pem").write_text("nothing")
     shutil.copy(keystore / "public/ca.cert.pem", copy / "public/ca.cert.pem")
     with pytest.raises(BadInput, match="a certificate"):
