@@ -57,6 +57,10 @@ class ExperimentError(BadInput):
     """Samples that are no experiment: wrong shape, not finite, outside the machine's limits."""
 
 
+class RepeatedExperiment(ExperimentError):
+    """The same experiment once more: nothing is wrong with it, and it must not count twice."""
+
+
 class ModelError(BadInput):
     """A model record that cannot become a model."""
 

@@ -42,6 +42,8 @@ class Summary:
         self._actions: Counter[Action] = Counter()
         self.model_version = 0
         self.rejected = 0
+        #: Experiments that came again, and were left out.
+        self.repeated = 0
         #: Verdicts of the diagnoses that were made, in their order.
         self.diagnoses: list[DiagnosisRecord] = []
         #: What people were advised last.
@@ -151,6 +153,7 @@ class Summary:
             "refusals": self.refusals,
             "model_version": self.model_version,
             "rejected": self.rejected,
+            "repeated": self.repeated,
             "diagnoses": [
                 {
                     "experiment": d.experiment,
@@ -177,6 +180,7 @@ class Summary:
             ("adaptations", str(self.adaptations)),
             ("re-trained models refused", str(self.refusals)),
             ("experiments rejected", str(self.rejected)),
+            *([("experiments repeated", str(self.repeated))] if self.repeated else []),
         ]
 
 

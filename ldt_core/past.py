@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from ldt_core.experiment import (
     Action,
@@ -20,14 +21,18 @@ from ldt_core.experiment import (
     Prediction,
     Signal,
 )
+from ldt_core.machine import Machine
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.codec import decode
 from ldt_core.recording.messages import deserialize
+from ldt_core.recording.numbers import number_of
+from ldt_core.recording.storage import Storage
+from ldt_core.twin import WINDOW
 
 LOOP = ("experiment", "prediction", "signal", "adaptation", "model")
+YARDSTICK = "original_prediction"
 BESIDE = ("diagnosis", "advice")
 Recorded = Experiment | Prediction | Signal | Adaptation | ModelRecord
-WINDOW = 100  # experiments that are sent again at most; what is incomplete for longer stays so
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,7 @@ class _Open:
     prediction: Prediction | None = None
     signal: Signal | None = None
     adaptation: Adaptation | None = None
+    original: bool = False
 
     @property
     def experiment(self) -> Experiment | None:
@@ -75,7 +81,43 @@ class _Open:
         return not (self.prediction is None and self.signal is None and self.adaptation is None)
 
 
-def past(bag: Bag) -> Iterator[Past]:
+def past_of(path: str | Path, namespace: str, machine: Machine) -> Iterator[Past]:
+    """Complete steps of one machine in a recording; none where nothing of it was recorded yet.
+
+    Args:
+        path: folder of the recording, which need not exist.
+        namespace: of the machine, "/" for the root.
+        machine: what it cannot have made was refused, whatever its number.
+
+    Raises:
+        RecordingError: what stands there is no recording, or none that can be read.
+    """
+    bag = _opened(path, namespace)
+    if bag is not None:
+        yield from past(bag, machine)
+
+
+def last_of(path: str | Path, namespace: str, topic: str) -> int:
+    """The last experiment that a record of a topic is about, 0 if there is none.
+
+    Raises:
+        RecordingError: as `past_of`.
+    """
+    bag = _opened(path, namespace)
+    if bag is None or bag.topic(topic) is None:
+        return 0
+    return max((record.experiment for record in bag.records(topic)), default=0)
+
+
+def _opened(path: str | Path, namespace: str) -> Bag | None:
+    if not Path(path).exists():
+        return None
+    storage = Storage(path)
+    absolute = "/" + namespace.strip("/") if namespace.strip("/") else ""
+    return Bag(storage, absolute) if f"{absolute}/experiment" in storage.topics else None
+
+
+def past(bag: Bag, machine: Machine) -> Iterator[Past]:
     """Complete steps of a recording in the order of their numbers, up to where it ends.
 
     A node that was started again may have sent its messages in another order, and some twice: the
@@ -83,6 +125,7 @@ def past(bag: Bag) -> Iterator[Past]:
 
     Args:
         bag: as `read_bag` opened it; may be one that is being written.
+        machine: what it cannot have made was refused, whatever its number.
 
     Raises:
         RecordingError: a message that is none of the topic's.
@@ -95,16 +138,21 @@ def past(bag: Bag) -> Iterator[Past]:
     models: dict[int, ModelRecord] = {}
     open_: dict[int, _Open] = {}
     done = 0
+    compared = bag.topic(YARDSTICK) is not None
     for name, record in _messages(bag):
         if isinstance(record, ModelRecord):
             models[record.version] = record
+        elif isinstance(record, int):
+            if record > done:
+                open_.setdefault(record, _Open()).original = True
         else:
             number = record.experiment if isinstance(record, Signal | Adaptation) else record.number
-            if number <= done:
+            refused = isinstance(record, Experiment) and not machine.may_have_made(record)
+            if number <= done or refused:
                 continue
             _take(open_.setdefault(number, _Open()), name, record)
         for number in sorted(open_):
-            step = _complete(open_[number], models)
+            step = _complete(open_[number], models, compared)
             if step is not None:
                 done = number
                 for earlier in [n for n in open_ if n <= done]:
@@ -115,10 +163,14 @@ def past(bag: Bag) -> Iterator[Past]:
                 break
 
 
-def _messages(bag: Bag) -> Iterator[tuple[str, Recorded]]:
-    names = [name for name in LOOP if bag.topic(name)]
+def _messages(bag: Bag) -> Iterator[tuple[str, Recorded | int]]:
+    """Records by topic; of the yardstick, which nothing is computed from, the number alone."""
+    names = [name for name in (*LOOP, YARDSTICK) if bag.topic(name)]
     for index, raw in enumerate(bag.messages(*names), start=1):
         name = raw.topic.rpartition("/")[2]
+        if name == YARDSTICK:
+            yield name, number_of(raw.topic, raw.kind, raw.data) or 0
+            continue
         where = f"{bag.path}, {raw.topic}, message {index}"
         record = decode(name, deserialize(raw.data, raw.kind, where), where)
         assert isinstance(record, Recorded)  # of the topics in LOOP
@@ -133,10 +185,12 @@ def _take(step: _Open, name: str, record: Experiment | Prediction | Signal | Ada
 
 
 def _complete(
-    step: _Open, models: dict[int, ModelRecord]
+    step: _Open, models: dict[int, ModelRecord], compared: bool
 ) -> tuple[Experiment, Prediction, Signal, Adaptation, ModelRecord | None] | None:
     experiment, adaptation = step.experiment, step.adaptation
     if experiment is None or step.prediction is None or step.signal is None or adaptation is None:
+        return None
+    if compared and not step.original:
         return None
     if adaptation.action is not Action.ADAPTED:
         return experiment, step.prediction, step.signal, adaptation, None

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ldt_core.errors import BadInput, ExperimentError
+from ldt_core.errors import BadInput, ExperimentError, RepeatedExperiment
 from ldt_core.experiment import Experiment, Step
 from ldt_core.machine import Machine
 from ldt_core.metrics import Summary
+from ldt_core.past import past_of
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
+from ldt_core.resume import check_key, key_text
 from ldt_core.twin import Twin
 
 RECORDINGS = Path("ldt_recordings")
@@ -77,7 +79,7 @@ def fleet(machine: Machine, settings: Mapping[str, Any]) -> list[Member]:
     if count > 1 and settings["play"]:
         raise BadInput("machines", "1 together with play", count)
     base = Path(settings["bag"]) if settings["bag"] else new_recording(machine.name)
-    if base.exists():
+    if base.exists() and not settings["resume"]:
         raise BadInput(base, "a folder that does not exist yet, for the recording", "one that does")
     members = []
     for index in range(count):
@@ -85,6 +87,7 @@ def fleet(machine: Machine, settings: Mapping[str, Any]) -> list[Member]:
         bag = base / name if count > 1 else base
         parts = [settings["namespace"].strip("/"), name if count > 1 else ""]
         own = {**settings, "seed": settings["seed"] + index, "bag": str(bag)}
+        own["resume"] = str(bag) if settings["resume"] else ""
         members.append(Member(name, "/".join(p for p in parts if p), own, bag))
     return members
 
@@ -101,21 +104,27 @@ def run(
 
     Args:
         machine: as the twin knows it.
-        settings: parameters of the groups model, detector, adaptor, diagnosis and advice.
-        experiments: in the order of their numbers.
-        bag: folder of the recording, which must not exist; None records nothing.
+        settings: parameters of the groups model, detector, adaptor, diagnosis and advice; with a
+            `resume` that is not empty the run goes on where the recording in `bag` ends.
+        experiments: in the order of their numbers, from the run's first on.
+        bag: folder of the recording, which must not exist unless the run goes on; None records
+            nothing.
         on_step: told of each step.
         namespace: of the machine's topics in the recording.
 
     Raises:
         BadInput: settings, machine or bag that cannot be used.
+        LdtError: a recording that is damaged beyond mending.
     """
     twin = Twin(machine, settings)
     untrained = twin.model.record()
     summary = Summary()
 
     def rejected(error: ExperimentError) -> None:
-        summary.reject(str(error))
+        if isinstance(error, RepeatedExperiment):
+            summary.repeated += 1
+        else:
+            summary.reject(str(error))
 
     if bag is None:
         for step in twin.steps(experiments, rejected):
@@ -123,14 +132,33 @@ def run(
             on_step(step)
         summary.note(*_troubles(twin))
         return summary
-    split = settings.get("split_size")
-    with BagWriter(bag, machine.name, namespace, settings=settings, split_size=split) as writer:
-        for index, step in enumerate(twin.steps(experiments, rejected)):
-            if index == 0:
+    goes_on = bool(settings.get("resume"))
+    if goes_on:
+        check_key(read_bag(bag, namespace or "/"), machine)
+    with BagWriter(
+        bag,
+        machine.name,
+        namespace,
+        settings=settings,
+        split_size=settings.get("split_size"),
+        resume=goes_on,
+        once=goes_on,
+        key=key_text(machine),
+    ) as writer:
+        done = 0
+        for past in past_of(bag, namespace, machine) if goes_on else ():
+            twin.recall(past)
+            done = past.experiment.number
+        ahead = (e for e in experiments if e.number > done)
+        for index, step in enumerate(twin.steps(ahead, rejected)):
+            if index == 0 and not done:
                 writer.write("model", untrained, step.experiment.start)
             write_step(writer, step)
-            summary.add(step)
             on_step(step)
+            if not goes_on:
+                summary.add(step)
+    if goes_on:
+        recorded_summary(bag, namespace, machine, summary)
     summary.note(*_troubles(twin))
     return summary
 

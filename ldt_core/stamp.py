@@ -8,6 +8,13 @@ from importlib.metadata import version
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 
+LIBRARIES = ("numba", "numpy", "scikit-learn", "scipy")
+#: Parts of `ldt_core` that show, store or fetch numbers and decide none.
+SHOWING = (
+    *("calibration", "challenge", "cli", "doctor", "figures.py", "kept.py", "parallel.py"),
+    *("docs", "recording", "report", "run_page", "security", "session.py", "stamp.py", "study"),
+    *("tuning", "watch", "words.py"),
+)
 DIGITS = 12  # of a fingerprint
 
 
@@ -27,6 +34,17 @@ def fingerprint(names: Iterable[str], but: Iterable[str] = ()) -> str:
     for name in names:
         _feed(digest, files("ldt_core").joinpath(name), name, left_out)
     return digest.hexdigest()[:DIGITS]
+
+
+def stamp(also: Iterable[str] = ()) -> dict[str, str]:
+    """LDT's version, a fingerprint of the code that decides numbers, and its libraries' versions.
+
+    Args:
+        also: further files of `ldt_core` that decide numbers.
+    """
+    deciding = [name for name in parts() if name not in SHOWING]
+    known = versions(LIBRARIES)
+    return {"ldt": known.pop("ldt"), "code": fingerprint([*deciding, *also]), **known}
 
 
 def versions(libraries: Iterable[str]) -> dict[str, str]:

@@ -15,7 +15,7 @@ import numpy as np
 from ldt_core.adaptor import Adaptor
 from ldt_core.detectors import build_detector
 from ldt_core.detectors.base import Detector
-from ldt_core.errors import ExperimentError, RecordingError
+from ldt_core.errors import ExperimentError, RecordingError, RepeatedExperiment
 from ldt_core.experiment import Experiment, Prediction, Signal, Step
 from ldt_core.machine import Machine
 from ldt_core.memory import Memory
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ldt_core.diagnosis.live import Diagnoser
     from ldt_core.past import Past
 
+WINDOW = 100  # experiments that may come again, as many as a topic's queue holds
 WARM_UP_SAMPLES = 3  # compiled code is loaded whatever the length
 
 
@@ -45,6 +46,7 @@ class Predictor:
         self.original = PhysicsModel(machine)
         #: Number of the experiment predicted last; None before the first.
         self.last: int | None = None
+        self._starts: dict[int, float] = {}  # of the last ones
 
     def warm_up(self) -> None:
         """Predict a short experiment that is nobody's, so that the first real one is not late."""
@@ -59,19 +61,27 @@ class Predictor:
         Raises:
             ExperimentError: the machine cannot have made this experiment, or its number is not
                 above the last one's (a duplicate would be learned from twice).
+            RepeatedExperiment: it is one of the last ones again.
         """
         self.machine.check(experiment)
         if self.last is not None and experiment.number <= self.last:
-            raise ExperimentError(
-                f"experiment {experiment.number}", f"a number above {self.last}", experiment.number
-            )
+            known = self._starts.get(experiment.number) == experiment.start
+            kind = RepeatedExperiment if known else ExperimentError
+            where = f"experiment {experiment.number}"
+            raise kind(where, f"a number above {self.last}", experiment.number)
         prediction = self.model.predict(experiment)
-        self.last = experiment.number
+        self._took(experiment)
         return prediction
+
+    def _took(self, experiment: Experiment) -> None:
+        self.last = experiment.number
+        self._starts[experiment.number] = experiment.start
+        while len(self._starts) > WINDOW:
+            del self._starts[next(iter(self._starts))]
 
     def recall(self, step: Past, model: Model | None) -> None:
         """Be as after a recorded step, and the model that it brought into force, if one."""
-        self.last = step.experiment.number
+        self._took(step.experiment)
         self.model = model or self.model
 
 
@@ -219,7 +229,8 @@ class Twin:
 
         Args:
             experiments: in the order of their numbers.
-            rejected: told of each experiment that cannot be used; the loop goes on with the next.
+            rejected: told of each experiment that cannot be used, or that comes again; the loop
+                goes on with the next.
         """
         for experiment in experiments:
             try:

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
-from ldt_core.experiment import Experiment, Signal
+from ldt_core.experiment import Experiment, Level, Signal
 from ldt_core.models import build_model
+from ldt_core.past import Past
 from ldt_core.twin import build_adaptor
 from ldt_ros.convert import to_message
-from ldt_ros.paired_node import PairedNode
+from ldt_ros.worker_node import WorkerNode
 
 
-class AdaptorNode(PairedNode):
+class AdaptorNode(WorkerNode):
     """Keeps, stores, or learns from each experiment as its signal says.
 
     A model that learns by what a diagnosis names asks for one first; then this node publishes it,
     and the graph has no diagnoser. It may take 40 s, within which the twin waits unless its
     `adaptation_timeout` is shorter. What the node does with what it receives is said at
-    `PairedNode`.
+    `WorkerNode` and `PairedNode`.
     """
+
+    beside = "signal"
 
     def __init__(self, **node_arguments: Any) -> None:
         groups = ("machine", "model", "adaptor", "diagnosis")
@@ -28,8 +32,8 @@ class AdaptorNode(PairedNode):
         self._model = self.publishes("model")
         self._adaptation = self.publishes("adaptation")
         self._diagnosis = self.publishes("diagnosis") if model.asks_for_diagnosis else None
-        self._model.publish(to_message(model.record()))
         self.listen()
+        self._model.publish(to_message(self.adaptor.model.record()))
 
     def health(self) -> dict[str, Any]:
         """Model in force, size of S_w, whether it is training."""
@@ -39,7 +43,7 @@ class AdaptorNode(PairedNode):
             "model_version": self.adaptor.model.version,
             "warning_set": len(self.adaptor.memory),
             "training": str(self.busy).lower(),
-            "unpaired": self.pairs.dropped,
+            **super().health(),
         }
         return {**values, "no diagnosis": trouble} if trouble else values
 
@@ -49,8 +53,16 @@ class AdaptorNode(PairedNode):
             self.adaptor.diagnoser.cancel()  # it may take longer than anybody waits
         self.worker.shutdown(wait=True)
 
-    def step(self, experiment: Experiment, signal: Signal) -> None:
-        """Learn, and say what became of it."""
+    def pair(self, experiment: Experiment, beside: Signal) -> None:
+        """Learn at a positive, on the thread."""
+        work = partial(self._step, experiment, beside)
+        self.deal(experiment.number, work, beside.level is Level.POSITIVE)
+
+    def recall(self, step: Past) -> None:
+        """Take over what a recorded step says."""
+        self.adaptor.recall(step, self.restored(step))
+
+    def _step(self, experiment: Experiment, signal: Signal) -> None:
         before = self.adaptor.model.version
         adaptation, model = self.adaptor.step(experiment, signal)
         diagnosis = self.adaptor.diagnosis

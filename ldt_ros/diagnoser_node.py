@@ -2,43 +2,43 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
-from ldt_core.experiment import Experiment, Signal
+from ldt_core.experiment import Experiment, Level, Signal
+from ldt_core.past import Past
 from ldt_core.twin import build_diagnoser
 from ldt_ros.convert import to_message
-from ldt_ros.paired_node import PairedNode
-
-NEWS = 0.2  # s, how soon the end of a run learns that nothing waits any more
+from ldt_ros.worker_node import WorkerNode
 
 
-class DiagnoserNode(PairedNode):
+class DiagnoserNode(WorkerNode):
     """Says at positives what has happened to the machine.
 
     Told to stop, it breaks off the diagnosis, and nobody waits for it. What it does with what it
-    receives is said at `PairedNode`; a thousand experiments may wait.
+    receives is said at `WorkerNode` and `PairedNode`; a thousand experiments may wait.
     """
 
+    beside = "signal"
     waiting = 1000
+    awaited = True
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("diagnoser", "machine", "diagnosis", **node_arguments)
         self.diagnoser = build_diagnoser(self.machine, self.settings)
-        self._last = 0
-        self._told_last = 0
         self._made = 0
         self._diagnosis = self.publishes("diagnosis")
+        self._answered = self.last_recorded("diagnosis")
         self.listen()
-        self.create_timer(NEWS, self._tell_progress, clock=self.steady)
 
     def health(self) -> dict[str, Any]:
         """Last experiment dealt with, whether it is diagnosing, what came to nothing."""
         values = {
-            "experiment": self._last,
+            "experiment": self.finished_with,
             "diagnoses": self._made,
             "diagnosing": str(self.busy).lower(),
             "dropped": self.left_out,
-            "unpaired": self.pairs.dropped,
+            **super().health(),
         }
         trouble = self.diagnoser.trouble
         return {**values, "no diagnosis": trouble} if trouble else values
@@ -52,16 +52,33 @@ class DiagnoserNode(PairedNode):
         self.diagnoser.cancel()
         self.worker.shutdown(wait=False, cancel_futures=True)
 
-    def step(self, experiment: Experiment, signal: Signal) -> None:
-        """Diagnose where it is positive."""
+    def pair(self, experiment: Experiment, beside: Signal) -> None:
+        """Diagnose at a positive, on the thread."""
+        work = partial(self._step, experiment, beside)
+        self.deal(experiment.number, work, beside.level is Level.POSITIVE)
+
+    def take_up(self, step: Past) -> None:
+        """Be as after a recorded step, unless its diagnosis may have been under way."""
+        if step.experiment.number <= self._answered:
+            super().take_up(step)
+        else:
+            self.pair(step.experiment, step.signal)
+
+    def in_turn(self, number: int) -> None:
+        """Be as after the experiment before this one, its diagnosis included."""
+        for step in self.missed(self.last, number):
+            if step.experiment.number <= self._answered:
+                super().take_up(step)
+            else:
+                self._step(step.experiment, step.signal)
+        self.last = number
+
+    def recall(self, step: Past) -> None:
+        """Take over what a recorded step says."""
+        self.diagnoser.recall(step)
+
+    def _step(self, experiment: Experiment, signal: Signal) -> None:
         found = self.diagnoser.step(experiment, signal)
         if found is not None and not self.diagnoser.cancelled:
             self._diagnosis.publish(to_message(found, experiment.end, self.machine.name))
             self._made += 1
-        self._last = experiment.number
-
-    def _tell_progress(self) -> None:
-        """The end of a run waits for the last experiment to be dealt with."""
-        if self._last != self._told_last and not self.busy:
-            self._told_last = self._last
-            self.tell()

@@ -29,6 +29,7 @@ MESSAGES = {
 }
 #: Messages that wait for those who only listen: nobody waits for them, so they may lag behind.
 LISTENER_DEPTH = 1000
+LATCHED = "latched"  # the profile whose past every listener wants
 _TYPES = {
     "bool": ParameterType.PARAMETER_BOOL,
     "integer": ParameterType.PARAMETER_INTEGER,
@@ -43,15 +44,31 @@ def message_type(topic: str) -> type:
     return MESSAGES[msgs_config.topics()[topic]["type"]]
 
 
-def qos(topic: str, depth: int = 0) -> QoSProfile:
-    """QoS profile of a declared topic; the declared depth, unless another is given."""
+def qos(topic: str) -> QoSProfile:
+    """QoS profile with which a declared topic is published."""
     profile = msgs_config.qos_profiles()[msgs_config.topics()[topic]["qos"]]
     return QoSProfile(
         reliability=ReliabilityPolicy[profile["reliability"].upper()],
         durability=DurabilityPolicy[profile["durability"].upper()],
         history=HistoryPolicy[profile["history"].upper()],
-        depth=depth or profile["depth"],
+        depth=profile["depth"],
     )
+
+
+def listener_qos(topic: str, depth: int = 0, catch_up: bool = False) -> QoSProfile:
+    """QoS profile with which a declared topic is listened to.
+
+    Args:
+        topic: as declared.
+        depth: of the queue; 0 takes the declared one.
+        catch_up: ask for what was published before as well, which those that keep nothing of it
+            do not match; else any publisher will do.
+    """
+    wanted = qos(topic)
+    wanted.depth = depth or wanted.depth
+    if not catch_up and msgs_config.topics()[topic]["qos"] != LATCHED:
+        wanted.durability = DurabilityPolicy.VOLATILE
+    return wanted
 
 
 def declare(node: Node, *groups: str) -> dict[str, Any]:

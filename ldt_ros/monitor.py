@@ -19,7 +19,7 @@ from ldt_core.experiment import Adaptation, Signal
 from ldt_core.recording.node_status import HEALTH_TOPIC, NodeStatus, node_statuses
 from ldt_core.session import SOURCES
 from ldt_ros.convert import from_message
-from ldt_ros.interfaces import LISTENER_DEPTH, message_type, qos
+from ldt_ros.interfaces import LISTENER_DEPTH, listener_qos, message_type, qos
 from ldt_ros.node import REFUSED
 
 CAPACITY = 200  # signals that wait for their adaptation; what is older has lost it
@@ -45,12 +45,13 @@ class Monitor(Node):
         self.health: dict[str, NodeStatus] = {}
         self.last_experiment = 0
         self.last_step = 0
+        self.last_adapted = 0
         self.last_signal = 0
         self.first_step_at: float | None = None
         self._signals: dict[int, Signal] = {}
         for topic, callback in (("signal", self._on_signal), ("adaptation", self._on_adaptation)):
             self.create_subscription(
-                message_type(topic), topic, callback, qos(topic, LISTENER_DEPTH)
+                message_type(topic), topic, callback, listener_qos(topic, LISTENER_DEPTH)
             )
         self.create_subscription(DiagnosticArray, HEALTH_TOPIC, self._on_health, qos(HEALTH_TOPIC))
 
@@ -93,14 +94,17 @@ class Monitor(Node):
         with contextlib.suppress(LdtError):  # the nodes count it
             signal = from_message("signal", message)
             self._signals[signal.experiment] = signal
-            self.last_signal = signal.experiment
+            self.last_signal = max(self.last_signal, signal.experiment)
             if len(self._signals) > CAPACITY:
                 del self._signals[next(iter(self._signals))]
 
     def _on_adaptation(self, message: Any) -> None:
         with contextlib.suppress(LdtError):
             adaptation = from_message("adaptation", message)
+            if adaptation.experiment <= self.last_adapted:
+                return  # an adaptor that was started again says once more what it said
             self.first_step_at = self.first_step_at or time.monotonic()
+            self.last_adapted = adaptation.experiment
             self.last_step = max(self.last_step, adaptation.experiment)
             signal = self._signals.pop(adaptation.experiment, None)
             if signal is not None:

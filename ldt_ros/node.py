@@ -4,27 +4,33 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 import msgs_config
 from ldt_core.errors import LdtError
 from ldt_core.machine import load_machine
+from ldt_core.models import restore_model
+from ldt_core.models.base import Model
+from ldt_core.past import Past, last_of, past_of
 from ldt_core.printable import one_line
 from ldt_core.recording.node_status import HEALTH_TOPIC, LAST_REJECTION, REJECTED
-from ldt_ros.interfaces import declare, message_type, qos
+from ldt_ros.interfaces import declare, listener_qos, message_type, qos
 from ldt_ros.rivals import Rivals
 
 HEALTH_PERIOD = 1.0  # s, as the stock diagnostic aggregator expects
 LINGER = 0.3  # s between telling of the end and ending, so that the telling arrives
 CHECK_PERIOD = 0.05  # s; how soon a change of readiness is told, which the start of a run waits for
 REFUSED = "refused experiment"  # key of the twin's health: there will be no prediction of it
+SOON = 60.0  # s after its start, in which a node asks the recording for what nobody sends
+VAIN = 3  # times that it asks for what is not there: the numbers have gaps
 SHOWN = 400  # characters of a rejection's reason; a foreign message may be of any size
 
 
@@ -42,7 +48,7 @@ class TwinNode(Node):
     def __init__(self, role: str, *groups: str, **node_arguments: Any) -> None:
         super().__init__(role, **node_arguments)
         self.role = role
-        self.settings = declare(self, *groups, "node")
+        self.settings = declare(self, *groups, "node", "resume")
         self.machine = load_machine(self.settings["machine"])
         self.full_name = f"{self.get_namespace().strip('/')}/{role}".lstrip("/")
         #: Set when the node has no more work, for nodes that end by themselves.
@@ -58,6 +64,8 @@ class TwinNode(Node):
         self._inputs: dict[str, Subscription] = {}
         self.rivals = Rivals(self, self._outputs, self._inputs)
         self._health = self.create_publisher(DiagnosticArray, HEALTH_TOPIC, qos(HEALTH_TOPIC))
+        self._began = time.monotonic()
+        self._in_vain = 0
         self._told: tuple = ()
         self._told_at = 0.0
         self.create_timer(CHECK_PERIOD, self._tell, clock=self.steady)
@@ -80,8 +88,53 @@ class TwinNode(Node):
                 self.reject(topic, error)
 
         self._inputs[topic] = self.create_subscription(
-            message_type(topic), topic, guarded, qos(topic, depth), raw=raw
+            message_type(topic), topic, guarded, self._listener_qos(topic, depth), raw=raw
         )
+
+    def _listener_qos(self, topic: str, depth: int) -> QoSProfile:
+        """What was missed is asked for alone of nodes of this graph, which all keep it.
+
+        From one subscription: of two, one would hear the present before the other hears the past.
+        """
+        ours = set(self.settings["graph"]) & set(msgs_config.topics()[topic]["publisher"])
+        return listener_qos(topic, depth, catch_up=bool(self.settings["resume"] and ours))
+
+    def recorded(self) -> Iterator[Past]:
+        """Steps of the recording that the node goes on from, none where it begins anew.
+
+        Raises:
+            RecordingError: a recording that cannot be read.
+        """
+        if self.settings["resume"]:
+            yield from past_of(self.settings["resume"], self.get_namespace(), self.machine)
+
+    def missed(self, last: int, number: int) -> Iterator[Past]:
+        """Recorded steps between two, where this node was started again a moment ago.
+
+        What it reads at its start may be older than what another one reads, that is started again
+        after it: that one goes on from there, and nobody sends what is between.
+        """
+        soon = time.monotonic() - self._began < SOON and self._in_vain < VAIN
+        if not (self.settings["resume"] and soon and number > last + 1):
+            return
+        found = False
+        for step in self.recorded():
+            if last < step.experiment.number < number:
+                found = True
+                yield step
+        self._in_vain += not found
+
+    def restored(self, step: Past) -> Model | None:
+        """The model that a recorded step brought into force, None where the present one stayed."""
+        if step.model is None:
+            return None
+        return restore_model(step.model, self.machine, self.settings)
+
+    def last_recorded(self, topic: str) -> int:
+        """The last experiment that a recorded record of a topic is about, 0 if there is none."""
+        if not self.settings["resume"]:
+            return 0
+        return last_of(self.settings["resume"], self.get_namespace(), topic)
 
     def reject(self, topic: str, error: Exception) -> None:
         """Count a message that cannot be used; log the first of its kind."""

@@ -1,57 +1,67 @@
-"""A node that deals with each experiment together with its signal, at positives at length."""
+"""A node that deals with each experiment together with what another topic says of it."""
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, ClassVar
 
-from ldt_core.errors import LdtError
-from ldt_core.experiment import Experiment, Level, Signal
+from ldt_core.experiment import Experiment
+from ldt_core.past import Past
 from ldt_ros.convert import from_message
 from ldt_ros.node import TwinNode
 from ldt_ros.pairing import Pairing
 
 
 class PairedNode(TwinNode):
-    """Calls `step` with the experiment and the signal of one number, in order.
-
-    What a positive asks for takes long: it runs on a thread of its own, so that health is told
-    meanwhile, and experiments that come then wait for it there.
+    """Calls `pair` with both of one number, in order.
 
     | received | what happens |
     |---|---|
-    | `experiment`, `signal` | the two of one number go to `step` |
-    | more than `waiting` while one takes long | the newest is left out and counted |
+    | `experiment`, and the topic `beside` it | the two of one number are brought together |
     | one without the other | dropped when 100 newer ones have come, and counted |
     | a number that waits already | dropped and counted: the first one counts |
-    | anything malformed, or that `step` refuses | counted, logged once per kind |
+    | a number that was dealt with | dropped and counted: somebody was started again |
+    | anything malformed, or that `pair` refuses | counted, logged once per kind |
     """
 
-    #: Experiments that may wait for one that takes long.
-    waiting = float("inf")
+    #: Topic whose records have an experiment's number.
+    beside: ClassVar[str]
 
     def __init__(self, name: str, *groups: str, **node_arguments: Any) -> None:
         super().__init__(name, *groups, **node_arguments)
-        self.worker = ThreadPoolExecutor(1, thread_name_prefix=name)
-        self.pairs: Pairing[Experiment, Signal] = Pairing(self._on_pair)
-        self.left_out = 0
-        # One thread writes each, so that neither needs a lock.
-        self._begun = 0
-        self._ended = 0
-
-    @property
-    def busy(self) -> bool:
-        """Whether the thread has something to do."""
-        return self._begun > self._ended
+        self.pairs: Pairing[Experiment, Any] = Pairing(self.pair)
+        #: Number of the last experiment dealt with.
+        self.last = 0
 
     def listen(self) -> None:
-        """Begin, once everything is there that `step` needs."""
+        """Begin, once everything is there that `pair` and `recall` need."""
+        for step in self.recorded():
+            self.pairs.met(step.experiment.number)
+            self.take_up(step)
+        self.listens(self.beside, self._on_beside)
         self.listens("experiment", self._on_experiment)
-        self.listens("signal", self._on_signal)
 
-    def step(self, experiment: Experiment, signal: Signal) -> None:
+    def pair(self, experiment: Experiment, beside: Any) -> None:
         """Deal with one experiment; a node's own."""
         raise NotImplementedError
+
+    def take_up(self, step: Past) -> None:
+        """Be as after a recorded step."""
+        self.recall(step)
+        self.last = step.experiment.number
+
+    def recall(self, step: Past) -> None:
+        """Take over what a recorded step says; a node's own."""
+        raise NotImplementedError
+
+    def in_turn(self, number: int) -> None:
+        """Be as after the experiment before this one, whoever was started again meanwhile."""
+        for step in self.missed(self.last, number):
+            self.take_up(step)
+        self.last = number
+
+    def health(self) -> dict[str, Any]:
+        """What never found its other half, and what came again."""
+        return {"unpaired": self.pairs.dropped, "repeated": self.pairs.repeated}
 
     def _on_experiment(self, message: Any) -> None:
         experiment = from_message("experiment", message)
@@ -59,25 +69,6 @@ class PairedNode(TwinNode):
         if self.machine.may_have_made(experiment):
             self.pairs.left(experiment.number, experiment)
 
-    def _on_signal(self, message: Any) -> None:
-        signal = from_message("signal", message)
-        self.pairs.right(signal.experiment, signal)
-
-    def _on_pair(self, experiment: Experiment, signal: Signal) -> None:
-        if self._begun - self._ended > self.waiting:
-            self.left_out += 1
-        elif signal.level is Level.POSITIVE or self.busy:
-            self._begun += 1
-            self.worker.submit(self._step_on_thread, experiment, signal)
-        else:
-            self.step(experiment, signal)
-
-    def _step_on_thread(self, experiment: Experiment, signal: Signal) -> None:
-        try:
-            self.step(experiment, signal)
-        except LdtError as error:
-            self.reject("signal", error)
-        except Exception as error:  # would be lost in the thread's future
-            self.failure = error
-        finally:
-            self._ended += 1
+    def _on_beside(self, message: Any) -> None:
+        record = from_message(self.beside, message)
+        self.pairs.right(getattr(record, "experiment", None) or record.number, record)

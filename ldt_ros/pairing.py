@@ -21,12 +21,15 @@ class Pairing(Generic[Left, Right]):
     Attributes:
         dropped: halves that were dropped: too long without the other, or of a number that waits
             already (the first of a number is the one that the twin predicts).
+        repeated: halves of a number that has met already: somebody was started again, and says
+            once more what may not have been heard.
     """
 
     def __init__(self, callback: Callable[[Left, Right], None], capacity: int = CAPACITY) -> None:
         self.callback = callback
         self.capacity = capacity
-        self.dropped = 0
+        self.dropped = self.repeated = 0
+        self._met: dict[int, None] = {}  # the last ones
         self._left: dict[int, Left] = {}
         self._right: dict[int, Right] = {}
 
@@ -37,18 +40,31 @@ class Pairing(Generic[Left, Right]):
     def left(self, number: int, item: Left) -> None:
         """Take in a left half."""
         if number in self._right:
-            self.callback(item, self._right.pop(number))
+            self._meet(number, item, self._right.pop(number))
         else:
             self._wait(self._left, number, item)
 
     def right(self, number: int, item: Right) -> None:
         """Take in a right half."""
         if number in self._left:
-            self.callback(self._left.pop(number), item)
+            self._meet(number, self._left.pop(number), item)
         else:
             self._wait(self._right, number, item)
 
+    def met(self, number: int) -> None:
+        """Take what comes of a number for a repetition from now on."""
+        self._met[number] = None
+        if len(self._met) > self.capacity:
+            del self._met[next(iter(self._met))]
+
+    def _meet(self, number: int, left: Left, right: Right) -> None:
+        self.met(number)
+        self.callback(left, right)
+
     def _wait(self, side: dict, number: int, item: Left | Right) -> None:
+        if number in self._met:
+            self.repeated += 1
+            return
         if number in side:
             self.dropped += 1
             return

@@ -15,7 +15,7 @@ class PlantNode(SourceNode):
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("plant", "machine", "plant", "run", **node_arguments)
         self.plant = Plant.from_settings(self.machine, self.settings)
-        self._number = 0
+        self._number = self._adapted
 
     def fetch(self) -> Experiment | None:
         """The next experiment of the run."""

@@ -14,6 +14,7 @@ import os
 import signal
 import sys
 import time
+import traceback
 from collections.abc import Callable
 from contextlib import ExitStack
 from types import FrameType
@@ -21,6 +22,7 @@ from typing import Any, NoReturn
 
 from ldt_core.errors import BadInput, LdtError
 from ldt_ros.environment import one_line, prepare, require_ros
+from ldt_ros.supervisor import CRASHED
 
 ROLES = {
     "plant": "ldt_ros.plant_node:PlantNode",
@@ -69,6 +71,9 @@ def main(arguments: list[str] | None = None) -> int:
     except LdtError as error:
         print(f"ldt {' '.join(own.node)}: {error}", file=sys.stderr)
         return error.exit_code
+    except Exception:
+        traceback.print_exc()
+        return CRASHED
 
 
 def _parsed(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:

@@ -11,6 +11,7 @@ from ldt_core.errors import LdtError
 from ldt_core.recording.node_status import HEALTH_TOPIC
 from ldt_core.recording.run_settings import parse_settings
 from ldt_core.recording.writer import BagWriter
+from ldt_core.resume import key_text
 from ldt_core.session import new_recording
 from ldt_ros.interfaces import LISTENER_DEPTH
 from ldt_ros.node import TwinNode
@@ -25,13 +26,15 @@ class RecorderNode(TwinNode):
     | received | what happens |
     |---|---|
     | any recorded topic | written with the time it arrived; kept at most 0.25 s |
+    | the same once more, of a node that was started again | left out, counted |
     | a write fails (disk full) | counted, logged once; what was written stays; the twin goes on |
     """
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("recorder", "machine", "recorder", "record", **node_arguments)
         machine = self.machine.name
-        bag = self.settings["bag"] or new_recording(machine)
+        resume = self.settings["resume"]
+        bag = resume or self.settings["bag"] or new_recording(machine)
         recorded = {
             topic: (self.resolve_topic_name(topic), declaration["type"])
             for topic, declaration in msgs_config.topics().items()
@@ -40,7 +43,17 @@ class RecorderNode(TwinNode):
         names = tuple(name for name, _ in recorded.values())
         told = self.settings["run_settings"]
         settings = parse_settings("run_settings", told) if told else None
-        self._writer = BagWriter(bag, machine=machine, topics=names, settings=settings)
+        self._writer = BagWriter(
+            bag,
+            machine=machine,
+            topics=names,
+            settings=settings,
+            split_size=self.settings["split_size"],
+            resume=bool(resume),
+            once=True,
+            key=key_text(self.machine),
+        )
+        self._repeated = 0
         self._last = 0.0
         for topic, (name, kind) in recorded.items():
             self.listens(topic, partial(self._write, name, kind), raw=True, depth=LISTENER_DEPTH)
@@ -48,7 +61,8 @@ class RecorderNode(TwinNode):
     def health(self) -> dict[str, Any]:
         """Messages written."""
         written = sum(self._writer.counts.values())
-        return {"written": written, "bag": str(self._writer.path)}
+        values = {"written": written, "repeated": self._repeated}
+        return {**values, "bag": str(self._writer.path)}
 
     #: How long a process waits for `quiet` when it is told to stop [s].
     patience = PATIENCE
@@ -73,4 +87,5 @@ class RecorderNode(TwinNode):
     def _write(self, name: str, kind: str, data: bytes) -> None:
         if name != HEALTH_TOPIC:
             self._last = time.monotonic()
-        self._writer.write_raw(name, kind, data, time.time_ns())
+        if not self._writer.write_raw(name, kind, data, time.time_ns()):
+            self._repeated += 1

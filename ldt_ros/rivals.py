@@ -37,6 +37,8 @@ class Rivals:
         self.alarms: dict[str, str] = {}
         #: Topics with more than one publisher.
         self.topics: list[str] = []
+        #: Further topics, of which a node finds by itself that they have more than one.
+        self.further: set[str] = set()
         self._since: dict[str, float] = {}
 
     @property
@@ -48,7 +50,8 @@ class Rivals:
     def look(self) -> None:
         """Bring `topics` and `alarms` up to date."""
         shared = [t for t in (*self._outputs, *self._inputs) if not t.startswith("/")]
-        self.topics = [t for t in shared if self._node.count_publishers(t) > 1]
+        shared = [t for t in shared if self._node.count_publishers(t) > 1]
+        self.topics = [*shared, *sorted(self.further)]
         found = {t: names for t in self.topics if t in GUARDED and (names := self._alarm(t))}
         for topic in found.keys() - self.alarms.keys():
             self.raised[topic] += 1

@@ -59,7 +59,7 @@ class SegmenterNode(GatedNode):
         self._early: dict[str, tuple[float, float]] = {}
         #: Topic → its type, once somebody publishes it.
         self._kinds: dict[str, str] = {}
-        self._doubled: set[str] = set()
+        self._doubled = self.rivals.further
         self._publisher = self.publishes("experiment")
         self._begun = self._speed_came = False
         self._sent = self._last = 0
@@ -108,9 +108,6 @@ class SegmenterNode(GatedNode):
         self._silent += 1
         if self._silent == SILENCE:
             self._publish(self.segmenter.catch_up())
-
-    def _rivals(self) -> list[str]:
-        return [*super()._rivals(), *sorted(self._doubled)]
 
     def _subscribe(self, topic: str) -> None:
         try:

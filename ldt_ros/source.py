@@ -29,6 +29,9 @@ class SourceNode(GatedNode):
     and at once if the twin says that it refused experiment i. At a rate, an experiment is published
     when a machine would have finished it, whatever the twin does.
 
+    Started again in the middle of a run, it goes on after the last experiment of which everything
+    is recorded; what of the rest was heard already, the others leave out.
+
     With `stream` its samples are published too, before it, each at its time if there is a rate.
     With `stream: only` there are no experiments, and nobody is waited for: that is a machine to
     which the segmenter listens.
@@ -36,7 +39,7 @@ class SourceNode(GatedNode):
     | received | what happens |
     |---|---|
     | `adaptation` of the experiment sent last | the next is sent |
-    | `adaptation` of another experiment | ignored |
+    | `adaptation` of another experiment | ignored; of a later one not where it was started again |
     | `/diagnostics` of the twin: it refused the experiment sent last | the next is sent |
     | anything that is no adaptation | counted, logged once per kind |
     """
@@ -50,15 +53,23 @@ class SourceNode(GatedNode):
         if stream != "only":
             self._publisher = self.publishes("experiment")
             self.listens("adaptation", self._on_adaptation)
+        self._adapted = self._resumed = self._resumed_after()
         self._next: Experiment | None = None
         self._message: Any = None
         self._sent: Experiment | None = None
-        self._count = 0
+        self._count = self._adapted
         self._under_way = False
         self._asked = False  # for the next experiment, where there is no rate
         self._began: tuple[float, float] | None = None
         self._waiting_since = 0.0
         self._ticker = self.create_timer(TICK, self._tick, clock=self.steady)
+
+    def _resumed_after(self) -> int:
+        """The last experiment of a run that is recorded as adapted, 0 where it begins."""
+        last = 0
+        for step in self.recorded():
+            last = step.experiment.number
+        return last
 
     @abc.abstractmethod
     def fetch(self) -> Experiment | None:
@@ -89,8 +100,15 @@ class SourceNode(GatedNode):
 
     def _on_adaptation(self, message: DiagnosticArray) -> None:
         adaptation = from_message("adaptation", message)
-        if self._sent is not None and adaptation.experiment == self._sent.number:
+        answers = self._sent is not None and adaptation.experiment == self._sent.number
+        if answers or self.settings["resume"]:
+            self._adapted = max(self._adapted, adaptation.experiment)
+        if answers:
             self._go_on()
+
+    def _is_answered(self) -> bool:
+        """Whether what was sent last had been adapted to before, so that nobody adapts now."""
+        return self._under_way and self._sent is not None and self._sent.number <= self._adapted
 
     def _go_on(self) -> None:
         """The twin is done with the experiment sent last."""
@@ -111,6 +129,8 @@ class SourceNode(GatedNode):
         else:
             if self._samples is not None:
                 self._samples.advance(self._machine_time)
+            if self._is_answered():
+                self._go_on()
             if self._asked:
                 self._send_when_streamed()
             elif self._next is None or self.rate is None:
@@ -176,6 +196,8 @@ class SourceNode(GatedNode):
         self._next = self._message = None
         try:
             self._next = self.fetch()
+            while self._next is not None and self._next.number <= self._resumed:
+                self._next = self.fetch()
             if self._next is not None:
                 self._message = to_message(self._next)
             if self._samples is not None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 POLL = 0.02  # s
+CRASHED = 70  # exit code of a program that fell over its own error (EX_SOFTWARE of sysexits)
 GRACE = 5.0  # s between INT, TERM and KILL
 TAIL = 2000  # bytes of a dead child's output that are worth showing
 
@@ -25,16 +26,29 @@ class Child:
         name: for messages ("twin", "machine_2").
         process: running or ended.
         log: file with its output.
+        arguments: that it was started with.
     """
 
     name: str
     process: subprocess.Popen[bytes]
     log: Path
+    arguments: tuple[str, ...] = ()
 
     @property
     def running(self) -> bool:
         """Whether the process has not ended yet."""
         return self.process.poll() is None
+
+    @property
+    def ended_well(self) -> bool:
+        """Whether it has ended because it had nothing more to do, or was told to."""
+        return self.process.poll() == 0
+
+    @property
+    def crashed(self) -> bool:
+        """Whether it was killed, or fell over something that nobody had thought of."""
+        code = self.process.poll()
+        return code is not None and (code < 0 or code == CRASHED)
 
     def last_words(self) -> str:
         """The last line of its output that says something."""
@@ -61,11 +75,22 @@ class Supervisor:
 
     def start(self, name: str, *arguments: str) -> Child:
         """Start `python -m ldt_ros.process` with the arguments; it waits for `begin`."""
+        child = self._started(name, *arguments)
+        self.children.append(child)
+        return child
+
+    def restart(self, child: Child, *more: str) -> None:
+        """Start an ended child once more, with more arguments than the first time."""
+        again = self._started(child.name, *child.arguments, *more)
+        child.process = again.process
+        _begin(child)
+
+    def _started(self, name: str, *arguments: str) -> Child:
         pid = str(os.getpid())
         log = self.folder / f"{name}.log"
         # -P: nothing in the user's folder may stand in for a module of ours.
         program = [sys.executable, "-P", "-m", "ldt_ros.process", "--parent", pid, "--hold"]
-        with log.open("wb") as output:
+        with log.open("ab") as output:
             process = subprocess.Popen(
                 [*program, *arguments],
                 stdin=subprocess.PIPE,
@@ -75,17 +100,12 @@ class Supervisor:
                 # A group of its own: Ctrl-C reaches the parent alone, which ends things in order.
                 start_new_session=True,
             )
-        child = Child(name, process, log)
-        self.children.append(child)
-        return child
+        return Child(name, process, log, arguments)
 
     def begin(self) -> None:
         """Let the processes create their nodes."""
         for child in self.children:
-            assert child.process.stdin is not None
-            with contextlib.suppress(BrokenPipeError):  # it is dead, which `dead` tells
-                child.process.stdin.write(b"begin\n")
-                child.process.stdin.close()
+            _begin(child)
 
     def dead(self) -> list[Child]:
         """Children that have ended."""
@@ -108,3 +128,10 @@ class Supervisor:
     def stop_all(self) -> None:
         """End whatever still runs."""
         self.stop(*self.children)
+
+
+def _begin(child: Child) -> None:
+    assert child.process.stdin is not None
+    with contextlib.suppress(BrokenPipeError):  # it is dead, which `dead` tells
+        child.process.stdin.write(b"begin\n")
+        child.process.stdin.close()

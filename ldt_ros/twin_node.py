@@ -6,16 +6,17 @@ import time
 from collections import deque
 from typing import Any
 
-from ldt_core.errors import ExperimentError, LdtError
+from ldt_core.errors import ExperimentError, LdtError, RepeatedExperiment
 from ldt_core.experiment import Adaptation, Experiment
 from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
-from ldt_core.twin import Predictor
+from ldt_core.past import Past
+from ldt_core.twin import WINDOW, Predictor
 from ldt_ros.convert import from_message, to_message
 from ldt_ros.node import REFUSED, TwinNode
+from ldt_ros.versions import Versions
 
 TICK = 0.05  # s, how often a time-out is looked for
-KEPT_MODELS = 3  # a model may arrive before the adaptation that names it; older ones are not needed
 QUEUE = 100  # experiments that may wait for an adaptation; beyond, the oldest are dropped
 
 
@@ -26,16 +27,18 @@ class PredictorNode(TwinNode):
     |---|---|
     | `experiment` | predicted, once the adaptation of the last one and its model are there |
     | no such adaptation within `adaptation_timeout` | predicted all the same; logged, counted |
-    | `experiment`, number not above the last | rejected, `refused experiment` told at once |
-    | `experiment`, impossible for the machine | rejected, `refused experiment` told at once |
+    | `experiment`, one of the last again | left out, counted |
+    | `experiment`, another of a number not above the last | rejected, `refused experiment` told |
+    | `experiment`, impossible for the machine | rejected, `refused experiment` told |
     | more than 100 experiments waiting | the oldest is dropped and counted |
-    | `model` | kept until an adaptation names its version; the last three |
+    | `model` | kept until an adaptation names its version; the last twelve |
     | `adaptation` of an earlier one | its model is taken when the time is out |
-    | `adaptation` of one not predicted | ignored |
+    | `adaptation` of one not predicted | ignored, unless this node was started again |
     | anything malformed | counted, logged once per kind |
 
     `refused experiment` is in `/diagnostics`: no adaptation of that number will come, which those
-    who wait for it need to know.
+    who wait for it need to know. Started again in the middle of a run, the node predicts once more
+    what is not recorded as adapted; the others leave out what they have had.
     """
 
     def __init__(self, **node_arguments: Any) -> None:
@@ -43,11 +46,13 @@ class PredictorNode(TwinNode):
         model = build_model(self.settings["model"], self.machine, self.settings)
         self.predictor = Predictor(self.machine, model)
         self.predictor.warm_up()
-        self._models: dict[int, Model] = {model.version: model}
+        self._models: Versions[Model] = Versions(model)
         self._waiting: deque[tuple[Experiment, float]] = deque()
-        self._adapted: Adaptation | None = None
+        self._adapted: dict[int, Adaptation] = {}
+        for step in self.recorded():
+            self._take_up(step)
         self._predicted_at = 0.0
-        self._refused = 0
+        self._refused = self._repeated = 0
         self._timeouts = 0
         self._dropped = 0
         self._prediction = self.publishes("prediction")
@@ -65,42 +70,58 @@ class PredictorNode(TwinNode):
             "waiting": len(self._waiting),
             "dropped": self._dropped,
             REFUSED: self._refused,
+            "repeated": self._repeated,
             "adaptation time-outs": self._timeouts,
         }
 
     def _on_model(self, message: Any) -> None:
         record = from_message("model", message)
         known = self._models.get(record.version)
-        # An adaptor that was started again counts its versions from the beginning.
+        # An adaptor that begins anew counts its versions from 0 again.
         same = known is not None and known.record() == record
         model = known if same else restore_model(record, self.machine, self.settings)
-        self._models.pop(record.version, None)
-        self._models[record.version] = model  # at the end: the last that came
-        while len(self._models) > KEPT_MODELS:
-            del self._models[next(iter(self._models))]
+        self._models.put(record.version, model)
         self._go_on()
 
     def _on_adaptation(self, message: Any) -> None:
         adaptation = from_message("adaptation", message)
-        last, newest = self.predictor.last, self._adapted
-        if last is None or adaptation.experiment > last:
+        last = self.predictor.last
+        # What was adapted before this node was started again is ahead of what it predicts now.
+        ahead = last is None or adaptation.experiment > last
+        if adaptation.experiment <= max(self._adapted, default=0) or (
+            ahead and not self.settings["resume"]
+        ):
             return
-        if newest is None or adaptation.experiment > newest.experiment:
-            self._adapted = adaptation
-            self._go_on()
+        self._note(adaptation)
+        self._go_on()
+
+    def _note(self, adaptation: Adaptation) -> None:
+        self._adapted[adaptation.experiment] = adaptation
+        while len(self._adapted) > WINDOW:
+            del self._adapted[next(iter(self._adapted))]
 
     def _refuse(self, experiment: Experiment, error: LdtError) -> None:
+        if isinstance(error, RepeatedExperiment):
+            self._repeated += 1
+            return
         self.reject("experiment", error)
         self._refused = experiment.number
         self.tell()
 
     def _on_experiment(self, message: Any) -> None:
         experiment = from_message("experiment", message)
-        last = self._waiting[-1][0].number if self._waiting else self.predictor.last
-        if last is not None and experiment.number <= last:
+        last = self._waiting[-1][0].number if self._waiting else 0
+        if experiment.number <= last:
+            known = any(
+                (e.number, e.start) == (experiment.number, experiment.start)
+                for e, _ in self._waiting
+            )
+            kind = RepeatedExperiment if known else ExperimentError
             where = f"experiment {experiment.number}"
-            error = ExperimentError(where, f"a number above {last}", experiment.number)
-            self._refuse(experiment, error)
+            self._refuse(experiment, kind(where, f"a number above {last}", experiment.number))
+            return
+        if self.predictor.last is not None and experiment.number <= self.predictor.last:
+            self._predict(experiment)  # which refuses it
             return
         self._waiting.append((experiment, time.monotonic()))
         if len(self._waiting) > QUEUE:
@@ -108,29 +129,45 @@ class PredictorNode(TwinNode):
             self._dropped += 1
         self._go_on()
 
+    def _take_up(self, step: Past) -> None:
+        """Be as after a recorded step."""
+        restored = self.restored(step)
+        self.predictor.recall(step, restored)
+        if restored is not None:
+            self._models.put(restored.version, restored)
+        self._note(step.adaptation)
+
     def _go_on(self) -> None:
+        if self._waiting:
+            for step in self.missed(self.predictor.last or 0, self._waiting[0][0].number):
+                self._take_up(step)
         while self._waiting and self._may_predict(*self._waiting[0]):
             experiment, _ = self._waiting.popleft()
-            try:
-                prediction = self.predictor.predict(experiment)
-            except LdtError as error:
-                self._refuse(experiment, error)
-                continue
-            self._prediction.publish(to_message(prediction))
-            self._predicted_at = time.monotonic()
-            try:
-                # Nobody waits for the yardstick, so it is made while the detector works.
-                self._original.publish(to_message(self.predictor.original.predict(experiment)))
-            except LdtError as error:
-                self.reject("experiment", error)
+            self._predict(experiment)
+
+    def _predict(self, experiment: Experiment) -> None:
+        try:
+            prediction = self.predictor.predict(experiment)
+        except LdtError as error:
+            self._refuse(experiment, error)
+            return
+        self._prediction.publish(to_message(prediction))
+        self._predicted_at = time.monotonic()
+        try:
+            # Nobody waits for the yardstick, so it is made while the detector works.
+            self._original.publish(to_message(self.predictor.original.predict(experiment)))
+        except LdtError as error:
+            self.reject("experiment", error)
 
     def _may_predict(self, experiment: Experiment, since: float) -> bool:
-        last, adapted = self.predictor.last, self._adapted
+        last = self.predictor.last
         if last is None:
             # The first that this node sees: nothing can have been learned from it before.
-            self.predictor.model = next(reversed(self._models.values()))
+            untrained, resumed = self._models.first, self.settings["resume"]
+            self.predictor.model = untrained if resumed else self._models.last
             return True
-        if adapted is not None and adapted.experiment == last:
+        adapted = self._adapted.get(last)
+        if adapted is not None:
             model = self._models.get(adapted.model_version)
             if model is not None:
                 self.predictor.model = model
@@ -139,8 +176,9 @@ class PredictorNode(TwinNode):
         turn = max(since, self._predicted_at)
         if time.monotonic() - turn < self.settings["adaptation_timeout"]:
             return False
-        if adapted is not None and adapted.model_version in self._models:
-            self.predictor.model = self._models[adapted.model_version]
+        earlier = [n for n in self._adapted if n <= last]
+        newest = self._adapted[max(earlier)].model_version if earlier else -1
+        self.predictor.model = self._models.get(newest) or self.predictor.model
         self._timeouts += 1
         self.get_logger().warning(
             f"no adaptation of experiment {last} within {self.settings['adaptation_timeout']:g} s: "

@@ -14,7 +14,7 @@ from ldt_core.recording.codec import DECODERS
 from ldt_core.recording.node_status import HEALTH_TOPIC
 from ldt_core.watch.fleet import MACHINES, Fleet
 from ldt_ros.convert import from_message
-from ldt_ros.interfaces import LISTENER_DEPTH, message_type, qos
+from ldt_ros.interfaces import LISTENER_DEPTH, listener_qos, message_type
 
 LOOK = 0.3  # s between two looks for new machines
 TOPICS = {t: d["type"] for t, d in msgs_config.topics().items() if t in DECODERS}
@@ -42,7 +42,7 @@ class WatchNode(Node):
             message_type(HEALTH_TOPIC),
             HEALTH_TOPIC,
             partial(fleet.feed, "", HEALTH_TOPIC),
-            qos(HEALTH_TOPIC, LISTENER_DEPTH),
+            listener_qos(HEALTH_TOPIC, LISTENER_DEPTH),
         )
         if self.only:
             self.follow(self.only)
@@ -58,7 +58,8 @@ class WatchNode(Node):
         for topic in TOPICS:
             name = f"/{namespace}/{topic}" if namespace else f"/{topic}"
             take = partial(self._take, namespace, topic)
-            self.create_subscription(message_type(topic), name, take, qos(topic, LISTENER_DEPTH))
+            profile = listener_qos(topic, LISTENER_DEPTH)
+            self.create_subscription(message_type(topic), name, take, profile)
 
     def _look(self) -> None:
         """Follow what has one of our topics with its type, and somebody who publishes it."""

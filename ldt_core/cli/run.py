@@ -14,7 +14,7 @@ from ldt_core.cli.options import json_option, parameters
 @click.command("run")
 @parameters(
     *("machine", "plant", "run", "model", "detector", "adaptor", "diagnosis", "advice"),
-    *("player", "pace", "twin", "recorder", "graph"),
+    *("player", "pace", "twin", "recorder", "graph", "resume"),
 )
 @click.option("--no-bag", is_flag=True, help="Record nothing.")
 @json_option
@@ -27,12 +27,18 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
     Example: ldt run --experiments 40 --seed 3 --model linear
     """
     from ldt_core import session
+    from ldt_core.errors import BadInput
     from ldt_core.machine import load_machine
     from ldt_core.pace import paced, parse_rate
     from ldt_core.plant import Plant
     from ldt_core.recording.bag import read_bag
+    from ldt_core.resume import begin_of, resumed
     from ldt_core.stopping import INTERRUPTED, stop_on_signals
 
+    if settings["resume"]:
+        if no_bag:
+            raise BadInput("--no-bag", "none beside --resume, which goes on recording", "it")
+        settings = resumed(settings)
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
     members = session.fleet(machine, settings)
@@ -46,7 +52,9 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
                 played = read_bag(own["play"], own["play_namespace"])
                 experiments = played.experiments()
             else:
-                plant = Plant.from_settings(machine, own)
+                begin = own["start_time"]
+                begin = begin_of(own["bag"], begin) if own["resume"] else begin
+                plant = Plant.from_settings(machine, {**own, "start_time": begin})
                 experiments = map(plant.experiment, range(1, own["experiments"] + 1))
             summary = session.run(
                 machine,

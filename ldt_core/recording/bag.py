@@ -58,7 +58,7 @@ class Bag:
     @property
     def machine(self) -> str:
         """Its name, "" when the recording does not say."""
-        return str(self._custom.get("machine") or "")
+        return self.custom("machine")
 
     def settings(self) -> dict[str, Setting]:
         """Parameters of the run by name, none when the recording does not say.
@@ -69,6 +69,10 @@ class Bag:
         if KEY not in self._custom:
             return {}
         return parse_settings(f"{self.path}, settings", self._custom[KEY])
+
+    def custom(self, name: str) -> str:
+        """A text beside what rosbag2 needs, by name; "" when the recording has none."""
+        return str(self._custom.get(name) or "")
 
     @property
     def _custom(self) -> dict[Any, Any]:

@@ -28,14 +28,18 @@ from ldt_core.recording.codec import Record, encode_cdr
 from ldt_core.recording.lock import FolderLock
 from ldt_core.recording.messages import declaration, schema, serialize
 from ldt_core.recording.metadata import FileFacts, Topic, information, text_of, write_metadata
+from ldt_core.recording.node_status import HEALTH_TOPIC
 from ldt_core.recording.numbers import Numbers, number_of, numbers_text
 from ldt_core.recording.part import Part, described
 from ldt_core.recording.repair import RECORDED
+from ldt_core.recording.repeats import Repeats
 from ldt_core.recording.resume import continued
+from ldt_core.recording.storage import Storage
 
 FLUSH_PERIOD = 0.25  # s; half of the 0.5 s that may be lost, to leave time for the flush itself
 SYNC_PERIOD = 5.0  # s; what a power failure may cost, beside the time that the medium takes
 LAST_NS = 2**63 - 1  # rosbag2 counts nanoseconds in 64 bits, to the year 2262
+KEY = "key"  # of a recording's custom data
 MEGABYTE = 1_000_000  # bytes
 PATIENCE = 1.0  # s; for a writer that was killed to be gone, or for somebody who only looks
 MOST_CHUNKS = 20_000  # of a file, whose index is held in memory until it ends: about 1 kB each
@@ -56,6 +60,10 @@ class BagWriter:
             folder; what the killed one left is mended first. Machine, settings and topics must be
             those recorded; settings that are not given are taken from there. A folder that does
             not exist is made.
+        once: leave out a message that was written before, byte for byte, and after `resume` one
+            about an experiment that the topic is recorded of: somebody was started again, and says
+            once more what may not have been heard.
+        key: of the run, for the folder's metadata (`ldt_core.resume`).
 
     Raises:
         RecordingError: the folder exists or cannot be made; somebody is writing to it; or it is no
@@ -72,6 +80,8 @@ class BagWriter:
         settings: Mapping[str, Any] | None = None,
         split_size: float | None = None,
         resume: bool = False,
+        once: bool = False,
+        key: str = "",
     ) -> None:
         self.path = Path(path)
         self.machine = machine
@@ -79,6 +89,9 @@ class BagWriter:
             "machine": machine,
             run_settings.KEY: run_settings.settings_text(settings) if settings else "",
         }
+        if key:
+            self._custom[KEY] = key
+        self._repeats = Repeats() if once else None
         if split_size is None:
             split_size = float(msgs_config.parameters()["split_size"]["default"])
         self._most_bytes = split_size * MEGABYTE
@@ -158,8 +171,8 @@ class BagWriter:
         data = encode_cdr(record, self.machine, time_s) if ours else serialize(record)
         self.write_raw(self._absolute(topic), self._kind(topic), data, round(time_s * 1e9))
 
-    def write_raw(self, topic: str, kind: str, data: bytes, time_ns: int) -> None:
-        """Write a message that is serialised already.
+    def write_raw(self, topic: str, kind: str, data: bytes, time_ns: int) -> bool:
+        """Write a message that is serialised already; whether it was not left out.
 
         Args:
             topic: absolute.
@@ -179,6 +192,9 @@ class BagWriter:
             known = self._topics.get(topic) or self._declare(topic, kind)
             if known.kind != kind:
                 raise RecordingError(f"{self.path}, {topic}", known.kind, kind)
+            health = topic == HEALTH_TOPIC
+            if self._repeats and not health and self._repeats.seen(topic, kind, data):
+                return False
             if self._part.chunks >= MOST_CHUNKS or 0 < self._most_bytes < self._part.size:
                 self._split()
             try:
@@ -195,6 +211,7 @@ class BagWriter:
                 if topic not in self._numbers:
                     self._numbers[topic] = Numbers()
                 self._numbers[topic].add(number)
+            return True
 
     def flush(self) -> None:
         """Hand all that was written to the operating system.
@@ -291,6 +308,12 @@ class BagWriter:
             self._topics.setdefault(topic.name, topic)
         if past.stem:
             self._stem, self._index = past.stem, past.index
+        if self._repeats is not None and past.files:
+            before = {topic: numbers.copy() for topic, numbers in self._numbers.items()}
+            # A model has no experiment's number.
+            models = [t for t in self._topics if t.rpartition("/")[2] == "model"]
+            written = Storage(self.path).messages(models)
+            self._repeats = Repeats(before, ((raw.topic, raw.data) for raw in written))
 
     def _new_file(self) -> Part:
         """Begin one, with all topics that are known so far."""

@@ -116,6 +116,7 @@ def test_a_run_by_hand():
         "refusals": 1,
         "model_version": 1,
         "rejected": 0,
+        "repeated": 0,
         "diagnoses": [],
         "advice": None,
         "notes": [],

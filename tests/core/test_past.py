@@ -11,13 +11,13 @@ import pytest
 from ldt_core.errors import ModelError, RecordingError
 from ldt_core.experiment import Action
 from ldt_core.machine import load_machine
-from ldt_core.past import WINDOW, past
+from ldt_core.past import past
 from ldt_core.plant import Plant
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from ldt_core.session import run, write_step
 from ldt_core.settings import resolve
-from ldt_core.twin import Twin
+from ldt_core.twin import WINDOW, Twin
 
 SHORT = replace(load_machine("rotor"), duration=4.0)
 
@@ -68,7 +68,7 @@ def test_a_twin_goes_on_from_any_step_as_if_nothing_had_happened(given, tmp_path
     made = experiments(given)
     steps = list(Twin(SHORT, given).steps(made))
     assert any(s.adaptation.action is Action.ADAPTED for s in steps[:-2])  # there is a state
-    told = list(past(recorded(tmp_path / "run", given, made)))
+    told = list(past(recorded(tmp_path / "run", given, made), SHORT))
     assert [p.experiment.number for p in told] == [s.experiment.number for s in steps]
     for end in range(0, len(steps), 5):
         twin = Twin(SHORT, given)
@@ -89,8 +89,8 @@ def test_a_recording_in_the_disorder_of_a_restart_gives_the_same_steps(tmp_path)
         for name in (*names, "experiment", "signal"):
             for record in bag.records(name):
                 writer.write(name, record, 1e9)
-    mixed = list(past(read_bag(tmp_path / "mixed")))
-    for one, other in zip(past(bag), mixed, strict=True):
+    mixed = list(past(read_bag(tmp_path / "mixed"), SHORT))
+    for one, other in zip(past(bag, SHORT), mixed, strict=True):
         assert all(
             same(a, b) for a, b in zip(vars(one).values(), vars(other).values(), strict=True)
         )
@@ -111,7 +111,8 @@ def test_the_past_ends_with_the_last_complete_step(tmp_path):
                 if name != missing:
                     writer.write(name, getattr(last, name), last.experiment.end)
             write_step(writer, steps[learned + 1])
-        assert [p.experiment.number for p in past(read_bag(path))] == list(range(1, learned + 1))
+        numbers = [p.experiment.number for p in past(read_bag(path), SHORT)]
+        assert numbers == list(range(1, learned + 1))
 
 
 def test_what_stays_incomplete_for_long_is_passed_over(tmp_path):
@@ -124,14 +125,14 @@ def test_what_stays_incomplete_for_long_is_passed_over(tmp_path):
                 writer.write("signal", step.signal, step.experiment.end)
             else:
                 write_step(writer, step)
-    numbers = [p.experiment.number for p in past(read_bag(tmp_path / "run"))]
+    numbers = [p.experiment.number for p in past(read_bag(tmp_path / "run"), SHORT)]
     assert numbers == [n for n in range(1, WINDOW + 11) if n != 5]
 
 
 def test_a_recording_of_another_detector_or_model_is_refused(tmp_path):
     """The answers would not be those of the run that is to go on."""
     given = settings(model="linear")
-    told = list(past(recorded(tmp_path / "run", given, experiments(given))))
+    told = list(past(recorded(tmp_path / "run", given, experiments(given)), SHORT))
     for other, error, words in (
         ({"threshold": 0.1, "warning_threshold": 0.05}, RecordingError, "signal"),
         ({"detector": "lddm"}, RecordingError, "detector"),
@@ -152,5 +153,5 @@ def test_experiments_that_the_twin_refused_do_not_hold_up_what_follows(tmp_path)
                 writer.write("experiment", step.experiment, step.experiment.end)
             else:
                 write_step(writer, step)
-    numbers = [p.experiment.number for p in past(read_bag(tmp_path / "run"))]
+    numbers = [p.experiment.number for p in past(read_bag(tmp_path / "run"), SHORT)]
     assert numbers == [1, 2, 4, 5, 6]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import array
 import json
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -255,13 +256,14 @@ def test_what_is_no_model_is_rejected_by_the_twin(stranger):
 
 
 def test_experiments_that_cannot_be_are_refused_by_number(stranger):
-    """Voltage outside the limits, the same number again, a lower one: told in /diagnostics."""
+    """Voltage outside the limits, another of the same number, a lower one: told in /diagnostics."""
     node = stranger.start(PredictorNode, **PHYSICS)
     stranger.listen("prediction", "/diagnostics")
     stranger.send("experiment", experiment(3))
     stranger.until(lambda: stranger.numbers("prediction") == [3])
     stranger.send("adaptation", adaptation(3))
-    for bad in (experiment(3), experiment(2), experiment(4, voltage=30.0)):
+    another = replace(experiment(3), start=1.0)
+    for bad in (another, experiment(2), experiment(4, voltage=30.0)):
         began = time.monotonic()
         stranger.send("experiment", bad)
         number = str(bad.number)
@@ -271,6 +273,26 @@ def test_experiments_that_cannot_be_are_refused_by_number(stranger):
     assert "-24 to 24 V (limits of machine 'rotor')" in stranger.health("twin")["last rejection"]
     stranger.send("experiment", experiment(4))
     stranger.until(lambda: stranger.numbers("prediction") == [3, 4])
+
+
+def test_an_experiment_that_comes_again_is_left_out_and_told_of(stranger):
+    """Nothing is wrong with it; nobody predicts, judges or learns from it twice."""
+    nodes = [stranger.start(kind, **PHYSICS) for kind in (PredictorNode, DetectorNode, AdaptorNode)]
+    stranger.listen("prediction", "signal", "adaptation", "/diagnostics")
+    for number in (1, 1, 2, 1, 2):
+        stranger.send("experiment", experiment(number))
+        stranger.until(lambda n=number: n in stranger.numbers("adaptation"))
+    stranger.until(lambda: stranger.health("twin").get("repeated") == "3")
+    for topic in ("prediction", "signal", "adaptation"):
+        assert stranger.numbers(topic) == [1, 2]
+        late = {"prediction": prediction(1), "signal": answer(2), "adaptation": adaptation(1)}[
+            topic
+        ]
+        stranger.send(topic, late)
+    stranger.send("experiment", experiment(3))
+    stranger.until(lambda: stranger.numbers("adaptation")[-1] == 3)
+    assert stranger.numbers("signal") == [1, 2, 2, 3]  # the stranger's own among them
+    assert not any(node.rejected for node in nodes)
 
 
 def test_a_second_publisher_is_warned_of(stranger):

@@ -15,23 +15,27 @@ SIDES = st.lists(st.tuples(st.booleans(), st.integers(1, 12)), max_size=60)
 
 @given(SIDES)
 def test_pairing_brings_the_first_of_each_side_together_once(arrivals):
-    """In any order of arrival; nothing is lost but what is counted, as long as all fit."""
+    """In any order of arrival, each number once; what is lost is counted, as long as all fit."""
     met: list[tuple[str, str]] = []
     pairing: Pairing[str, str] = Pairing(lambda left, right: met.append((left, right)))
     waiting: dict[tuple[bool, int], str] = {}
-    expected, dropped = [], 0
+    expected, dropped, repeated = [], 0, 0
+    done: set[int] = set()
     for index, (is_left, number) in enumerate(arrivals):
         item = f"{number} at {index}"
         (pairing.left if is_left else pairing.right)(number, item)
         other = waiting.pop((not is_left, number), None)
         if other is not None:
             expected.append((item, other) if is_left else (other, item))
+            done.add(number)
+        elif number in done:
+            repeated += 1
         elif (is_left, number) in waiting:
             dropped += 1
         else:
             waiting[is_left, number] = item
     assert met == expected
-    assert pairing.dropped == dropped
+    assert (pairing.dropped, pairing.repeated) == (dropped, repeated)
 
 
 @given(SIDES, st.integers(1, 5))
@@ -42,4 +46,4 @@ def test_pairing_is_bounded_and_counts_what_it_drops(arrivals, capacity):
     for is_left, number in arrivals:
         (pairing.left if is_left else pairing.right)(number, number)
         assert len(pairing) <= 2 * capacity
-    assert len(met) + len(pairing) + pairing.dropped == len(arrivals)
+    assert len(met) + len(pairing) + pairing.dropped + pairing.repeated == len(arrivals)

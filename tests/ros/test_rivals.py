@@ -18,7 +18,7 @@ from ldt_core.recording.model_text import model_text  # noqa: E402
 from ldt_ros import rivals as module  # noqa: E402
 from ldt_ros.interfaces import message_type, qos  # noqa: E402
 from ldt_ros.twin_node import PredictorNode  # noqa: E402
-from ldt_ros.up import Graph  # noqa: E402
+from ldt_ros.graph import Graph  # noqa: E402
 
 OK, WARN, ERROR = 0, 1, 2
 PHYSICS = {"model": "physics"}

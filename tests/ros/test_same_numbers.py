@@ -101,7 +101,7 @@ def test_what_cannot_be_used_is_left_out_alike(domain, tmp_path):
                (graph.summary, offline)]  # fmt: skip
     assert figures[0] == figures[1]
     assert offline.experiments == 6
-    assert offline.rejected == 4
+    assert (offline.rejected, offline.repeated) == (3, 1)
     predicted = records(tmp_path / "graph")
     for topic in ("prediction", "original_prediction", "signal", "model", "adaptation"):
         assert predicted[topic] == records(tmp_path / "offline")[topic]

@@ -145,8 +145,9 @@ def test_killing_the_launching_process_leaves_no_orphan(start, domain, tmp_path)
 
 
 def test_a_node_that_dies_is_named(start, domain, tmp_path):
-    """Exit 1 with one sentence; the rest ends in order."""
-    process = start("--experiments", "100000", "--rate", "200", "--bag", "run")
+    """Where none is started again: exit 1 with one sentence, and the rest ends in order."""
+    endless = ("--experiments", "100000", "--rate", "200", "--bag", "run")
+    process = start(*endless, "--restarts", "0")
     wait_for(lambda: experiments_recorded(tmp_path / "run") > 1, "experiments in the recording")
     victim = next(p for p in graph_processes(domain) if "detector" in p.cmdline())
     victim.kill()

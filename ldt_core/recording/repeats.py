@@ -1,0 +1,52 @@
+"""Which messages a recording has already: a node that was started again says some once more."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping
+
+from ldt_core.recording.numbers import Numbers, number_of
+
+KEPT = 2000  # messages that are remembered, several times what any topic keeps for who missed it
+
+
+class Repeats:
+    """The last messages, and the experiments of those recorded before.
+
+    Args:
+        before: topic → experiments of which there is a message in a recording that goes on.
+        known: (topic, CDR bytes) of further messages in it.
+    """
+
+    def __init__(
+        self, before: Mapping[str, Numbers] | None = None, known: Iterable[tuple[str, bytes]] = ()
+    ) -> None:
+        self._before = dict(before or {})
+        self._last: dict[bytes, None] = {}
+        for topic, data in known:
+            self._take(topic, data)
+
+    def seen(self, topic: str, kind: str, data: bytes) -> bool:
+        """Whether this message has come before; it has from now on.
+
+        Args:
+            topic: absolute.
+            kind: message type.
+            data: CDR bytes.
+        """
+        if before := self._before.get(topic):
+            number = number_of(topic, kind, data)
+            if number is not None and number in before:
+                return True
+        return not self._take(topic, data)
+
+    def _take(self, topic: str, data: bytes) -> bool:
+        # Serializers may differ in the padding at the end.
+        content = memoryview(data)[4:].tobytes().rstrip(b"\0")
+        digest = hashlib.blake2b(content, digest_size=16, key=topic.encode()[-64:]).digest()
+        if digest in self._last:
+            return False
+        self._last[digest] = None
+        if len(self._last) > KEPT:
+            del self._last[next(iter(self._last))]
+        return True

@@ -1,0 +1,309 @@
+"""The processes and monitors of a graph: started, watched, started again, ended in order."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+import msgs_config
+from ldt_core.errors import BadInput, LdtError
+from ldt_core.experiment import Adaptation, Signal
+from ldt_core.machine import Machine
+from ldt_core.metrics import Summary
+from ldt_core.recording.node_status import LEFT_OUT, SECOND_PUBLISHER
+from ldt_core.session import SOURCES, Member, recorded_summary, roles, source_of
+from ldt_core.stopping import INTERRUPTED
+from ldt_ros.environment import one_line
+from ldt_ros.secure import enclave_arguments
+from ldt_ros.supervisor import Child, Supervisor
+
+LISTEN = 0.3  # s for rivals in this domain to show themselves; discovery takes at most 0.25 s
+SETTLE = 3.0  # s that an interrupted run waits for the experiment under way
+SPIN = 0.05  # s
+COUNTS = ("dropped", "adaptation time-outs", "unpaired")  # of a node's health, worth a note
+FORGOTTEN = 6.0  # s after which a killed node's topics are gone: its lease lasts 5 s
+RIVALS = 5.0  # s after the first step; what comes later is a warning that ends no long run
+STARTUP = 60.0  # s until all nodes must have found each other
+
+OnStep = Callable[[str, Signal, Adaptation], None]
+
+
+@dataclass
+class Crashes:
+    """Of one process.
+
+    Attributes:
+        count: of all.
+        in_a_row: of those without an experiment dealt with in between.
+    """
+
+    count: int = 0
+    in_a_row: int = 0
+    _step: int = -1
+
+    def add(self, step: int) -> None:
+        """One more, after the experiment of this number was dealt with."""
+        self.count += 1
+        self.in_a_row = self.in_a_row + 1 if step == self._step else 1
+        self._step = step
+
+
+@dataclass
+class Run:
+    """One machine of the graph, and what happened with it.
+
+    Args:
+        machine: as its twin knows it.
+        member: its name, namespace, settings and recording.
+        summary: of its steps.
+    """
+
+    machine: Machine
+    member: Member
+    summary: Summary
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return self.member.name
+
+    @property
+    def namespace(self) -> str:
+        """Of its topics."""
+        return self.member.namespace
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Of its nodes."""
+        return self.member.settings
+
+    @property
+    def bag(self) -> Path:
+        """Folder of its recording."""
+        return self.member.bag
+
+    @property
+    def source(self) -> str:
+        """The role that sends the experiments."""
+        return source_of(self.settings)
+
+    @property
+    def own_topics(self) -> list[str]:
+        """That nobody else may publish: all, but samples only where the graph has them."""
+        declared = msgs_config.topics().items()
+        wanted = (t for t, d in declared if d["recorded"] or self.settings["stream"])
+        return [topic for topic in wanted if not topic.startswith("/")]
+
+    @property
+    def roles(self) -> list[str]:
+        """All nodes of this machine, the recorder first: it misses nothing then."""
+        return roles(self.settings)
+
+
+class Graph:
+    """The processes and monitors of all runs.
+
+    Args:
+        runs: one a machine.
+        supervisor: of the processes.
+        on_step: told of each machine's steps.
+    """
+
+    def __init__(self, runs: list[Run], supervisor: Supervisor, on_step: OnStep) -> None:
+        self.runs = runs
+        self.supervisor = supervisor
+        self.on_step = on_step
+        self._recorders: list[Child] = []
+        self._run_of: dict[str, Run] = {}  # by the name of a child
+        self._crashes: dict[str, Crashes] = {}
+        self._restarted_at = -math.inf
+        # They load, which takes a second, while this process finds out whether they may begin.
+        for run in runs:
+            self._start(run)
+        import rclpy
+        from rclpy.experimental import EventsExecutor
+        from rclpy.signals import SignalHandlerOptions
+
+        from ldt_ros.monitor import Monitor
+
+        try:
+            # A context of its own: the caller may have nodes in the default one.
+            self.context = rclpy.Context()
+            no_handlers = SignalHandlerOptions.NO
+            rclpy.init(args=[], context=self.context, signal_handler_options=no_handlers)
+            self.monitors = [
+                Monitor(r.namespace, self._recipient(r), context=self.context) for r in runs
+            ]
+        except Exception as error:
+            rclpy.try_shutdown(context=self.context)
+            raise BadInput(
+                "ROS 2", "a domain and namespace that a node can be created in", one_line(error)
+            ) from error
+        self.executor = EventsExecutor(context=self.context)
+        for monitor in self.monitors:
+            self.executor.add_node(monitor)
+        supervisor.wait = lambda seconds: self.executor.spin_once(timeout_sec=seconds)
+
+    def run(self, stopped: Callable[[], bool]) -> None:
+        """Start everything, wait for the end, and end in order."""
+        self._refuse_rivals()
+        self.supervisor.begin()
+        began = time.monotonic()
+        while not (stopped() or self._finished()):
+            self._spin()
+            self._notice_rivals()
+            if time.monotonic() - began > STARTUP and not all(m.health for m in self.monitors):
+                raise LdtError(f"the nodes did not start within {STARTUP:g} s")
+        if stopped():
+            sources = [c for c in self.supervisor.children if c.name in SOURCES]
+            # A machine of a fleet is one process, which ends as a whole.
+            self.supervisor.stop(*(sources or self._recorders))
+        deadline = time.monotonic() + SETTLE
+        while not all(m.idle for m in self.monitors) and time.monotonic() < deadline:
+            self._spin(ending=stopped())
+            if not stopped() and any(m.busy for m in self.monitors):
+                deadline = time.monotonic() + SETTLE
+        if stopped():
+            for run in self.runs:
+                run.summary.note(INTERRUPTED)
+        # The recorder drains while those who could send a lost packet again are still there.
+        self.supervisor.stop(*self._recorders)
+        for run in self.runs:
+            recorded_summary(run.bag, run.namespace, run.machine, run.summary)
+        self._collect_notes()
+
+    def close(self) -> None:
+        """End every process and the monitors."""
+        import rclpy
+
+        self.supervisor.stop_all()
+        self.supervisor.wait = time.sleep
+        for monitor in self.monitors:
+            monitor.destroy_node()
+        self.executor.shutdown()
+        rclpy.try_shutdown(context=self.context)
+
+    def _finished(self) -> bool:
+        """Whether every source has nothing more to send, by its own word or by having ended."""
+        ended = [c for c in self.supervisor.dead() if c.name in SOURCES and c.ended_well]
+        return len(ended) == len(self.runs) or all(m.source_finished for m in self.monitors)
+
+    def _recipient(self, run: Run) -> Callable[[Signal, Adaptation], None]:
+        return lambda signal, adaptation: self.on_step(run.name, signal, adaptation)
+
+    def _refuse_rivals(self) -> None:
+        end = time.monotonic() + LISTEN
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=SPIN)
+        for run, monitor in zip(self.runs, self.monitors, strict=True):
+            for topic in run.own_topics:
+                if monitor.count_publishers(topic):
+                    where = monitor.resolve_topic_name(topic)
+                    raise BadInput(
+                        where,
+                        "no publisher before the graph starts (use another ROS_DOMAIN_ID or "
+                        "--namespace)",
+                        f"{monitor.count_publishers(topic)} publisher(s) in this domain",
+                    )
+
+    def _start(self, run: Run) -> None:
+        """A process a node; for a fleet a process a machine, which costs a fifth of the memory."""
+        defaults = {n: d["default"] for n, d in msgs_config.parameters().items()}
+        values = {n: v for n, v in run.settings.items() if v != defaults[n]}
+        file = self.supervisor.folder / f"{run.name}.yaml"
+        file.write_text(yaml.safe_dump({"/**": {"ros__parameters": values}}))
+        ros = ["--ros-args", "--params-file", str(file), "-r", f"__ns:=/{run.namespace}"]
+        groups = [run.roles] if len(self.runs) > 1 else [[role] for role in run.roles]
+        for group in groups:
+            nodes = [part for role in group for part in ("--node", role)]
+            name = group[0] if len(group) == 1 else run.name
+            enclave = enclave_arguments(run.settings, run.namespace, group[0])
+            child = self.supervisor.start(name, *nodes, *ros, *enclave)
+            self._run_of[child.name] = run
+            if "recorder" in group:
+                self._recorders.append(child)
+
+    def _spin(self, ending: bool = False) -> None:
+        self.executor.spin_once(timeout_sec=SPIN)
+        if not ending:
+            self._notice_deaths()
+
+    def _notice_deaths(self) -> None:
+        for child in self.supervisor.dead():
+            if child.ended_well and child.name in SOURCES:
+                continue  # a source ends by itself after its last experiment
+            code, words = child.process.returncode, child.last_words()
+            if code == BadInput.exit_code:
+                _, _, sentence = words.partition(": ")
+                raise _Refused(sentence or words)
+            if not child.crashed or not self._start_again(child):
+                raise LdtError(
+                    f"{child.name} ended with code {code}: {words} (all output: {child.log.parent})"
+                )
+
+    def _start_again(self, child: Child) -> bool:
+        """Start a crashed child once more, unless it crashes again and again; whether it was."""
+        index = self.runs.index(self._run_of[child.name])
+        run, step = self.runs[index], self.monitors[index].last_step
+        crashes = self._crashes.setdefault(child.name, Crashes())
+        crashes.add(step)
+        if crashes.in_a_row > run.settings["restarts"]:
+            return False
+        self._restarted_at = time.monotonic()
+        self.supervisor.restart(child, "-p", f"resume:={run.bag}")
+        return True
+
+    def _notice_rivals(self) -> None:
+        """Two graphs that start at the same moment see each other only after they have begun."""
+        first = [m.first_step_at for m in self.monitors if m.first_step_at is not None]
+        now = time.monotonic()
+        if (first and now - min(first) > RIVALS) or now - self._restarted_at < FORGOTTEN:
+            return
+        for run, monitor in zip(self.runs, self.monitors, strict=True):
+            for topic in run.own_topics:
+                count = monitor.count_publishers(topic)
+                if count > 1:
+                    raise BadInput(
+                        monitor.resolve_topic_name(topic),
+                        "one publisher (use another ROS_DOMAIN_ID or --namespace)",
+                        f"{count} in this domain",
+                    )
+
+    def _collect_notes(self) -> None:
+        """What the nodes counted that a person should know, and what is missing."""
+        for name, crashes in self._crashes.items():
+            times = "once" if crashes.count == 1 else f"{crashes.count} times"
+            self._run_of[name].summary.note(f"{name} crashed {times} and was started again")
+        for run, monitor in zip(self.runs, self.monitors, strict=True):
+            summary, health = run.summary, monitor.health
+            for role, told in health.items():
+                for key, count in told.values.items():
+                    if key in ("no diagnosis", "no advice"):
+                        summary.note(f"{key}: {count}")
+                    elif key.startswith(SECOND_PUBLISHER):
+                        summary.note(f"alarm: a {key}, {count}x as {role} saw it")
+                    elif (key in COUNTS or key.startswith(LEFT_OUT)) and count != "0":
+                        summary.note(f"{role}, {key}: {count}")
+                for kind, times in told.rejected.items():
+                    summary.note(f"{role} rejected {kind}: {times} ({told.last_rejection})")
+            if twin := health.get("twin"):
+                refused = (n for kind, n in twin.rejected.items() if kind.startswith("experiment:"))
+                summary.rejected += sum(refused)
+                summary.repeated += twin.number("repeated") or 0
+            source = health.get(run.source)
+            sent = (source.number("sent") if source else 0) or 0
+            missing = sent - summary.rejected - summary.repeated - summary.experiments
+            if missing > 0:
+                summary.note(f"{missing} of {sent} experiments sent did not go all the way")
+
+
+class _Refused(LdtError):
+    """A node refused its input; the sentence is the node's own."""
+
+    exit_code = BadInput.exit_code

@@ -1,0 +1,85 @@
+"""A paired node some of whose work takes long."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, ClassVar
+
+from ldt_core.errors import LdtError
+from ldt_core.past import Past
+from ldt_ros.paired_node import PairedNode
+
+NEWS = 0.2  # s, how soon the end of a run learns that nothing waits any more
+
+
+class WorkerNode(PairedNode):
+    """Does what takes long on a thread of its own, so that health is told meanwhile.
+
+    What comes then waits for it there; what is done at its place in `PairedNode`'s table:
+
+    | received | what happens |
+    |---|---|
+    | more than `waiting` while one takes long | the newest is left out and counted |
+    """
+
+    #: Experiments that may wait for one that takes long.
+    waiting: ClassVar[float] = float("inf")
+    #: Whether the end of a run waits for the last experiment to be dealt with here.
+    awaited: ClassVar[bool] = False
+
+    def __init__(self, name: str, *groups: str, **node_arguments: Any) -> None:
+        super().__init__(name, *groups, **node_arguments)
+        self.worker = ThreadPoolExecutor(1, thread_name_prefix=name)
+        self.left_out = 0
+        #: Number of the last experiment that nothing is left to do about.
+        self.finished_with = 0
+        self._told_last = 0
+        # One thread writes each, so that neither needs a lock.
+        self._begun = 0
+        self._ended = 0
+        if self.awaited:
+            self.create_timer(NEWS, self._tell_progress, clock=self.steady)
+
+    @property
+    def busy(self) -> bool:
+        """Whether the thread has something to do."""
+        return self._begun > self._ended
+
+    def deal(self, number: int, work: Callable[[], None], long: bool) -> None:
+        """Do the work on an experiment in its turn: on the thread where it, or one before, is long.
+
+        Raises:
+            LdtError: whatever work that is not long raises.
+        """
+        if self._begun - self._ended > self.waiting:
+            self.left_out += 1
+        elif long or self.busy:
+            self._begun += 1
+            self.worker.submit(self._on_thread, number, work)
+        else:
+            self.in_turn(number)
+            work()
+            self.finished_with = number
+
+    def take_up(self, step: Past) -> None:
+        """Be as after a recorded step."""
+        super().take_up(step)
+        self.finished_with = self.last
+
+    def _on_thread(self, number: int, work: Callable[[], None]) -> None:
+        try:
+            self.in_turn(number)
+            work()
+        except LdtError as error:
+            self.reject(self.beside, error)
+        except Exception as error:  # would be lost in the thread's future
+            self.failure = error
+        finally:
+            self.finished_with = number
+            self._ended += 1
+
+    def _tell_progress(self) -> None:
+        if self.finished_with != self._told_last and not self.busy:
+            self._told_last = self.finished_with
+            self.tell()

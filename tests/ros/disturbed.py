@@ -1,0 +1,78 @@
+"""A run of the graph whose nodes are killed, and what it must be equal to."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+
+from ldt_core.recording.bag import read_bag
+
+LOOP = ("experiment", "prediction", "original_prediction", "signal", "model", "adaptation")
+
+
+def nodes(launcher: int) -> dict[str, psutil.Process]:
+    """The graph's processes that live, by role (of a fleet's process, its first)."""
+    found = {}
+    with contextlib.suppress(psutil.Error):
+        for process in psutil.Process(launcher).children():
+            with contextlib.suppress(psutil.Error, ValueError, IndexError):
+                line = process.cmdline()
+                if "ldt_ros.process" in line and process.status() != psutil.STATUS_ZOMBIE:
+                    found[line[line.index("--node") + 1]] = process
+    return found
+
+
+def killed(
+    launcher: Any, count: int, within: float, seed: int, roles: tuple[str, ...] = ()
+) -> Iterator[str]:
+    """Kill nodes at random moments, whatever they are doing; the role of each.
+
+    Args:
+        launcher: process of `ldt up`; the killing ends with it.
+        count: of kills.
+        within: longest time between two [s].
+        seed: of the choice and of the moments.
+        roles: in this order, over and over; any at random if there are none.
+    """
+    chance, done = random.Random(seed), 0
+    while done < count and launcher.poll() is None:
+        time.sleep(chance.uniform(0.05, within))
+        there = nodes(launcher.pid)
+        wanted = roles[done % len(roles)] if roles else chance.choice(sorted(there) or [""])
+        if wanted in there:
+            with contextlib.suppress(psutil.Error):
+                there[wanted].kill()
+                done += 1
+                yield wanted
+
+
+def differences(undisturbed: Path, disturbed: Path) -> dict[str, str]:
+    """Topic → what two recordings do not have in common, in a few words; empty if all is the same.
+
+    Every record counts, to the last bit; their order in the file does not.
+    """
+    one, other = _records(undisturbed), _records(disturbed)
+    found = {}
+    for topic in LOOP:
+        lost, more = one[topic] - other[topic], other[topic] - one[topic]
+        if lost or more:
+            found[topic] = f"{lost.total()} lost, {more.total()} more or other"
+    return found
+
+
+def _records(path: Path) -> dict[str, Counter[str]]:
+    bag = read_bag(path)
+    return {topic: Counter(map(_plain, bag.records(topic))) for topic in LOOP}
+
+
+def _plain(record: Any) -> str:
+    values = vars(record).items()
+    return repr({n: v.tobytes() if isinstance(v, np.ndarray) else v for n, v in values})

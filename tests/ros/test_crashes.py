@@ -1,0 +1,198 @@
+"""Nodes that are killed are started again, and the run comes out as if nothing had happened."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from disturbed import differences, killed, nodes
+
+from ldt_core.recording.bag import read_bag
+
+LDT = str(Path(sys.executable).with_name("ldt"))
+PATIENCE = 240  # s; a stalled machine is not what is tested
+RUN = ("--experiments", "40", "--seed", "3", "--model", "linear", "--start-time", "1e9")
+
+
+@pytest.fixture
+def ldt(domain, programs, tmp_path):
+    """Starts a command in the test's folder and domain."""
+
+    def started(*arguments: str) -> subprocess.Popen[str]:
+        return programs.start(
+            [LDT, *arguments],
+            cwd=tmp_path,
+            text=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+
+    return started
+
+
+@pytest.fixture
+def undisturbed(ldt, tmp_path):
+    """The same run without the graph, and so without anything that could be killed."""
+    finished(ldt("run", *RUN, "--bag", "undisturbed", "--json"))
+    return tmp_path / "undisturbed"
+
+
+def finished(process) -> dict:
+    output, errors = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, errors) == (0, "")
+    return json.loads(output)["runs"][0]
+
+
+def recorded(recording: Path) -> int:
+    """Experiments that have gone all the way, in what is still being written."""
+    try:
+        return sum(1 for _ in read_bag(recording).records("adaptation"))
+    except Exception:
+        return 0
+
+
+def wait_for(recording: Path, experiments: int) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while recorded(recording) < experiments:
+        assert time.monotonic() < deadline, f"{recording} holds {recorded(recording)}"
+        time.sleep(0.02)
+
+
+def test_every_node_may_be_killed_and_nothing_is_lost_or_doubled(ldt, undisturbed, tmp_path):
+    """Each of the five in turn while the run goes on: the same records, to the last bit."""
+    process = ldt("up", *RUN, "--bag", "run", "--json")
+    wait_for(tmp_path / "run", 1)
+    roles = ("detector", "recorder", "twin", "plant", "adaptor")
+    victims = Counter(killed(process, 5, 1.5, 1, roles))
+    run = finished(process)
+    assert victims == Counter(roles)
+    assert set(run["notes"]) >= {f"{role} crashed once and was started again" for role in roles}
+    assert run["experiments"] == 40
+    assert differences(undisturbed, tmp_path / "run") == {}
+    assert differences(tmp_path / "run", tmp_path / "run") == {}
+    assert read_bag(tmp_path / "run").damage is None
+
+
+def test_the_comparison_finds_what_is_lost_doubled_or_other(undisturbed, ldt, tmp_path):
+    """Else the tests here would show nothing."""
+    other = ("--experiments", "40", "--seed", "4", "--model", "linear", "--start-time", "1e9")
+    finished(ldt("run", *other, "--bag", "other", "--json"))
+    found = differences(undisturbed, tmp_path / "other")
+    assert found["experiment"] == "40 lost, 40 more or other"
+    assert set(found) >= {"experiment", "prediction", "signal", "adaptation"}
+
+
+def test_a_whole_stack_that_was_killed_goes_on(ldt, undisturbed, tmp_path):
+    """After the end of every process at once, `ldt up --resume` makes the run whole."""
+    process = ldt("up", *RUN, "--bag", "run", "--rate", "150")
+    wait_for(tmp_path / "run", 5)
+    os.killpg(process.pid, signal.SIGSTOP)  # none of them may notice the end of another
+    for node in nodes(process.pid).values():
+        node.kill()
+    process.kill()
+    process.communicate()
+    ended = recorded(tmp_path / "run")
+    assert 5 <= ended < 40
+    run = finished(ldt("up", "--resume", "run", "--rate", "max", "--json"))
+    assert run["experiments"] == 40
+    assert differences(undisturbed, tmp_path / "run") == {}
+    # The damaged file is beside it, and the recording is whole.
+    assert read_bag(tmp_path / "run").damage is None
+
+
+def test_a_run_without_the_graph_goes_on_as_well(ldt, undisturbed, tmp_path):
+    """`ldt run` killed, and taken up by `ldt run --resume` and by `ldt up --resume`."""
+    for command in ("run", "up"):
+        process = ldt("run", *RUN, "--bag", command)
+        wait_for(tmp_path / command, 10)
+        process.kill()
+        process.communicate()
+        assert recorded(tmp_path / command) < 40
+        finished(ldt(command, "--resume", command, "--json"))
+        assert differences(undisturbed, tmp_path / command) == {}
+
+
+def test_a_machine_of_a_fleet_is_one_process_and_goes_on_as_a_whole(ldt, tmp_path):
+    """All its nodes die at once; the other machine does not notice."""
+    fleet = (*RUN[:2], "--machines", "2", *RUN[2:])
+    finished(ldt("run", *fleet, "--bag", "undisturbed", "--json"))
+    process = ldt("up", *fleet, "--bag", "run", "--json")
+    for _ in range(2):
+        wait_for(tmp_path / "run" / "machine_1", 3)
+        assert list(killed(process, 1, 0.5, 2)) == ["recorder"]
+    output, errors = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, errors) == (0, "")
+    runs = json.loads(output)["runs"]
+    assert sum("crashed" in note for run in runs for note in run["notes"]) >= 1
+    for name in ("machine_1", "machine_2"):
+        assert differences(tmp_path / "undisturbed" / name, tmp_path / "run" / name) == {}
+
+
+def test_a_node_that_crashes_over_and_over_ends_the_run(ldt, tmp_path):
+    """After `restarts` times without an experiment in between, with what it said last."""
+    (tmp_path / "own.py").write_text(
+        "import os\n"
+        "from ldt_core.detectors.never import Never\n"
+        "class Fragile(Never):\n"
+        "    def judge(self, residual, deviation):\n"
+        "        print('out of cheese', flush=True)\n"
+        "        os.kill(os.getpid(), 9)\n"
+    )
+    process = ldt("up", *RUN, "--detector", "own.py:Fragile", "--bag", "run", "--restarts", "2")
+    _, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 1
+    assert "detector ended with code -9: out of cheese" in errors
+    assert errors.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--seed", "4"), "--seed: expected 3, with which run began, got 4"),
+        (("--bag", "other"), "bag: expected none beside resume"),
+        (("--model", "physics"), "--model: expected 'linear'"),
+    ],
+)
+def test_another_run_is_not_taken_up(options, words, ldt, tmp_path):
+    """Its numbers would not be those of one run; the recording stays as it is."""
+    finished(ldt("run", *RUN[:1], "4", *RUN[2:], "--bag", "run", "--json"))
+    before = {f: f.read_bytes() for f in (tmp_path / "run").iterdir()}
+    for command in ("run", "up"):
+        _, errors = (process := ldt(command, "--resume", "run", *options)).communicate()
+        assert process.returncode == 2
+        assert words in errors
+    assert {f: f.read_bytes() for f in (tmp_path / "run").iterdir()} == before
+
+
+def test_a_recording_under_another_key_is_not_taken_up(ldt, tmp_path, short_rotor):
+    """The machine file has changed; a recording that is none of a run has no key at all."""
+    machine = tmp_path / "own.yaml"
+    machine.write_text(Path(short_rotor).read_text())
+    own = ("--machine", "own.yaml", "--experiments", "4", "--model", "physics")
+    finished(ldt("run", *own, "--bag", "run", "--json"))
+    _, errors = (process := ldt("run", "--resume", "run")).communicate()
+    assert process.returncode == 2
+    assert "--machine: expected 'own.yaml' given again" in errors
+    machine.write_text(machine.read_text().replace("m: 4.9", "m: 4.8"))
+    for command in ("run", "up"):
+        process = ldt(command, "--resume", "run", "--machine", "own.yaml")
+        _, errors = process.communicate()
+        assert process.returncode == 2
+        assert "run, machine: expected" in errors
+        assert "under which the run began" in errors
+    simulate = ("simulate", "--experiments", "2", "--out", "other")
+    assert ldt(*simulate).wait(PATIENCE) == 0
+    _, errors = (process := ldt("run", "--resume", "other")).communicate()
+    assert process.returncode == 2
+    assert "other: expected a recording of a run" in errors
