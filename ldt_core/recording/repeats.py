@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Self
 
 from ldt_core.recording.numbers import Numbers, number_of
+from ldt_core.recording.storage import Storage
 
 KEPT = 2000  # messages that are remembered, several times what any topic keeps for who missed it
 
@@ -25,6 +28,20 @@ class Repeats:
         self._last: dict[bytes, None] = {}
         for topic, data in known:
             self._take(topic, data)
+
+    @classmethod
+    def of(cls, path: Path, numbers: Mapping[str, Numbers]) -> Self:
+        """Of a recording that goes on.
+
+        Args:
+            path: its folder.
+            numbers: topic → experiments that are recorded, which may change from now on.
+        """
+        storage = Storage(path)
+        # A model has no experiment's number.
+        models = storage.messages([t for t in storage.topics if t.rpartition("/")[2] == "model"])
+        before = {topic: held.copy() for topic, held in numbers.items()}
+        return cls(before, ((raw.topic, raw.data) for raw in models))
 
     def seen(self, topic: str, kind: str, data: bytes) -> bool:
         """Whether this message has come before; it has from now on.

@@ -34,7 +34,6 @@ from ldt_core.recording.part import Part, described
 from ldt_core.recording.repair import RECORDED
 from ldt_core.recording.repeats import Repeats
 from ldt_core.recording.resume import continued
-from ldt_core.recording.storage import Storage
 
 FLUSH_PERIOD = 0.25  # s; half of the 0.5 s that may be lost, to leave time for the flush itself
 SYNC_PERIOD = 5.0  # s; what a power failure may cost, beside the time that the medium takes
@@ -309,11 +308,7 @@ class BagWriter:
         if past.stem:
             self._stem, self._index = past.stem, past.index
         if self._repeats is not None and past.files:
-            before = {topic: numbers.copy() for topic, numbers in self._numbers.items()}
-            # A model has no experiment's number.
-            models = [t for t in self._topics if t.rpartition("/")[2] == "model"]
-            written = Storage(self.path).messages(models)
-            self._repeats = Repeats(before, ((raw.topic, raw.data) for raw in written))
+            self._repeats = Repeats.of(self.path, self._numbers)
 
     def _new_file(self) -> Part:
         """Begin one, with all topics that are known so far."""

@@ -60,7 +60,7 @@ def test_all_declared_parameters_can_be_kept():
     """At their defaults."""
     found = parse_settings("here", settings_text(resolve({})))
     left_out = set(msgs_config.parameters()) - set(found)
-    assert left_out == {"bag", "graph", "run_settings", "secure", "split_size"}
+    assert left_out == {"bag", "graph", "resume", "run_settings", "secure", "split_size"}
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,9 @@ from ldt_core.experiment import ModelRecord  # noqa: E402
 from ldt_core.metrics import Summary  # noqa: E402
 from ldt_core.recording.model_text import model_text  # noqa: E402
 from ldt_ros import rivals as module  # noqa: E402
+from ldt_ros.graph import Graph  # noqa: E402
 from ldt_ros.interfaces import message_type, qos  # noqa: E402
 from ldt_ros.twin_node import PredictorNode  # noqa: E402
-from ldt_ros.graph import Graph  # noqa: E402
 
 OK, WARN, ERROR = 0, 1, 2
 PHYSICS = {"model": "physics"}
@@ -117,5 +117,5 @@ def test_the_summary_tells_of_the_alarm(stranger, intruder, monitor):
     key = "second publisher of model"
     stranger.until(lambda: node.health["twin"].values.get(key) if "twin" in node.health else "")
     run = SimpleNamespace(summary=Summary(), source="plant")
-    Graph._collect_notes(SimpleNamespace(runs=[run], monitors=[node]))
+    Graph._collect_notes(SimpleNamespace(runs=[run], monitors=[node], _crashes={}))
     assert run.summary.notes == [f"alarm: a {key}, 1x as twin saw it"]
