@@ -42,7 +42,7 @@ def _nodes(context):
         for name, declaration in _parameters().items()
     }
     values["graph"] = roles(values)
-    values["bag"] = values["bag"] or str(new_recording(values["machine"]))
+    values["bag"] = values["resume"] or values["bag"] or str(new_recording(values["machine"]))
     # An empty list has no type in a parameter file; the declared default is empty as well.
     given = {name: value for name, value in values.items() if value not in ([], None)}
     given["run_settings"] = settings_text(given)
