@@ -51,7 +51,6 @@ class AdvisorNode(WorkerNode):
             "experiment": self.finished_with,
             "advices": self._made,
             "advising": str(self.busy).lower(),
-            "dropped": self.left_out,
             **super().health(),
         }
         trouble = self.advisor.trouble

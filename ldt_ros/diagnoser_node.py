@@ -37,7 +37,6 @@ class DiagnoserNode(WorkerNode):
             "experiment": self.finished_with,
             "diagnoses": self._made,
             "diagnosing": str(self.busy).lower(),
-            "dropped": self.left_out,
             **super().health(),
         }
         trouble = self.diagnoser.trouble

@@ -20,11 +20,11 @@ class WorkerNode(PairedNode):
 
     | received | what happens |
     |---|---|
-    | more than `waiting` while one takes long | the newest is left out and counted |
+    | more than `waiting` (100) while one takes long | the newest is left out and counted |
     """
 
     #: Experiments that may wait for one that takes long.
-    waiting: ClassVar[float] = float("inf")
+    waiting: ClassVar[int] = 100
     #: Whether the end of a run waits for the last experiment to be dealt with here.
     awaited: ClassVar[bool] = False
 
@@ -40,6 +40,10 @@ class WorkerNode(PairedNode):
         self._ended = 0
         if self.awaited:
             self.create_timer(NEWS, self._tell_progress, clock=self.steady)
+
+    def health(self) -> dict[str, Any]:
+        """What was left out because too much waited, and what `PairedNode` counts."""
+        return {"dropped": self.left_out, **super().health()}
 
     @property
     def busy(self) -> bool:

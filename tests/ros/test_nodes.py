@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from pathlib import Path
 
@@ -199,6 +200,25 @@ def test_one_without_the_other_waits_and_the_first_of_a_number_counts(stranger):
     stranger.send("experiment", experiment(1), experiment(2), experiment(3), experiment(3))
     stranger.until(lambda: stranger.numbers("adaptation") == [1, 2])
     stranger.until(lambda: stranger.health("adaptor").get("unpaired") == "1")
+
+
+def test_an_adaptor_slower_than_the_machine_keeps_what_waits_bounded(stranger):
+    """What comes beyond is left out, counted and told of; the rest is dealt with in order."""
+    node = stranger.start(AdaptorNode, **PHYSICS)
+    stranger.listen("adaptation", "/diagnostics")
+    gate, step = threading.Event(), node.adaptor.step
+    node.adaptor.step = lambda *pair: gate.wait(30) and step(*pair)
+    waiting = type(node).waiting
+    for number in range(1, waiting + 21):
+        stranger.send("experiment", experiment(number, length=2))
+        stranger.send("signal", answer(number, Level.POSITIVE))
+        stranger.spin(0.01)
+    told = stranger.until(lambda: stranger.health("adaptor").get("dropped") not in (None, "0"))
+    assert told
+    stranger.until(lambda: node.left_out == 19)  # one is at work, and so many wait
+    gate.set()
+    stranger.until(lambda: len(stranger.heard["adaptation"]) == waiting + 1)
+    assert stranger.numbers("adaptation") == list(range(1, waiting + 2))
 
 
 # ---- plant and player
