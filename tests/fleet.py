@@ -1,0 +1,92 @@
+"""What a machine more costs in one graph: processor time, memory, latency, start-up.
+
+python -m tests.fleet [1 5 20 50] [--seconds 20]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+
+from ldt_core.recording.bag import read_bag
+
+RATE = 20.0  # times real time: each machine makes an experiment of 2000 samples a second
+LDT = [sys.executable, "-c", "from ldt_core.cli import main; main()"]
+HEAD = ("machines", "processor time", "memory", "latency, median", "99th percentile", "start-up")
+
+
+def main() -> int:
+    """Measure each size, and print a table."""
+    parser = argparse.ArgumentParser(prog="python -m tests.fleet", description=__doc__)
+    parser.add_argument("sizes", nargs="*", type=int, default=[1, 5, 20, 50])
+    parser.add_argument("--seconds", type=int, default=20, help="experiments of each machine")
+    given = parser.parse_args()
+    print(f"{os.cpu_count()} cores; each machine makes an experiment of 2000 samples a second")
+    print(f"| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}")
+    for size in given.sizes:
+        print(f"| {' | '.join(_measured(size, given.seconds))} |", flush=True)
+    return 0
+
+
+def _measured(machines: int, experiments: int) -> tuple[str, ...]:
+    folder = Path(tempfile.mkdtemp(prefix="ldt-fleet-"))
+    began = time.time()
+    graph = subprocess.Popen(
+        [*LDT, "up", "--machines", str(machines), "--experiments", str(experiments), "--model",
+         "physics", "--detector", "calibrated", "--rate", str(RATE), "--bag", folder / "fleet"],
+        stdout=subprocess.DEVNULL,
+    )  # fmt: skip
+    used: dict[int, float] = {}
+    resident: list[int] = [0]
+    while graph.poll() is None:
+        time.sleep(0.2)
+        now = 0
+        for process in _children(graph.pid):
+            try:
+                spent = process.cpu_times()
+                used[process.pid] = spent.user + spent.system
+                now += process.memory_info().rss
+            except psutil.Error:
+                continue
+        resident.append(now)
+    latencies, first = [], []
+    for k in range(machines):
+        name = f"machine_{k + 1}" if machines > 1 else ""
+        bag = read_bag(folder / "fleet" / name if name else folder / "fleet")
+        sent = {r.number: t for r, t in _timed(bag, "experiment")}
+        done = {r.experiment: t for r, t in _timed(bag, "adaptation")}
+        latencies += [done[n] - sent[n] for n in sent]
+        first.append(min(sent.values()))
+    per = sum(used.values()) / machines
+    return (
+        str(machines),
+        f"{per / experiments * 1e3:.0f} ms an experiment, start-up included",
+        f"{max(resident) / machines / 1e6:.0f} MB each",
+        f"{np.median(latencies) * 1e3:.1f} ms",
+        f"{np.quantile(latencies, 0.99) * 1e3:.1f} ms",
+        f"{max(first) - began - 20.0 / RATE:.1f} s",
+    )
+
+
+def _timed(bag, name):
+    raws = bag.messages(name)
+    return ((r, raw.time_ns / 1e9) for r, raw in zip(bag.records(name), raws, strict=True))
+
+
+def _children(launcher: int) -> list[psutil.Process]:
+    try:
+        return psutil.Process(launcher).children()
+    except psutil.Error:
+        return []
+
+
+if __name__ == "__main__":
+    sys.exit(main())
