@@ -29,12 +29,13 @@ from ldt_core.recording.mcap_records import (
     PRIVATE,
     ZSTD_MAGIC,
     Bytes,
+    is_index,
+    located,
     message_in,
     next_record,
     opened,
     parse,
     reason,
-    unpack,
 )
 
 #: Number of a channel in the file → the channel, and its schema if it has one.
@@ -180,6 +181,7 @@ class McapFile:
 
     def _walk(self, stream: Bytes) -> Iterator[tuple[int, Any]]:
         whole = True  # nothing was left out so far
+        chunked = False  # whether there was a chunk
         try:
             if stream.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
                 whole = False
@@ -188,6 +190,7 @@ class McapFile:
                 at, crc = stream.at, stream.crc
                 try:
                     opcode, body = next_record(stream)
+                    _check_place(opcode, body, at, chunked)
                     if opcode >= PRIVATE:
                         self._note(f"{self.path}: a record of another application was left out")
                     elif opcode == Opcode.DATA_END:
@@ -213,6 +216,7 @@ class McapFile:
                     continue
                 content: Any = body
                 if opcode == Opcode.CHUNK:
+                    chunked = True
                     try:
                         content = opened(body)
                     except BROKEN as error:
@@ -243,8 +247,16 @@ class McapFile:
         return False
 
 
+def _check_place(opcode: int, body: bytes, at: int, chunked: bool) -> None:
+    """Refuse what one flipped bit makes of another record: there is no checksum on its kind."""
+    if (at == len(MCAP_MAGIC)) != (opcode == Opcode.HEADER):
+        raise ValueError("no header at the beginning, or one behind it")
+    if chunked and opcode == Opcode.MESSAGE and is_index(body):
+        raise ValueError("a message that is an index")
+
+
 def _summary(data: bytes) -> Summary:
-    records = list(unpack(data))
+    records = [record for _, record in located(data)]
     schemas = {r.id: r for r in records if isinstance(r, Schema)}
     channels: Described = {
         r.id: (r, schemas.get(r.schema_id)) for r in records if isinstance(r, Channel)

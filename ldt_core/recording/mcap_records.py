@@ -26,6 +26,7 @@ MAX_CHUNK = 1 << 30  # bytes of one record or chunk; rosbag2 cuts at 1 MB, a lar
 HEAD = struct.Struct("<BQ")  # of every record: what it is, and how many bytes follow
 CHUNK = struct.Struct("<QQQIL")  # first and last time, size, checksum, length of the method's name
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, time of recording, time of publishing
+INDEX = struct.Struct("<HL")  # channel, bytes of the entries that follow
 FOOTER = struct.Struct("<QQI")  # where the summary and its offsets begin, checksum
 # A chunk's start as it is looked for behind damage: opcode, length, fixed fields, compression.
 CHUNK_START = re.compile(rb"\x06(?=.{36}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0))", re.DOTALL)
@@ -152,22 +153,32 @@ def next_record(stream: Bytes) -> tuple[int, bytes]:
     if length > MAX_CHUNK:
         raise ValueError(f"a record claims {length} bytes")
     body = stream.read(length)
-    sound = {
-        Opcode.HEADER: True,
-        Opcode.SCHEMA: True,
-        Opcode.CHANNEL: True,
-        Opcode.MESSAGE: length >= MESSAGE.size,
-        Opcode.CHUNK: agrees(body, length),
-        # The bytes of its entries follow their length: a chunk is not taken for an index.
-        Opcode.MESSAGE_INDEX: length >= 6 and struct.unpack_from("<L", body, 2)[0] == length - 6,
-        Opcode.ATTACHMENT: True,
-        Opcode.METADATA: True,
-        Opcode.DATA_END: length == 4,
-        Opcode.FOOTER: length == FOOTER.size,
-    }.get(opcode, opcode >= PRIVATE)
-    if not sound:
+    if not _fits(opcode, body):
         raise ValueError(f"no record, or one of a wrong length (kind {opcode}, {length} bytes)")
     return opcode, body
+
+
+def _fits(opcode: int, body: bytes) -> bool:
+    """Whether a record before the index may be of this kind and have this content."""
+    match opcode:
+        case Opcode.CHUNK:
+            return agrees(body, len(body))
+        case Opcode.MESSAGE:
+            return len(body) >= MESSAGE.size
+        case Opcode.MESSAGE_INDEX:
+            return is_index(body)
+        case Opcode.DATA_END:
+            return len(body) == 4
+        case Opcode.FOOTER:
+            return len(body) == FOOTER.size
+        case Opcode.HEADER | Opcode.SCHEMA | Opcode.CHANNEL | Opcode.ATTACHMENT | Opcode.METADATA:
+            return True
+    return opcode >= PRIVATE
+
+
+def is_index(body: bytes) -> bool:
+    """Whether the bytes of its entries follow their length."""
+    return len(body) >= INDEX.size and INDEX.unpack_from(body)[1] == len(body) - INDEX.size
 
 
 def agrees(fields: bytes, length: int) -> bool:
@@ -180,7 +191,7 @@ def agrees(fields: bytes, length: int) -> bool:
     if length < CHUNK.size + 8:
         return False
     *_, named = CHUNK.unpack_from(fields)
-    if named > 4:  # "", "lz4" or "zstd"
+    if named > 4 or length < CHUNK.size + named + 8:  # "", "lz4" or "zstd"
         return False
     (data,) = struct.unpack_from("<Q", fields, CHUNK.size + named)
     return bool(length == CHUNK.size + named + 8 + data)
@@ -188,6 +199,11 @@ def agrees(fields: bytes, length: int) -> bool:
 
 def opened(body: bytes) -> list[Any]:
     """The records in a chunk, checked."""
+    return [record for _, record in located(content(body))]
+
+
+def content(body: bytes) -> bytes:
+    """What a chunk holds, with its checksum checked."""
     _, _, size, crc, named = CHUNK.unpack_from(body)
     method = body[CHUNK.size : CHUNK.size + named].decode()
     data = decompress(method, body[CHUNK.size + named + 8 :], size)
@@ -195,19 +211,19 @@ def opened(body: bytes) -> list[Any]:
         raise ValueError(f"{len(data)} bytes instead of {size}")
     if crc and zlib.crc32(data) != crc:
         raise ValueError("its checksum is wrong")
-    return list(unpack(data))
+    return data
 
 
-def unpack(data: bytes) -> Iterator[Any]:
-    """The records of an opened chunk or of a summary that concern messages."""
+def located(data: bytes) -> Iterator[tuple[int, Any]]:
+    """Place and record, of those in a chunk or a summary that concern messages."""
     at = 0
     while at < len(data):
         opcode, length = HEAD.unpack_from(data, at)
-        at += HEAD.size
-        if at + length > len(data):
+        begin = at + HEAD.size
+        if begin + length > len(data):
             raise EndOfFile
         if opcode == Opcode.MESSAGE:
-            yield message_in(data[at : at + length])
+            yield at, message_in(data[begin : begin + length])
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS):
-            yield parse(opcode, data[at : at + length])
-        at += length
+            yield at, parse(opcode, data[begin : begin + length])
+        at = begin + length

@@ -9,7 +9,10 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ldt_core.recording.messages import dump, offered_qos, schema
+import yaml
+from mcap.records import Channel, Schema
+
+from ldt_core.recording.messages import dump, load, offered_qos, schema
 from ldt_core.recording.storage import METADATA
 
 VERSION = 9
@@ -121,6 +124,24 @@ OURS = (
     "files",
     "custom_data",
 )
+
+
+def channel_entry(channel: Channel, described: Schema | None) -> dict[str, Any]:
+    """A topic as metadata.yaml lists it, by what a file says of its channel."""
+    kind = described.name if described else channel.message_encoding
+    offered: Any = None
+    with contextlib.suppress(yaml.YAMLError, RecursionError):
+        offered = load(channel.metadata.get("offered_qos_profiles", ""))
+    return {
+        "topic_metadata": {
+            "name": channel.topic,
+            "type": kind,
+            "serialization_format": channel.message_encoding,
+            "offered_qos_profiles": offered if isinstance(offered, list) else [],
+            "type_description_hash": channel.metadata.get("topic_type_hash", ""),
+        },
+        "message_count": 0,
+    }
 
 
 def write_metadata(folder: Path, text: str) -> None:

@@ -78,6 +78,11 @@ class Numbers:
         """The same numbers, to go on with."""
         return type(self)(self.spans)
 
+    def take(self, others: Numbers) -> None:
+        """Take in those of another."""
+        for first, last in others.spans:
+            self._put(first, last)
+
     def _put(self, first: int, last: int) -> None:
         """A stretch that holds at least one number that is not there; it joins its neighbours."""
         low = bisect.bisect_left(self._last, first - 1)

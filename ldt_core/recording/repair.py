@@ -26,13 +26,14 @@ from ldt_core.recording.mcap_records import LIBRARY
 from ldt_core.recording.messages import load
 from ldt_core.recording.metadata import (
     FileFacts,
+    channel_entry,
     information,
     text_of,
     write_metadata,
 )
 from ldt_core.recording.numbers import parse_numbers
 from ldt_core.recording.part import Description, Part
-from ldt_core.recording.storage import METADATA, Storage, is_mcap
+from ldt_core.recording.storage import METADATA, Storage, is_mcap, listed_topics
 
 KEPT = ".damaged"  # behind the name of a file that was replaced
 MENDED_BY = "ldt repair"  # the writer that a mended file names: its channels have other numbers
@@ -70,12 +71,16 @@ class Repair:
         mended: files that were written anew.
         metadata: why `metadata.yaml` was written anew, "" when it was right.
         unmended: what is wrong and could not be put right, a sentence each.
+        files: what each file holds now.
+        topics: entries of `metadata.yaml` for what is in them.
     """
 
     path: Path
     mended: list[Mended] = field(default_factory=list)
     metadata: str = ""
     unmended: list[str] = field(default_factory=list)
+    files: list[FileFacts] = field(default_factory=list)
+    topics: list[dict[str, Any]] = field(default_factory=list)
 
     @property
     def sound(self) -> bool:
@@ -115,7 +120,6 @@ def mend(storage: Storage, quick: bool = False) -> Repair:
     """
     work = Repair(storage.path)
     sequences: dict[str, int] = {}
-    facts: list[FileFacts] = []
     topics: dict[str, dict[str, Any]] = {}
     counts: Counter[str] = Counter()
     try:
@@ -127,16 +131,18 @@ def mend(storage: Storage, quick: bool = False) -> Repair:
             found = _look(storage, file, quick, sequences, begins)
             if found.notes:
                 _replace(file, found, work)
-            facts.append(found.facts)
+            work.files.append(found.facts)
             counts.update(found.counts)
             for entry in found.topics:
                 topics.setdefault(entry["topic_metadata"]["name"], entry)
         for file in storage.unusable:
             _drop_empty(storage, file, work)
-        if storage.path.is_dir() and len(facts) == len(storage.files):
-            _renew_metadata(storage, work, facts, topics, counts)
+        topics |= listed_topics(_trusted(storage))  # with what another program says of them
+        work.topics = [{**e, "message_count": counts[name]} for name, e in topics.items()]
+        if storage.path.is_dir() and len(work.files) == len(storage.files):
+            _renew_metadata(storage, work)
     except OSError as error:
-        raise _refused(storage.path, error) from None
+        raise refused(storage.path, error) from None
     return work
 
 
@@ -186,7 +192,7 @@ def _look(
             gaps[channel.topic] += max(message.sequence - expected, 0)
         sequences[channel.topic] = message.sequence + 1
     described = summary.channels if summary else looked.mcap.described
-    looked.topics = [_entry(*described[number]) for number in sorted(described)]
+    looked.topics = [channel_entry(*described[number]) for number in sorted(described)]
     if summary and summary.statistics:
         stated = summary.statistics.channel_message_counts
         there = Counter({described[n][0].topic: c for n, c in stated.items() if n in described})
@@ -203,7 +209,7 @@ def _take_summary(looked: _Looked, summary: Summary) -> None:
     assert said is not None
     for number, (channel, described) in sorted(summary.channels.items()):
         looked.counts[channel.topic] += said.channel_message_counts.get(number, 0)
-        looked.topics.append(_entry(channel, described))
+        looked.topics.append(channel_entry(channel, described))
     if said.message_count:
         span = said.message_start_time, said.message_end_time
         looked.facts = FileFacts(looked.facts.name, said.message_count, *span)
@@ -255,31 +261,18 @@ def _copy(looked: _Looked, new: Path) -> None:
         raise
 
 
-def _renew_metadata(
-    storage: Storage,
-    work: Repair,
-    facts: list[FileFacts],
-    topics: dict[str, dict[str, Any]],
-    counts: Counter[str],
-) -> None:
+def _renew_metadata(storage: Storage, work: Repair) -> None:
     """Write metadata.yaml if it does not say what the files hold."""
-    old = storage.metadata if all(key in storage.metadata for key in NEEDED) else {}
-    lost = [name for name in storage.listed if name not in [f.name for f in facts]]
+    old = _trusted(storage)
+    lost = [name for name in storage.listed if name not in [f.name for f in work.files]]
     for name in lost:
         work.unmended.append(f"{storage.path}: {METADATA} lists {name}, which is missing")
-    listed = old.get("topics_with_message_count")
-    entries = {**topics}
-    for entry in listed if isinstance(listed, list) else ():
-        with contextlib.suppress(TypeError, KeyError):
-            entries[entry["topic_metadata"]["name"]] = entry
-    for name, entry in entries.items():
-        entries[name] = {**entry, "message_count": counts[name]}
     custom = old.get("custom_data")
     custom = dict(custom) if isinstance(custom, dict) else _custom_of(storage)
     _, covered = parse_numbers(custom.get(RECORDED))
-    if any(m.file.name in [f.name for f in facts[:covered]] for m in work.mended):
+    if any(m.file.name in [f.name for f in work.files[:covered]] for m in work.mended):
         custom.pop(RECORDED)  # it names what has been lost since
-    new = information(list(entries.values()), facts, custom, old)
+    new = information(work.topics, work.files, custom, old)
     why = ""
     if not old:
         why = "it was missing or damaged"
@@ -292,6 +285,12 @@ def _renew_metadata(
         file.rename(_free_name(file))
     write_metadata(storage.path, text_of(new))
     work.metadata = why
+
+
+def _trusted(storage: Storage) -> dict[str, Any]:
+    """What metadata.yaml says, nothing where a part of it is missing."""
+    said = storage.metadata
+    return said if all(key in said for key in NEEDED) else {}
 
 
 def _counts(information: Mapping[str, Any], key: str) -> Any:
@@ -341,24 +340,6 @@ def _description(channel: Channel, described: Schema | None) -> Description:
     return Description(channel.topic, *about, channel.message_encoding)
 
 
-def _entry(channel: Channel, described: Schema | None) -> dict[str, Any]:
-    """A topic as metadata.yaml lists it, by what a file says of its channel."""
-    kind = described.name if described else channel.message_encoding
-    offered: Any = None
-    with contextlib.suppress(yaml.YAMLError, RecursionError):
-        offered = load(channel.metadata.get("offered_qos_profiles", ""))
-    return {
-        "topic_metadata": {
-            "name": channel.topic,
-            "type": kind,
-            "serialization_format": channel.message_encoding,
-            "offered_qos_profiles": offered if isinstance(offered, list) else [],
-            "type_description_hash": channel.metadata.get("topic_type_hash", ""),
-        },
-        "message_count": 0,
-    }
-
-
 def _free_name(file: Path) -> Path:
     kept = file.with_name(file.name + KEPT)
     count = 1
@@ -373,7 +354,8 @@ def _stamp(file: Path) -> tuple[int, int]:
     return state.st_size, state.st_mtime_ns
 
 
-def _refused(path: Path, error: OSError) -> LdtError:
+def refused(path: Path, error: OSError) -> LdtError:
+    """What to tell of a disk that is full or failed, or of a lacking right."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
         return LdtError(f"{path}: not mended, and left as it is: {error.strerror}")
     return RecordingError(path, "a recording that may be written", error.strerror or error)

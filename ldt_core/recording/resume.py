@@ -9,14 +9,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from mcap.records import Channel, Message, Schema
+
 import msgs_config
 from ldt_core.errors import LdtError, RecordingError
 from ldt_core.recording import run_settings
+from ldt_core.recording.finish import finish
+from ldt_core.recording.mcap_file import McapFile
 from ldt_core.recording.messages import offered_qos
 from ldt_core.recording.metadata import FileFacts, Topic
 from ldt_core.recording.numbers import Numbers, number_of, parse_numbers
-from ldt_core.recording.repair import RECORDED, mend
-from ldt_core.recording.storage import METADATA, Storage, read_metadata
+from ldt_core.recording.repair import RECORDED, Repair, mend, refused
+from ldt_core.recording.storage import METADATA, Storage, listed_topics, read_metadata
 
 NUMBERED = re.compile(r"(.+)_(\d+)\.mcap")
 
@@ -32,6 +36,7 @@ class Past:
         numbers: topic → experiments that are recorded.
         stem: what the names of the files begin with, "" without files.
         index: of the next file.
+        notes: what was damaged and is mended, a sentence each.
     """
 
     custom: dict[str, str]
@@ -40,6 +45,15 @@ class Past:
     numbers: dict[str, Numbers] = field(default_factory=dict)
     stem: str = ""
     index: int = 0
+    notes: list[str] = field(default_factory=list)
+
+    def hold(self, topic: str, kind: str, data: bytes) -> None:
+        """Take in a message that is recorded."""
+        number = number_of(topic, kind, data)
+        if number is not None:
+            if topic not in self.numbers:
+                self.numbers[topic] = Numbers()
+            self.numbers[topic].add(number)
 
 
 def continued(folder: Path, custom: Mapping[str, str], wanted: Sequence[Topic]) -> Past:
@@ -59,53 +73,81 @@ def continued(folder: Path, custom: Mapping[str, str], wanted: Sequence[Topic]) 
     """
     if not any(folder.iterdir()):
         return Past(dict(custom))
-    begun = [f for f in folder.glob("*.mcap") if f.stat().st_size]
+    # What a link points to is not this recording's: readers leave it out, too.
+    begun = [f for f in sorted(folder.glob("*.mcap")) if f.stat().st_size and not f.is_symlink()]
     metadata = read_metadata(folder / METADATA) if (folder / METADATA).is_file() else {}
     if not begun and metadata:
         for file in folder.glob("*.mcap"):
             file.unlink()  # its writer was killed before the first byte
         return Past(_agreed(folder, metadata, custom))
+    _check_topics(folder, metadata, wanted)
+    agreed = _agreed(folder, metadata, custom)
+    past = Past(agreed)
+    finished = _finish(folder, begun, past)
     storage = Storage(folder)
-    _check_topics(storage, wanted)
-    _agreed(folder, storage.metadata, custom)
+    for topic in wanted:
+        kind = storage.topics.get(topic.name, topic.kind)
+        if kind != topic.kind:
+            raise RecordingError(f"{folder}, {topic.name}", f"the recorded type {kind}", topic.kind)
     work = mend(storage, quick=True)
     if work.unmended:
         raise LdtError(f"{folder}: cannot be taken up again: {'; '.join(work.unmended)}")
     storage = Storage(folder)
-    return _past(storage, _agreed(folder, storage.metadata, custom))
+    past.custom = _agreed(folder, storage.metadata, custom)
+    past.notes += [note for file in work.mended for note in file.notes]
+    _fill(storage, work, past, finished)
+    return past
 
 
-def _past(storage: Storage, custom: dict[str, str]) -> Past:
-    past = Past(custom)
-    counted = {entry["path"]: entry for entry in storage.metadata["files"]}
+def _finish(folder: Path, files: Sequence[Path], past: Past) -> set[str]:
+    """Give the files of killed writers their index, the numbers in them to `past`; their names."""
+
+    def take(channel: Channel, schema: Schema | None, message: Message) -> None:
+        past.hold(channel.topic, schema.name if schema else "", message.data)
+
+    about = {name: text for name, text in past.custom.items() if name != RECORDED}
+    finished = set()
+    for file in files:
+        notes: list[str] = []
+        try:
+            McapFile(file, notes.append).summary()
+            if notes and finish(file, about, take):
+                finished.add(file.name)
+                past.notes += notes
+        except OSError as error:
+            raise refused(folder, error) from None
+    return finished
+
+
+def _fill(storage: Storage, work: Repair, past: Past, finished: set[str]) -> None:
+    """Take in what the files hold; numbers from those that nobody has counted."""
+    past.files = work.files
     for file in storage.files:
-        past.files.append(FileFacts.of_entry(counted[file.name]))
         if match := NUMBERED.fullmatch(file.name):
             past.stem, past.index = match[1], max(past.index, int(match[2]) + 1)
     if not past.stem:
         past.stem = storage.path.resolve().name
-    for entry in storage.metadata["topics_with_message_count"]:
+    for entry in work.topics:
         about = entry["topic_metadata"]
         past.topics.append(Topic(about["name"], about["type"], entry["message_count"]))
-    past.numbers, covered = parse_numbers(custom.get(RECORDED))
+    counted, covered = parse_numbers(past.custom.get(RECORDED))
+    for topic, numbers in counted.items():
+        past.numbers.setdefault(topic, Numbers()).take(numbers)
     for file in storage.files[covered:]:
-        for raw in storage.read(file):
-            number = number_of(raw.topic, raw.kind, raw.data)
-            if number is not None:
-                past.numbers.setdefault(raw.topic, Numbers()).add(number)
-    return past
+        if file.name not in finished:
+            for raw in storage.read(file):
+                past.hold(raw.topic, raw.kind, raw.data)
 
 
-def _check_topics(storage: Storage, wanted: Sequence[Topic]) -> None:
-    recorded = {}
-    for entry in storage.metadata.get("topics_with_message_count") or ():
-        recorded[entry["topic_metadata"]["name"]] = entry["topic_metadata"]
+def _check_topics(folder: Path, metadata: dict[str, Any], wanted: Sequence[Topic]) -> None:
+    recorded = listed_topics(metadata)
     for topic in wanted:
-        kind = storage.topics.get(topic.name, topic.kind)
-        where = f"{storage.path}, {topic.name}"
+        where = f"{folder}, {topic.name}"
+        about = recorded.get(topic.name, {}).get("topic_metadata", {})
+        kind = about.get("type", topic.kind)
         if kind != topic.kind:
             raise RecordingError(where, f"the recorded type {kind}", topic.kind)
-        offered = recorded.get(topic.name, {}).get("offered_qos_profiles")
+        offered = about.get("offered_qos_profiles")
         if offered and offered != offered_qos(topic.name):
             got = "another one; record into a new folder"
             raise RecordingError(where, "the recorded quality of service", got)
@@ -114,7 +156,8 @@ def _check_topics(storage: Storage, wanted: Sequence[Topic]) -> None:
 def _agreed(folder: Path, metadata: Mapping[str, Any], custom: Mapping[str, str]) -> dict[str, str]:
     """What the recording says of its run, which whoever goes on must not contradict."""
     found = metadata.get("custom_data")
-    recorded = dict(found) if isinstance(found, dict) else {}
+    said = found if isinstance(found, dict) else {}
+    recorded = {str(name): str(text) for name, text in said.items()}
     machine = recorded.get("machine", custom["machine"])  # a writer killed at once said nothing
     if custom["machine"] != machine:
         got = custom["machine"] or "none"

@@ -174,17 +174,14 @@ class Storage:
     def declared(self) -> Described:
         """Channels by their number in a file of LDT's, as metadata.yaml lists their topics."""
         found: Described = {}
-        listed = self.metadata.get("topics_with_message_count")
-        for number, entry in enumerate(listed if isinstance(listed, list) else (), start=1):
-            try:
-                topic, kind = (str(entry["topic_metadata"][key]) for key in ("name", "type"))
+        for number, (topic, entry) in enumerate(listed_topics(self.metadata).items(), start=1):
+            kind = entry["topic_metadata"]["type"]
+            with contextlib.suppress(RecordingError):
                 text = schema(kind)[0].encode()
-            except (TypeError, KeyError, RecordingError):
-                continue
-            found[number] = (
-                Channel(number, topic, "cdr", {}, number),
-                Schema(data=text, encoding="ros2msg", id=number, name=kind),
-            )
+                found[number] = (
+                    Channel(number, topic, "cdr", {}, number),
+                    Schema(data=text, encoding="ros2msg", id=number, name=kind),
+                )
         return found
 
     def read(self, file: Path, topics: Collection[str] | None = None) -> Iterator[Raw]:
@@ -263,6 +260,19 @@ def read_metadata(file: Path) -> dict[str, Any]:
     except (yaml.YAMLError, ValueError, RecursionError, TypeError, KeyError):
         return {}
     return info if isinstance(info, dict) else {}
+
+
+def listed_topics(metadata: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Topic → its entry in the bag information, of those that have a name and a type."""
+    found = {}
+    listed = metadata.get("topics_with_message_count")
+    for entry in listed if isinstance(listed, list) else ():
+        about = entry.get("topic_metadata") if isinstance(entry, dict) else None
+        if isinstance(about, dict) and isinstance(about.get("type"), str):
+            name = about.get("name")
+            if isinstance(name, str):
+                found[name] = entry
+    return found
 
 
 def _natural(name: str) -> list[Any]:

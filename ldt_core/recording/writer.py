@@ -97,6 +97,8 @@ class BagWriter:
         self.prefix = f"/{namespace.strip('/')}" if namespace.strip("/") else ""
         self._stem = self.path.resolve().name
         self._index = 0
+        #: What `resume` found damaged, and mended, a sentence each.
+        self.mended: list[str] = []
         self._files: list[FileFacts] = []  # those that are complete
         self._topics: dict[str, Topic] = {}
         self._numbers: dict[str, Numbers] = {}
@@ -301,6 +303,7 @@ class BagWriter:
     def _go_on(self, wanted: list[Topic]) -> None:
         """Take over what is recorded."""
         past = continued(self.path, self._custom, wanted)
+        self.mended = past.notes
         self._custom, self._files, self._numbers = past.custom, past.files, past.numbers
         self._topics = {t.name: t for t in past.topics}
         for topic in wanted:

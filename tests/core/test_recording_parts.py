@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import multiprocessing
 import os
+import random
+import shutil
 import signal
 import threading
 import time
@@ -16,13 +19,17 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
+from mcap.records import Channel
 
 from ldt_core.errors import LdtError, RecordingError
 from ldt_core.experiment import Action, Adaptation, Experiment, Level, ModelRecord, Signal
 from ldt_core.recording.bag import experiments, read_bag
 from ldt_core.recording.codec import DECODERS, encode_cdr
+from ldt_core.recording.finish import finish
 from ldt_core.recording.health import inspect
 from ldt_core.recording.lock import FolderLock, is_written
+from ldt_core.recording.mcap_records import HEAD
 from ldt_core.recording.messages import DIAGNOSTICS, MULTI_ARRAY
 from ldt_core.recording.metadata import Topic
 from ldt_core.recording.numbers import Numbers, number_of, numbers_text, parse_numbers
@@ -65,6 +72,18 @@ def killed(folder: Path, numbers: range, size: float = 0.0, **options: Any) -> P
     process.join()
     assert process.exitcode == -signal.SIGKILL
     return folder
+
+
+def last_chunk(data: bytes) -> tuple[int, int]:
+    """Where the last whole chunk of a file begins and ends."""
+    at, found = 8, (0, 0)
+    while at + HEAD.size <= len(data):
+        opcode, length = HEAD.unpack_from(data, at)
+        end = at + HEAD.size + length
+        if opcode == Opcode.CHUNK and end <= len(data):
+            found = at, end
+        at = end
+    return found
 
 
 def numbers(path: Path) -> list[int]:
@@ -153,6 +172,93 @@ def test_a_recording_is_taken_up_where_its_writer_was_killed(tmp_path, size):
     assert repair(folder).sound
 
 
+def test_the_end_that_a_killed_writer_left_out_is_what_it_would_have_written(tmp_path, monkeypatch):
+    """Cut anywhere behind its last chunk, a file is given the very bytes that it had."""
+    folder = tmp_path / "run"
+    with BagWriter(folder, "rotor", topics=("model",), settings=SETTINGS) as bag:
+        write(bag, range(1, 6))
+    file = folder / "run_0.mcap"
+    whole = file.read_bytes()
+    custom = information(folder)["custom_data"]
+    taken: list[str] = []
+
+    def take(channel: Channel, schema: object, message: object) -> None:
+        taken.append(channel.topic)
+
+    monkeypatch.setattr(os, "fsync", lambda descriptor: None)
+    for cut in range(last_chunk(whole)[1], len(whole), 17):
+        file.write_bytes(whole[:cut])
+        assert finish(file, custom, take)
+        assert taken == ["/experiment", "/signal"] * 5
+        assert file.read_bytes() == whole
+        taken.clear()
+    assert sorted(f.name for f in folder.iterdir()) == ["metadata.yaml", "run_0.mcap"]
+
+
+def test_a_chunk_that_was_cut_off_is_kept_beside_and_told(tmp_path):
+    """Its first bytes: nothing that was written goes away."""
+    folder = killed(tmp_path / "run", range(1, 6))
+    file = folder / "run_0.mcap"
+    whole = file.read_bytes()
+    begin, end = last_chunk(whole)
+    file.write_bytes(whole[: end - 100])
+    with BagWriter(folder, "rotor", resume=True) as bag:
+        assert bag.recorded("experiment").spans == [(1, 4)]
+        assert "has no end" in bag.mended[0]
+        write(bag, range(5, 6))
+    assert (folder / "run_0.mcap.tail").read_bytes() == whole[begin : end - 100]
+    assert repair(folder).sound
+    assert numbers(folder) == [1, 2, 3, 4, 5]
+
+
+def test_an_index_that_finds_no_place_changes_nothing(tmp_path, monkeypatch):
+    """The disk is full in the middle of it: the file is as it was, to the byte."""
+    folder = killed(tmp_path / "run", range(1, 6))
+    file = folder / "run_0.mcap"
+    before = file.read_bytes()
+    sync = os.fsync
+
+    def full(descriptor: int) -> None:
+        monkeypatch.setattr(os, "fsync", sync)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(LdtError, match="not mended, and left as it is: No space left"):
+        BagWriter(folder, "rotor", resume=True)
+    assert file.read_bytes() == before
+
+
+def test_a_link_in_a_recording_is_not_followed(tmp_path):
+    """What lies elsewhere is not LDT's to write to."""
+    other = killed(tmp_path / "other", range(1, 3))
+    before = (other / "other_0.mcap").read_bytes()
+    folder = killed(tmp_path / "run", range(1, 3))
+    (folder / "run_1.mcap").symlink_to(other / "other_0.mcap")
+    with pytest.raises(LdtError, match=r"run_1.mcap: holds nothing"):
+        BagWriter(folder, "rotor", resume=True)
+    repair(folder)
+    assert (other / "other_0.mcap").read_bytes() == before
+
+
+def test_damage_before_the_end_has_a_file_written_anew(tmp_path):
+    """A killed writer's file with a broken chunk in its middle, or its first one."""
+    folder = killed(tmp_path / "run", range(1, 9))
+    file = folder / "run_0.mcap"
+    for begin in (600, len(file.read_bytes()) // 2):
+        data = bytearray(file.read_bytes())
+        data[begin : begin + 50] = bytes(50)
+        file.write_bytes(data[: last_chunk(bytes(data))[1]])
+        before = bytes(file.read_bytes())
+        assert not finish(file, {}, lambda *message: None)
+        assert file.read_bytes() == before
+    with BagWriter(folder, "rotor", resume=True) as bag:
+        held = bag.recorded("experiment").spans
+        assert any("damaged" in note for note in bag.mended)
+    assert (folder / "run_0.mcap.damaged").read_bytes() == before
+    assert spans(numbers(folder)) == held
+    assert repair(folder).sound
+
+
 def test_a_recording_is_taken_up_again_and_again(tmp_path):
     """Killed in every part of it; also one that was closed in order."""
     folder = tmp_path / "run"
@@ -229,6 +335,35 @@ def test_a_topic_of_another_type_or_quality_of_service_is_refused(tmp_path, monk
     monkeypatch.setattr(BagWriter, "_kind", lambda self, topic: MULTI_ARRAY)
     with pytest.raises(RecordingError, match=f"/signal: expected the recorded type {DIAGNOSTICS}"):
         BagWriter(folder, "rotor", topics=("signal",), resume=True)
+
+
+def test_metadata_of_any_kind_is_taken_or_refused_in_a_sentence(tmp_path, monkeypatch):
+    """Lines of it lost, doubled or replaced: taken up, mended, or one of the project's errors."""
+    monkeypatch.setattr(os, "fsync", lambda descriptor: None)
+    start = killed(tmp_path / "start", range(1, 5), settings=SETTINGS, topics=("experiment",))
+    right = (start / "metadata.yaml").read_text().splitlines()
+    place = random.Random(8)
+    taken = 0
+    for turn in range(80):
+        lines = list(right)
+        for _ in range(place.randrange(1, 4)):
+            at = place.randrange(len(lines))
+            name = lines[at].partition(":")[0]
+            new = [[], [lines[at]] * 2, [f"{name}: 7"], [f"{name}: [a, {{}}]"], [f"{name}: {{}}"]]
+            lines[at : at + 1] = place.choice(new)
+        folder = tmp_path / f"run_{turn}"
+        shutil.copytree(start, folder)
+        (folder / "metadata.yaml").write_text("\n".join(lines) + "\n")
+        with contextlib.suppress(LdtError):
+            if turn % 2:
+                repair(folder)
+            with BagWriter(folder, "rotor", topics=("experiment",), resume=True) as bag:
+                assert bag.recorded("experiment").spans == [(1, 4)]
+            assert repair(folder).sound
+            assert [f["message_count"] for f in information(folder)["files"]] == [8, 0]
+            taken += 1
+        shutil.rmtree(folder)
+    assert taken > 20
 
 
 def test_a_recording_that_is_being_written_belongs_to_its_writer(tmp_path):
