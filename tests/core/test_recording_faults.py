@@ -182,6 +182,20 @@ def test_a_flipped_bit_is_noticed_and_costs_its_chunk_at_most(whole, tmp_path, u
     assert lost > FLIPS / 10
 
 
+def test_a_bit_flipped_in_the_kind_of_a_record_makes_no_message(whole, tmp_path):
+    """There is no checksum on it: an index is not taken for a message, nor the file's header."""
+    file = tmp_path / NAME
+    for at in whole.boundaries:
+        for bit in range(8):
+            data = bytearray(whole.data)
+            data[at] ^= 1 << bit
+            file.write_bytes(data)
+            untouched = [m for begin, _, held in whole.chunks if begin != at for m in held]
+            found, notes = read(file)
+            assert notes, (at, bit)
+            assert found in (untouched, whole.messages), (at, bit)
+
+
 def test_damage_of_any_size_costs_the_chunks_that_it_touches(whole, tmp_path, unsynced):
     """Up to half of the file overwritten with anything; and with the file's end lost as well."""
     place = random.Random(4)

@@ -24,6 +24,8 @@ from mcap.records import Channel
 
 from ldt_core.errors import LdtError, RecordingError
 from ldt_core.experiment import Action, Adaptation, Experiment, Level, ModelRecord, Signal
+from ldt_core.recording import finish as finish_module
+from ldt_core.recording import mcap_records
 from ldt_core.recording.bag import experiments, read_bag
 from ldt_core.recording.codec import DECODERS, encode_cdr
 from ldt_core.recording.finish import finish
@@ -257,6 +259,32 @@ def test_damage_before_the_end_has_a_file_written_anew(tmp_path):
     assert (folder / "run_0.mcap.damaged").read_bytes() == before
     assert spans(numbers(folder)) == held
     assert repair(folder).sound
+
+
+def test_an_index_that_is_damaged_or_missing_has_a_file_written_anew(tmp_path):
+    """Behind a chunk that is not the last: stock readers find messages by it."""
+    folder = killed(tmp_path / "run", range(1, 9))
+    file = folder / "run_0.mcap"
+    data = file.read_bytes()[: last_chunk(file.read_bytes())[1]]
+    end = last_chunk(data[: last_chunk(data)[0]])[1]
+    index = end + 20  # in the first entry
+    flipped = data[:index] + bytes([data[index] ^ 4]) + data[index + 1 :]
+    missing = data[:end] + data[last_chunk(data)[0] :]
+    for damaged in (flipped, missing):
+        file.write_bytes(damaged)
+        assert not finish(file, {}, lambda *message: None)
+        assert file.read_bytes() == damaged
+
+
+def test_a_killed_writers_file_is_read_once_to_take_it_up(tmp_path, monkeypatch):
+    """That takes seconds a gigabyte, in which nothing is recorded."""
+    folder = killed(tmp_path / "run", range(1, 9))
+    opened: list[str] = []
+    real = mcap_records.content
+    monkeypatch.setattr(mcap_records, "content", lambda body: opened.append("again") or real(body))
+    monkeypatch.setattr(finish_module, "content", lambda body: opened.append("once") or real(body))
+    BagWriter(folder, "rotor", resume=True).close()
+    assert opened == ["once"] * 8
 
 
 def test_a_recording_is_taken_up_again_and_again(tmp_path):
