@@ -270,7 +270,9 @@ def test_an_index_that_is_damaged_or_missing_has_a_file_written_anew(tmp_path):
     index = end + 20  # in the first entry
     flipped = data[:index] + bytes([data[index] ^ 4]) + data[index + 1 :]
     missing = data[:end] + data[last_chunk(data)[0] :]
-    for damaged in (flipped, missing):
+    # And without the first chunk, which describes the channels.
+    headless = data[: data.index(b"\x06")] + data[last_chunk(data)[0] :]
+    for damaged in (flipped, missing, headless):
         file.write_bytes(damaged)
         assert not finish(file, {}, lambda *message: None)
         assert file.read_bytes() == damaged
@@ -285,6 +287,17 @@ def test_a_killed_writers_file_is_read_once_to_take_it_up(tmp_path, monkeypatch)
     monkeypatch.setattr(finish_module, "content", lambda body: opened.append("once") or real(body))
     BagWriter(folder, "rotor", resume=True).close()
     assert opened == ["once"] * 8
+
+
+def test_a_recording_that_ended_in_order_is_taken_up_like_one_that_did_not(tmp_path):
+    """Of one file or of several: its experiments are known."""
+    for size in (0.0, SMALL):
+        folder = tmp_path / f"run_{size}"
+        with BagWriter(folder, "rotor", split_size=size) as bag:
+            write(bag, range(1, 21))
+        with BagWriter(folder, "rotor", split_size=size, resume=True) as bag:
+            assert bag.recorded("experiment").spans == [(1, 20)]
+            assert bag.mended == []
 
 
 def test_a_recording_is_taken_up_again_and_again(tmp_path):
