@@ -98,7 +98,7 @@ def past_of(path: str | Path, namespace: str, machine: Machine) -> Iterator[Past
 
 
 def last_of(path: str | Path, namespace: str, topic: str) -> int:
-    """The last experiment that a record of a topic is about, 0 if there is none.
+    """The last experiment that a record of a topic is about or is, 0 if there is none.
 
     Raises:
         RecordingError: as `past_of`.
@@ -106,7 +106,8 @@ def last_of(path: str | Path, namespace: str, topic: str) -> int:
     bag = _opened(path, namespace)
     if bag is None or bag.topic(topic) is None:
         return 0
-    return max((record.experiment for record in bag.records(topic)), default=0)
+    raws = bag.messages(topic)
+    return max((number_of(raw.topic, raw.kind, raw.data) or 0 for raw in raws), default=0)
 
 
 def _opened(path: str | Path, namespace: str) -> Bag | None:

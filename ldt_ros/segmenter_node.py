@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
-from ldt_core.recording.node_status import LEFT_OUT
+from ldt_core.recording.node_status import LEFT_OUT, NodeStatus
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
 from ldt_core.segmenter.arrival import ArrivalClock
 from ldt_core.segmenter.rules import SteadyRule
@@ -32,6 +33,9 @@ class SegmenterNode(GatedNode):
     | a field that is not there, or is no finite number | counted, logged once per kind |
     | two publishers of one topic | as after a pause, until there is one; counted |
     | nothing for 1 s | what waits for a voltage is taken with the voltage there is |
+
+    Started again in the middle of a run, it numbers on; what the machine streamed meanwhile is
+    lost.
     """
 
     def __init__(self, **node_arguments: Any) -> None:
@@ -62,7 +66,9 @@ class SegmenterNode(GatedNode):
         self._doubled = self.rivals.further
         self._publisher = self.publishes("experiment")
         self._begun = self._speed_came = False
-        self._sent = self._last = 0
+        #: Experiments of before this node was started again.
+        self._before = self.last_recorded("experiment")
+        self._sent = self._last = self._before
         self._sent_at = 0.0
         self._silent = 0
         self.create_timer(LOOK, self._look, clock=self.steady)
@@ -92,6 +98,12 @@ class SegmenterNode(GatedNode):
         """Cut no further experiment, and say which was the last."""
         self.finished = True
         self.tell()
+
+    def hear(self, told: NodeStatus) -> None:
+        """Number on from what the twin has had, of which not all may be recorded."""
+        if told.role == "twin" and self.settings["resume"] and self._sent == self._before:
+            had = (told.number("experiment") or 0) + (told.number("waiting") or 0)
+            self._sent = self._last = self._before = max(self._before, had)
 
     def _look(self) -> None:
         """Find topics that have come up, notice two publishers, notice silence."""
@@ -149,9 +161,10 @@ class SegmenterNode(GatedNode):
         for experiment in experiments:
             if self.finished:
                 return
-            self._publisher.publish(to_message(experiment))
+            self._last = experiment.number + self._before
+            self._publisher.publish(to_message(replace(experiment, number=self._last)))
             self._sent += 1
-            self._last, self._sent_at = experiment.number, time.monotonic()
+            self._sent_at = time.monotonic()
             if self._sent >= self.settings["experiments"]:
                 self.finished = True
                 self.tell()

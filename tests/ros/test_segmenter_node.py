@@ -18,6 +18,7 @@ from ldt_core.settings import resolve
 
 rclpy = pytest.importorskip("rclpy")
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64, String  # noqa: E402
@@ -67,6 +68,22 @@ def test_what_the_plant_streams_comes_back_as_the_experiments_that_it_was(
     assert told["sent"] == "3"
     assert told["speed from"] == "/joint_states (sensor_msgs/msg/JointState)"
     assert not [key for key in told if key.startswith("left out")]
+
+
+@pytest.mark.parametrize(("had", "heard"), [("0", 4), ("6", 8)])
+def test_a_segmenter_that_is_started_again_numbers_on(had, heard, stranger, short_rotor, tmp_path):
+    """After what is recorded, and after what the twin has had of which nothing is recorded yet."""
+    recorded = written(tmp_path / "bag", 1, 2, 3)
+    stranger.listen("experiment")
+    twin = [KeyValue(key="experiment", value=had), KeyValue(key="waiting", value="1")]
+    stranger.start(SegmenterNode, machine=short_rotor, resume=recorded)
+    stranger.send(
+        "/diagnostics", DiagnosticArray(status=[DiagnosticStatus(name="twin", values=twin)])
+    )
+    stranger.spin(0.2)
+    stranger.start(PlantNode, machine=short_rotor, stream="only", experiments=1)
+    stranger.until(lambda: stranger.heard["experiment"])
+    assert stranger.numbers("experiment") == [heard]
 
 
 def test_the_graph_learns_from_a_stream_what_it_learns_offline(
