@@ -10,6 +10,8 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
+from ldt_core.errors import ExperimentError
+
 Array = NDArray[np.float64]
 
 KEPT_DISCRETISATIONS = 512  # a few models with their alternatives; a matrix is some bytes
@@ -99,7 +101,11 @@ class StateSpace:
 
 
 def discretise(A: Array, B: Array, period: float) -> tuple[Array, Array]:
-    """(A_d, B_d) of x[k+1] = A_d x[k] + B_d u[k], exact for an input held between samples."""
+    """(A_d, B_d) of x[k+1] = A_d x[k] + B_d u[k], exact for an input held between samples.
+
+    Raises:
+        ExperimentError: a period so long that they are not finite.
+    """
     A = np.ascontiguousarray(A)
     return _discretise(A.tobytes(), np.ascontiguousarray(B).tobytes(), A.shape[0], float(period))
 
@@ -110,6 +116,9 @@ def _discretise(A: bytes, B: bytes, order: int, period: float) -> tuple[Array, A
     block[:order, :order] = np.frombuffer(A).reshape(order, order)
     block[:order, order] = np.frombuffer(B)
     moved = expm(block * period)
+    if not np.isfinite(moved).all():
+        expected = "one at which the linear model can be sampled"
+        raise ExperimentError("sample period", expected, f"{period:g} s")
     return _frozen(moved[:order, :order]), _frozen(moved[:order, order])
 
 
