@@ -15,7 +15,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 import msgs_config
-from ldt_core.errors import LdtError
+from ldt_core.errors import LdtError, RecordingError
 from ldt_core.machine import load_machine
 from ldt_core.models import restore_model
 from ldt_core.models.base import Model
@@ -30,6 +30,8 @@ LINGER = 0.3  # s between telling of the end and ending, so that the telling arr
 CHECK_PERIOD = 0.05  # s; how soon a change of readiness is told, which the start of a run waits for
 REFUSED = "refused experiment"  # key of the twin's health: there will be no prediction of it
 SOON = 60.0  # s after its start, in which a node asks the recording for what nobody sends
+TRIES = 6  # to read a recording whose recorder was started again as well, with
+MENDING = 0.5  # s in between
 VAIN = 3  # times that it asks for what is not there: the numbers have gaps
 SHOWN = 400  # characters of a rejection's reason; a foreign message may be of any size
 
@@ -105,8 +107,18 @@ class TwinNode(Node):
         Raises:
             RecordingError: a recording that cannot be read.
         """
-        if self.settings["resume"]:
-            yield from past_of(self.settings["resume"], self.get_namespace(), self.machine)
+        last = 0
+        for again in reversed(range(TRIES if self.settings["resume"] else 0)):
+            try:
+                for step in past_of(self.settings["resume"], self.get_namespace(), self.machine):
+                    if step.experiment.number > last:
+                        last = step.experiment.number
+                        yield step
+                return
+            except (RecordingError, OSError):  # its recorder may be mending it at this moment
+                if not again:
+                    raise
+                time.sleep(MENDING)
 
     def missed(self, last: int, number: int) -> Iterator[Past]:
         """Recorded steps between two, where this node was started again a moment ago.

@@ -9,8 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ldt_core.errors import RecordingError
 from ldt_core.experiment import Action, Level, ModelRecord
 from ldt_core.machine import load_machine
+from ldt_core.past import past_of
+from ldt_core.plant import Plant
+from ldt_core.session import run
+from ldt_core.settings import resolve
+from ldt_core.twin import build_judge
 
 rclpy = pytest.importorskip("rclpy")
 
@@ -19,6 +25,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E
 from std_msgs.msg import String  # noqa: E402
 from stranger import TOPICS, adaptation, answer, experiment, log_of, written  # noqa: E402
 
+from ldt_ros import node as node_module  # noqa: E402
 from ldt_ros.adaptor_node import AdaptorNode  # noqa: E402
 from ldt_ros.advisor_node import AdvisorNode  # noqa: E402
 from ldt_ros.convert import to_message  # noqa: E402
@@ -200,6 +207,32 @@ def test_one_without_the_other_waits_and_the_first_of_a_number_counts(stranger):
     stranger.send("experiment", experiment(1), experiment(2), experiment(3), experiment(3))
     stranger.until(lambda: stranger.numbers("adaptation") == [1, 2])
     stranger.until(lambda: stranger.health("adaptor").get("unpaired") == "1")
+
+
+def test_a_node_that_is_started_again_waits_for_its_recording_to_be_mended(
+    stranger, tmp_path, monkeypatch
+):
+    """The recorder may be at it at the same moment; no step is taken twice."""
+    folder, tries = tmp_path / "run", []
+    settings = resolve({"model": "linear", "experiments": 6, "start_time": 1e9})
+    plant = Plant.from_settings(load_machine("rotor"), settings)
+    run(plant.machine, settings, map(plant.experiment, range(1, 7)), folder)
+
+    def half(*arguments):
+        tries.append(arguments)
+        for step in past_of(*arguments):
+            yield step
+            if len(tries) < 3 and step.experiment.number == 2 * len(tries):
+                raise RecordingError(folder, "a recording", "half of one")
+
+    monkeypatch.setattr(node_module, "past_of", half)
+    monkeypatch.setattr(node_module, "MENDING", 0.01)
+    node = stranger.start(DetectorNode, resume=str(folder))
+    assert (len(tries), node.last) == (3, 6)
+    expected = build_judge(resolve({}))
+    for step in past_of(folder, "/", node.machine):
+        expected.recall(step)
+    assert node.judge.detector.state() == expected.detector.state()
 
 
 def test_an_adaptor_slower_than_the_machine_keeps_what_waits_bounded(stranger):
