@@ -182,6 +182,7 @@ def build() -> None:
                 "predict = ldt_core.cli.predict:command",
                 "replay = ldt_core.cli.replay:command",
                 "report = ldt_core.cli.report:command",
+                "rollback = ldt_core.cli.rollback:command",
                 "run = ldt_core.cli.run:command",
                 "security = ldt_core.cli.security:command",
                 "simulate = ldt_core.cli.simulate:command",

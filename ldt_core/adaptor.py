@@ -27,6 +27,7 @@ from ldt_core.experiment import (
 from ldt_core.gate import Trial
 from ldt_core.memory import Memory
 from ldt_core.models.base import Model
+from ldt_core.plausible import fault
 from ldt_core.settings import resolve
 from ldt_core.training_data import HARM, core, still_valid
 
@@ -36,6 +37,10 @@ if TYPE_CHECKING:
 
 #: Models that were in force before and may be again, beside the very first.
 EARLIER = 8
+#: In the details of an adaptation: the sensor's fault, and nothing was learned.
+FAULTY = "faulty_sensor"
+#: In the details of an adaptation: the version that came into force again by hand.
+ROLLED_BACK = "rolled_back_to"
 
 
 @dataclass(frozen=True)
@@ -73,6 +78,9 @@ class Adaptor:
     wearing rotor.) Only if no model could be trained is it kept, together with the present
     experiment: with more data there may be one.
 
+    An experiment whose speed no machine like this can have (`plausible`) is refused, whatever the
+    signal, and comes into neither S_w nor the recent experiments: nothing is ever learned from it.
+
     Args:
         model: the model to begin with.
         memory: S_w and the recent experiments.
@@ -80,6 +88,7 @@ class Adaptor:
         holdout: share of an experiment held back at a time.
         data: "evidence" or "warning-set".
         diagnoser: for a model that learns by the effect that a diagnosis names.
+        sensor_check: whether implausible experiments are refused.
 
     Attributes:
         diagnosis: the verdict that the last experiment gave rise to, or None.
@@ -96,13 +105,16 @@ class Adaptor:
         holdout: float = 0.25,
         data: str = "evidence",
         diagnoser: Diagnoser | None = None,
+        sensor_check: bool = False,
     ) -> None:
-        settings = resolve({"gate": gate, "holdout": holdout, "data": data}, "adaptor")
+        given = {"gate": gate, "holdout": holdout, "data": data, "sensor_check": sensor_check}
+        settings = resolve(given, "adaptor")
         self.model = model
         self.memory = memory
         self.gate: str = settings["gate"]
         self.holdout: float = settings["holdout"]
         self.data: str = settings["data"]
+        self.sensor_check: bool = settings["sensor_check"]
         #: Models that were in force before, the very first one first.
         self.earlier: list[Model] = []
         self.diagnoser = diagnoser
@@ -112,6 +124,9 @@ class Adaptor:
 
     def step(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
         """Deal with one experiment; (what was done, the model that goes on)."""
+        if found := self._fault(experiment):
+            self.diagnosis = None
+            return self._faulty(experiment, found), self.model
         details: dict[str, float] = {}
         if self.diagnoser is not None:
             self.diagnosis = self.diagnoser.step(experiment, signal)
@@ -129,6 +144,17 @@ class Adaptor:
         details["warning_set"] = len(self.memory)
         version = self.model.version
         return Adaptation(experiment.number, action, version, reason, details), self.model
+
+    def _fault(self, experiment: Experiment) -> str:
+        if not self.sensor_check:
+            return ""
+        return fault(self.model.machine, experiment, self._recent(experiment))
+
+    def _faulty(self, experiment: Experiment, found: str) -> Adaptation:
+        version = self.model.version
+        reason = f"nothing is learned: {found}; version {version} stays"
+        details = {FAULTY: 1, "warning_set": len(self.memory)}
+        return Adaptation(experiment.number, Action.REFUSED, version, reason, details)
 
     def _learn(self, experiment: Experiment) -> tuple[Action, str, dict[str, float]]:
         stays = f"version {self.model.version} stays"
@@ -173,6 +199,12 @@ class Adaptor:
             RecordingError: a step after which another model is in force than here.
         """
         experiment, told = step.experiment, step.adaptation
+        if ROLLED_BACK in told.details and model is not None:
+            self._roll_back(step, model)
+            return
+        if told.details.get(FAULTY):
+            self._check_version(told)
+            return
         if self.diagnoser is not None:
             self.diagnoser.recall(step)
             if step.diagnosis is not None and step.diagnosis.cause:
@@ -187,9 +219,26 @@ class Adaptor:
         if model is not None:
             self._adopt(model)
         self.memory.remember(experiment)
+        self._check_version(told)
+
+    def _check_version(self, told: Adaptation) -> None:
         if self.model.version != told.model_version:
-            where = f"adaptation of experiment {experiment.number}, model_version"
+            where = f"adaptation of experiment {told.experiment}, model_version"
             raise RecordingError(where, str(self.model.version), told.model_version)
+
+    def _roll_back(self, step: Past, model: Model) -> None:
+        """Go on with an earlier model, as a person wanted it after this step.
+
+        What was learned since it was adopted does not come back by itself: neither the later models
+        nor the experiments kept, of which nobody knows which ones misled them.
+        """
+        if self.diagnoser is not None:
+            self.diagnoser.recall(step)
+        wanted = step.adaptation.details[ROLLED_BACK]
+        self.earlier = [m for m in self.earlier if m.version < wanted]
+        self.model, self.named = model, None
+        self.memory.forget()
+        self._check_version(step.adaptation)
 
     def _since(self, experiment: Experiment) -> int:
         """The first of the experiments in a row, up to the present one, that the model is of."""

@@ -75,6 +75,11 @@ class Memory:
         """S_w ← ∅."""
         self._kept.clear()
 
+    def forget(self) -> None:
+        """Everything."""
+        self._kept.clear()
+        self._recent.clear()
+
     def state(self) -> dict[str, Any]:
         """All that is kept in JSON types; `restore` takes it back, every sample to the last bit."""
         return {
@@ -101,8 +106,7 @@ class Memory:
             raise OptionError(
                 "state of the memory, dropped", "a whole number from 0", repr(dropped)
             )
-        self.clear()
-        self._recent.clear()
+        self.forget()
         self.dropped = dropped
         for experiment in experiments:
             self.store(experiment)

@@ -8,9 +8,10 @@ what came before, so that it comes out the same.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from ldt_core.adaptor import ROLLED_BACK
 from ldt_core.experiment import (
     Action,
     Adaptation,
@@ -43,8 +44,8 @@ class Past:
         experiment: of the step.
         prediction: by the model then in force.
         signal: of the detector.
-        adaptation: what was done.
-        model: adopted in this step; None where the model stayed.
+        adaptation: what was done; after a rollback, that.
+        model: adopted in this step, or by a rollback; None where the model stayed.
         diagnosis: made at this experiment, or None.
         advice: given at this experiment, or None.
     """
@@ -123,6 +124,7 @@ def past(bag: Bag, machine: Machine) -> Iterator[Past]:
 
     A node that was started again may have sent its messages in another order, and some twice: the
     first of each counts. A step that stays incomplete while `WINDOW` later ones come is left out.
+    Where somebody has rolled the twin back after a step, that is how the step ended.
 
     Args:
         bag: as `read_bag` opened it; may be one that is being written.
@@ -139,6 +141,7 @@ def past(bag: Bag, machine: Machine) -> Iterator[Past]:
     models: dict[int, ModelRecord] = {}
     open_: dict[int, _Open] = {}
     done = 0
+    held: Past | None = None  # the last step, after which a rollback may come
     compared = bag.topic(YARDSTICK) is not None
     for name, record in _messages(bag):
         if isinstance(record, ModelRecord):
@@ -148,6 +151,8 @@ def past(bag: Bag, machine: Machine) -> Iterator[Past]:
                 open_.setdefault(record, _Open()).original = True
         else:
             number = record.experiment if isinstance(record, Signal | Adaptation) else record.number
+            if isinstance(record, Adaptation) and held and number == held.experiment.number:
+                held = _rolled_back(held, record, models)
             refused = isinstance(record, Experiment) and not machine.may_have_made(record)
             if number <= done or refused:
                 continue
@@ -159,9 +164,21 @@ def past(bag: Bag, machine: Machine) -> Iterator[Past]:
                 for earlier in [n for n in open_ if n <= done]:
                     del open_[earlier]
                 diagnosis, advice = (beside.get(kind, {}).get(number) for kind in BESIDE)
-                yield Past(*step, diagnosis, advice)
+                if held is not None:
+                    yield held
+                held = Past(*step, diagnosis, advice)
             elif open_[number].begun and len(open_) <= WINDOW:
                 break
+    if held is not None:
+        yield held
+
+
+def _rolled_back(step: Past, told: Adaptation, models: dict[int, ModelRecord]) -> Past:
+    """The step as a rollback left it, if that is what was told."""
+    model = models.get(told.model_version)
+    if ROLLED_BACK not in told.details or model is None:
+        return step
+    return replace(step, adaptation=told, model=model)
 
 
 def _messages(bag: Bag) -> Iterator[tuple[str, Recorded | int]]:

@@ -263,6 +263,6 @@ def build_advisor(machine: Machine, settings: Mapping[str, Any]) -> Advisor:
 def build_adaptor(model: Model, settings: Mapping[str, Any]) -> Adaptor:
     """Stage 3 from the parameters of the groups adaptor and diagnosis."""
     memory = Memory(settings["memory_limit"], settings["history"])
-    how = {name: settings[name] for name in ("gate", "holdout", "data")}
+    how = {name: settings[name] for name in ("gate", "holdout", "data", "sensor_check")}
     diagnoser = build_diagnoser(model.machine, settings) if model.asks_for_diagnosis else None
     return Adaptor(model, memory, **how, diagnoser=diagnoser)

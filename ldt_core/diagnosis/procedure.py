@@ -34,12 +34,13 @@ from ldt_core.diagnosis.scale import factors
 from ldt_core.diagnosis.shares import shapley
 from ldt_core.diagnosis.torque import Torque
 from ldt_core.diagnosis.where import change, places, residual, steady_places
-from ldt_core.diagnosis.words import sentence
+from ldt_core.diagnosis.words import not_measured, sentence
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.effects.base import Effect
 from ldt_core.errors import BadInput, OptionError
 from ldt_core.experiment import Experiment
 from ldt_core.machine import Machine
+from ldt_core.plausible import sound
 from ldt_core.threads import one_thread
 
 Array = NDArray[np.float64]
@@ -130,6 +131,10 @@ def diagnose(
 ) -> Diagnosis:
     """Where the gap between a machine and its file lies, what causes it, how far that closes it.
 
+    From the first experiment on whose speed no such machine can have (`plausible`) nothing is gone
+    by. Where fewer than `PARTS` came before it the verdict is "unknown": what a faulty sensor shows
+    is no effect of the machine.
+
     Args:
         machine: as its file knows it.
         experiments: measured.
@@ -145,6 +150,10 @@ def diagnose(
         BadInput: too little to go by.
     """
     workers = workers or os.cpu_count() or 1
+    trusted, fault = sound(machine, experiments)
+    only = len(trusted) < PARTS
+    if fault and not only:
+        experiments = trusted
     fitted, held = split(experiments, holdout, seed)
     most = max(float(np.abs(e.voltage).max()) for e in fitted)
     sizes = factors(machine.parameters, most or 1.0)
@@ -163,8 +172,8 @@ def diagnose(
         search.twins = {
             n: {o for g in groups if n in g for o in g} - {n} for g in groups for n in g
         }
-        decision = decide(search, seed)
-        report = _Report(machine, search, decision, fitted, held, recordings, seed, tick)
+        decision = decide(search, seed, bool(fault) and only)
+        report = _Report(machine, search, decision, fitted, held, recordings, seed, tick, fault)
         return report.diagnosis(silent, groups)
 
 
@@ -190,7 +199,11 @@ class _Report:
         recordings: Sequence[str],
         seed: int,
         tick: Callable[[str], None],
+        fault: str = "",
     ) -> None:
+        self.fault = fault
+        #: Whether nothing was sought, for no experiment can be trusted.
+        self.faulty = bool(fault) and decision.kind == "unknown" and decision.best is None
         self.machine, self.search, self.decision = machine, search, decision
         self.fitted, self.held, self.recordings = list(fitted), list(held), list(recordings)
         self.seed, self.tick = seed, tick
@@ -223,6 +236,8 @@ class _Report:
         acting = d.acting if self.named else []
         effects = list(dict.fromkeys(n for group in acting for n in group))
         words = sentence(self.machine.name, d.kind, acting, found, gap, where, left)
+        if self.fault:
+            words = not_measured(self.fault, "" if self.faulty else words)
         best = d.best.use if d.best else []
         depends = (
             depends_on(self.bench, residual(self.bench, best, d.best.starts if d.best else None))
@@ -253,7 +268,7 @@ class _Report:
 
     def _where(self) -> list[Place]:
         """By what was named, free of noise, or else by all that is wrong."""
-        if self.decision.kind == "none":
+        if self.decision.kind == "none" or self.faulty:
             return []
         none = self.search.found.fits[frozenset()].use
         if self.named is None:
@@ -330,6 +345,8 @@ class _Report:
             return "there is no gap to explain"
         if self.named and any(name in group for group in d.acting):
             return None
+        if self.faulty:
+            return "not tried: the sensor is faulty"
         if score is None or score < 0.01:
             return "explains nothing of the gap"
         if d.kind == "unknown":

@@ -54,6 +54,18 @@ def sentence(
     )
 
 
+def not_measured(fault: str, verdict: str) -> str:
+    """The sentence where a sensor is at fault.
+
+    Args:
+        fault: what it shows, and where.
+        verdict: on the experiments before; "" where there are too few.
+    """
+    if not verdict:
+        return f"Sensor fault: {fault}. No cause is sought in a speed that was not measured."
+    return f"{verdict} That is by the experiments before a sensor fault: {fault}."
+
+
 def _one(group: Sequence[str], amounts: Mapping[str, Mapping[str, Amount]]) -> str:
     named = f"{spoken(group[0])} ({values(amounts[group[0]])})"
     if len(group) == 1:

@@ -1,0 +1,65 @@
+"""`ldt rollback`: the models of a run, and going back to one of them."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import click
+
+from ldt_core.cli.options import json_option, namespace_option
+from ldt_core.cli.terminal import echo, one_line
+
+if TYPE_CHECKING:
+    from ldt_core.rollback import History
+
+
+@click.command("rollback")
+@click.argument("recording")
+@click.option("--to", "version", type=click.INT, help="Version to go on with.")
+@click.option("--machine", default="", help="Machine file, where the run was started with one.")
+@namespace_option
+@json_option
+def command(
+    recording: str, version: int | None, machine: str, namespace: str, as_json: bool
+) -> None:
+    """List the models that were in force in RECORDING of a run; with --to, go back to one.
+
+    Nothing is deleted: the earlier model is recorded once more, as the next version, and the run
+    goes on with it when it is taken up with --resume. Neither the later models nor the experiments
+    kept for learning come back. Not while the run is being recorded.
+
+    Example: ldt rollback my_run --to 2
+    """
+    from ldt_core.rollback import history, roll_back
+
+    found = history(recording, namespace, machine)
+    if version is None:
+        if as_json:
+            echo(json.dumps(found.as_dict(), allow_nan=False))
+        else:
+            _show(found)
+        return
+    done = roll_back(found, version)
+    if as_json:
+        record = {"in_force": done.model_version, "rolled_back_to": version, "reason": done.reason}
+        echo(json.dumps({**record, "experiment": done.experiment}))
+    else:
+        echo(f"{done.reason}; go on with --resume {recording}")
+
+
+def _show(found: History) -> None:
+    echo("version  adopted  predicted  mean max error  held back: before -> after  faulty sensor")
+    for r in found.reigns:
+        error = "-" if r.mean_max_error is None else f"{r.mean_max_error:.4g} rad/s"
+        compared = ""
+        if r.before is not None and r.after is not None:
+            compared = f"{r.before:.4g} -> {r.after:.4g} rad/s"
+        when = f"at {r.adopted}" if r.adopted else "first"
+        echo(
+            f"{r.version:7}  {when:>7}  {r.experiments:9}  {error:>14}  {compared or '-':>26}  "
+            f"{r.faulty or '-':>13}"
+        )
+        if r.adopted:
+            echo(f"         {one_line(r.reason)}")
+    echo(f"version {found.reigns[-1].version} is in force")
