@@ -10,14 +10,14 @@ from __future__ import annotations
 import io
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import IO, Any, NamedTuple, cast
 
 import zstandard
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Message, Schema, Statistics
+from mcap.records import Channel, ChunkIndex, Header, Message, Schema, Statistics
 
 from ldt_core.recording.mcap_records import (
     BROKEN,
@@ -55,6 +55,7 @@ class Summary(NamedTuple):
 
     channels: Described
     statistics: Statistics | None
+    chunks: list[ChunkIndex]
 
 
 class McapFile:
@@ -143,6 +144,36 @@ class McapFile:
                 schemas[record.id] = record
             elif isinstance(record, Channel):
                 described[record.id] = record, schemas.get(record.schema_id)
+
+    def messages_of(self, topics: Collection[str]) -> Iterator[Found]:
+        """Messages of some topics by the index, without reading what has none of them.
+
+        Where there is no index, or it does not lead to whole chunks, all of the file is read.
+        """
+        summary = self.summary()
+        if summary is not None and summary.chunks:
+            try:
+                yield from self._by_index(summary, topics)
+                return
+            except BROKEN as error:
+                self._note(f"{self.path}: its index is wrong ({reason(error)}); read without it")
+        yield from (found for found in self.messages() if found.channel.topic in topics)
+
+    def _by_index(self, summary: Summary, topics: Collection[str]) -> list[Found]:
+        wanted = {n: d for n, d in summary.channels.items() if d[0].topic in topics}
+        found = []
+        with self.path.open("rb") as stream:
+            for chunk in summary.chunks:
+                if wanted.keys().isdisjoint(chunk.message_index_offsets):
+                    continue
+                stream.seek(chunk.chunk_start_offset)
+                opcode, body = next_record(Bytes(stream, chunk.chunk_length))
+                if opcode != Opcode.CHUNK:
+                    raise ValueError(f"no chunk at byte {chunk.chunk_start_offset}")
+                for record in opened(body):
+                    if isinstance(record, Message) and record.channel_id in wanted:
+                        found.append(Found(*wanted[record.channel_id], record))
+        return found
 
     def metadata(self, name: str) -> dict[str, str] | None:
         """The last metadata record of this name in a whole file, None when there is none."""
@@ -262,4 +293,5 @@ def _summary(data: bytes) -> Summary:
         r.id: (r, schemas.get(r.schema_id)) for r in records if isinstance(r, Channel)
     }
     statistics = [r for r in records if isinstance(r, Statistics)]
-    return Summary(channels, statistics[0] if statistics else None)
+    chunks = [r for r in records if isinstance(r, ChunkIndex)]
+    return Summary(channels, statistics[0] if statistics else None, chunks)

@@ -17,7 +17,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Message, Metadata, Schema, Statistics
+from mcap.records import Channel, ChunkIndex, Header, Message, Metadata, Schema, Statistics
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -49,6 +49,7 @@ _READ: dict[int, Callable[[ReadDataStream], Any]] = {
     Opcode.CHANNEL: Channel.read,
     Opcode.STATISTICS: Statistics.read,
     Opcode.METADATA: Metadata.read,
+    Opcode.CHUNK_INDEX: ChunkIndex.read,
 }
 _PASSED_OVER = (Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT, Opcode.METADATA)
 PRIVATE = 0x80  # from here on an opcode is an application's own
@@ -224,6 +225,6 @@ def located(data: bytes) -> Iterator[tuple[int, Any]]:
             raise EndOfFile
         if opcode == Opcode.MESSAGE:
             yield at, message_in(data[begin : begin + length])
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS):
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX):
             yield at, parse(opcode, data[begin : begin + length])
         at = begin + length

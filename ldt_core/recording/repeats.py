@@ -39,7 +39,7 @@ class Repeats:
         """
         storage = Storage(path)
         # A model has no experiment's number.
-        models = storage.messages([t for t in storage.topics if t.rpartition("/")[2] == "model"])
+        models = storage.picked([t for t in storage.topics if t.rpartition("/")[2] == "model"])
         before = {topic: held.copy() for topic, held in numbers.items()}
         return cls(before, ((raw.topic, raw.data) for raw in models))
 

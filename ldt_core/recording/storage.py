@@ -85,6 +85,19 @@ class Storage:
             for raw in self.read(file, topics):
                 yield self._unzipped(raw) if per_message else raw
 
+    def picked(self, topics: Collection[str]) -> Iterator[Raw]:
+        """Messages of topics that are rare, without reading all of the files; damage is no matter.
+
+        Of files without an index as `messages`.
+        """
+        for file in self.files:
+            if not is_mcap(file):
+                yield from self.read(file, topics)
+                continue
+            for channel, described, message in self.mcap(file).messages_of(topics):
+                kind = self._kind(file, channel, described)
+                yield Raw(channel.topic, kind, message.log_time, message.data)
+
     def _unzipped(self, raw: Raw) -> Raw:
         try:
             return raw._replace(data=decompress("zstd", raw.data, MAX_CHUNK))

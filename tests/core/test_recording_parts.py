@@ -25,7 +25,7 @@ from mcap.records import Channel
 from ldt_core.errors import LdtError, RecordingError
 from ldt_core.experiment import Action, Adaptation, Experiment, Level, ModelRecord, Signal
 from ldt_core.recording import finish as finish_module
-from ldt_core.recording import mcap_records
+from ldt_core.recording import mcap_file, mcap_records
 from ldt_core.recording.bag import experiments, read_bag
 from ldt_core.recording.codec import DECODERS, encode_cdr
 from ldt_core.recording.finish import finish
@@ -36,6 +36,7 @@ from ldt_core.recording.messages import DIAGNOSTICS, MULTI_ARRAY
 from ldt_core.recording.metadata import Topic
 from ldt_core.recording.numbers import Numbers, number_of, numbers_text, parse_numbers
 from ldt_core.recording.repair import repair
+from ldt_core.recording.storage import Storage
 from ldt_core.recording.writer import BagWriter
 from ldt_core.words import gaps, spans
 
@@ -287,6 +288,33 @@ def test_a_killed_writers_file_is_read_once_to_take_it_up(tmp_path, monkeypatch)
     monkeypatch.setattr(finish_module, "content", lambda body: opened.append("once") or real(body))
     BagWriter(folder, "rotor", resume=True).close()
     assert opened == ["once"] * 8
+
+
+def test_rare_messages_are_picked_without_reading_the_rest(tmp_path, monkeypatch):
+    """By the index; without one, or where a chunk is damaged, all the same by reading it all."""
+    folder = tmp_path / "run"
+    models = [ModelRecord(version, "linear", (), {"a": 1.0}) for version in range(3)]
+    with BagWriter(folder, "rotor", split_size=SMALL) as bag:
+        for version, model in enumerate(models):
+            write(bag, range(10 * version + 1, 10 * version + 11))
+            bag.write("model", model, 1e9 + 100)
+    opened: list[bytes] = []
+    real = mcap_file.opened
+    monkeypatch.setattr(mcap_file, "opened", lambda body: opened.append(body) or real(body))
+    expected = list(read_bag(folder).messages("model"))
+    everything = len(opened)
+    opened.clear()
+    assert list(Storage(folder).picked(["/model"])) == expected
+    assert len(expected) == 3
+    assert len(opened) <= 3 < everything
+    for file in folder.glob("*.mcap"):
+        data = file.read_bytes()
+        broken = bytearray(data)
+        broken[data.index(b"\x06") + 60] ^= 1  # in the first chunk
+        for damaged in (data[:-1], bytes(broken)):
+            file.write_bytes(damaged)
+            assert list(Storage(folder).picked(["/model"])) == [*read_bag(folder).messages("model")]
+        file.write_bytes(data)
 
 
 def test_a_recording_that_ended_in_order_is_taken_up_like_one_that_did_not(tmp_path):
