@@ -81,7 +81,8 @@ def test_a_segmenter_that_is_started_again_numbers_on(had, heard, stranger, shor
         "/diagnostics", DiagnosticArray(status=[DiagnosticStatus(name="twin", values=twin)])
     )
     stranger.spin(0.2)
-    stranger.start(PlantNode, machine=short_rotor, stream="only", experiments=1)
+    beside = {"stream": "only", "experiments": 1, "graph": ["segmenter"]}
+    stranger.start(PlantNode, machine=short_rotor, **beside)
     stranger.until(lambda: stranger.heard["experiment"])
     assert stranger.numbers("experiment") == [heard]
 
