@@ -38,7 +38,7 @@ DECIDING = (
         "models/physics.py",
         "physics",
     ),
-    *("registry.py", "threads.py", "words.py"),
+    *("plausible.py", "registry.py", "threads.py", "words.py"),
 )
 SHOWING = (
     *("diagnosis/each.py", "diagnosis/files.py", "diagnosis/live.py", "diagnosis/page"),
