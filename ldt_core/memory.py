@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from ldt_core.bounded import forget_oldest
 from ldt_core.errors import LdtError, OptionError
 from ldt_core.experiment import Experiment
 from ldt_core.settings import resolve
@@ -122,10 +123,7 @@ def _put(kept: Kept, experiment: Experiment, limit: int) -> int:
     """Keep an experiment as the last; how many of the oldest have left for it."""
     kept.pop(_key(experiment), None)
     kept[_key(experiment)] = experiment
-    leaving = max(0, len(kept) - limit)
-    for key in list(kept)[:leaving]:
-        del kept[key]
-    return leaving
+    return forget_oldest(kept, limit)
 
 
 def _plain(experiment: Experiment) -> dict[str, Any]:

@@ -7,9 +7,10 @@ what came before, so that it comes out the same.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ldt_core.adaptor import ROLLED_BACK
 from ldt_core.experiment import (
@@ -23,12 +24,14 @@ from ldt_core.experiment import (
     Signal,
 )
 from ldt_core.machine import Machine
+from ldt_core.models import restore_model
 from ldt_core.recording.bag import Bag
-from ldt_core.recording.codec import decode
-from ldt_core.recording.messages import deserialize
 from ldt_core.recording.numbers import number_of
 from ldt_core.recording.storage import Storage
 from ldt_core.twin import WINDOW
+
+if TYPE_CHECKING:
+    from ldt_core.models.base import Model
 
 LOOP = ("experiment", "prediction", "signal", "adaptation", "model")
 YARDSTICK = "original_prediction"
@@ -57,6 +60,14 @@ class Past:
     model: ModelRecord | None = None
     diagnosis: DiagnosisRecord | None = None
     advice: AdviceRecord | None = None
+
+    def restored(self, machine: Machine, settings: Mapping[str, Any]) -> Model | None:
+        """The model that it brought into force; None where the one before stayed.
+
+        Raises:
+            ModelError: a recorded model that cannot be this machine's.
+        """
+        return None if self.model is None else restore_model(self.model, machine, settings)
 
 
 @dataclass
@@ -105,9 +116,12 @@ def last_of(path: str | Path, namespace: str, topic: str) -> int:
         RecordingError: as `past_of`.
     """
     bag = _opened(path, namespace)
-    if bag is None or bag.topic(topic) is None:
-        return 0
-    raws = bag.messages(topic)
+    return last_in(bag, topic) if bag is not None and bag.topic(topic) else 0
+
+
+def last_in(bag: Bag, topic: str) -> int:
+    """The same of a recording that is open, and has the topic."""
+    raws = bag.storage.picked([bag.topic(topic) or ""])
     return max((number_of(raw.topic, raw.kind, raw.data) or 0 for raw in raws), default=0)
 
 
@@ -134,7 +148,7 @@ def past(bag: Bag, machine: Machine) -> Iterator[Past]:
         RecordingError: a message that is none of the topic's.
     """
     beside = {
-        name: {record.experiment: record for record in bag.records(name)}
+        name: {record.experiment: record for record in bag.rare(name)}
         for name in BESIDE
         if bag.topic(name)
     }
@@ -189,8 +203,7 @@ def _messages(bag: Bag) -> Iterator[tuple[str, Recorded | int]]:
         if name == YARDSTICK:
             yield name, number_of(raw.topic, raw.kind, raw.data) or 0
             continue
-        where = f"{bag.path}, {raw.topic}, message {index}"
-        record = decode(name, deserialize(raw.data, raw.kind, where), where)
+        record = bag.decoded(raw, index)
         assert isinstance(record, Recorded)  # of the topics in LOOP
         yield name, record
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import msgs_config
 from ldt_core.adaptor import FAULTY, ROLLED_BACK
 from ldt_core.errors import OptionError, RecordingError
-from ldt_core.experiment import Action, Adaptation, ModelRecord, Prediction, Signal
+from ldt_core.experiment import Action, Adaptation, ModelRecord
 from ldt_core.machine import Machine, load_machine
-from ldt_core.past import Past, past
+from ldt_core.past import Past, last_in, past
 from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.recording.messages import quoted
 from ldt_core.recording.writer import BagWriter
@@ -93,7 +93,7 @@ def history(path: str | Path, namespace: str = "", machine: str = "") -> History
     known = load_machine(machine or _recorded_machine(bag))
     check_key(bag, known)
     models: dict[int, ModelRecord] = {}
-    for record in bag.records("model") if bag.topic("model") else ():
+    for record in bag.rare("model") if bag.topic("model") else ():
         models.setdefault(record.version, record)
     reigns: list[Reign] = []
     sums: list[float] = []
@@ -140,7 +140,7 @@ def roll_back(found: History, version: int) -> Adaptation:
     done = found.last.experiment.number
     bag = read_bag(found.path, found.namespace or "/")
     for topic in ANSWERS:
-        if max(_number(record) for record in bag.records(topic)) > done:
+        if last_in(bag, topic) > done:
             expected = f"a recording that ends with experiment {done}; let --resume complete it"
             raise RecordingError(found.path, expected, f"the {topic} of a later one")
     model = replace(found.models[version], version=max(found.models) + 1)
@@ -159,10 +159,6 @@ def roll_back(found: History, version: int) -> Adaptation:
         writer.write("model", model, end)
         writer.write("adaptation", adaptation, end)
     return adaptation
-
-
-def _number(record: Prediction | Signal | Adaptation) -> int:
-    return record.number if isinstance(record, Prediction) else record.experiment
 
 
 def _recorded_machine(bag: Bag) -> str:

@@ -43,13 +43,13 @@ def stamp(also: Iterable[str] = ()) -> dict[str, str]:
         also: further files of `ldt_core` that decide numbers.
     """
     deciding = [name for name in parts() if name not in SHOWING]
-    known = versions(LIBRARIES)
+    known = versions()
     return {"ldt": known.pop("ldt"), "code": fingerprint([*deciding, *also]), **known}
 
 
-def versions(libraries: Iterable[str]) -> dict[str, str]:
+def versions() -> dict[str, str]:
     """Versions of LDT and of these libraries."""
-    return {name: version(name) for name in ("ldt", *libraries)}
+    return {name: version(name) for name in ("ldt", *LIBRARIES)}
 
 
 def _feed(digest: hashlib._Hash, part: Traversable, name: str, but: frozenset[str]) -> None:

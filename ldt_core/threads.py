@@ -1,12 +1,20 @@
-"""Linear algebra on one thread: several split their sums by their number, hence other last bits."""
+"""Work among threads, and linear algebra on one.
+
+Several threads of linear algebra split its sums by their number, hence other last bits.
+"""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
+from typing import TypeVar
 
 import scipy.linalg  # noqa: F401  loads the libraries that are to be limited
 from threadpoolctl import ThreadpoolController
+
+T = TypeVar("T")
 
 
 @functools.cache
@@ -18,3 +26,12 @@ def _controller() -> ThreadpoolController:
 def one_thread() -> AbstractContextManager[object]:
     """All linear algebra inside runs on one thread, in numpy and scipy alike."""
     return _controller().limit(limits=1)
+
+
+def spread(work: Callable[[int], T], count: int, workers: int) -> Iterator[T]:
+    """What comes out for each number below a count, in their order, among so many threads."""
+    if workers > 1 and count > 1:
+        with ThreadPoolExecutor(workers) as pool:
+            yield from pool.map(work, range(count))
+    else:
+        yield from map(work, range(count))

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ldt_core.adaptor import Adaptor
+from ldt_core.bounded import forget_oldest
 from ldt_core.detectors import build_detector
 from ldt_core.detectors.base import Detector
 from ldt_core.errors import ExperimentError, RecordingError, RepeatedExperiment
 from ldt_core.experiment import Experiment, Prediction, Signal, Step
 from ldt_core.machine import Machine
 from ldt_core.memory import Memory
-from ldt_core.models import build_model, restore_model
+from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.models.physics import PhysicsModel
 
@@ -66,9 +67,7 @@ class Predictor:
         self.machine.check(experiment)
         if self.last is not None and experiment.number <= self.last:
             known = self._starts.get(experiment.number) == experiment.start
-            kind = RepeatedExperiment if known else ExperimentError
-            where = f"experiment {experiment.number}"
-            raise kind(where, f"a number above {self.last}", experiment.number)
+            raise out_of_order(experiment, self.last, known)
         prediction = self.model.predict(experiment)
         self._took(experiment)
         return prediction
@@ -76,8 +75,7 @@ class Predictor:
     def _took(self, experiment: Experiment) -> None:
         self.last = experiment.number
         self._starts[experiment.number] = experiment.start
-        while len(self._starts) > WINDOW:
-            del self._starts[next(iter(self._starts))]
+        forget_oldest(self._starts, WINDOW)
 
     def recall(self, step: Past, model: Model | None) -> None:
         """Be as after a recorded step, and the model that it brought into force, if one."""
@@ -201,7 +199,7 @@ class Twin:
             RecordingError: a recording that this twin cannot have made.
             ModelError: a recorded model that cannot be this machine's.
         """
-        model = self.restored(step)
+        model = step.restored(self.predictor.machine, self.settings)
         self.predictor.recall(step, model)
         self.judge.recall(step)
         self.adaptor.recall(step, model)
@@ -209,16 +207,6 @@ class Twin:
             self.diagnoser.recall(step)
         if self.advisor is not None:
             self.advisor.recall(step)
-
-    def restored(self, step: Past) -> Model | None:
-        """The model that a recorded step brought into force; None where the present one stayed.
-
-        Raises:
-            ModelError: a recorded model that cannot be this machine's.
-        """
-        if step.model is None:
-            return None
-        return restore_model(step.model, self.predictor.machine, self.settings)
 
     def steps(
         self,
@@ -239,6 +227,18 @@ class Twin:
                 rejected(error)
             else:
                 yield step
+
+
+def out_of_order(experiment: Experiment, last: int, known: bool) -> ExperimentError:
+    """Why an experiment is not taken whose number is not above the last one's.
+
+    Args:
+        experiment: in question.
+        last: number of the last one taken.
+        known: whether it has been taken itself.
+    """
+    kind = RepeatedExperiment if known else ExperimentError
+    return kind(f"experiment {experiment.number}", f"a number above {last}", experiment.number)
 
 
 def build_judge(settings: Mapping[str, Any]) -> Judge:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
-from ldt_core.experiment import Experiment, Level, Signal
+from ldt_core.experiment import Experiment, Signal
 from ldt_core.models import build_model
 from ldt_core.past import Past
 from ldt_core.twin import build_adaptor
@@ -53,18 +52,14 @@ class AdaptorNode(WorkerNode):
             self.adaptor.diagnoser.cancel()  # it may take longer than anybody waits
         self.worker.shutdown(wait=True)
 
-    def pair(self, experiment: Experiment, beside: Signal) -> None:
-        """Learn at a positive, on the thread."""
-        work = partial(self._step, experiment, beside)
-        self.deal(experiment.number, work, beside.level is Level.POSITIVE)
-
     def recall(self, step: Past) -> None:
         """Take over what a recorded step says."""
-        self.adaptor.recall(step, self.restored(step))
+        self.adaptor.recall(step, step.restored(self.machine, self.settings))
 
-    def _step(self, experiment: Experiment, signal: Signal) -> None:
+    def step(self, experiment: Experiment, beside: Signal) -> None:
+        """Keep, store or learn, and say so."""
         before = self.adaptor.model.version
-        adaptation, model = self.adaptor.step(experiment, signal)
+        adaptation, model = self.adaptor.step(experiment, beside)
         diagnosis = self.adaptor.diagnosis
         if self._diagnosis is not None and diagnosis is not None:
             self._diagnosis.publish(to_message(diagnosis, experiment.end, self.machine.name))

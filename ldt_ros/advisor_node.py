@@ -14,8 +14,6 @@ from ldt_ros.convert import from_message, to_message
 from ldt_ros.versions import Versions
 from ldt_ros.worker_node import WorkerNode
 
-WAITING = 100  # experiments that may wait for their model, or for an advice under way
-
 
 class AdvisorNode(WorkerNode):
     """Advises people; no node listens to what it says.
@@ -63,7 +61,7 @@ class AdvisorNode(WorkerNode):
     def pair(self, experiment: Experiment, beside: Adaptation) -> None:
         """Wait for the model that the adaptation names, and then in turn."""
         self._waiting.append((experiment, beside))
-        if len(self._waiting) + self._begun - self._ended > WAITING:
+        if len(self._waiting) + self._begun - self._ended > self.waiting:
             self._waiting.popleft()
             self.left_out += 1
         self._go_on()
@@ -79,11 +77,9 @@ class AdvisorNode(WorkerNode):
                 self.worker.submit(self.advisor.informed, step.diagnosis)
             self.pair(step.experiment, step.adaptation)
 
-    def in_turn(self, number: int) -> None:
-        """Be as after the experiment before this one; advice on those between is out of date."""
-        for step in self.missed(self.last, number):
-            super().take_up(step)
-        self.last = number
+    def make_up(self, step: Past) -> None:
+        """Be as after a step that was missed: advice on it is out of date."""
+        super().take_up(step)
 
     def recall(self, step: Past) -> None:
         """Take over what a recorded step says."""
@@ -104,9 +100,9 @@ class AdvisorNode(WorkerNode):
             if model is None:
                 break
             self._waiting.popleft()
-            self.deal(experiment.number, partial(self._step, experiment, model), True)
+            self.deal(experiment.number, partial(self._advise, experiment, model), True)
 
-    def _step(self, experiment: Experiment, model: ModelRecord) -> None:
+    def _advise(self, experiment: Experiment, model: ModelRecord) -> None:
         advice = self.advisor.step(experiment, model)
         if advice is not None:
             self._advice.publish(to_message(advice, experiment.end, self.machine.name))

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
-from ldt_core.experiment import Experiment, Level, Signal
+from ldt_core.experiment import Experiment, Signal
 from ldt_core.past import Past
 from ldt_core.twin import build_diagnoser
 from ldt_ros.convert import to_message
@@ -51,11 +50,6 @@ class DiagnoserNode(WorkerNode):
         self.diagnoser.cancel()
         self.worker.shutdown(wait=False, cancel_futures=True)
 
-    def pair(self, experiment: Experiment, beside: Signal) -> None:
-        """Diagnose at a positive, on the thread."""
-        work = partial(self._step, experiment, beside)
-        self.deal(experiment.number, work, beside.level is Level.POSITIVE)
-
     def take_up(self, step: Past) -> None:
         """Be as after a recorded step, unless its diagnosis may have been under way."""
         if step.experiment.number <= self._answered:
@@ -63,21 +57,20 @@ class DiagnoserNode(WorkerNode):
         else:
             self.pair(step.experiment, step.signal)
 
-    def in_turn(self, number: int) -> None:
-        """Be as after the experiment before this one, its diagnosis included."""
-        for step in self.missed(self.last, number):
-            if step.experiment.number <= self._answered:
-                super().take_up(step)
-            else:
-                self._step(step.experiment, step.signal)
-        self.last = number
+    def make_up(self, step: Past) -> None:
+        """Be as after a step that was missed, its diagnosis included."""
+        if step.experiment.number <= self._answered:
+            super().take_up(step)
+        else:
+            self.step(step.experiment, step.signal)
 
     def recall(self, step: Past) -> None:
         """Take over what a recorded step says."""
         self.diagnoser.recall(step)
 
-    def _step(self, experiment: Experiment, signal: Signal) -> None:
-        found = self.diagnoser.step(experiment, signal)
+    def step(self, experiment: Experiment, beside: Signal) -> None:
+        """Diagnose at a positive."""
+        found = self.diagnoser.step(experiment, beside)
         if found is not None and not self.diagnoser.cancelled:
             self._diagnosis.publish(to_message(found, experiment.end, self.machine.name))
             self._made += 1

@@ -19,7 +19,7 @@ from ldt_core.metrics import Summary
 from ldt_core.recording.node_status import LEFT_OUT, SECOND_PUBLISHER
 from ldt_core.session import SOURCES, Member, recorded_summary, roles, source_of
 from ldt_core.stopping import INTERRUPTED
-from ldt_ros.environment import one_line
+from ldt_ros.environment import LEASE, one_line
 from ldt_ros.secure import enclave_arguments
 from ldt_ros.supervisor import Child, Supervisor
 
@@ -27,7 +27,6 @@ LISTEN = 0.3  # s for rivals in this domain to show themselves; discovery takes 
 SETTLE = 3.0  # s that an interrupted run waits for the experiment under way
 SPIN = 0.05  # s
 COUNTS = ("dropped", "adaptation time-outs", "unpaired")  # of a node's health, worth a note
-FORGOTTEN = 6.0  # s after which a killed node's topics are gone: its lease lasts 5 s
 RIVALS = 5.0  # s after the first step; what comes later is a warning that ends no long run
 STARTUP = 60.0  # s until all nodes must have found each other
 
@@ -263,7 +262,7 @@ class Graph:
         """Two graphs that start at the same moment see each other only after they have begun."""
         first = [m.first_step_at for m in self.monitors if m.first_step_at is not None]
         now = time.monotonic()
-        if (first and now - min(first) > RIVALS) or now - self._restarted_at < FORGOTTEN:
+        if (first and now - min(first) > RIVALS) or now - self._restarted_at < LEASE:
             return
         for run, monitor in zip(self.runs, self.monitors, strict=True):
             for topic in run.own_topics:

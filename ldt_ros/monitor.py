@@ -14,6 +14,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
+from ldt_core.bounded import forget_oldest
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Adaptation, Signal
 from ldt_core.recording.node_status import HEALTH_TOPIC, NodeStatus, node_statuses
@@ -95,8 +96,7 @@ class Monitor(Node):
             signal = from_message("signal", message)
             self._signals[signal.experiment] = signal
             self.last_signal = max(self.last_signal, signal.experiment)
-            if len(self._signals) > CAPACITY:
-                del self._signals[next(iter(self._signals))]
+            forget_oldest(self._signals, CAPACITY)
 
     def _on_adaptation(self, message: Any) -> None:
         with contextlib.suppress(LdtError):

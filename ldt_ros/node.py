@@ -17,8 +17,6 @@ from rclpy.subscription import Subscription
 import msgs_config
 from ldt_core.errors import LdtError, RecordingError
 from ldt_core.machine import load_machine
-from ldt_core.models import restore_model
-from ldt_core.models.base import Model
 from ldt_core.past import Past, last_of, past_of
 from ldt_core.printable import one_line
 from ldt_core.recording.node_status import HEALTH_TOPIC, LAST_REJECTION, REJECTED
@@ -135,12 +133,6 @@ class TwinNode(Node):
                 found = True
                 yield step
         self._in_vain += not found
-
-    def restored(self, step: Past) -> Model | None:
-        """The model that a recorded step brought into force, None where the present one stayed."""
-        if step.model is None:
-            return None
-        return restore_model(step.model, self.machine, self.settings)
 
     def last_recorded(self, topic: str) -> int:
         """The last experiment that a recorded record of a topic is about, 0 if there is none."""

@@ -56,8 +56,12 @@ class PairedNode(TwinNode):
     def in_turn(self, number: int) -> None:
         """Be as after the experiment before this one, whoever was started again meanwhile."""
         for step in self.missed(self.last, number):
-            self.take_up(step)
+            self.make_up(step)
         self.last = number
+
+    def make_up(self, step: Past) -> None:
+        """Be as after a step that was missed; where that is more than `take_up`, a node's own."""
+        self.take_up(step)
 
     def health(self) -> dict[str, Any]:
         """What never found its other half, and what came again."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
+from ldt_core.bounded import forget_oldest
+
 Left = TypeVar("Left")
 Right = TypeVar("Right")
 
@@ -54,8 +56,7 @@ class Pairing(Generic[Left, Right]):
     def met(self, number: int) -> None:
         """Take what comes of a number for a repetition from now on."""
         self._met[number] = None
-        if len(self._met) > self.capacity:
-            del self._met[next(iter(self._met))]
+        forget_oldest(self._met, self.capacity)
 
     def _meet(self, number: int, left: Left, right: Right) -> None:
         self.met(number)
@@ -69,6 +70,4 @@ class Pairing(Generic[Left, Right]):
             self.dropped += 1
             return
         side[number] = item
-        if len(side) > self.capacity:
-            del side[next(iter(side))]
-            self.dropped += 1
+        self.dropped += forget_oldest(side, self.capacity)

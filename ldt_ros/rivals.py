@@ -11,9 +11,9 @@ from rclpy.node import Node
 
 from ldt_core.printable import one_line
 from ldt_core.recording.node_status import SECOND_PUBLISHER
+from ldt_ros.environment import LEASE
 
 GUARDED = ("experiment", "model")  # what comes there moves the twin
-LEASE = 6.0  # s; the publisher of a killed node is forgotten after 5 (msgs_config/fastdds.xml)
 UNKNOWN = "_NODE_NAME_UNKNOWN_"  # of a publisher that is met before its node
 
 

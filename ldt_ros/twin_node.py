@@ -6,12 +6,13 @@ import time
 from collections import deque
 from typing import Any
 
-from ldt_core.errors import ExperimentError, LdtError, RepeatedExperiment
+from ldt_core.bounded import forget_oldest
+from ldt_core.errors import LdtError, RepeatedExperiment
 from ldt_core.experiment import Adaptation, Experiment
 from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
 from ldt_core.past import Past
-from ldt_core.twin import WINDOW, Predictor
+from ldt_core.twin import WINDOW, Predictor, out_of_order
 from ldt_ros.convert import from_message, to_message
 from ldt_ros.node import REFUSED, TwinNode
 from ldt_ros.versions import Versions
@@ -97,8 +98,7 @@ class PredictorNode(TwinNode):
 
     def _note(self, adaptation: Adaptation) -> None:
         self._adapted[adaptation.experiment] = adaptation
-        while len(self._adapted) > WINDOW:
-            del self._adapted[next(iter(self._adapted))]
+        forget_oldest(self._adapted, WINDOW)
 
     def _refuse(self, experiment: Experiment, error: LdtError) -> None:
         if isinstance(error, RepeatedExperiment):
@@ -116,9 +116,7 @@ class PredictorNode(TwinNode):
                 (e.number, e.start) == (experiment.number, experiment.start)
                 for e, _ in self._waiting
             )
-            kind = RepeatedExperiment if known else ExperimentError
-            where = f"experiment {experiment.number}"
-            self._refuse(experiment, kind(where, f"a number above {last}", experiment.number))
+            self._refuse(experiment, out_of_order(experiment, last, known))
             return
         if self.predictor.last is not None and experiment.number <= self.predictor.last:
             self._predict(experiment)  # which refuses it
@@ -131,7 +129,7 @@ class PredictorNode(TwinNode):
 
     def _take_up(self, step: Past) -> None:
         """Be as after a recorded step."""
-        restored = self.restored(step)
+        restored = step.restored(self.machine, self.settings)
         self.predictor.recall(step, restored)
         if restored is not None:
             self._models.put(restored.version, restored)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Generic, TypeVar
 
+from ldt_core.bounded import forget_oldest
+
 T = TypeVar("T")
 
 KEPT = 12  # as many as the topic holds for late joiners, and some that come meanwhile
@@ -24,8 +26,7 @@ class Versions(Generic[T]):
         """Take in a model; an adaptor that begins anew counts its versions from 0 again."""
         self._models.pop(version, None)
         self._models[version] = model
-        if len(self._models) > KEPT:
-            del self._models[next(iter(self._models))]
+        forget_oldest(self._models, KEPT)
 
     def get(self, version: int) -> T | None:
         """The model of a version; None where it has not come, or long ago."""

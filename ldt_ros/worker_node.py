@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any, ClassVar
 
 from ldt_core.errors import LdtError
+from ldt_core.experiment import Experiment, Level
 from ldt_core.past import Past
 from ldt_ros.paired_node import PairedNode
 
@@ -20,6 +22,7 @@ class WorkerNode(PairedNode):
 
     | received | what happens |
     |---|---|
+    | an experiment and its `signal` | `step` of both, which takes long at a positive |
     | more than `waiting` (100) while one takes long | the newest is left out and counted |
     """
 
@@ -65,6 +68,15 @@ class WorkerNode(PairedNode):
             self.in_turn(number)
             work()
             self.finished_with = number
+
+    def pair(self, experiment: Experiment, beside: Any) -> None:
+        """Deal with one experiment, at a positive on the thread."""
+        work = partial(self.step, experiment, beside)
+        self.deal(experiment.number, work, beside.level is Level.POSITIVE)
+
+    def step(self, experiment: Experiment, beside: Any) -> None:
+        """What takes long at a positive; a node's own."""
+        raise NotImplementedError
 
     def take_up(self, step: Past) -> None:
         """Be as after a recorded step."""

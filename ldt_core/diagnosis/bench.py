@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -28,6 +27,7 @@ from ldt_core.experiment import Experiment
 from ldt_core.physics.constants import NOT_TRACKED
 from ldt_core.physics.integrate import propagate
 from ldt_core.physics.motor import memory
+from ldt_core.threads import spread
 
 if TYPE_CHECKING:
     from ldt_core.effects.base import Effect
@@ -188,13 +188,8 @@ class Bench:
 
     def each(self, work: Callable[[int], None]) -> None:
         """Do something with every experiment, by its place."""
-        count = range(len(self.pieces))
-        if self.workers > 1 and len(count) > 1:
-            with ThreadPoolExecutor(self.workers) as pool:
-                list(pool.map(work, count))
-        else:
-            for i in count:
-                work(i)
+        for _ in spread(work, len(self.pieces), self.workers):
+            pass
 
     def difference(
         self, i: int, use: Use, step: float, angle: float, offset: Array = NO_OFFSET

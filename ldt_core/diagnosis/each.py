@@ -24,7 +24,6 @@ from ldt_core.parallel import Workers
 from ldt_core.stamp import fingerprint, parts, versions
 
 FORMAT = "ldt-each-1"
-LIBRARIES = ("numba", "numpy", "scikit-learn", "scipy")
 RUN = "diagnosis.run.json"
 CRASHED = 1  # exit code of what should not have happened
 
@@ -102,7 +101,7 @@ class Made:
 @functools.cache
 def stamp() -> dict[str, str]:
     """What decides an answer: code and libraries."""
-    return {**versions(LIBRARIES), "code": fingerprint(parts())}
+    return {**versions(), "code": fingerprint(parts())}
 
 
 def diagnose_each(

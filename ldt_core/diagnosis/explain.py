@@ -25,10 +25,10 @@ from ldt_core.diagnosis.search import (
     fit,
     rank_pairs,
     simulate_all,
-    spread,
 )
 from ldt_core.diagnosis.starts import Starts
 from ldt_core.diagnosis.worth import HALF, LITTLE, earned, plain_enough
+from ldt_core.threads import spread
 
 Array = NDArray[np.float64]
 

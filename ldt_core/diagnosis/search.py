@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -22,6 +21,7 @@ from scipy.optimize import least_squares
 from ldt_core.diagnosis.bench import COARSE, Bench, Used
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.starts import Starts, turns
+from ldt_core.threads import spread
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -261,15 +261,6 @@ def simulate_all(
         rows @ rows.T,
         base,
     )
-
-
-def spread(work: Callable[[int], T], count: int, workers: int) -> Iterator[T]:
-    """What comes out for each number below a count, in their order, among so many threads."""
-    if workers > 1 and count > 1:
-        with ThreadPoolExecutor(workers) as pool:
-            yield from pool.map(work, range(count))
-    else:
-        yield from map(work, range(count))
 
 
 def best_alone(d: Dictionary, i: int, count: int = 2) -> list[Array]:

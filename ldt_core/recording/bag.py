@@ -138,11 +138,33 @@ class Bag:
         return self._decoded(name, topic)
 
     def _decoded(self, name: str, topic: str) -> Iterator[Record | Any]:
-        kind = self.topics[topic]
         for index, raw in enumerate(self.storage.messages([topic]), start=1):
-            where = f"{self.path}, {topic}, message {index}"
-            message = deserialize(raw.data, kind, where)
-            yield decode(name, message, where) if name in DECODERS else message
+            yield self.decoded(raw, index)
+
+    def rare(self, name: str) -> Iterator[Any]:
+        """As `records`, of a topic that has few: files are not read where they have none.
+
+        Raises:
+            RecordingError, ExperimentError, ModelError: as `records`.
+        """
+        topic = self._required(name)
+        for index, raw in enumerate(self.storage.picked([topic]), start=1):
+            yield self.decoded(raw, index)
+
+    def decoded(self, raw: Raw, index: int) -> Record | Any:
+        """The record in one of the messages, the message itself where none is declared.
+
+        Args:
+            raw: as stored.
+            index: by which a sentence calls it, from 1.
+
+        Raises:
+            RecordingError, ExperimentError, ModelError: no such record; says which one.
+        """
+        name = raw.topic.rpartition("/")[2]
+        where = f"{self.path}, {raw.topic}, message {index}"
+        message = deserialize(raw.data, raw.kind, where)
+        return decode(name, message, where) if name in DECODERS else message
 
     def experiments(self, machine: Machine | None = None) -> Iterator[Experiment]:
         """Experiments in recorded order; notes repeated and missing numbers.

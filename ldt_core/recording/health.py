@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ldt_core.bounded import forget_oldest
 from ldt_core.errors import LdtError, RecordingError
 from ldt_core.experiment import Adaptation, Experiment, ModelRecord, Prediction, Signal
 from ldt_core.recording.bag import Bag
@@ -166,8 +167,7 @@ class _Reading:
             return
         others.remove(key)
         self._matched[key] = None
-        if len(self._matched) > REMEMBERED:
-            del self._matched[next(iter(self._matched))]
+        forget_oldest(self._matched, REMEMBERED)
 
     def _take(self, raw: Raw) -> None:
         health, name = self.health, raw.topic.rpartition("/")[2]

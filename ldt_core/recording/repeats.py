@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Self
 
+from ldt_core.bounded import forget_oldest
 from ldt_core.recording.numbers import Numbers, number_of
 from ldt_core.recording.storage import Storage
 
@@ -64,6 +65,5 @@ class Repeats:
         if digest in self._last:
             return False
         self._last[digest] = None
-        if len(self._last) > KEPT:
-            del self._last[next(iter(self._last))]
+        forget_oldest(self._last, KEPT)
         return True

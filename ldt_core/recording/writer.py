@@ -25,6 +25,7 @@ import msgs_config
 from ldt_core.errors import LdtError, RecordingError, did_you_mean
 from ldt_core.recording import run_settings
 from ldt_core.recording.codec import Record, encode_cdr
+from ldt_core.recording.continued import continued
 from ldt_core.recording.lock import FolderLock
 from ldt_core.recording.messages import declaration, schema, serialize
 from ldt_core.recording.metadata import FileFacts, Topic, information, text_of, write_metadata
@@ -33,7 +34,6 @@ from ldt_core.recording.numbers import Numbers, number_of, numbers_text
 from ldt_core.recording.part import Part, described
 from ldt_core.recording.repair import RECORDED
 from ldt_core.recording.repeats import Repeats
-from ldt_core.recording.resume import continued
 
 FLUSH_PERIOD = 0.25  # s; half of the 0.5 s that may be lost, to leave time for the flush itself
 SYNC_PERIOD = 5.0  # s; what a power failure may cost, beside the time that the medium takes

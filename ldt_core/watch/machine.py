@@ -7,6 +7,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
+from ldt_core.bounded import forget_oldest
 from ldt_core.errors import ExperimentError
 from ldt_core.experiment import (
     Action,
@@ -215,8 +216,7 @@ class WatchedMachine:
         turn = self.turns.get(number)
         if turn is None:
             turn = self.turns[number] = Turn(number)
-            if len(self.turns) > KEPT:
-                del self.turns[next(iter(self.turns))]
+            forget_oldest(self.turns, KEPT)
         turn.changed = count
         return turn
 

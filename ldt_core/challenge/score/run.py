@@ -26,7 +26,6 @@ from ldt_core.stamp import fingerprint, versions
 
 Array = NDArray[np.float64]
 
-LIBRARIES = ("numba", "numpy", "scikit-learn", "scipy")
 #: Parts of `ldt_core` that decide what a diagnosis finds, and what in them does not.
 DECIDING = (
     *("cause", "challenge/score/run.py", "diagnosis", "effects", "errors.py", "experiment.py"),
@@ -69,7 +68,7 @@ class Task:
 def stamp(who: str = DIAGNOSIS) -> dict[str, str]:
     """What decides an answer: code and libraries."""
     names: tuple[str, ...] = DECIDING
-    known = versions(LIBRARIES)
+    known = versions()
     if who != DIAGNOSIS:
         names = (*names, *COMPARING)
         try:

@@ -26,7 +26,7 @@ NUMBERED = re.compile(r"(.+)_(\d+)\.mcap")
 
 
 @dataclass
-class Past:
+class Contents:
     """What a recording held when it was taken up again.
 
     Args:
@@ -56,7 +56,7 @@ class Past:
             self.numbers[topic].add(number)
 
 
-def continued(folder: Path, custom: Mapping[str, str], wanted: Sequence[Topic]) -> Past:
+def continued(folder: Path, custom: Mapping[str, str], wanted: Sequence[Topic]) -> Contents:
     """Mend the end of a recording and say what it holds; the caller has the folder's lock.
 
     Files that have an index at their end are not read, but for the last one.
@@ -72,17 +72,17 @@ def continued(folder: Path, custom: Mapping[str, str], wanted: Sequence[Topic]) 
         LdtError: it cannot be mended.
     """
     if not any(folder.iterdir()):
-        return Past(dict(custom))
+        return Contents(dict(custom))
     # What a link points to is not this recording's: readers leave it out, too.
     begun = [f for f in sorted(folder.glob("*.mcap")) if f.stat().st_size and not f.is_symlink()]
     metadata = read_metadata(folder / METADATA) if (folder / METADATA).is_file() else {}
     if not begun and metadata:
         for file in folder.glob("*.mcap"):
             file.unlink()  # its writer was killed before the first byte
-        return Past(_agreed(folder, metadata, custom))
+        return Contents(_agreed(folder, metadata, custom))
     _check_topics(folder, metadata, wanted)
     agreed = _agreed(folder, metadata, custom)
-    past = Past(agreed)
+    past = Contents(agreed)
     finished = _finish(folder, begun, past)
     storage = Storage(folder)
     for topic in wanted:
@@ -99,7 +99,7 @@ def continued(folder: Path, custom: Mapping[str, str], wanted: Sequence[Topic]) 
     return past
 
 
-def _finish(folder: Path, files: Sequence[Path], past: Past) -> set[str]:
+def _finish(folder: Path, files: Sequence[Path], past: Contents) -> set[str]:
     """Give the files of killed writers their index, the numbers in them to `past`; their names."""
 
     def take(channel: Channel, schema: Schema | None, message: Message) -> None:
@@ -119,7 +119,7 @@ def _finish(folder: Path, files: Sequence[Path], past: Past) -> set[str]:
     return finished
 
 
-def _fill(storage: Storage, work: Repair, past: Past, finished: set[str]) -> None:
+def _fill(storage: Storage, work: Repair, past: Contents, finished: set[str]) -> None:
     """Take in what the files hold; numbers from those that nobody has counted."""
     past.files = work.files
     for file in storage.files:
