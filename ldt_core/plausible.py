@@ -70,8 +70,9 @@ def _stuck(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> str
     begin, stop = _longest_run(e.speed)
     value = float(e.speed[begin])
     whole = stop - begin == len(e)
-    moves = _moves(machine, e.voltage[begin:stop], [e, *recent])
-    if stop - begin < 2 or not moves or (value == 0.0 and not whole):
+    if stop - begin < 2 or (value == 0.0 and not whole):
+        return ""
+    if not _moves(machine, e.voltage[begin:stop], [e, *recent]):
         return ""
     if not whole:
         own, before = [e.speed[:begin], e.speed[stop:]], [r.speed for r in recent]
@@ -120,6 +121,8 @@ def _jump(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> str:
     quickest = 2 * _volts(machine) * p["K_t"] / (p["R"] * p["J"])
     motion = FREEDOM * min(quickest * e.period, 2 * top)
     steps = np.abs(np.diff(e.speed))
+    if steps.max() <= motion:
+        return ""
     usual = _usual(e)
     if recent:
         usual = min(usual, max(_usual(r) for r in recent))

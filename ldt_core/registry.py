@@ -10,11 +10,11 @@ from __future__ import annotations
 import importlib
 import importlib.util
 from collections.abc import Mapping
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from ldt_core.errors import OptionError, did_you_mean
+from ldt_core.installed import entry_points
 
 
 class Registry:
@@ -31,7 +31,7 @@ class Registry:
 
     def names(self) -> list[str]:
         """All known names, sorted."""
-        return sorted(set(self.builtin) | {e.name for e in entry_points(group=self.group)})
+        return sorted(set(self.builtin) | {e.name for e in entry_points(self.group)})
 
     def require(self, name: str) -> None:
         """Check that there is a member of that name, without importing it.
@@ -51,7 +51,7 @@ class Registry:
         if name in self.builtin:
             module, _, attribute = self.builtin[name].partition(":")
             return getattr(importlib.import_module(module), attribute)
-        for entry in entry_points(group=self.group):
+        for entry in entry_points(self.group):
             if entry.name == name:
                 return entry.load()
         self.require(name)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import sys
-from importlib.metadata import entry_points
 
 import click
 from click.shell_completion import CompletionItem
@@ -16,6 +15,7 @@ from ldt_core.cli.completion import VARIABLE, register
 from ldt_core.cli.spelling import Group, unknown_option
 from ldt_core.cli.terminal import echo
 from ldt_core.errors import LdtError
+from ldt_core.installed import entry_points
 
 GROUP = "ldt.command"
 # As wide as the terminal up to 100 columns: the options' descriptions are sentences.
@@ -27,11 +27,11 @@ class Commands(Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of all commands."""
-        return sorted({e.name for e in entry_points(group=GROUP)})
+        return sorted({e.name for e in entry_points(GROUP)})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of that name."""
-        for entry in entry_points(group=GROUP):
+        for entry in entry_points(GROUP):
             if entry.name == cmd_name:
                 return entry.load()
         return None

@@ -7,8 +7,9 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from importlib.metadata import entry_points
 from typing import Any
+
+from ldt_core.installed import entry_points
 
 GROUP = "ldt.check"  # entry points: lists of probes of parts that the core does not import
 LIMIT = 12.0  # s for all probes together, so that the whole command takes less than 15 s
@@ -109,7 +110,7 @@ def examine(probes: Sequence[Probe], limit: float = LIMIT) -> list[Finding]:
 def found_probes() -> list[Probe]:
     """Probes of other parts, by entry point; one that cannot be loaded is a probe that fails."""
     probes: list[Probe] = []
-    for entry in sorted(entry_points(group=GROUP), key=lambda e: e.name):
+    for entry in sorted(entry_points(GROUP), key=lambda e: e.name):
         try:
             probes += entry.load()
         except Exception as error:  # whatever that package does

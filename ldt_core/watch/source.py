@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import threading
-from importlib.metadata import entry_points
 from typing import Protocol
 
 from ldt_core.errors import LdtError
+from ldt_core.installed import entry_points
 from ldt_core.watch.fleet import Fleet
 
 GROUP = "ldt.watch"
@@ -38,7 +38,8 @@ def graph(namespace: str = "") -> Source:
         BadInput: ROS 2 cannot be used here, or the namespace cannot exist.
         LdtError: no part of this installation knows of graphs.
     """
-    for entry in entry_points(group=GROUP, name=GRAPH):
-        made: Source = entry.load()(namespace)
-        return made
+    for entry in entry_points(GROUP):
+        if entry.name == GRAPH:
+            made: Source = entry.load()(namespace)
+            return made
     raise LdtError("this installation of LDT is without its ROS part: reinstall it")
