@@ -37,7 +37,7 @@ DECIDING = (
         "models/physics.py",
         "physics",
     ),
-    *("plausible.py", "registry.py", "threads.py", "words.py"),
+    *("installed.py", "plausible.py", "registry.py", "threads.py", "words.py"),
 )
 SHOWING = (
     *("diagnosis/each.py", "diagnosis/files.py", "diagnosis/live.py", "diagnosis/page"),

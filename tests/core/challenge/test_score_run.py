@@ -21,6 +21,7 @@ from ldt_core.challenge.score.answer import Answers
 from ldt_core.challenge.score.key import left_out, read_keys
 from ldt_core.cli import main
 from ldt_core.cli.challenge import command
+from ldt_core.effects import get_effect
 from ldt_core.errors import BadInput
 
 
@@ -185,8 +186,10 @@ def test_every_module_that_a_diagnosis_runs_through_is_in_its_stamp():
 
 
 @pytest.mark.timeout(120)
-def test_the_command_diagnoses_scores_and_prints_the_hash_first(made, tmp_path):
+def test_the_command_diagnoses_scores_and_prints_the_hash_first(made, tmp_path, monkeypatch):
     """Two cases from end to end; what is kept is what `ldt predict --with` takes."""
+    few = [get_effect(name) for name in ("coulomb_friction", "inertia", "sensor_gain")]
+    monkeypatch.setattr(run, "library", lambda machine, without: few)
     out, key = made
     options = ["score", out, key, "--out", tmp_path / "score", "--jobs", "1"]
     done = CliRunner().invoke(command, [str(o) for o in options], catch_exceptions=False)
