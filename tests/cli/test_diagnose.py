@@ -77,6 +77,12 @@ class Case:
         self.found = json.loads((self.out / "diagnosis.json").read_text())
 
 
+@pytest.fixture(autouse=True)
+def undrawn(monkeypatch):
+    """A page's figures, which take seconds, are drawn for this module's cases alone."""
+    monkeypatch.setattr("ldt_core.report.blocks.inline_svg", lambda drawing, layout: "<svg></svg>")
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("diagnosed")
@@ -222,7 +228,7 @@ def test_the_page_says_the_sentence(cases, kind):
     """A page in one file, with the verdict in it."""
     page = (cases[kind].out / "diagnosis.html").read_text(encoding="utf-8")
     assert page.lstrip().lower().startswith("<!doctype html")
-    assert page.count("<svg") >= 1
+    assert page.count("<path") >= 10
     assert 'src="http' not in page
     assert len(page) > 5000
 
