@@ -78,7 +78,12 @@ class TwinNode(Node):
     def listens(
         self, topic: str, callback: Callable[[Any], None], *, raw: bool = False, depth: int = 0
     ) -> None:
-        """Subscribe to a declared topic; what the callback refuses is counted, not raised."""
+        """Subscribe to a declared topic; what the callback refuses is counted, not raised.
+
+        A second time it is in place of the first.
+        """
+        if topic in self._inputs:
+            self.destroy_subscription(self._inputs.pop(topic))
 
         def guarded(message: Any) -> None:
             try:

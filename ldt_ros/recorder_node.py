@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from functools import partial
 from typing import Any
+
+from rclpy.timer import Timer
 
 import msgs_config
 from ldt_core.errors import LdtError
@@ -18,6 +21,8 @@ from ldt_ros.node import TwinNode
 
 QUIET = 0.2  # s without a message after which nothing more is under way, at the end of a run
 PATIENCE = 3.0  # s that the end of a run waits for quiet at most
+AGAIN = 5.0  # s after which a recording that failed is tried once more, then twice as long
+SELDOM = 60.0  # s between two tries at most: each reads the file that was cut short
 
 
 class RecorderNode(TwinNode):
@@ -28,6 +33,7 @@ class RecorderNode(TwinNode):
     | any recorded topic | written with the time it arrived; kept at most 0.25 s |
     | the same once more, of a node that was started again | left out, counted |
     | a write fails (disk full) | counted, logged once; what was written stays; the twin goes on |
+    | there is room again | a new file of the recording; the last 100 of each topic are asked for |
     """
 
     def __init__(self, **node_arguments: Any) -> None:
@@ -35,27 +41,31 @@ class RecorderNode(TwinNode):
         machine = self.machine.name
         resume = self.settings["resume"]
         bag = resume or self.settings["bag"] or new_recording(machine)
-        recorded = {
+        self._recorded = {
             topic: (self.resolve_topic_name(topic), declaration["type"])
             for topic, declaration in msgs_config.topics().items()
             if declaration["recorded"]
         }
-        names = tuple(name for name, _ in recorded.values())
         told = self.settings["run_settings"]
-        settings = parse_settings("run_settings", told) if told else None
-        self._writer = BagWriter(
+        self._open = partial(
+            BagWriter,
             bag,
             machine=machine,
-            topics=names,
-            settings=settings,
+            topics=tuple(name for name, _ in self._recorded.values()),
+            settings=parse_settings("run_settings", told) if told else None,
             split_size=self.settings["split_size"],
-            resume=bool(resume),
             once=True,
             key=key_text(self.machine),
         )
+        self._writer = self._open(resume=bool(resume))
         self._repeated = 0
         self._last = 0.0
-        for topic, (name, kind) in recorded.items():
+        self._again_after = AGAIN
+        self._trial: Timer | None = None
+        self._listen()
+
+    def _listen(self) -> None:
+        for topic, (name, kind) in self._recorded.items():
             self.listens(topic, partial(self._write, name, kind), raw=True, depth=LISTENER_DEPTH)
 
     def health(self) -> dict[str, Any]:
@@ -87,5 +97,36 @@ class RecorderNode(TwinNode):
     def _write(self, name: str, kind: str, data: bytes) -> None:
         if name != HEALTH_TOPIC:
             self._last = time.monotonic()
-        if not self._writer.write_raw(name, kind, data, time.time_ns()):
-            self._repeated += 1
+        try:
+            if not self._writer.write_raw(name, kind, data, time.time_ns()):
+                self._repeated += 1
+        except LdtError:
+            if self._writer.failed:
+                self._go_on_later()
+            raise
+
+    def _go_on_later(self) -> None:
+        # Not from the callback of a message: it would do away with its own subscription.
+        if self._trial is None:
+            self._trial = self.create_timer(self._again_after, self._go_on, clock=self.steady)
+
+    def _go_on(self) -> None:
+        """Take the recording up in a new file, if there is room for one by now."""
+        assert self._trial is not None
+        self.destroy_timer(self._trial)
+        self._trial = None
+        with contextlib.suppress(LdtError):  # which was said when it happened
+            self._writer.close()
+        try:
+            self._writer = self._open(resume=True)
+        except LdtError:
+            self._again_after = min(2 * self._again_after, SELDOM)
+            self._go_on_later()
+            return
+        self._again_after = AGAIN
+        self.get_logger().warning(
+            f"{self._writer.path}: recording goes on in a new file; what was missed is asked for "
+            "again, as far as the others keep it"
+        )
+        self.settings = {**self.settings, "resume": str(self._writer.path)}
+        self._listen()

@@ -129,6 +129,11 @@ class BagWriter:
             thread.start()
 
     @property
+    def failed(self) -> bool:
+        """Whether the disk was full or failed: nothing more is written."""
+        return self._failure is not None
+
+    @property
     def counts(self) -> dict[str, int]:
         """Absolute topic → messages written, those before `resume` included."""
         return {name: topic.count for name, topic in self._topics.items()}

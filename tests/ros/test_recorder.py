@@ -26,8 +26,8 @@ LIMIT = 200_000  # bytes; the disk is full then
 def recorder(programs, tmp_path):
     """Starts a recorder in a process of its own."""
 
-    def start(before=None) -> subprocess.Popen[str]:
-        ros = ["--ros-args", "-p", f"bag:={tmp_path / 'bag'}"]
+    def start(*more: str, before=None) -> subprocess.Popen[str]:
+        ros = ["--ros-args", "-p", f"bag:={tmp_path / 'bag'}", *more]
         return programs.start(
             [sys.executable, "-m", "ldt_ros.process", "--node", "recorder", *ros],
             text=True,
@@ -63,32 +63,43 @@ def test_a_burst_right_before_the_end_is_recorded_whole(stranger, recorder, tmp_
     assert [e.number for e in bag.experiments()] == list(range(1, 81))
 
 
-def test_a_full_disk_is_counted_and_what_was_written_stays(stranger, recorder, tmp_path):
+def test_a_full_disk_is_counted_and_what_came_meanwhile_is_recorded_once_there_is_room(
+    stranger, recorder, tmp_path
+):
     """One line in the log, a count in /diagnostics, exit code 0: the twin does not depend on it."""
 
     def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (LIMIT, LIMIT))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (LIMIT, resource.RLIM_INFINITY))
 
-    process = recorder(before=limit)
+    process = recorder("-p", "graph:=[plant]", before=limit)
     stranger.listen("/diagnostics")
     publisher = stranger.publisher("experiment")
-    numbers = iter(range(1, 10_000))
+    sent = 0
 
     def full() -> dict[str, str]:
-        publisher.publish(to_message(noise(next(numbers), 2000)))
-        stranger.spin(0.02)
+        nonlocal sent
+        sent += 1
+        publisher.publish(to_message(noise(sent, 2000)))
+        stranger.spin(0.05)
         told = stranger.health("recorder")
         return told if "rejected experiment: LdtError" in told else {}
 
     told = stranger.until(full, "rejections by the recorder")
     assert told["level"] == 1
     assert "recording stopped after" in told["last rejection"]
+    assert 5 < sent < 100
+    kept = [e.number for e in read_bag(tmp_path / "bag").experiments()]
+    assert kept == list(range(1, len(kept) + 1))
+    assert 0 < len(kept) < sent
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
+    stranger.until(lambda: int(stranger.health("recorder")["written"]) >= sent, "what was missed")
     process.send_signal(signal.SIGINT)
     stranger.until(lambda: process.poll() is not None, "end of the recorder")
     output = process.communicate()[0]
     assert process.returncode == 0, output
     assert output.count("rejected a message on experiment") == 1, output
+    assert output.count("recording goes on in a new file") == 1, output
     assert "Traceback" not in output
-    kept = [e.number for e in read_bag(tmp_path / "bag").experiments()]
-    assert kept == list(range(1, len(kept) + 1))
-    assert kept
+    bag = read_bag(tmp_path / "bag")
+    assert sorted(e.number for e in bag.experiments()) == list(range(1, sent + 1))
+    assert bag.damage is None
