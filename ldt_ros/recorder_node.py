@@ -101,7 +101,7 @@ class RecorderNode(TwinNode):
             if not self._writer.write_raw(name, kind, data, time.time_ns()):
                 self._repeated += 1
         except LdtError:
-            if self._writer.failed:
+            if self._writer.failure is not None:
                 self._go_on_later()
             raise
 

@@ -103,7 +103,8 @@ class BagWriter:
         self._topics: dict[str, Topic] = {}
         self._numbers: dict[str, Numbers] = {}
         self._channels: dict[str, int] = {}  # topic → its number in the present file
-        self._failure: LdtError | None = None
+        #: Why nothing more is written, once the disk was full or failed.
+        self.failure: LdtError | None = None
         self._dirty = False
         self._unlisted = False  # a topic that metadata.yaml does not name yet
         self._lock = threading.Lock()  # the file belongs to callers and the flusher in turn
@@ -127,11 +128,6 @@ class BagWriter:
         ]
         for thread in self._threads:
             thread.start()
-
-    @property
-    def failed(self) -> bool:
-        """Whether the disk was full or failed: nothing more is written."""
-        return self._failure is not None
 
     @property
     def counts(self) -> dict[str, int]:
@@ -191,15 +187,14 @@ class BagWriter:
             LdtError: the disk is full or failed; what was written stays readable.
         """
         with self._lock:
-            if self._failure is not None:
-                raise self._failure
+            if self.failure is not None:
+                raise self.failure
             if self._closed.is_set():
                 raise LdtError(f"{self.path}: the recording is closed")
             known = self._topics.get(topic) or self._declare(topic, kind)
             if known.kind != kind:
                 raise RecordingError(f"{self.path}, {topic}", known.kind, kind)
-            health = topic == HEALTH_TOPIC
-            if self._repeats and not health and self._repeats.seen(topic, kind, data):
+            if topic != HEALTH_TOPIC and self._repeats and self._repeats.seen(topic, kind, data):
                 return False
             if self._part.chunks >= MOST_CHUNKS or 0 < self._most_bytes < self._part.size:
                 self._split()
@@ -226,8 +221,8 @@ class BagWriter:
             LdtError: the disk is full or failed.
         """
         with self._lock:
-            if self._failure is not None:
-                raise self._failure
+            if self.failure is not None:
+                raise self.failure
             if self._dirty and not self._closed.is_set():
                 try:
                     self._part.flush()
@@ -248,20 +243,20 @@ class BagWriter:
                 return
             self._closed.set()
             try:
-                if self._failure is None:
+                if self.failure is None:
                     self._complete()
             except OSError as error:
                 self._fail(error)
             finally:
                 self._part.abandon()
-                if self._failure is not None:
+                if self.failure is not None:
                     with contextlib.suppress(OSError):
                         self._write_metadata()
                 self._owner.release()
         for thread in self._threads:
             thread.join()
-        if self._failure is not None:
-            raise self._failure
+        if self.failure is not None:
+            raise self.failure
 
     def __enter__(self) -> Self:
         return self
@@ -347,11 +342,11 @@ class BagWriter:
         full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
         reason = "the disk is full" if full else (getattr(error, "strerror", None) or str(error))
         written = sum(topic.count for topic in self._topics.values())
-        self._failure = LdtError(
+        self.failure = LdtError(
             f"{self.path}: {reason}; recording stopped after {written} messages, "
             "those already on disk stay readable"
         )
-        return self._failure
+        return self.failure
 
     def _flush_regularly(self) -> None:
         while not self._closed.wait(FLUSH_PERIOD):
@@ -362,7 +357,7 @@ class BagWriter:
         """Force the present file onto the medium, while others write to it."""
         while not self._closed.wait(SYNC_PERIOD):
             with self._lock:
-                if self._closed.is_set() or self._failure is not None:
+                if self._closed.is_set() or self.failure is not None:
                     return
                 descriptor = self._part.descriptor()
             try:
