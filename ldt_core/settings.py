@@ -10,11 +10,9 @@ from typing import Any
 import msgs_config
 from ldt_core.errors import OptionError, did_you_mean
 
-UNSET: tuple[Any, ...] = (
-    "",
-    -1.0,
-    [],
-)  # defaults that mean "take it from elsewhere", not worth showing
+FROM_FILE = -1.0  # of a numerical option: take the machine file's value
+#: Defaults that mean "take it from elsewhere", not worth showing.
+UNSET: tuple[Any, ...] = ("", FROM_FILE, [])
 
 
 def resolve(given: Mapping[str, Any], *groups: str) -> dict[str, Any]:

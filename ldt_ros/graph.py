@@ -122,9 +122,6 @@ class Graph:
         self._run_of: dict[str, Run] = {}  # by the name of a child
         self._crashes: dict[str, Crashes] = {}
         self._restarted_at = -math.inf
-        # They load, which takes a second, while this process finds out whether they may begin.
-        for run in runs:
-            self._start(run)
         import rclpy
         from rclpy.experimental import EventsExecutor
         from rclpy.signals import SignalHandlerOptions
@@ -152,7 +149,8 @@ class Graph:
     def run(self, stopped: Callable[[], bool]) -> None:
         """Start everything, wait for the end, and end in order."""
         self._refuse_rivals()
-        self.supervisor.begin()
+        for run in self.runs:
+            self._start(run)
         began = time.monotonic()
         while not (stopped() or self._finished()):
             self._spin()

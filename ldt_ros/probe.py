@@ -7,7 +7,6 @@ because the middleware can end the process that loads it.
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
 import signal
@@ -18,18 +17,17 @@ from typing import Any
 
 import msgs_config
 from ldt_ros.environment import prepare
+from ldt_ros.parentage import end_with
 
 OWN = "ldt_doctor"  # how the nodes of all probes begin, so that they do not report each other
 LOOK_ROUND = 0.6  # s; others are met within 0.25 s
 PATIENCE = 7.0  # s for the message
 SPIN = 0.02  # s
-_PR_SET_PDEATHSIG = 1
 
 
 def main(role: str, topic: str, parent: str) -> int:
     """Be one of the two."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != int(parent):  # it ended before it was watched
+    if not end_with(int(parent), signal.SIGKILL):
         return 1
     prepare()
     import rclpy

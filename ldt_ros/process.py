@@ -8,7 +8,6 @@ or one of the executables `ldt_plant`, `ldt_player`, `ldt_segmenter`, `ldt_twin`
 from __future__ import annotations
 
 import argparse
-import ctypes
 import importlib
 import os
 import signal
@@ -22,6 +21,7 @@ from typing import Any, NoReturn
 
 from ldt_core.errors import BadInput, LdtError
 from ldt_ros.environment import one_line, prepare, require_ros
+from ldt_ros.parentage import end_with
 from ldt_ros.supervisor import CRASHED
 
 ROLES = {
@@ -36,7 +36,6 @@ ROLES = {
     "recorder": "ldt_ros.recorder_node:RecorderNode",
 }
 SPIN = 0.1  # s, how late a stop signal may be noticed when nothing arrives
-_PR_SET_PDEATHSIG = 1
 
 
 class Stop:
@@ -57,16 +56,12 @@ class Stop:
 def main(arguments: list[str] | None = None) -> int:
     """Host the nodes until a stop signal, or until one that ends by itself has finished."""
     own, ros = _parsed(sys.argv[1:] if arguments is None else arguments)
-    if own.parent:
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() != own.parent:  # it ended before it was watched
-            return 1
+    stop = Stop()
+    if own.parent and not end_with(own.parent, signal.SIGTERM):
+        return 1
     try:
         require_ros()
         prepare()
-        if own.hold and not _told_to_begin(own.node):
-            return 1
-        stop = Stop()
         return host(own.node, ros, lambda: stop.asked)
     except LdtError as error:
         print(f"ldt {' '.join(own.node)}: {error}", file=sys.stderr)
@@ -87,21 +82,11 @@ def _parsed(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
     )
     parser.add_argument("--node", action="append", choices=ROLES, required=True)
     parser.add_argument("--parent", type=int, metavar="PID", help="end when this process ends")
-    parser.add_argument(
-        "--hold", action="store_true", help="load everything, then wait for a line on stdin"
-    )
     return parser.parse_args(arguments[:at]), arguments[at:]
 
 
-def _told_to_begin(roles: list[str]) -> bool:
-    """Load what takes a second while others still find out whether to begin; then wait."""
-    importlib.import_module("rclpy")
-    for role in roles:
-        _node_class(role)
-    return bool(sys.stdin.readline())
-
-
-def _node_class(role: str) -> Any:
+def node_class(role: str) -> Any:
+    """Of the node that a role is played by."""
     module, _, name = ROLES[role].partition(":")
     return getattr(importlib.import_module(module), name)
 
@@ -121,7 +106,7 @@ def host(roles: list[str], ros_arguments: list[str], stopped: Callable[[], bool]
         stack.callback(rclpy.try_shutdown)
         executor = EventsExecutor()
         for role in roles:
-            node = _node_class(role)()
+            node = node_class(role)()
             stack.callback(node.destroy_node)
             stack.callback(node.close)
             nodes.append(node)
@@ -145,7 +130,7 @@ def _all_done(nodes: list[Any]) -> bool:
     return all(node.done for node in nodes)
 
 
-def _leave(code: int) -> NoReturn:
+def leave(code: int) -> NoReturn:
     """End without Python's own clean-up, which takes 0.3 s and has nothing left to do here."""
     sys.stdout.flush()
     sys.stderr.flush()
@@ -154,7 +139,7 @@ def _leave(code: int) -> NoReturn:
 
 def _single(role: str) -> Callable[[], None]:
     def start() -> None:
-        _leave(main(["--node", role, *sys.argv[1:]]))
+        leave(main(["--node", role, *sys.argv[1:]]))
 
     start.__doc__ = f"Host the {role} node alone."
     return start
@@ -166,4 +151,4 @@ diagnoser, segmenter = _single("diagnoser"), _single("segmenter")
 advisor = _single("advisor")
 
 if __name__ == "__main__":
-    _leave(main())
+    leave(main())

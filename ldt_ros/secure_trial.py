@@ -6,7 +6,6 @@ the second sees it. A process of its own, because the middleware can end the pro
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
 import signal
@@ -15,18 +14,17 @@ import time
 from typing import Any
 
 from ldt_ros.environment import prepare
+from ldt_ros.parentage import end_with
 
 LOOK_ROUND = 0.8  # s; whoever can be met is met within 0.5
 POLL = 0.05  # s
 TOPIC = "/rosout"  # every node may publish it
 UNKNOWN = "_NODE_NAME_UNKNOWN_"  # of a publisher that is met before its node
-_PR_SET_PDEATHSIG = 1
 
 
 def main(parent: str) -> int:
     """Try it."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != int(parent):  # it ended before it was watched
+    if not end_with(int(parent), signal.SIGKILL):
         return 1
     asked = os.environ.get("ROS_SECURITY_ENABLE", "")
     prepare()

@@ -5,12 +5,16 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Self
+
+from ldt_core.errors import LdtError
+from ldt_ros.forked import Forked, ForkServer
+from ldt_ros.parentage import adopting
 
 POLL = 0.02  # s
 CRASHED = 70  # exit code of a program that fell over its own error (EX_SOFTWARE of sysexits)
@@ -30,7 +34,7 @@ class Child:
     """
 
     name: str
-    process: subprocess.Popen[bytes]
+    process: Forked
     log: Path
     arguments: tuple[str, ...] = ()
 
@@ -52,29 +56,60 @@ class Child:
 
     def last_words(self) -> str:
         """The last line of its output that says something."""
-        with self.log.open("rb") as file:
-            file.seek(max(0, self.log.stat().st_size - TAIL))
-            lines = file.read().decode(errors="replace").split("\n")
-        return next((line.strip() for line in reversed(lines) if line.strip()), "no output")
+        return last_words(self.log)
+
+
+def last_words(log: Path) -> str:
+    """The last line of a process's output that says something."""
+    with log.open("rb") as file:
+        file.seek(max(0, log.stat().st_size - TAIL))
+        lines = file.read().decode(errors="replace").split("\n")
+    return next((line.strip() for line in reversed(lines) if line.strip()), "no output")
 
 
 class Supervisor:
-    """Starts, watches and ends the processes of a graph.
+    """Starts, watches and ends the processes of a graph; a context, at whose end none is left.
 
     Args:
         folder: where their output goes.
         environment: of every child.
+        settings: of the graph, `machine` and `model`.
     """
 
-    def __init__(self, folder: Path, environment: dict[str, str]) -> None:
+    def __init__(
+        self, folder: Path, environment: Mapping[str, str], settings: Mapping[str, Any]
+    ) -> None:
         self.folder = folder
-        self.environment = environment
+        self._environment = environment
+        self._settings = {name: settings[name] for name in ("machine", "model")}
         self.children: list[Child] = []
         #: Lets seconds pass; whoever listens to the graph goes on listening here.
         self.wait: Callable[[float], None] = time.sleep
+        self._server: ForkServer | None = None
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        self._stack.enter_context(adopting())
+        self._stack.callback(self._end_server)
+        self._stack.callback(self.stop_all)
+        self.prepare()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def prepare(self) -> None:
+        """Begin to load what the children need, beside whatever is done meanwhile."""
+        self._server = ForkServer(
+            self.folder / "fork_server.log", self._environment, self._settings
+        )
 
     def start(self, name: str, *arguments: str) -> Child:
-        """Start `python -m ldt_ros.process` with the arguments; it waits for `begin`."""
+        """Start `ldt_ros.process` with the arguments.
+
+        Raises:
+            LdtError: no process could be started.
+        """
         child = self._started(name, *arguments)
         self.children.append(child)
         return child
@@ -83,29 +118,27 @@ class Supervisor:
         """Start an ended child once more, with more arguments than the first time."""
         again = self._started(child.name, *child.arguments, *more)
         child.process = again.process
-        _begin(child)
 
     def _started(self, name: str, *arguments: str) -> Child:
-        pid = str(os.getpid())
         log = self.folder / f"{name}.log"
-        # -P: nothing in the user's folder may stand in for a module of ours.
-        program = [sys.executable, "-P", "-m", "ldt_ros.process", "--parent", pid, "--hold"]
-        with log.open("ab") as output:
-            process = subprocess.Popen(
-                [*program, *arguments],
-                stdin=subprocess.PIPE,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                env=self.environment,
-                # A group of its own: Ctrl-C reaches the parent alone, which ends things in order.
-                start_new_session=True,
-            )
-        return Child(name, process, log, arguments)
+        return Child(name, self._forked(log, arguments), log, arguments)
 
-    def begin(self) -> None:
-        """Let the processes create their nodes."""
-        for child in self.children:
-            _begin(child)
+    def _forked(self, log: Path, arguments: tuple[str, ...]) -> Forked:
+        assert self._server is not None
+        try:
+            return self._server.fork(log, arguments)
+        except ConnectionError:  # the server was killed; the nodes do not need it to go on
+            self._end_server()
+            self.prepare()
+        try:
+            return self._server.fork(log, arguments)
+        except ConnectionError as error:
+            words = last_words(self._server.log)
+            raise LdtError(f"no process of a node can be started: {words}") from error
+
+    def _end_server(self) -> None:
+        if self._server is not None:
+            self._server.end()
 
     def dead(self) -> list[Child]:
         """Children that have ended."""
@@ -113,9 +146,6 @@ class Supervisor:
 
     def stop(self, *children: Child, grace: float = GRACE) -> None:
         """End children, all at once: INT, then TERM, then KILL, each with its grace."""
-        for child in children:
-            if child.process.stdin is not None:
-                child.process.stdin.close()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
             for child in children:
                 if child.running:
@@ -128,10 +158,3 @@ class Supervisor:
     def stop_all(self) -> None:
         """End whatever still runs."""
         self.stop(*self.children)
-
-
-def _begin(child: Child) -> None:
-    assert child.process.stdin is not None
-    with contextlib.suppress(BrokenPipeError):  # it is dead, which `dead` tells
-        child.process.stdin.write(b"begin\n")
-        child.process.stdin.close()

@@ -26,12 +26,11 @@ from ldt_core.machine import load_machine
 from ldt_core.metrics import Summary
 from ldt_core.models import MODELS
 from ldt_core.pace import parse_rate
-from ldt_core.plant.plant import FROM_FILE
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.run_settings import settings_text
 from ldt_core.resume import begin_of, check_key, resumed
 from ldt_core.session import fleet
-from ldt_core.settings import resolve
+from ldt_core.settings import FROM_FILE, resolve
 from ldt_core.stopping import stop_on_signals
 from ldt_ros.environment import prepare, require_ros
 from ldt_ros.graph import Graph, OnStep, Run
@@ -76,9 +75,8 @@ def launch(
     keep_output = False
     try:
         environment = secured(given, runs[0].roles, prepare(folder))
-        supervisor = Supervisor(folder, environment)
         with SharedMemory(), ExitStack() as stack:
-            stack.callback(supervisor.stop_all)
+            supervisor = stack.enter_context(Supervisor(folder, environment, given))
             graph = Graph(runs, supervisor, on_step)
             stack.callback(graph.close)
             graph.run(stopped)

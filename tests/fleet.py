@@ -53,7 +53,7 @@ def _measured(machines: int, experiments: int) -> tuple[str, ...]:
             try:
                 spent = process.cpu_times()
                 used[process.pid] = spent.user + spent.system
-                now += process.memory_info().rss
+                now += process.memory_full_info().pss  # pages that are shared count once
             except psutil.Error:
                 continue
         resident.append(now)

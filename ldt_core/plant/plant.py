@@ -32,11 +32,11 @@ from ldt_core.experiment import Experiment
 from ldt_core.machine import Machine, real_number
 from ldt_core.plant.degradation import schedule
 from ldt_core.plant.voltage import Excitation, Given, excitation
+from ldt_core.settings import FROM_FILE
 
 KEYS = ("voltage", "start", "noise", "current_noise", "degradation")
 STARTS = ("rest", "random", "continue")
 VOLTAGE, NOISE, START, CURRENT_NOISE = range(4)  # independent random streams of one experiment
-FROM_FILE = -1.0  # of a numerical option: take the machine file's value
 
 EffectUse = tuple[Effect, Mapping[str, float]]
 

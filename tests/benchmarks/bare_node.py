@@ -1,6 +1,7 @@
 """Nodes that pass on the graph's messages and do nothing else: the floor that middleware sets.
 
 `python -m tests.benchmarks.bare_node ROLE CYCLES`; the source prints the median cycle in seconds.
+The role `lone` is a node by itself that begins to publish `experiment` at once.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ ROLES = {
     "adaptor": (("experiment", "signal"), ("adaptation",)),
     "recorder": (TOPICS, ()),
 }
+EAGER = 0.005  # s between the messages of the lone node
 
 
 def main(role: str, cycles: int) -> None:
@@ -46,7 +48,7 @@ def main(role: str, cycles: int) -> None:
         "signal": to_message(Signal(1, Level.NEGATIVE, "threshold", 0, 0.1), 0.0, "rotor"),
         "adaptation": to_message(Adaptation(1, Action.KEPT, 0, "no drift"), 0.0, "rotor"),
     }
-    waits, sends = ROLES[role]
+    waits, sends = ROLES.get(role, ((), ("experiment",)))
     rclpy.init()
     node = rclpy.create_node(f"bare_{role}")
     publishers = {t: node.create_publisher(message_type(t), t, qos(t)) for t in sends}
@@ -72,6 +74,8 @@ def main(role: str, cycles: int) -> None:
     ]
     executor = EventsExecutor()
     executor.add_node(node)
+    if role == "lone":
+        node.create_timer(EAGER, send)
     listeners = {t: sum(t in w for w, _ in ROLES.values()) for t in TOPICS}
     if role == "source":
         while not all(node.count_publishers(t) == 1 for t in TOPICS) or not all(

@@ -21,7 +21,7 @@ from ldt_core.security.permissions import NODES, enclaves
 from ldt_core.watch.fleet import Fleet
 from ldt_ros import doctor, secure
 from ldt_ros.environment import prepare
-from ldt_ros.process import ROLES, _node_class
+from ldt_ros.process import ROLES, node_class
 from ldt_ros.up import command, launch
 from ldt_ros.watch_node import WatchNode
 
@@ -54,7 +54,7 @@ def test_no_node_needs_more_than_its_enclave_may(role, stranger, tmp_path):
         stranger.nodes.append(node)
         node.close = lambda: None
     else:
-        node = stranger.start(_node_class(role), namespace="press", **settings)
+        node = stranger.start(node_class(role), namespace="press", **settings)
     mine = {e.name: e for e in enclaves(["press", "mill"], ["/press/a"])}
     of = mine["/watch" if role == "watch" else f"/press/{role}"]
     space = node.get_namespace()

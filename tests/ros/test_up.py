@@ -19,6 +19,7 @@ from ldt_core.recording.bag import read_bag
 pytest.importorskip("rclpy")
 
 SHARED_MEMORY = Path("/dev/shm")
+PROGRAMS = {"ldt_ros.process", "ldt_ros.fork_server"}
 PATIENCE = 180  # s; a stalled machine is not what is tested
 
 
@@ -53,7 +54,7 @@ def graph_processes(domain: int) -> list[psutil.Process]:
     found = []
     for process in psutil.process_iter():
         try:
-            ours = "ldt_ros.process" in process.cmdline()
+            ours = PROGRAMS & set(process.cmdline())
             if ours and process.environ().get("ROS_DOMAIN_ID") == str(domain):
                 found.append(process)
         except psutil.Error:

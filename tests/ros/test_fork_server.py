@@ -1,0 +1,106 @@
+"""Where the processes of the nodes come from: one that has imported everything, and forks."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+
+import psutil
+import pytest
+
+from ldt_core.errors import LdtError
+
+pytest.importorskip("rclpy")
+
+from ldt_ros.environment import prepare
+from ldt_ros.parentage import adopting
+from ldt_ros.supervisor import Supervisor
+
+SETTINGS = {"machine": "rotor", "model": "physics"}
+TWIN = ("--node", "twin", "--ros-args", "-p", "model:=physics")
+PATIENCE = 60  # s
+
+
+@pytest.fixture
+def environment(domain):
+    """Of the processes; this one's is brought back afterwards."""
+    before = dict(os.environ)
+    yield prepare()
+    os.environ.clear()
+    os.environ.update(before)
+
+
+def ended(child):
+    """Wait for a child's end."""
+    deadline = time.monotonic() + PATIENCE
+    while child.running:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_what_is_forked_is_a_process_of_its_own_and_needs_the_server_no_more(
+    environment, monkeypatch, tmp_path
+):
+    """Recognised by its command line, this one's child, in its own session; the server may die."""
+    (tmp_path / "json.py").write_text("raise RuntimeError('not the one that was meant')")
+    monkeypatch.chdir(tmp_path)
+    with Supervisor(tmp_path, environment, SETTINGS) as supervisor:
+        twin = supervisor.start("twin", *TWIN)
+        (server,) = (c for c in psutil.Process().children() if c.pid != twin.process.pid)
+        process = psutil.Process(twin.process.pid)
+        line = process.cmdline()
+        assert line[line.index("ldt_ros.process") :] == ["ldt_ros.process", *TWIN]
+        assert "ldt_ros.fork_server" in server.cmdline()
+        assert process.environ()["ROS_DOMAIN_ID"] == environment["ROS_DOMAIN_ID"]
+        assert process.ppid() == os.getpid()
+        assert os.getsid(process.pid) == process.pid
+        server.kill()
+        server.wait(PATIENCE)
+        process.kill()
+        ended(twin)
+        supervisor.restart(twin, "-p", "twin:=1")  # by a server that takes the other's place
+        again = psutil.Process(twin.process.pid)
+        assert again.pid != process.pid
+        assert again.cmdline()[-2:] == ["-p", "twin:=1"]
+        # One that was killed has that for its exit code; one that is told to stop ends well.
+        again.send_signal(signal.SIGSTOP)
+        other = supervisor.start("other", *TWIN)
+        again.kill()
+        ended(twin)
+        assert (twin.process.returncode, twin.crashed) == (-signal.SIGKILL, True)
+        supervisor.stop(other)
+        assert (other.process.returncode, other.crashed) == (0, False)
+    assert psutil.Process().children() == []
+
+
+def test_a_server_that_cannot_load_is_told_in_a_sentence(environment, tmp_path):
+    """With the last that it said; and nothing is left of it."""
+    (tmp_path / "numpy.py").write_text("raise ImportError('a broken library')")
+    path = os.pathsep.join((str(tmp_path), environment.get("PYTHONPATH", "")))
+    broken = {**environment, "PYTHONPATH": path}
+    sentence = "no process of a node can be started: ImportError: a broken library"
+    with (
+        pytest.raises(LdtError, match=sentence),
+        Supervisor(tmp_path, broken, SETTINGS) as supervisor,
+    ):
+        supervisor.start("twin", *TWIN)
+    assert psutil.Process().children() == []
+
+
+def test_orphans_are_adopted_within_the_context_alone():
+    """By the process that asked; afterwards they go where they went before."""
+
+    def orphan() -> psutil.Process:
+        script = "sleep 60 > /dev/null & echo $!"
+        return psutil.Process(int(subprocess.check_output(["sh", "-c", script])))
+
+    with adopting():
+        adopted = orphan()
+        assert adopted.ppid() == os.getpid()
+        adopted.kill()
+        assert adopted.wait(PATIENCE) == -signal.SIGKILL
+    other = orphan()
+    assert other.ppid() != os.getpid()
+    other.kill()
