@@ -136,6 +136,7 @@ def test_no_size_is_one_file(tmp_path):
 def test_many_small_chunks_begin_a_new_file_too(tmp_path, monkeypatch):
     """A slow machine makes a chunk of each message: the index of a file stays small then, too."""
     monkeypatch.setattr("ldt_core.recording.writer.MOST_CHUNKS", 5)
+    monkeypatch.setattr("ldt_core.recording.writer.FLUSH_PERIOD", 60.0)  # by nobody but us
     with BagWriter(tmp_path / "run", "rotor") as bag:
         write(bag, range(1, 13))
     assert [f["message_count"] for f in information(tmp_path / "run")["files"]] == [10, 10, 4]
