@@ -54,6 +54,14 @@ def killed(
                 yield wanted
 
 
+def recorded(recording: Path) -> int:
+    """Experiments that have gone all the way, in what is still being written."""
+    try:
+        return sum(1 for _ in read_bag(recording).records("adaptation"))
+    except Exception:
+        return 0
+
+
 def differences(undisturbed: Path, disturbed: Path) -> dict[str, str]:
     """Topic → what two recordings do not have in common, in a few words; empty if all is the same.
 

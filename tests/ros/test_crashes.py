@@ -15,7 +15,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from disturbed import differences, killed, nodes
+from disturbed import differences, killed, nodes, recorded
 
 from ldt_core.recording.bag import read_bag
 
@@ -57,14 +57,6 @@ def finished(process) -> dict:
     output, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, "")
     return json.loads(output)["runs"][0]
-
-
-def recorded(recording: Path) -> int:
-    """Experiments that have gone all the way, in what is still being written."""
-    try:
-        return sum(1 for _ in read_bag(recording).records("adaptation"))
-    except Exception:
-        return 0
 
 
 def wait_for(recording: Path, experiments: int) -> None:

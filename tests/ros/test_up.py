@@ -13,6 +13,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from disturbed import recorded
 
 from ldt_core.recording.bag import read_bag
 
@@ -76,13 +77,6 @@ def shared_memory() -> set[Path]:
     return {file for file in SHARED_MEMORY.iterdir() if "fastrtps" in file.name}
 
 
-def experiments_recorded(bag: Path) -> int:
-    try:
-        return sum(1 for _ in read_bag(bag).records("adaptation"))
-    except Exception:
-        return 0
-
-
 def test_it_ends_by_itself_and_leaves_nothing_behind(start, domain, tmp_path):
     """After N experiments: exit 0, a summary, a recording; no process, no shared-memory file."""
     before = shared_memory()
@@ -95,7 +89,7 @@ def test_it_ends_by_itself_and_leaves_nothing_behind(start, domain, tmp_path):
     assert summary["experiments"] == 5
     assert summary["mme"] > 0
     assert summary["recording"] == "run"
-    assert experiments_recorded(tmp_path / "run") == 5
+    assert recorded(tmp_path / "run") == 5
     assert graph_processes(domain) == []
     assert shared_memory() <= before
 
@@ -114,7 +108,7 @@ def test_the_table_names_the_figures_and_the_recording(start, tmp_path):
 def test_a_signal_ends_it_in_order(number, start, domain, tmp_path):
     """Exit 0, the summary says that it was interrupted, the recording is whole, nothing is left."""
     process = start("--experiments", "100000", "--rate", "200", "--bag", "run", "--json")
-    wait_for(lambda: experiments_recorded(tmp_path / "run") > 3, "experiments in the recording")
+    wait_for(lambda: recorded(tmp_path / "run") > 3, "experiments in the recording")
     process.send_signal(number)
     code, output, errors = finish(process)
     assert (code, errors) == (0, "")
@@ -139,7 +133,7 @@ def test_a_signal_before_the_nodes_have_met_ends_it_as_well(start, domain):
 def test_killing_the_launching_process_leaves_no_orphan(start, domain, tmp_path):
     """The nodes notice that their parent is gone."""
     process = start("--experiments", "100000", "--rate", "200", "--bag", "run")
-    wait_for(lambda: experiments_recorded(tmp_path / "run") > 1, "experiments in the recording")
+    wait_for(lambda: recorded(tmp_path / "run") > 1, "experiments in the recording")
     os.kill(process.pid, signal.SIGKILL)
     process.communicate()
     wait_for(lambda: not graph_processes(domain), "end of all nodes")
@@ -149,7 +143,7 @@ def test_a_node_that_dies_is_named(start, domain, tmp_path):
     """Where none is started again: exit 1 with one sentence, and the rest ends in order."""
     endless = ("--experiments", "100000", "--rate", "200", "--bag", "run")
     process = start(*endless, "--restarts", "0")
-    wait_for(lambda: experiments_recorded(tmp_path / "run") > 1, "experiments in the recording")
+    wait_for(lambda: recorded(tmp_path / "run") > 1, "experiments in the recording")
     victim = next(p for p in graph_processes(domain) if "detector" in p.cmdline())
     victim.kill()
     code, _, errors = finish(process)
@@ -163,7 +157,7 @@ def test_a_second_graph_in_the_same_domain_is_refused(start, tmp_path):
     """Two publishers of one topic would make nonsense of both; another namespace is fine."""
     # At a pace that leaves the cores to the others.
     first = start("--experiments", "100000", "--rate", "40", "--bag", "first")
-    wait_for(lambda: experiments_recorded(tmp_path / "first") > 1, "experiments in the recording")
+    wait_for(lambda: recorded(tmp_path / "first") > 1, "experiments in the recording")
     code, _, errors = finish(start("--experiments", "2", "--bag", "second"))
     assert code == 2
     assert "expected no publisher before the graph starts" in errors
