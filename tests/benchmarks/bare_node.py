@@ -1,34 +1,28 @@
 """Nodes that pass on the graph's messages and do nothing else: the floor that middleware sets.
 
-`python -m tests.benchmarks.bare_node ROLE CYCLES`; the source prints the median cycle in seconds.
-The role `lone` is a node by itself that begins to publish `experiment` at once.
+`python -m tests.benchmarks.bare_node ROLE`, until it is killed. The role `lone` is a node by itself
+that begins to publish `experiment` at once; the others answer what somebody else publishes there.
 """
 
 from __future__ import annotations
 
-import statistics
 import sys
-import time
 
 import numpy as np
 
 SAMPLES = 2000
-LOST = 1.0  # s after which a message never came
-SKIPPED = 20  # cycles of warming up
-TOPICS = ("experiment", "prediction", "original_prediction", "signal", "adaptation")
 #: role → (what it waits for in each cycle, what it sends then)
 ROLES = {
-    "source": (("adaptation",), ("experiment",)),
     "twin": (("experiment",), ("original_prediction", "prediction")),
     "detector": (("experiment", "prediction"), ("signal",)),
     "adaptor": (("experiment", "signal"), ("adaptation",)),
-    "recorder": (TOPICS, ()),
+    "recorder": (("experiment", "prediction", "original_prediction", "signal", "adaptation"), ()),
 }
 EAGER = 0.005  # s between the messages of the lone node
 
 
-def main(role: str, cycles: int) -> None:
-    """Pass messages on until the source has had its cycles, or a signal ends the process."""
+def main(role: str) -> None:
+    """Pass messages on."""
     from ldt_ros.environment import prepare
 
     prepare()
@@ -53,7 +47,6 @@ def main(role: str, cycles: int) -> None:
     node = rclpy.create_node(f"bare_{role}")
     publishers = {t: node.create_publisher(message_type(t), t, qos(t)) for t in sends}
     seen: set[str] = set()
-    times: list[float] = []
 
     def receive(topic: str) -> None:
         seen.add(topic)
@@ -62,7 +55,6 @@ def main(role: str, cycles: int) -> None:
             send()
 
     def send() -> None:
-        times.append(time.perf_counter())
         for topic, publisher in publishers.items():
             publisher.publish(messages[topic])
 
@@ -72,28 +64,13 @@ def main(role: str, cycles: int) -> None:
         )
         for t in waits
     ]
-    executor = EventsExecutor()
-    executor.add_node(node)
     if role == "lone":
         node.create_timer(EAGER, send)
-    listeners = {t: sum(t in w for w, _ in ROLES.values()) for t in TOPICS}
-    if role == "source":
-        while not all(node.count_publishers(t) == 1 for t in TOPICS) or not all(
-            node.count_subscribers(t) == n for t, n in listeners.items()
-        ):
-            executor.spin_once(timeout_sec=0.05)
-        time.sleep(1.0)
-        send()
-    while len(times) <= cycles:
+    executor = EventsExecutor()
+    executor.add_node(node)
+    while subscriptions or role == "lone":
         executor.spin_once(timeout_sec=0.1)
-        # Discovered is not yet matched: the first message may be lost.
-        if role == "source" and time.perf_counter() - times[-1] > LOST:
-            times.clear()
-            send()
-    if role == "source":
-        print(statistics.median(np.diff(times[SKIPPED:])), flush=True)
-    del subscriptions
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]))
+    main(sys.argv[1])
