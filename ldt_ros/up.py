@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ldt_core.cli import invoke
-from ldt_core.cli.options import json_option, parameters
+from ldt_core.cli.options import Command, json_option, parameters
 from ldt_core.errors import LdtError
 from ldt_core.settings import resolve
 from ldt_core.stopping import stop_on_signals
@@ -113,7 +113,7 @@ def _roles(settings: Mapping[str, Any]) -> Iterator[str]:
     yield from roles(settings)
 
 
-@click.command("up")
+@click.command("up", cls=Command, short_help="Run the whole node graph: machine, twin, recording.")
 @parameters(*GROUPS, "recorder", "graph", "security")
 @json_option
 def command(settings: dict[str, Any], as_json: bool) -> None:

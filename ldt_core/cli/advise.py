@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ldt_core.experiment import DiagnosisRecord, Experiment, ModelRecord
 
 
-@click.command("advise")
+@click.command("advise", short_help="Voltages to avoid, margins, and the next experiment.")
 @click.argument("recording", required=False)
 @parameters("machine")
 @diagnosis_option("The diagnosis.json whose effects the machine has.")

@@ -27,7 +27,7 @@ def _names(_context: click.Context, _option: click.Parameter, text: str | None) 
     return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
-@click.command("calibrate")
+@click.command("calibrate", short_help="Fit the machine file, say what the data do not determine.")
 @click.argument("recordings", nargs=-1, required=True)
 @parameters("machine")
 @click.option(

@@ -14,7 +14,7 @@ from ldt_core.cli.spelling import Group
 from ldt_core.cli.terminal import echo
 
 
-@click.group("challenge", cls=Group)
+@click.group("challenge", cls=Group, short_help="How often the diagnosis is right on sealed cases.")
 def command() -> None:
     """Make sealed cases for a diagnosis, and score it on them.
 
@@ -22,7 +22,7 @@ def command() -> None:
     """
 
 
-@command.command("make")
+@command.command("make", short_help="Write sealed cases, and their key apart.")
 @click.option("--cases", type=click.IntRange(1, 9999), required=True, help="Number of cases.")
 @click.option(
     "--seed",
@@ -86,7 +86,7 @@ def make(
         echo(f"{cases} cases: {out}; key: {written}")
 
 
-@command.command("score")
+@command.command("score", short_help="Diagnose the cases and compare with the key.")
 @click.argument("folder")
 @click.argument("keys", nargs=-1, required=True)
 @click.option(

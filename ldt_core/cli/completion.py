@@ -119,7 +119,7 @@ def register() -> None:
         add_completion_class(kind)
 
 
-@click.command("completion")
+@click.command("completion", short_help="What lets a shell complete commands, options and names.")
 @click.argument("shell", type=Choice(SHELLS), metavar="SHELL")
 def command(shell: str) -> None:
     """Print what lets SHELL complete commands, options and names by the tabulator key.

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 SHOWN = 8  # candidates in the table of the terminal; the page has all
 
 
-@click.command("diagnose")
+@click.command("diagnose", short_help="Where the gap lies, and which effect causes it.")
 @click.argument("recordings", nargs=-1, required=True)
 @parameters("machine")
 @click.option(

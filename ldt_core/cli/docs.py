@@ -11,7 +11,7 @@ from ldt_core.cli.completion import known
 from ldt_core.cli.options import json_option
 
 
-@click.command("docs")
+@click.command("docs", short_help="Pages to read: connect a machine, read a diagnosis, more.")
 @click.argument("page", required=False, shell_complete=known("page"))
 @click.option("--path", "as_path", is_flag=True, help="Print the file's path, not its text.")
 @json_option

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 COLOURS = {"ok": "green", "warning": "yellow", "problem": "red"}
 
 
-@click.command("doctor")
+@click.command("doctor", short_help="What is wrong with this computer or a recording.")
 @click.argument("recording", required=False)
 @click.option(
     "--bag", default="", help="Folder that a run would record to, if not under ldt_recordings."

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ldt_core.physics.parameter import Parameter
 
 
-@click.command("effects")
+@click.command("effects", short_help="List the effects that a machine may have, or check yours.")
 @click.argument("effect", required=False, shell_complete=known("effect"))
 @json_option
 def command(effect: str | None, as_json: bool) -> None:

@@ -33,7 +33,7 @@ def _range(
     return low, high
 
 
-@click.command("identify")
+@click.command("identify", short_help="A machine file for a machine of unknown physics.")
 @click.argument("recordings", nargs=-1, required=True)
 @new_file_option
 @force_option

@@ -13,7 +13,7 @@ from ldt_core.cli.terminal import echo, one_line
 UNIT_HELP = "with a unit if it is not SI, for example"
 
 
-@click.command("import")
+@click.command("import", short_help="A CSV file or a foreign bag becomes a recording.")
 @click.argument("file")
 @out_option
 @click.option(

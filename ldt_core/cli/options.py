@@ -16,6 +16,47 @@ from ldt_core.errors import BadInput, OptionError, did_you_mean
 from ldt_core.settings import UNSET, check
 
 _TYPES = {"integer": click.INT, "double": click.FLOAT, "string": click.STRING}
+# Headings in --help by the parameters' groups; those of other groups come first, under Options.
+_SECTIONS = {
+    "plant": "Simulated machine",
+    "model": "Model",
+    "detector": "Detector",
+    "adaptor": "Adaptor",
+    "diagnosis": "Diagnosis and advice",
+    "advice": "Diagnosis and advice",
+    "player": "Playing a recording",
+    "pace": "Pace",
+    "stream": "A machine that streams samples",
+    "segmenter": "A machine that streams samples",
+    "cut": "A machine that streams samples",
+    "graph": "Graph",
+    "twin": "Graph",
+    "security": "Graph",
+}
+
+
+class Command(click.Command):
+    """A command whose help lists its declared parameters by the part that they belong to."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """As click's, in sections."""
+        sections: dict[str, list[tuple[str, str]]] = {"Options": []}
+        for parameter in self.get_params(ctx):
+            if record := parameter.get_help_record(ctx):
+                heading = getattr(parameter, "section", "Options")
+                sections.setdefault(heading, []).append(record)
+        for heading, records in sections.items():
+            with formatter.section(heading):
+                formatter.write_dl(records)
+
+
+class _Declared(click.Option):
+    """The option of a declared parameter."""
+
+    def __init__(self, *arguments: Any, section: str, **attributes: Any) -> None:
+        super().__init__(*arguments, **attributes)
+        self.section = section
+
 
 out_option = click.option(
     "--out", required=True, help="Folder of the new recording, which must not exist."
@@ -108,8 +149,13 @@ def _option(name: str, declaration: Mapping[str, Any]) -> Callable[..., Any]:
     choices = [c for c in declaration.get("choices", ()) if c]
     if choices:
         text += f" One of {', '.join(choices)}."
+    made: dict[str, Any] = {
+        "cls": _Declared,
+        "section": _SECTIONS.get(declaration["group"], "Options"),
+    }
     if kind == "bool":
-        return click.option(f"{flag}/--no-{flag[2:]}", name, default=default, help=text)
+        both = f"{flag}/--no-{flag[2:]}"
+        return click.option(both, name, default=default, show_default=True, help=text, **made)
     many = kind == "string_array"
     completer = among(choices) if choices else known(name)
 
@@ -130,4 +176,5 @@ def _option(name: str, declaration: Mapping[str, Any]) -> Callable[..., Any]:
         shell_complete=completer,
         help=text,
         **alone,
+        **made,
     )

@@ -10,7 +10,7 @@ from ldt_core.cli.options import json_option, namespace_option
 from ldt_core.cli.terminal import echo
 
 
-@click.command("plot")
+@click.command("plot", short_help="A run as a picture.")
 @click.argument("recording")
 @click.option("--out", required=True, help="File of the picture: .png, .svg or .pdf.")
 @click.option(

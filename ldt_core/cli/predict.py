@@ -16,7 +16,7 @@ from ldt_core.cli.options import (
 from ldt_core.cli.terminal import echo, one_line
 
 
-@click.command("predict")
+@click.command("predict", short_help="Predict a recording by the physics alone.")
 @click.argument("recording")
 @parameters("machine")
 @diagnosis_option("The diagnosis.json whose effects to add to the machine.")

@@ -8,10 +8,12 @@ from typing import Any
 import click
 
 from ldt_core.cli.display import RunProgress, print_summaries
-from ldt_core.cli.options import json_option, namespace_option, out_option, parameters
+from ldt_core.cli.options import Command, json_option, namespace_option, out_option, parameters
 
 
-@click.command("replay")
+@click.command(
+    "replay", cls=Command, short_help="A recording again, with the same settings or others."
+)
 @click.argument("recording")
 @out_option
 @namespace_option

@@ -8,7 +8,7 @@ from ldt_core.cli.options import json_option, namespace_option
 from ldt_core.cli.terminal import echo
 
 
-@click.command("report")
+@click.command("report", short_help="A run as one page to look into, in any browser.")
 @click.argument("recording")
 @click.option("-o", "--out", required=True, help="File of the page: .html.")
 @namespace_option

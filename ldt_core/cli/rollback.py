@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ldt_core.rollback import History
 
 
-@click.command("rollback")
+@click.command("rollback", short_help="Go back to an earlier model of a run.")
 @click.argument("recording")
 @click.option("--to", "version", type=click.INT, help="Version to go on with.")
 @click.option("--machine", default="", help="Machine file, where the run was started with one.")

@@ -8,10 +8,12 @@ from typing import Any
 import click
 
 from ldt_core.cli.display import RunProgress, print_summaries
-from ldt_core.cli.options import json_option, parameters
+from ldt_core.cli.options import Command, json_option, parameters
 
 
-@click.command("run")
+@click.command(
+    "run", cls=Command, short_help="The same as up, without ROS: same options and numbers."
+)
 @parameters(
     *("machine", "plant", "run", "model", "detector", "adaptor", "diagnosis", "advice"),
     *("player", "pace", "twin", "recorder", "graph", "resume"),

@@ -14,7 +14,7 @@ from ldt_core.cli.terminal import echo
 from ldt_core.errors import BadInput
 
 
-@click.group("security", cls=Group)
+@click.group("security", cls=Group, short_help="Keys by which nodes may publish what is their own.")
 def command() -> None:
     """Make what DDS-Security needs: who is who in a graph, and who may publish what.
 
@@ -22,7 +22,7 @@ def command() -> None:
     """
 
 
-@command.command("init")
+@command.command("init", short_help="Make a keystore with an enclave for each role.")
 @click.option(
     "--out",
     default="ldt_keystore",

@@ -7,11 +7,13 @@ from typing import Any
 
 import click
 
-from ldt_core.cli.options import declared_option, json_option, out_option, parameters
+from ldt_core.cli.options import Command, declared_option, json_option, out_option, parameters
 from ldt_core.cli.terminal import echo
 
 
-@click.command("simulate")
+@click.command(
+    "simulate", cls=Command, short_help="Record a simulated machine, with effects if wanted."
+)
 @parameters("machine", "run", "plant")
 @click.option(
     "--next",

@@ -15,7 +15,7 @@ QUICK = {"seeds": 2, "experiments": 40}
 SEEDS = 20
 
 
-@click.command("study")
+@click.command("study", short_help="The paper's claims, over many seeds.")
 @click.option("--out", required=True, help="Folder of the study; an earlier one goes on there.")
 @click.option(
     "--seeds",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ldt_core.cli.options import json_option, namespace_option, parameters
+from ldt_core.cli.options import Command, json_option, namespace_option, parameters
 from ldt_core.cli.resumable import ResumableProgress, compute_options
 from ldt_core.cli.spelling import Choice
 from ldt_core.cli.terminal import echo, one_line
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 DETECTORS = ("threshold", "lddm", "window", "calibrated")
 
 
-@click.command("tune")
+@click.command(
+    "tune", cls=Command, short_help="Choose a detector and its threshold for a recording."
+)
 @click.argument("recording")
 @click.option(
     "--adaptations",

@@ -12,7 +12,7 @@ from ldt_core.cli.terminal import echo, printable
 PORT = 8766
 
 
-@click.command("watch")
+@click.command("watch", short_help="A running graph or a recording, live in a browser.")
 @click.argument("recording", required=False)
 @click.option(
     "--rate",

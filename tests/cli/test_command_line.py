@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -47,6 +48,27 @@ def test_a_command_reports_as_json_and_shows_an_example(name):
         if flag.startswith("-"):
             assert flag == flag.lower()
             assert "_" not in flag
+
+
+def test_the_list_of_commands_says_each_in_one_line_that_is_whole(capsys):
+    """No line ends in dots, as click's would that is cut out of a longer text."""
+    assert invoke(ldt, ["--help"]) == 0
+    lines = capsys.readouterr().out.split("Commands:\n")[1].splitlines()
+    assert [line.split()[0] for line in lines] == ldt.list_commands(click.Context(ldt))
+    assert [line for line in lines if not line.endswith(".") or line.endswith("...")] == []
+
+
+def test_a_long_help_has_sections_and_says_what_a_flag_is_by_default(capsys):
+    """Every option of `ldt up` is once under one heading; a flag that is on says so."""
+    assert invoke(ldt, ["up", "--help"]) == 0
+    sections = re.split(r"^(\w[^\n]*):$", capsys.readouterr().out, flags=re.MULTILINE)[1:]
+    shown = dict(zip(sections[::2], sections[1::2], strict=True))
+    assert {"Options", "Detector", "Simulated machine", "Graph"} <= set(shown)
+    assert "--json" in shown["Options"]
+    assert "--drift-level" in shown["Detector"]
+    assert "[default: sensor-check]" in " ".join(shown["Adaptor"].split())
+    listed = re.findall(r"^  (--[\w-]+)", "".join(shown.values()), flags=re.MULTILINE)
+    assert sorted(listed) == sorted(p.opts[0] for p in ALL["up"].params)
 
 
 def test_one_name_means_one_kind_of_thing():
