@@ -17,6 +17,8 @@ from ldt_core.report import style
 from ldt_core.study.figures import FIGURES, drawings
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.page import write_figures, write_page
+from ldt_core.study.sections import lead
+from ldt_core.study.sections.summary import what_was_run
 from ldt_core.study.study import Study
 
 HOSTILE = "</code><script>alert(1)</script>\"' $x^2 & {{ 7*7 }}.yaml"
@@ -59,6 +61,17 @@ def undrawn(monkeypatch):
 
     monkeypatch.setattr("ldt_core.report.blocks.inline_svg", draw)
     return names
+
+
+def test_streams_without_wear_do_not_count_among_those_that_wear(study):
+    """The machine in control is run on more streams; and two of the others decide little."""
+    far = next(e for e in study.entries if e.groups == ("control",))
+    case = replace(far.result.case, seed=19)
+    more = replace(far, result=replace(far.result, case=case))
+    wider = replace(study, entries=(*study.entries, more))
+    assert "examined on 2 random streams of" in lead(wider)
+    assert lead(wider).endswith("too few to decide much: this is a trial.")
+    assert dict(what_was_run(Reading(wider)))["seeds"] == "2 (0 to 1)"
 
 
 def only(study: Study, *groups: str) -> Study:

@@ -64,7 +64,8 @@ def staircase(reading: Reading) -> Drawing | None:
     def draw(layout: Layout) -> Figure:
         figure, (axes,) = panels(layout, 2.8)
         for index, other in enumerate(others):
-            label = f"the other {len(others)} seeds" if index == 0 else None
+            count = f"{len(others)} seeds" if len(others) > 1 else "seed"
+            label = f"the other {count}" if index == 0 else None
             values = quantity.scaled(other.truth)
             axes.step(other.number, values, where="post", color=GREY, alpha=0.45, lw=1, label=label)
         values = quantity.scaled(shown.truth)

@@ -11,9 +11,11 @@ from ldt_core.study.sections.beyond import beyond
 from ldt_core.study.sections.chance import chance
 from ldt_core.study.sections.method import deviations, methods, runs
 from ldt_core.study.sections.reproduction import reproduction
-from ldt_core.study.sections.summary import summary
+from ldt_core.study.sections.summary import streams, summary
 from ldt_core.study.stamp import stamp
 from ldt_core.study.study import Study
+
+FEW = 5  # streams; with fewer an interval by Student's t spans nearly anything
 
 Drawings = Mapping[str, Drawing | None]
 
@@ -30,11 +32,12 @@ SECTIONS: tuple[Callable[[Reading, Drawings], Section], ...] = (
 
 def lead(study: Study) -> str:
     """The sentence under the title."""
-    seeds = len({r.case.seed for r in study.results()})
+    seeds = len(streams(study))
+    few = " They are too few to decide much: this is a trial." if seeds < FEW else ""
     return (
         "Every claim of “Towards learning digital twin” (Zhou, Walther, Verl, CIRP CMS 2024) "
-        f"examined on {seeds} random streams of a simulated rotor that wears, and how far a "
-        "learner goes that keeps the physics."
+        f"examined on {seeds} random stream{'' if seeds == 1 else 's'} of a simulated rotor that "
+        f"wears, and how far a learner goes that keeps the physics.{few}"
     )
 
 

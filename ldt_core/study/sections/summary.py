@@ -12,6 +12,7 @@ from ldt_core.study.claims.claim import percent
 from ldt_core.study.figures.reading import Reading
 from ldt_core.study.sections.method import in_words
 from ldt_core.study.stamp import stamp
+from ldt_core.study.study import Study
 
 TONES = {
     Verdict.CONFIRMED: "good",
@@ -49,7 +50,7 @@ def what_was_run(reading: Reading) -> list[tuple[str, str]]:
     """Names and values of the study as a whole."""
     study = reading.study
     results = study.results()
-    seeds = sorted({r.case.seed for r in results})
+    seeds = streams(study)
     missing = f", {study.missing} planned are missing" if study.missing else ""
     pairs = [
         ("seeds", f"{len(seeds)} ({seeds[0]} to {seeds[-1]})" if seeds else "0"),
@@ -61,6 +62,12 @@ def what_was_run(reading: Reading) -> list[tuple[str, str]]:
     ]
     known = {"seeds", "experiments", "machine", "groups", "first_seed"}
     return pairs + [(n, in_words(v)) for n, v in study.settings.items() if n not in known]
+
+
+def streams(study: Study) -> list[int]:
+    """Seeds of the streams that wear; those of the machine in control are others, and more."""
+    worn = {e.result.case.seed for e in study.entries if set(e.groups) != {"control"}}
+    return sorted(worn or {e.result.case.seed for e in study.entries})
 
 
 def duration(seconds: float) -> str:
