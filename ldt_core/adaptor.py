@@ -354,7 +354,10 @@ def _valid(
 def _figures(details: dict[str, float]) -> str:
     if "candidate_rmse" not in details:
         return ""
-    return f"RMSE {details['candidate_rmse']:.4g} against {details['present_rmse']:.4g} rad/s"
+    tried, present = details["candidate_rmse"], details["present_rmse"]
+    if tried == present:  # of an earlier model that is the present one over again
+        return f"the same RMSE, {present:.4g} rad/s"
+    return f"RMSE {tried:.4g} against {present:.4g} rad/s"
 
 
 def _count(experiments: int) -> str:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from ldt_core.experiment import Action, ModelRecord
-from ldt_core.report.blocks import Block, Mark, Table, Text
+from ldt_core.report.blocks import Block, Folded, Mark, Table, Text
 from ldt_core.report.number import number
 from ldt_core.run_page.run import Run, Turn
 from ldt_core.words import ranges, spans, spoken
 
+#: Rows of a table that stands open; a longer one would bury what follows it.
+OPEN = 20
 MARKS = {Action.ADAPTED: Mark("adapted", "good"), Action.REFUSED: Mark("refused", "open")}
 
 
@@ -21,7 +23,7 @@ def adaptations(run: Run) -> list[Block]:
     if not rows:
         return [Text("No new model was tried in this run.", "missing")]
     head = ("after", "done", "why")
-    return [Table("The adaptor at each positive", head, rows, cards=True)]
+    return [_folded(Table("The adaptor at each positive", head, rows, cards=True))]
 
 
 def models(run: Run) -> list[Block]:
@@ -49,7 +51,13 @@ def models(run: Run) -> list[Block]:
     )
     if not any(row[-1] for row in rows):
         head, rows = head[:-1], [row[:-1] for row in rows]
-    return [Table("The models", head, rows, numbers=(4,), cards=True)]
+    return [_folded(Table("The models", head, rows, numbers=(4,), cards=True))]
+
+
+def _folded(table: Table) -> Block:
+    if len(table.rows) <= OPEN:
+        return table
+    return Folded(f"{table.caption} ({len(table.rows)} rows)", table)
 
 
 def _cause(model: ModelRecord) -> str:

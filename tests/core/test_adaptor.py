@@ -373,6 +373,17 @@ def test_a_repaired_machine_gets_its_first_model_back():
     assert again.gain == pytest.approx(worn.gain, abs=0.01)
 
 
+def test_an_earlier_model_that_is_the_present_one_is_not_compared_with_it_in_figures():
+    """The error is said once: two equal figures would look like a slip."""
+    adaptor = Adaptor(Gain(None), Memory())
+    step(adaptor, experiment(1, 2.0))
+    step(adaptor, experiment(2, 1.0))
+    adaptation, _ = step(adaptor, experiment(3, 1.0))
+    assert adaptation.action is Action.REFUSED
+    assert adaptation.reason.startswith("no better on data held back: the same RMSE, ")
+    assert " against " not in adaptation.reason
+
+
 def test_the_models_that_may_come_back_are_few_and_the_first_is_among_them():
     """However often it adapts."""
     adaptor = Adaptor(Gain(None), Memory())

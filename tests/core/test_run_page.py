@@ -242,6 +242,13 @@ def test_a_sound_recording_is_said_to_be_sound(tmp_path):
     assert "No experiment is missing, repeated, late or unused" in page(run)
 
 
+def test_long_tables_are_folded_so_that_what_follows_is_found(tmp_path):
+    """Of 66 experiments 22 were positive; of 6, two, whose rows stand open."""
+    folded = "<details><summary>The adaptor at each positive (22 rows)</summary>"
+    assert folded in page(read_run(fake_run(tmp_path / "long", range(1, 67))))
+    assert "<summary>The adaptor" not in page(read_run(fake_run(tmp_path / "short")))
+
+
 def test_what_the_nodes_rejected_is_shown(tmp_path):
     """The last health of each node of this machine, escaped."""
     from ldt_core.recording.messages import standard

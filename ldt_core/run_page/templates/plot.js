@@ -16,6 +16,12 @@ function visible(u, i) {
   return x >= min && x <= max;
 }
 
+function scale(u) {
+  // of the marks: where experiments lie close, marks of full size would hide the curves
+  const { min, max } = u.scales.x;
+  return Math.min(1, Math.max(0.45, u.bbox.width / uPlot.pxRatio / (max - min + 1) / 7));
+}
+
 function verticals(u) {
   // behind the curves: new models, and the experiment chosen
   const { ctx, bbox } = u,
@@ -32,7 +38,7 @@ function verticals(u) {
     }
     if (RUN.action[i] !== "adapted") return;
     ctx.strokeStyle = color("green");
-    ctx.lineWidth = 1.2 * ratio;
+    ctx.lineWidth = 1.2 * ratio * scale(u);
     ctx.setLineDash([4 * ratio, 4 * ratio]);
     ctx.beginPath();
     ctx.moveTo(x, bbox.top);
@@ -45,7 +51,7 @@ function verticals(u) {
 function levels(u) {
   // in front: a shape for each signal that is not negative
   const { ctx } = u,
-    ratio = uPlot.pxRatio;
+    ratio = uPlot.pxRatio * scale(u);
   ctx.save();
   RUN.level.forEach((level, i) => {
     const value = u.data[1][i];
@@ -66,7 +72,7 @@ function levels(u) {
 function learned(u) {
   // a dot where a version learned from an experiment
   const { ctx } = u,
-    ratio = uPlot.pxRatio,
+    ratio = uPlot.pxRatio * scale(u),
     { min, max } = u.scales.x;
   ctx.save();
   ctx.fillStyle = color("paper");
@@ -117,7 +123,7 @@ function plot(group, name, x, rows) {
       paths: dotted ? () => null : look.step ? uPlot.paths.stepped({ align: 1 }) : undefined,
       points: {
         show: dotted || (course && i === 0 && name !== "versions"),
-        size: dotted ? 5 : 4,
+        size: dotted ? Math.min(5, Math.max(3, place.clientWidth / x.length)) : 4,
         width: 1,
         stroke: color(look.color),
         fill: color(dotted ? "paper" : look.color),
