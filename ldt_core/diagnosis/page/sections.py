@@ -50,14 +50,16 @@ def answer(diagnosis: Diagnosis) -> Answer:
 
 def lead(diagnosis: Diagnosis) -> str:
     """What was asked."""
-    recordings = listed(diagnosis.recordings) if diagnosis.recordings else "the recordings"
+    several = len(diagnosis.recordings) != 1
+    names = f" {listed(diagnosis.recordings)}" if diagnosis.recordings else ""
+    recordings = f"the recording{'s' if several else ''}{names}"
     held = diagnosis.experiments.get("held_out", ())
     part = "" if set(held).isdisjoint(diagnosis.experiments.get("fit", ())) else "parts of "
     count = f"{part}{len(held)} experiment{'' if len(held) == 1 else 's'}"
     return (
-        f"What {recordings} show{'s' if len(diagnosis.recordings) == 1 else ''} of the machine "
-        f"{diagnosis.machine} that its file does not know. Errors are those of free runs on "
-        f"{count} that the search never saw."
+        f"What {recordings} show{'' if several else 's'} of the machine {diagnosis.machine} that "
+        f"its file does not know. Errors are those of free runs on {count} that the search never "
+        "saw."
     )
 
 
@@ -211,17 +213,22 @@ def _regimes(found: Sequence[Mapping[str, Any]]) -> Table:
     keys = list(dict.fromkeys(k for r in rows for k in r))
     closed = [r.get("closed_fraction") for r in rows]
     worse = [known(c) and c < 0 for c in closed]
-    head = [spoken(k) for k in keys]
+    head = [_column(k) for k in keys]
     made: list[list[Value]] = [[_figure(k, r.get(k)) for k in keys] for r in rows]
     if any(worse):
         head.insert(1, "")
         for row, bad in zip(made, worse, strict=True):
             row.insert(1, Mark("worse", "bad") if bad else "")
-    text = {spoken(k) for k in keys if any(isinstance(r.get(k), str) for r in rows)}
+    text = {_column(k) for k in keys if any(isinstance(r.get(k), str) for r in rows)}
     figures = [i for i, name in enumerate(head) if i and name and name not in text]
     count = sum(worse)
     note = f"In {count} of {len(rows)} the error grew." if count else "In none did the error grow."
     return Table("By regime of the held-out experiments", head, made, figures, note)
+
+
+def _column(key: str) -> str:
+    """Short enough for a phone."""
+    return spoken(key).replace("rmse", "RMSE").replace("closed fraction", "closed")
 
 
 def _flat(regime: Mapping[str, Any]) -> dict[str, Any]:
