@@ -136,7 +136,7 @@ def test_the_figures_are_the_recording_s(sample):
     np.testing.assert_allclose(data["error"], [s.max_error for s in signals], rtol=1e-5)
     assert data["level"] == [int(s.level) for s in signals]
     assert data["action"] == [str(a.action) for a in bag.records("adaptation")]
-    assert len(data["models"]) == 18
+    assert len(data["models"]) == 23
     assert data["statistic"]["label"] == "largest error in an experiment [rad/s]"
     assert set(data["statistic"]["drift"]) == {3.0}
     assert "was 9.31 rad/s in the mean, 92 % of the 10.1 rad/s" in sample
