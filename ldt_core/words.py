@@ -27,6 +27,15 @@ def spoken(name: str) -> str:
     return name.replace("_", " ")
 
 
+def counted(number: int, thing: str) -> str:
+    """So many of them.
+
+    >>> counted(1, "experiment"), counted(2, "experiment")
+    ('1 experiment', '2 experiments')
+    """
+    return f"{number} {thing}" + ("" if number == 1 else "s")
+
+
 def few(names: Sequence[str], most: int) -> str:
     """The first ones, and how many more there are.
 

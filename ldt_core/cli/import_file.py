@@ -9,6 +9,7 @@ import click
 
 from ldt_core.cli.options import declared_option, json_option, out_option
 from ldt_core.cli.terminal import echo, one_line
+from ldt_core.words import counted
 
 UNIT_HELP = "with a unit if it is not SI, for example"
 
@@ -97,6 +98,6 @@ def command(
     sizes = sorted({len(e) for e in imported.experiments})
     samples = " to ".join(str(size) for size in dict.fromkeys((sizes[0], sizes[-1])))
     echo(
-        f"{len(imported.experiments)} experiments of {samples} samples at "
+        f"{counted(len(imported.experiments), 'experiment')} of {samples} samples at "
         f"{1 / first.period:.6g} Hz: {out}"
     )

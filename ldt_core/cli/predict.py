@@ -14,6 +14,7 @@ from ldt_core.cli.options import (
     parameters,
 )
 from ldt_core.cli.terminal import echo, one_line
+from ldt_core.words import counted
 
 
 @click.command("predict", short_help="Predict a recording by the physics alone.")
@@ -76,6 +77,7 @@ def command(
         echo(json.dumps({**error.as_dict(), "recording": out}))
     else:
         echo(
-            f"{error.experiments} experiments, root mean square error {error.rmse:.4g} rad/s, "
+            f"{counted(error.experiments, 'experiment')}, "
+            f"root mean square error {error.rmse:.4g} rad/s, "
             f"mean maximum error {error.mean_max_error:.4g} rad/s: {out}"
         )

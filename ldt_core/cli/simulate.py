@@ -9,6 +9,7 @@ import click
 
 from ldt_core.cli.options import Command, declared_option, json_option, out_option, parameters
 from ldt_core.cli.terminal import echo
+from ldt_core.words import counted
 
 
 @click.command(
@@ -65,6 +66,6 @@ def command(
         echo(json.dumps(record))
         return
     echo(
-        f"{settings['experiments']} experiments of {machine.samples} samples "
+        f"{counted(settings['experiments'], 'experiment')} of {machine.samples} samples "
         f"({', '.join(plant.describe())}): {out}"
     )

@@ -69,6 +69,8 @@ def import_file(
             raise OptionError(name, "seconds above 0", value)
     options = {"voltage": voltage, "speed": speed, "current": current, "time": time}
     given = {quantity: text for quantity, text in options.items() if text is not None}
+    if not Path(path).exists():
+        raise RecordingError(str(path), "a CSV file or a recording", "No such file or directory")
     read = _from_bag if is_recording(path) else _from_table
     series, notes = read(Path(path), given, sample_period)
     return _cut(str(path), series, notes, sample_period, length, cut)

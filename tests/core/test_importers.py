@@ -194,9 +194,11 @@ def test_a_file_that_is_no_table_is_refused_in_a_sentence(tmp_path, data):
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    """As everywhere."""
+    """As everywhere; also a recording, which is not taken for a table that lacks its times."""
     with pytest.raises(RecordingError, match="No such file"):
         load(tmp_path / "x.csv")
+    with pytest.raises(RecordingError, match="No such file"):
+        import_file(tmp_path / "bag", voltage="/motor.data", speed="/joint_states.velocity[0]")
 
 
 @settings(max_examples=200)
