@@ -279,7 +279,7 @@ def test_it_comes_back_by_itself(page, served):
 
 
 def test_it_is_usable_without_a_mouse_or_without_eyes(page, served):
-    """axe-core finds nothing but trifles, in overview and machine; nothing is wider than the window."""
+    """axe-core finds trifles at most, in overview and machine; nothing is wider than the window."""
     Axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe
     page.wait_for_selector("#cards li")
     for _ in range(2):
