@@ -26,8 +26,10 @@ from ldt_ros.supervisor import Child, Supervisor
 LISTEN = 0.3  # s for rivals in this domain to show themselves; discovery takes at most 0.25 s
 SETTLE = 3.0  # s that an interrupted run waits for the experiment under way
 SPIN = 0.05  # s
-COUNTS = ("dropped", "adaptation time-outs", "unpaired")  # of a node's health, worth a note
+#: Of a node's health, worth a note.
+COUNTS = ("dropped", "adaptation time-outs", "unpaired", "missing", "overdue")
 RIVALS = 5.0  # s after the first step; what comes later is a warning that ends no long run
+PAUSE = 0.5  # s; what passes beyond that between two looks, this process has slept itself
 STARTUP = 60.0  # s until all nodes must have found each other
 
 OnStep = Callable[[str, Signal, Adaptation], None]
@@ -40,10 +42,14 @@ class Crashes:
     Attributes:
         count: of all.
         in_a_row: of those without an experiment dealt with in between.
+        hung: of those that were killed since nothing came of them any more.
+        told: what it had told of itself before the last one.
     """
 
     count: int = 0
     in_a_row: int = 0
+    hung: int = 0
+    told: int = 0
     _step: int = -1
 
     def add(self, step: int) -> None:
@@ -122,6 +128,8 @@ class Graph:
         self._run_of: dict[str, Run] = {}  # by the name of a child
         self._crashes: dict[str, Crashes] = {}
         self._restarted_at = -math.inf
+        self._silence: dict[str, tuple[int, float]] = {}  # child → statements, time since the last
+        self._looked_at = time.monotonic()
         import rclpy
         from rclpy.experimental import EventsExecutor
         from rclpy.signals import SignalHandlerOptions
@@ -229,7 +237,26 @@ class Graph:
     def _spin(self, ending: bool = False) -> None:
         self.executor.spin_once(timeout_sec=SPIN)
         if not ending:
+            self._notice_hung()
             self._notice_deaths()
+
+    def _notice_hung(self) -> None:
+        """Kill whoever has told nothing of itself for too long, once it had begun to."""
+        now = time.monotonic()
+        passed, self._looked_at = min(now - self._looked_at, PAUSE), now
+        for child in self.supervisor.children:
+            run = self._run_of[child.name]
+            monitor = self.monitors[self.runs.index(run)]
+            roles = [child.name] if child.name in run.roles else run.roles
+            told = sum(monitor.statements[role] for role in roles)
+            before, silence = self._silence.get(child.name, (0, 0.0))
+            silence = silence + passed if told == before and child.running else 0.0
+            self._silence[child.name] = told, silence
+            heard = told > self._crashes.get(child.name, Crashes()).told
+            if heard and 0 < run.settings["hung_after"] < silence:
+                self._crashes.setdefault(child.name, Crashes()).hung += 1
+                self._silence[child.name] = told, 0.0
+                self.supervisor.kill(child)
 
     def _notice_deaths(self) -> None:
         for child in self.supervisor.dead():
@@ -250,6 +277,7 @@ class Graph:
         run, step = self.runs[index], self.monitors[index].last_step
         crashes = self._crashes.setdefault(child.name, Crashes())
         crashes.add(step)
+        crashes.told, _ = self._silence.get(child.name, (0, 0.0))
         if crashes.in_a_row > run.settings["restarts"]:
             return False
         self._restarted_at = time.monotonic()
@@ -275,8 +303,11 @@ class Graph:
     def _collect_notes(self) -> None:
         """What the nodes counted that a person should know, and what is missing."""
         for name, crashes in self._crashes.items():
-            times = "once" if crashes.count == 1 else f"{crashes.count} times"
-            self._run_of[name].summary.note(f"{name} crashed {times} and was started again")
+            note, hung = self._run_of[name].summary.note, crashes.hung
+            if crashes.count > hung:
+                note(f"{name} crashed {_times(crashes.count - hung)} and was started again")
+            if hung:
+                note(f"{name} hung {_times(hung)}, was killed and started again")
         for run, monitor in zip(self.runs, self.monitors, strict=True):
             summary, health = run.summary, monitor.health
             for role, told in health.items():
@@ -298,6 +329,10 @@ class Graph:
             missing = sent - summary.rejected - summary.repeated - summary.experiments
             if missing > 0:
                 summary.note(f"{missing} of {sent} experiments sent did not go all the way")
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
 
 
 class _Refused(LdtError):

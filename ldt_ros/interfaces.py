@@ -13,8 +13,15 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     ParameterType,
 )
+from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
@@ -52,22 +59,26 @@ def qos(topic: str) -> QoSProfile:
         durability=DurabilityPolicy[profile["durability"].upper()],
         history=HistoryPolicy[profile["history"].upper()],
         depth=profile["depth"],
+        liveliness=LivelinessPolicy.AUTOMATIC,
+        liveliness_lease_duration=Duration(seconds=profile.get("lease", 0.0)),
     )
 
 
-def listener_qos(topic: str, depth: int = 0, catch_up: bool = False) -> QoSProfile:
+def listener_qos(topic: str, depth: int = 0, own: bool = False) -> QoSProfile:
     """QoS profile with which a declared topic is listened to.
 
     Args:
         topic: as declared.
         depth: of the queue; 0 takes the declared one.
-        catch_up: ask for what was published before as well, which those that keep nothing of it
-            do not match; else any publisher will do.
+        own: ask for what was published before, and for signs of life, as nodes of one graph give
+            them; else any publisher will do.
     """
     wanted = qos(topic)
     wanted.depth = depth or wanted.depth
-    if not catch_up and msgs_config.topics()[topic]["qos"] != LATCHED:
-        wanted.durability = DurabilityPolicy.VOLATILE
+    if not own:
+        wanted.liveliness_lease_duration = Duration()  # none is asked for
+        if msgs_config.topics()[topic]["qos"] != LATCHED:
+            wanted.durability = DurabilityPolicy.VOLATILE
     return wanted
 
 

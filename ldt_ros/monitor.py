@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -44,6 +45,8 @@ class Monitor(Node):
         self.on_step = on_step
         #: What each node told of itself last, by role.
         self.health: dict[str, NodeStatus] = {}
+        #: How often each has, since this node began.
+        self.statements: Counter[str] = Counter()
         self.last_experiment = 0
         self.last_step = 0
         self.last_adapted = 0
@@ -86,6 +89,7 @@ class Monitor(Node):
     def _on_health(self, message: DiagnosticArray) -> None:
         for told in node_statuses(message, self.get_namespace()):
             self.health[told.role] = told
+            self.statements[told.role] += 1
             if told.role in SOURCES:
                 self.last_experiment = max(self.last_experiment, told.number("experiment") or 0)
             if told.values.get(REFUSED) == str(self.last_experiment):

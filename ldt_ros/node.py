@@ -21,7 +21,9 @@ from ldt_core.past import Past, last_of, past_of
 from ldt_core.printable import one_line
 from ldt_core.recording.node_status import HEALTH_TOPIC, LAST_REJECTION, REJECTED
 from ldt_ros.interfaces import declare, listener_qos, message_type, qos
+from ldt_ros.links import Links
 from ldt_ros.rivals import Rivals
+from ldt_ros.watchdog import alive
 
 HEALTH_PERIOD = 1.0  # s, as the stock diagnostic aggregator expects
 LINGER = 0.3  # s between telling of the end and ending, so that the telling arrives
@@ -63,6 +65,7 @@ class TwinNode(Node):
         self._outputs: dict[str, Publisher] = {}
         self._inputs: dict[str, Subscription] = {}
         self.rivals = Rivals(self, self._outputs, self._inputs)
+        self.links = Links(self)
         self._health = self.create_publisher(DiagnosticArray, HEALTH_TOPIC, qos(HEALTH_TOPIC))
         self._began = time.monotonic()
         self._in_vain = 0
@@ -72,7 +75,9 @@ class TwinNode(Node):
 
     def publishes(self, topic: str) -> Publisher:
         """A publisher of a declared topic."""
-        self._outputs[topic] = self.create_publisher(message_type(topic), topic, qos(topic))
+        self._outputs[topic] = self.create_publisher(
+            message_type(topic), topic, qos(topic), event_callbacks=self.links.of_output(topic)
+        )
         return self._outputs[topic]
 
     def listens(
@@ -88,21 +93,30 @@ class TwinNode(Node):
         def guarded(message: Any) -> None:
             try:
                 self.counts[topic] += 1
+                self.links.heard(topic)
                 callback(message)
             except LdtError as error:
                 self.reject(topic, error)
 
         self._inputs[topic] = self.create_subscription(
-            message_type(topic), topic, guarded, self._listener_qos(topic, depth), raw=raw
+            message_type(topic),
+            topic,
+            guarded,
+            self._listener_qos(topic, depth),
+            raw=raw,
+            event_callbacks=self.links.of_input(topic),
         )
+        self.links.add(topic, self._inputs[topic])
 
     def _listener_qos(self, topic: str, depth: int) -> QoSProfile:
-        """What was missed is asked for alone of nodes of this graph, which all keep it.
+        """What was missed, and signs of life, are asked for alone of nodes of this graph.
 
-        From one subscription: of two, one would hear the present before the other hears the past.
+        They keep the one and give the other; a machine of the user's may not. Who was started
+        again, or cut off from another host for a while, has missed something. From one
+        subscription: of two, one would hear the present before the other hears the past.
         """
         ours = set(self.settings["graph"]) & set(msgs_config.topics()[topic]["publisher"])
-        return listener_qos(topic, depth, catch_up=bool(self.settings["resume"] and ours))
+        return listener_qos(topic, depth, own=bool(ours))
 
     def recorded(self) -> Iterator[Past]:
         """Steps of the recording that the node goes on from, none where it begins anew.
@@ -116,6 +130,7 @@ class TwinNode(Node):
                 for step in past_of(self.settings["resume"], self.get_namespace(), self.machine):
                     if step.experiment.number > last:
                         last = step.experiment.number
+                        alive()  # a long recording takes longer than a watchdog waits
                         yield step
                 return
             except (RecordingError, OSError):  # its recorder may be mending it at this moment
@@ -158,6 +173,10 @@ class TwinNode(Node):
     def health(self) -> dict[str, Any]:
         """Further values for `/diagnostics`, by name."""
         return {}
+
+    def complaint(self) -> str:
+        """What a person should look at, in a sentence; "" when all is well; a node's own."""
+        return ""
 
     def halt(self) -> None:
         """Begin no new work: the process has been told to stop."""
@@ -217,21 +236,26 @@ class TwinNode(Node):
         values = {"ready": _word(ready), "finished": _word(self.finished)}
         values |= self.health()
         values |= self.rivals.health()
+        values |= self.links.health()
         values |= {f"received {t}": n for t, n in self.counts.items()}
-        values |= {f"{REJECTED}{kind}": n for kind, n in self.rejected.items()}
+        # A copy: what works on a thread of its own may reject as well.
+        values |= {f"{REJECTED}{kind}": n for kind, n in dict(self.rejected).items()}
         if self._last_rejection:
             values[LAST_REJECTION] = self._last_rejection
         status.values = [KeyValue(key=k, value=str(v)) for k, v in values.items()]
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._health.publish(message)
+        alive()
 
     def _verdict(self) -> tuple[bytes, str]:
-        if self.rivals.topics:
-            alarm = DiagnosticStatus.ERROR if self.rivals.alarms else DiagnosticStatus.WARN
-            return alarm, self.rivals.words()
+        found = [self.rivals.words(), self.links.words(), self.complaint()]
         if self.rejected:
-            return DiagnosticStatus.WARN, f"{sum(self.rejected.values())} messages rejected"
+            found.append(f"{sum(self.rejected.values())} messages rejected")
+        words = "; ".join(filter(None, found))
+        if words:
+            alarm = bool(self.rivals.alarms)
+            return DiagnosticStatus.ERROR if alarm else DiagnosticStatus.WARN, words
         ready = bool(self._told) and self._told[0]
         return DiagnosticStatus.OK, "running" if ready else "waiting for its peers"
 

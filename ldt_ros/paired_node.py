@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from ldt_core.experiment import Experiment
+from ldt_core.errors import ExperimentError
+from ldt_core.experiment import Experiment, Prediction
 from ldt_core.past import Past
 from ldt_ros.convert import from_message
+from ldt_ros.feed import stamp_of
 from ldt_ros.node import TwinNode
 from ldt_ros.pairing import Pairing
+
+SAME = 1e-3  # s by which two statements of one time may differ
+LATEST = 2.0**31  # s since the epoch, which a stamp can say
 
 
 class PairedNode(TwinNode):
@@ -17,9 +22,10 @@ class PairedNode(TwinNode):
     | received | what happens |
     |---|---|
     | `experiment`, and the topic `beside` it | the two of one number are brought together |
-    | one without the other | dropped when 100 newer ones have come, and counted |
+    | one without the other | dropped when 200 newer ones have come, and counted |
     | a number that waits already | dropped and counted: the first one counts |
     | a number that was dealt with | dropped and counted: somebody was started again |
+    | what says another time than the experiment, of a second machine | both rejected |
     | anything malformed, or that `pair` refuses | counted, logged once per kind |
     """
 
@@ -28,7 +34,7 @@ class PairedNode(TwinNode):
 
     def __init__(self, name: str, *groups: str, **node_arguments: Any) -> None:
         super().__init__(name, *groups, **node_arguments)
-        self.pairs: Pairing[Experiment, Any] = Pairing(self.pair)
+        self.pairs: Pairing[Experiment, Any] = Pairing(self._together)
         #: Number of the last experiment dealt with.
         self.last = 0
 
@@ -75,4 +81,16 @@ class PairedNode(TwinNode):
 
     def _on_beside(self, message: Any) -> None:
         record = from_message(self.beside, message)
-        self.pairs.right(getattr(record, "experiment", None) or record.number, record)
+        number = getattr(record, "experiment", None) or record.number
+        self.pairs.right(number, (record, stamp_of(message)))
+
+    def _together(self, experiment: Experiment, beside: tuple[Any, float | None]) -> None:
+        """Deal with the two, unless they are of two machines that count alike."""
+        record, stamp = beside
+        said, own = stamp, experiment.end
+        if isinstance(record, Prediction):
+            said, own = record.start, experiment.start
+        if said is not None and 0 < own < LATEST and abs(said - own) > SAME:
+            what = f"{self.beside} of experiment {experiment.number}"
+            raise ExperimentError(what, f"the time {own:.3f} s, as the experiment's", f"{said:.3f}")
+        self.pair(experiment, record)

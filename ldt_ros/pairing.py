@@ -10,7 +10,9 @@ from ldt_core.bounded import forget_oldest
 Left = TypeVar("Left")
 Right = TypeVar("Right")
 
-CAPACITY = 100  # as deep as the topics' queues: what waits longer has lost its other half
+#: Twice what a topic keeps, which comes at once after its publisher was cut off: what waits longer
+#: has lost its other half.
+CAPACITY = 200
 
 
 class Pairing(Generic[Left, Right]):

@@ -16,6 +16,7 @@ from ldt_core.recording.run_settings import parse_settings
 from ldt_core.recording.writer import BagWriter
 from ldt_core.resume import key_text
 from ldt_core.session import new_recording
+from ldt_ros.backlog import Backlog
 from ldt_ros.interfaces import LISTENER_DEPTH
 from ldt_ros.node import TwinNode
 
@@ -23,6 +24,7 @@ QUIET = 0.2  # s without a message after which nothing more is under way, at the
 PATIENCE = 3.0  # s that the end of a run waits for quiet at most
 AGAIN = 5.0  # s after which a recording that failed is tried once more, then twice as long
 SELDOM = 60.0  # s between two tries at most: each reads the file that was cut short
+STUCK = 20.0  # s in which a slow medium must take one message, or the end does not wait for it
 
 
 class RecorderNode(TwinNode):
@@ -30,7 +32,8 @@ class RecorderNode(TwinNode):
 
     | received | what happens |
     |---|---|
-    | any recorded topic | written with the time it arrived; kept at most 0.25 s |
+    | any recorded topic | written with the time it arrived, by a thread; kept at most 0.25 s |
+    | more than 2000, or 256 MB, while the medium is slow | the newest is left out and counted |
     | the same once more, of a node that was started again | left out, counted |
     | a write fails (disk full) | counted, logged once; what was written stays; the twin goes on |
     | there is room again | a new file of the recording; the last 100 of each topic are asked for |
@@ -59,6 +62,7 @@ class RecorderNode(TwinNode):
         )
         self._writer = self._open(resume=bool(resume))
         self._repeated = 0
+        self._backlog = Backlog(self._write)
         self._last = 0.0
         self._again_after = AGAIN
         self._trial: Timer | None = None
@@ -66,13 +70,22 @@ class RecorderNode(TwinNode):
 
     def _listen(self) -> None:
         for topic, (name, kind) in self._recorded.items():
-            self.listens(topic, partial(self._write, name, kind), raw=True, depth=LISTENER_DEPTH)
+            take = partial(self._take, topic, name, kind)
+            self.listens(topic, take, raw=True, depth=LISTENER_DEPTH)
 
     def health(self) -> dict[str, Any]:
         """Messages written."""
         written = sum(self._writer.counts.values())
-        values = {"written": written, "repeated": self._repeated}
+        values = {"written": written, "repeated": self._repeated, "waiting": len(self._backlog)}
+        lost = self._backlog.dropped
+        values["dropped"] = lost.total()
+        values |= {f"dropped {topic}": count for topic, count in lost.items()}
         return {**values, "bag": str(self._writer.path)}
+
+    def complaint(self) -> str:
+        """What the recording lacks since the medium was too slow."""
+        lost = self._backlog.dropped.total()
+        return f"{lost} messages not recorded: the medium is too slow" if lost else ""
 
     #: How long a process waits for `quiet` when it is told to stop [s].
     patience = PATIENCE
@@ -87,23 +100,29 @@ class RecorderNode(TwinNode):
         self._last = time.monotonic()
 
     def close(self) -> None:
-        """Finish the recording."""
+        """Write what waits, and finish the recording."""
+        self._backlog.close(STUCK)
         try:
             self._writer.close()
         except LdtError as error:
             if not self.rejected:  # else it was said when it happened
                 self.get_logger().error(str(error))
 
-    def _write(self, name: str, kind: str, data: bytes) -> None:
+    def _take(self, topic: str, name: str, kind: str, data: bytes) -> None:
         if name != HEALTH_TOPIC:
             self._last = time.monotonic()
+        self._backlog.put(topic, len(data), topic, name, kind, data, time.time_ns())
+        if self._writer.failure is not None:
+            self._go_on_later()
+
+    def _write(self, topic: str, name: str, kind: str, data: bytes, at: int) -> None:
         try:
-            if not self._writer.write_raw(name, kind, data, time.time_ns()):
+            if not self._writer.write_raw(name, kind, data, at):
                 self._repeated += 1
-        except LdtError:
-            if self._writer.failure is not None:
-                self._go_on_later()
-            raise
+        except LdtError as error:
+            self.reject(topic, error)
+        except Exception as error:  # would be lost in the thread
+            self.failure = error
 
     def _go_on_later(self) -> None:
         # Not from the callback of a message: it would do away with its own subscription.

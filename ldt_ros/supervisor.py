@@ -144,6 +144,11 @@ class Supervisor:
         """Children that have ended."""
         return [c for c in self.children if not c.running]
 
+    def kill(self, child: Child) -> None:
+        """End a child that does nothing any more; it is found dead a moment later."""
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(child.process.pid, signal.SIGKILL)
+
     def stop(self, *children: Child, grace: float = GRACE) -> None:
         """End children, all at once: INT, then TERM, then KILL, each with its grace."""
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):

@@ -13,12 +13,15 @@ from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
 from ldt_core.past import Past
 from ldt_core.twin import WINDOW, Predictor, out_of_order
+from ldt_ros.arrivals import Arrivals
 from ldt_ros.convert import from_message, to_message
 from ldt_ros.node import REFUSED, TwinNode
 from ldt_ros.versions import Versions
 
 TICK = 0.05  # s, how often a time-out is looked for
-QUEUE = 100  # experiments that may wait for an adaptation; beyond, the oldest are dropped
+#: Experiments that may wait for an adaptation; beyond, the oldest are dropped. What a source keeps
+#: comes at once after it was cut off (100), and the present beside it.
+QUEUE = 200
 
 
 class PredictorNode(TwinNode):
@@ -31,7 +34,9 @@ class PredictorNode(TwinNode):
     | `experiment`, one of the last again | left out, counted |
     | `experiment`, another of a number not above the last | rejected, `refused experiment` told |
     | `experiment`, impossible for the machine | rejected, `refused experiment` told |
-    | more than 100 experiments waiting | the oldest is dropped and counted |
+    | more than 200 experiments waiting | the oldest is dropped and counted |
+    | a number above the next | those between are counted as missing, and told of |
+    | none for the `deadline`, if there is one | told of until one comes, counted |
     | `model` | kept until an adaptation names its version; the last twelve |
     | `adaptation` of an earlier one | its model is taken when the time is out |
     | `adaptation` of one not predicted | ignored, unless this node was started again |
@@ -50,6 +55,7 @@ class PredictorNode(TwinNode):
         self._models: Versions[Model] = Versions(model)
         self._waiting: deque[tuple[Experiment, float]] = deque()
         self._adapted: dict[int, Adaptation] = {}
+        self._arrivals = Arrivals(self.settings["deadline"])
         for step in self.recorded():
             self._take_up(step)
         self._predicted_at = 0.0
@@ -73,7 +79,12 @@ class PredictorNode(TwinNode):
             REFUSED: self._refused,
             "repeated": self._repeated,
             "adaptation time-outs": self._timeouts,
+            **self._arrivals.health(),
         }
+
+    def complaint(self) -> str:
+        """Experiments that are overdue, or never came."""
+        return self._arrivals.words()
 
     def _on_model(self, message: Any) -> None:
         record = from_message("model", message)
@@ -110,6 +121,7 @@ class PredictorNode(TwinNode):
 
     def _on_experiment(self, message: Any) -> None:
         experiment = from_message("experiment", message)
+        self._arrivals.came(experiment.number)
         last = self._waiting[-1][0].number if self._waiting else 0
         if experiment.number <= last:
             known = any(
@@ -129,6 +141,7 @@ class PredictorNode(TwinNode):
 
     def _take_up(self, step: Past) -> None:
         """Be as after a recorded step."""
+        self._arrivals.known(step.experiment.number)
         restored = step.restored(self.machine, self.settings)
         self.predictor.recall(step, restored)
         if restored is not None:
@@ -136,6 +149,9 @@ class PredictorNode(TwinNode):
         self._note(step.adaptation)
 
     def _go_on(self) -> None:
+        if self._arrivals.newly_overdue():
+            self.get_logger().warning(self._arrivals.words())
+            self.tell()
         if self._waiting:
             for step in self.missed(self.predictor.last or 0, self._waiting[0][0].number):
                 self._take_up(step)

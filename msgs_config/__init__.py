@@ -28,7 +28,7 @@ def topics() -> dict[str, dict[str, Any]]:
 
 
 def qos_profiles() -> dict[str, dict[str, Any]]:
-    """QoS profile → {reliability, durability, history, depth}."""
+    """QoS profile → {reliability, durability, history, depth, lease [s], if any}."""
     return _table("qos")
 
 

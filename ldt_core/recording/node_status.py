@@ -11,6 +11,8 @@ REJECTED = "rejected "  # how the keys begin under which a node counts what it r
 LEFT_OUT = "left out, "  # the same, for samples that became part of no experiment
 LAST_REJECTION = "last rejection"
 SECOND_PUBLISHER = "second publisher of "  # how the keys begin under which an alarm is counted
+LIFELESS = "times lifeless, "  # the same, of topics whose publisher was killed, stopped, cut off
+UNMATCHED = "not matched, "  # the same, of those at the other end whose QoS does not fit
 DIGITS = 16  # of a number, which a double has to hold; anybody may say more
 
 

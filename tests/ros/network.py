@@ -39,5 +39,19 @@ def two_hosts() -> Iterator[list[list[str]]]:
             _ip("netns", "del", name)
 
 
+@contextlib.contextmanager
+def parted(host: list[str]) -> Iterator[None]:
+    """Pull the plug of a host of `two_hosts`, and put it in again at the end."""
+    name = host[3]
+    end = f"l{name.removeprefix('ldt')}"
+    if _ip("-n", name, "link", "set", end, "down"):
+        raise OSError(f"{end} cannot be taken down")
+    try:
+        yield
+    finally:
+        _ip("-n", name, "link", "set", end, "up")
+        _ip("-n", name, "route", "add", "default", "dev", end)
+
+
 def _ip(*arguments: str) -> int:
     return subprocess.run(["ip", *arguments], capture_output=True, check=False).returncode

@@ -12,6 +12,7 @@ import pytest
 
 from ldt_core.experiment import Prediction
 from ldt_core.machine import load_machine
+from ldt_core.recording.model_text import model_text
 
 rclpy = pytest.importorskip("rclpy")
 
@@ -309,6 +310,58 @@ def test_a_second_publisher_is_warned_of(stranger):
     assert len([m for m in logged if "more than one publisher" in m.msg]) == 1
     stranger.node.destroy_publisher(second)
     stranger.until(lambda: stranger.health("twin").get("level") == 0)
+
+
+def test_two_machines_that_count_alike_are_not_mixed(stranger):
+    """The twin predicts the first of a number; nobody judges or learns from what is of the other.
+
+    Each node may have heard the two in another order.
+    """
+    nodes = [stranger.start(kind, **PHYSICS) for kind in (DetectorNode, AdaptorNode)]
+    detector, adaptor = nodes
+    stranger.listen("signal", "adaptation")
+    other = replace(experiment(1), start=5e8)
+    stranger.send("experiment", other)
+    stranger.until(lambda: all(node.counts["experiment"] for node in nodes))
+    stranger.send("experiment", experiment(1))
+    stranger.send("prediction", prediction(1))
+    stranger.until(lambda: detector.rejected == {"prediction: ExperimentError": 1})
+    stranger.send("signal", to_message(answer(1), experiment(1).end))
+    stranger.until(lambda: adaptor.rejected == {"signal: ExperimentError": 1})
+    stranger.send("experiment", experiment(2))
+    stranger.send("prediction", prediction(2))
+    stranger.until(lambda: stranger.numbers("adaptation") == [2])
+    assert stranger.numbers("signal") == [1, 2]  # the first is the stranger's own
+
+
+def test_a_clock_that_jumps_changes_nothing(stranger):
+    """Experiments are told apart by their numbers; their times may go back and forth."""
+    nodes = [stranger.start(kind, **PHYSICS) for kind in (PredictorNode, DetectorNode, AdaptorNode)]
+    stranger.listen("prediction", "signal", "adaptation")
+    for number, start in enumerate((1e9, 5e8, 2e9, 1.0, 1e9), start=1):
+        stranger.send("experiment", replace(experiment(number), start=start))
+    stranger.until(lambda: stranger.numbers("adaptation") == [1, 2, 3, 4, 5])
+    assert stranger.numbers("prediction") == stranger.numbers("signal") == [1, 2, 3, 4, 5]
+    assert not any(node.rejected for node in nodes)
+
+
+def test_what_a_newer_or_older_version_says_is_taken_if_it_says_what_is_needed(stranger):
+    """Keys that nobody knows are left aside; models had no digest once."""
+    twin = stranger.start(PredictorNode, **PHYSICS)
+    stranger.start(AdaptorNode, **PHYSICS)
+    stranger.listen("adaptation")
+    newer = to_message(answer(1))
+    newer.status[0].values.append(KeyValue(key="newer", value="7"))
+    stranger.send("experiment", experiment(1))
+    stranger.send("signal", newer)
+    stranger.until(lambda: stranger.numbers("adaptation") == [1])
+    older = json.loads(model_text(twin.predictor.model.record()))
+    del older["digest"]
+    versions = ({**older, "version": 3}, {**older, "version": 4, "newer": [1]})
+    stranger.send("model", *(String(data=json.dumps(text)) for text in versions))
+    stranger.until(lambda: twin._models.get(4) is not None)
+    assert twin._models.get(3) is not None
+    assert not twin.rejected
 
 
 def test_garbage_does_not_end_the_launching_process(monitor, stranger):

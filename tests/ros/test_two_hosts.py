@@ -11,15 +11,12 @@ import textwrap
 from pathlib import Path
 
 import pytest
-from network import HOSTS
+from cut_off import PAGE, PROFILE, SERVED, run_cut, server
+from disturbed import differences
 from programs import Programs
-
-from ldt_core import docs
 
 pytest.importorskip("rclpy")
 
-PAGE = docs.text("deploy")
-PROFILE = re.search(r"```xml\n(.*?)```", PAGE, re.S)[1]
 PATIENCE = 20  # s
 TALK = f"""
     import sys, time
@@ -70,20 +67,33 @@ def test_the_list_of_peers_joins_two_hosts(hosts, domain, programs, tmp_path):
 
 def test_the_discovery_server_joins_two_hosts(hosts, domain, programs, tmp_path):
     """By the command on the page, and the profile without its list."""
-    plain = re.sub(r" *<builtin>.*</builtin>\n", "", PROFILE, flags=re.S)
-    assert "initialPeersList" not in plain
-    (tmp_path / "plain.xml").write_text(plain)
-    command = re.search(r'python -c "(import os; os.exec.*)"', PAGE)[1]
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    clean = {k: v for k, v in os.environ.items() if not k.startswith(("FAST", "ROS_"))}
-    programs.start(
-        [*hosts[0], sys.executable, "-c", command],
-        env={**clean, "PATH": path},
-        stdout=subprocess.DEVNULL,
-    )
-    profile = {"FASTRTPS_DEFAULT_PROFILES_FILE": str(tmp_path / "plain.xml")}
-    server_at = {"ROS_DISCOVERY_SERVER": f"{HOSTS[0]}:11811"}
+    assert "initialPeersList" not in SERVED
+    (tmp_path / "served.xml").write_text(SERVED)
+    profile = {"FASTRTPS_DEFAULT_PROFILES_FILE": str(tmp_path / "served.xml")}
+    server_at = server(hosts[0], programs.start)
     assert heard(programs, hosts, profile | server_at) == ("matched", "heard")
+
+
+def test_a_host_that_was_cut_off_misses_nothing(hosts, domain, programs, tmp_path):
+    """For less, then for longer than after which the others have forgotten it: the same numbers."""
+    forgotten = "<sec>2</sec></leaseDuration>"
+    profile = PROFILE.replace("<sec>5</sec></leaseDuration>", forgotten)
+    often = "<sec>0</sec><nanosec>300000000</nanosec></leaseAnnouncement>"
+    profile = profile.replace("<sec>1</sec></leaseAnnouncement>", often)
+    assert (forgotten in profile, often in profile) == (True, True)
+    values = {"experiments": 48, "seed": 3, "model": "physics", "start_time": "1.0e9"}
+    run(programs, tmp_path, values)
+    paced = {**values, "rate": "'80'"}  # four experiments a second
+    run_cut(hosts, programs.start, tmp_path, profile, {}, paced, (3, 1.0), (9, 9.0))
+    assert differences(tmp_path / "calm", tmp_path / "rough") == {}
+
+
+def run(programs: Programs, folder: Path, values: dict[str, object]) -> None:
+    """The same undisturbed, without the graph."""
+    options = [w for n, v in values.items() for w in (f"--{n.replace('_', '-')}", str(v))]
+    code = "from ldt_core.cli import main; main()"
+    command = [sys.executable, "-c", code, "run", *options, "--bag", folder / "calm"]
+    assert programs.run(command, 10 * PATIENCE)[0] == 0
 
 
 def test_systemd_understands_the_units(tmp_path):

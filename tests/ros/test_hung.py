@@ -1,0 +1,80 @@
+"""A node that does nothing any more, though its process lives, is taken for crashed."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from disturbed import differences, nodes, recorded
+
+from ldt_ros.detector_node import DetectorNode
+from ldt_ros.watchdog import alive
+
+LDT = str(Path(sys.executable).with_name("ldt"))
+PATIENCE = 240  # s
+RUN = ("--experiments", "12", "--seed", "3", "--model", "physics", "--start-time", "1e9")
+#: Whose Python hangs in the middle of the sixth experiment, once.
+HANGS = """
+import time
+from pathlib import Path
+from ldt_core.detectors.threshold import Threshold
+
+class Hangs(Threshold):
+    def judge(self, residual, deviation):
+        self.judged = getattr(self, "judged", 0) + 1
+        if self.judged == 6 and not Path("hung").exists():
+            Path("hung").touch()
+            time.sleep(1e6)
+        return super().judge(residual, deviation)
+"""
+
+
+def test_a_hung_node_is_killed_and_started_again(domain, programs, tmp_path):
+    """Whether its Python hangs or its process is stopped: the same records, to the last bit."""
+    (tmp_path / "own.py").write_text(HANGS)
+    run = (*RUN, "--detector", "own.py:Hangs")
+    (tmp_path / "hung").touch()
+    assert programs.run([LDT, "run", *run, "--bag", "calm"], PATIENCE, cwd=tmp_path)[0] == 0
+    (tmp_path / "hung").unlink()
+    process = programs.start(
+        [LDT, "up", *run, "--hung-after", "4", "--rate", "40", "--bag", "run", "--json"],
+        cwd=tmp_path,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    deadline = time.monotonic() + PATIENCE
+    while not recorded(tmp_path / "run"):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    nodes(process.pid)["adaptor"].send_signal(signal.SIGSTOP)
+    output, errors = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, errors) == (0, "")
+    (told,) = json.loads(output)["runs"]
+    hung = {f"{role} hung once, was killed and started again" for role in ("adaptor", "detector")}
+    assert set(told["notes"]) >= hung
+    assert differences(tmp_path / "calm", tmp_path / "run") == {}
+
+
+@pytest.mark.parametrize("at", ["file", "@ldt"])
+def test_a_node_that_works_tells_systemd_so(stranger, tmp_path, monkeypatch, at):
+    """With each statement of its health; a watchdog that nobody serves is no trouble."""
+    address = str(tmp_path / "notify") if at == "file" else f"@ldt{tmp_path}"
+    monkeypatch.setenv("NOTIFY_SOCKET", address)
+    alive()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(address.replace("@", "\0"))
+        systemd.setblocking(False)
+        stranger.start(DetectorNode)
+        stranger.spin(1.3)
+        assert [systemd.recv(100) for _ in range(2)] == [b"WATCHDOG=1"] * 2
