@@ -4,6 +4,9 @@ A process of its own, in which nothing runs but this: whoever starts a graph may
 fork copies only one of them. It never creates a node, so that there is no middleware to copy. What
 it forks becomes a child of the process that asked for it, by way of a process in between that ends
 at once; so a node outlives this server, and its parent learns its exit code.
+
+Where rclpy is linked with LTTng, two threads of that library wait here for a session daemon.
+Whoever traces a graph preloads `liblttng-ust-fork.so`, as LTTng asks of programs that fork.
 """
 
 from __future__ import annotations

@@ -139,7 +139,7 @@ class Physics(abc.ABC):
         switches = times, volts
         if any(effect.on_voltage is not None for effect, _ in effects):
             switches = self._switches(values, times, volts, state, effects)
-        on_grid = np.array_equal(switches[0], times)
+        on_grid = switches[0] is times or np.array_equal(switches[0], times)
         terms = [(e, p) for e, p in effects if e.torque is not None or e.terminal is not None]
         if on_grid and not terms and self.is_linear(values):
             ad, bd = _discretise(self, tuple(values[p.name] for p in self.parameters), period)
