@@ -33,6 +33,7 @@ from ldt_core.training_data import HARM, core, still_valid
 
 if TYPE_CHECKING:
     from ldt_core.diagnosis.live import Diagnoser
+    from ldt_core.lookup import Lookup
     from ldt_core.past import Past
 
 #: Models that were in force before and may be again, beside the very first.
@@ -292,6 +293,37 @@ class Adaptor:
             again = best.again(self.model.version + 1)
             return Offer(again, f"is version {best.version} again", details)
         return Offer(learner.fit(pool), f"learned from {_count(len(pool))}", details)
+
+    def mark(self) -> dict[str, Any]:
+        """Its state by the numbers of what is recorded; `return_to` takes it back."""
+        return {
+            "version": self.model.version,
+            "earlier": [model.version for model in self.earlier],
+            "named": self.named.experiment if self.named else None,
+            "memory": self.memory.mark(),
+            "diagnoser": self.diagnoser.mark() if self.diagnoser else None,
+        }
+
+    def return_to(self, mark: Mapping[str, Any], recorded: Lookup) -> None:
+        """Be as when the mark was made, before any step here.
+
+        Raises:
+            RecordingError: something that is not recorded; the adaptor is then as it was.
+            ModelError: a recorded model that cannot be this machine's; the same.
+            ValueError, TypeError, KeyError: no mark; the same.
+        """
+        first = self.model
+        earlier = [first if v == first.version else recorded.model(v) for v in mark["earlier"]]
+        present = mark["version"]
+        model = first if present == first.version else recorded.model(present)
+        named = None if mark["named"] is None else recorded.diagnosis(mark["named"])
+        if len(earlier) > EARLIER + 1:
+            raise ValueError("more models than are kept")
+        memory = Memory(self.memory.limit, self.memory.history)
+        memory.return_to(mark["memory"], recorded)
+        if self.diagnoser is not None:
+            self.diagnoser.return_to(mark["diagnoser"], recorded)
+        self.model, self.memory, self.earlier, self.named = model, memory, earlier, named
 
     def state(self) -> dict[str, Any]:
         """All that changes but the present model, in JSON types; `restore` takes it back.

@@ -7,12 +7,15 @@ recording.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ldt_core.bounded import forget_oldest
 from ldt_core.errors import LdtError, OptionError
 from ldt_core.experiment import Experiment
 from ldt_core.settings import resolve
+
+if TYPE_CHECKING:
+    from ldt_core.lookup import Lookup
 
 CHANNELS = ("voltage", "speed", "current")
 
@@ -80,6 +83,32 @@ class Memory:
         """Everything."""
         self._kept.clear()
         self._recent.clear()
+
+    def mark(self) -> dict[str, Any]:
+        """Which experiments are kept, by number and start; `return_to` takes it back."""
+        return {
+            "dropped": self.dropped,
+            "kept": [list(key) for key in self._kept],
+            "recent": [list(key) for key in self._recent],
+        }
+
+    def return_to(self, mark: Mapping[str, Any], recorded: Lookup) -> None:
+        """Be as when the mark was made.
+
+        Raises:
+            RecordingError: an experiment that is not recorded; the memory is then as it was.
+            ValueError, TypeError, KeyError: no mark; the same.
+        """
+        kept, recent = (
+            {(number, start): recorded.experiment(number, start) for number, start in mark[name]}
+            for name in ("kept", "recent")
+        )
+        dropped = mark["dropped"]
+        if type(dropped) is not int or dropped < 0:
+            raise ValueError("dropped is no count")
+        if len(kept) > self.limit or len(recent) > self.history:
+            raise ValueError("more experiments than are kept")
+        self._kept, self._recent, self.dropped = kept, recent, dropped
 
     def state(self) -> dict[str, Any]:
         """All that is kept in JSON types; `restore` takes it back, every sample to the last bit."""

@@ -7,12 +7,18 @@ what came before, so that it comes out the same.
 
 from __future__ import annotations
 
+import contextlib
+import itertools
+import sys
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ldt_core.adaptor import ROLLED_BACK
+from ldt_core.bounded import forget_oldest
+from ldt_core.errors import LdtError, RecordingError
 from ldt_core.experiment import (
     Action,
     Adaptation,
@@ -27,6 +33,7 @@ from ldt_core.machine import Machine
 from ldt_core.models import restore_model
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.numbers import number_of
+from ldt_core.recording.places import ANCHOR, Places
 from ldt_core.recording.storage import Storage
 from ldt_core.twin import WINDOW
 
@@ -36,6 +43,9 @@ if TYPE_CHECKING:
 LOOP = ("experiment", "prediction", "signal", "adaptation", "model")
 YARDSTICK = "original_prediction"
 BESIDE = ("diagnosis", "advice")
+END = sys.maxsize  # for the number of the last experiment, whichever it is
+REACHES = (WINDOW, 8 * WINDOW)  # numbers, which may have gaps, in which there must be enough steps
+MENDING = 0.3  # s, before what could not be read is tried again
 Recorded = Experiment | Prediction | Signal | Adaptation | ModelRecord
 
 
@@ -93,30 +103,99 @@ class _Open:
         return not (self.prediction is None and self.signal is None and self.adaptation is None)
 
 
-def past_of(path: str | Path, namespace: str, machine: Machine) -> Iterator[Past]:
+def past_of(path: str | Path, namespace: str, machine: Machine, around: int = 0) -> Iterator[Past]:
     """Complete steps of one machine in a recording; none where nothing of it was recorded yet.
 
     Args:
         path: folder of the recording, which need not exist.
         namespace: of the machine, "/" for the root.
         machine: what it cannot have made was refused, whatever its number.
+        around: number of an experiment, or `END`; only the steps from some before it on, at least
+            `WINDOW`, are read and given, which takes as long in a long recording as in a short one.
+            Where such a place cannot be told all of them are.
 
     Raises:
         RecordingError: what stands there is no recording, or none that can be read.
     """
-    bag = _opened(path, namespace)
+    tail = _tail(path, namespace, machine, around) if around > WINDOW else None
+    if tail is not None:
+        yield from tail
+        return
+    bag = opened(path, namespace)
     if bag is not None:
         yield from past(bag, machine)
 
 
-def last_of(path: str | Path, namespace: str, topic: str) -> int:
+def _tail(path: str | Path, namespace: str, machine: Machine, around: int) -> Iterator[Past] | None:
+    """None where such a place cannot be told.
+
+    Enough steps come before that experiment that what may be left out there, or be told late, has
+    no say in what follows.
+    """
+    for again in (True, False):
+        try:
+            return _steps_around(path, namespace, machine, around)
+        except (LdtError, OSError):  # its recorder may be mending it at this moment
+            if again:
+                time.sleep(MENDING)
+    return None  # whoever reads all of it says what is wrong, or reads on behind it
+
+
+def _steps_around(
+    path: str | Path, namespace: str, machine: Machine, around: int
+) -> Iterator[Past] | None:
+    bag = opened(path, namespace, listed=True)
+    if bag is None or bag.topic(ANCHOR) is None:
+        return None
+    places = Places(bag)
+    if around == END:
+        last = places.near_end()
+        around = last.number if last else 0
+    for reach in REACHES:
+        done = around - reach - 1
+        if done <= WINDOW:
+            return None
+        begin = places.begin(places.of_number(done - WINDOW))
+        steps = past(bag, machine, begin, done)
+        before = list(itertools.islice(steps, WINDOW))
+        if len(before) == WINDOW and before[-1].experiment.number < around:
+            return itertools.chain(before, steps)
+    return None
+
+
+def last_of(path: str | Path, namespace: str, topic: str, around: int = 0) -> int:
     """The last experiment that a record of a topic is about or is, 0 if there is none.
+
+    Args:
+        path: folder of the recording.
+        namespace: as of `past_of`.
+        topic: last part of its name.
+        around: as of `past_of`; what was recorded before that place does not count.
 
     Raises:
         RecordingError: as `past_of`.
     """
-    bag = _opened(path, namespace)
+    if around > WINDOW:
+        with contextlib.suppress(LdtError, OSError):
+            return _last_around(path, namespace, topic, around)
+    bag = opened(path, namespace)
     return last_in(bag, topic) if bag is not None and bag.topic(topic) else 0
+
+
+def _last_around(path: str | Path, namespace: str, topic: str, around: int) -> int:
+    bag = opened(path, namespace, listed=True)
+    if bag is None:
+        return 0
+    places = Places(bag)
+    last = places.near_end()
+    if last is None:
+        raise RecordingError(bag.path, "steps", "none")
+    number = min(around, last.number)
+    if bag.topic(topic) is None:
+        return 0
+    begin = places.begin(places.of_number(number - WINDOW))
+    raws = bag.messages(topic, begin=begin)
+    return max((number_of(raw.topic, raw.kind, raw.data) or 0 for raw in raws), default=0)
 
 
 def last_in(bag: Bag, topic: str) -> int:
@@ -125,15 +204,18 @@ def last_in(bag: Bag, topic: str) -> int:
     return max((number_of(raw.topic, raw.kind, raw.data) or 0 for raw in raws), default=0)
 
 
-def _opened(path: str | Path, namespace: str) -> Bag | None:
+def opened(path: str | Path, namespace: str, listed: bool = False) -> Bag | None:
+    """A recording, None where nothing of the machine was recorded yet; `listed` as of `Storage`."""
     if not Path(path).exists():
         return None
-    storage = Storage(path)
+    storage = Storage(path, listed)
     absolute = "/" + namespace.strip("/") if namespace.strip("/") else ""
     return Bag(storage, absolute) if f"{absolute}/experiment" in storage.topics else None
 
 
-def past(bag: Bag, machine: Machine) -> Iterator[Past]:
+def past(
+    bag: Bag, machine: Machine, begin: tuple[int, int] = (0, 0), done: int = 0
+) -> Iterator[Past]:
     """Complete steps of a recording in the order of their numbers, up to where it ends.
 
     A node that was started again may have sent its messages in another order, and some twice: the
@@ -143,23 +225,21 @@ def past(bag: Bag, machine: Machine) -> Iterator[Past]:
     Args:
         bag: as `read_bag` opened it; may be one that is being written.
         machine: what it cannot have made was refused, whatever its number.
+        begin: file and byte before which nothing is read (`Storage.messages`).
+        done: the steps up to this number are left out.
 
     Raises:
         RecordingError: a message that is none of the topic's.
     """
-    beside = {
-        name: {record.experiment: record for record in bag.rare(name)}
-        for name in BESIDE
-        if bag.topic(name)
-    }
+    beside = {name: _beside(bag, name, begin) for name in BESIDE if bag.topic(name)}
     models: dict[int, ModelRecord] = {}
     open_: dict[int, _Open] = {}
-    done = 0
     held: Past | None = None  # the last step, after which a rollback may come
     compared = bag.topic(YARDSTICK) is not None
-    for name, record in _messages(bag):
+    for name, record in _messages(bag, begin, done):
         if isinstance(record, ModelRecord):
             models[record.version] = record
+            forget_oldest(models, 2 * WINDOW)
         elif isinstance(record, int):
             if record > done:
                 open_.setdefault(record, _Open()).original = True
@@ -195,13 +275,27 @@ def _rolled_back(step: Past, told: Adaptation, models: dict[int, ModelRecord]) -
     return replace(step, adaptation=told, model=model)
 
 
-def _messages(bag: Bag) -> Iterator[tuple[str, Recorded | int]]:
+def _beside(bag: Bag, name: str, begin: tuple[int, int]) -> dict[int, Any]:
+    """Records that may come long after their step, by experiment."""
+    if begin == (0, 0):
+        return {record.experiment: record for record in bag.rare(name)}
+    found: dict[int, Any] = {}
+    for index, raw in enumerate(bag.messages(name, begin=begin), start=1):
+        record: Any = bag.decoded(raw, index)
+        found[record.experiment] = record
+    return found
+
+
+def _messages(bag: Bag, begin: tuple[int, int], done: int) -> Iterator[tuple[str, Recorded | int]]:
     """Records by topic; of the yardstick, which nothing is computed from, the number alone."""
     names = [name for name in (*LOOP, YARDSTICK) if bag.topic(name)]
-    for index, raw in enumerate(bag.messages(*names), start=1):
+    for index, raw in enumerate(bag.messages(*names, begin=begin), start=1):
         name = raw.topic.rpartition("/")[2]
+        number = number_of(raw.topic, raw.kind, raw.data)
+        if number is not None and number < done:
+            continue
         if name == YARDSTICK:
-            yield name, number_of(raw.topic, raw.kind, raw.data) or 0
+            yield name, number or 0
             continue
         record = bag.decoded(raw, index)
         assert isinstance(record, Recorded)  # of the topics in LOOP

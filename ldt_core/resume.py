@@ -75,7 +75,7 @@ def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
         raise BadInput("bag", f"none beside resume, which records into {base}", settings["bag"])
     fleet = (base / FIRST).is_dir() and not (base / METADATA).exists()
     first = base / FIRST if fleet else base
-    recorded = read_bag(first).settings()
+    recorded = read_bag(first, listed=True).settings()
     if not recorded:
         raise RecordingError(first, "a recording of a run, with its settings", "one without")
     declared = msgs_config.parameters()
@@ -102,7 +102,7 @@ def begin_of(path: str | Path, start_time: float) -> float:
         path: recording of the run.
         start_time: that it was told, which holds where the first experiment is not recorded.
     """
-    first = next(read_bag(path).records("experiment"), None)
+    first = next(read_bag(path, listed=True).records("experiment"), None)
     return first.start if first is not None and first.number == 1 else start_time
 
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from ldt_core.errors import BadInput, ExperimentError, RepeatedExperiment
 from ldt_core.experiment import Experiment, Step
+from ldt_core.going_on import Kept
 from ldt_core.machine import Machine
 from ldt_core.metrics import Summary
-from ldt_core.past import past_of
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from ldt_core.resume import check_key, key_text
@@ -134,7 +134,7 @@ def run(
         return summary
     goes_on = bool(settings.get("resume"))
     if goes_on:
-        check_key(read_bag(bag, namespace or "/"), machine)
+        check_key(read_bag(bag, namespace or "/", listed=True), machine)
     with BagWriter(
         bag,
         machine.name,
@@ -145,15 +145,14 @@ def run(
         once=goes_on,
         key=key_text(machine),
     ) as writer:
-        done = 0
-        for past in past_of(bag, namespace, machine) if goes_on else ():
-            twin.recall(past)
-            done = past.experiment.number
+        kept = Kept(twin, bag, namespace, summary.note)
+        done = kept.recall() if goes_on else 0
         ahead = (e for e in experiments if e.number > done)
         for index, step in enumerate(twin.steps(ahead, rejected)):
             if index == 0 and not done:
                 writer.write("model", untrained, step.experiment.start)
             write_step(writer, step)
+            kept.passed(step.experiment)
             on_step(step)
             if not goes_on:
                 summary.add(step)

@@ -8,7 +8,7 @@ and the node graph give the same numbers on the same experiments.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -27,8 +27,10 @@ from ldt_core.models.physics import PhysicsModel
 if TYPE_CHECKING:
     from ldt_core.advice.live import Advisor
     from ldt_core.diagnosis.live import Diagnoser
+    from ldt_core.lookup import Lookup
     from ldt_core.past import Past
 
+Stage: TypeAlias = "Judge | Adaptor | Diagnoser | Advisor"
 WINDOW = 100  # experiments that may come again, as many as a topic's queue holds
 WARM_UP_SAMPLES = 3  # compiled code is loaded whatever the length
 
@@ -128,6 +130,19 @@ class Judge:
                 f"{answer.word!r} by {self.name}",
             )
 
+    def mark(self) -> dict[str, Any] | None:
+        """The detector's state; None where that may not be all of it (`Detector.resumable`)."""
+        own = vars(type(self.detector)).get("resumable", False)
+        return self.detector.state() if own else None
+
+    def return_to(self, mark: Mapping[str, Any], recorded: Lookup) -> None:
+        """Be as when the mark was made.
+
+        Raises:
+            OptionError: no state of this detector, which then has seen nothing.
+        """
+        self.detector.restore(mark)
+
     def _update(self, experiment: Experiment, prediction: Prediction) -> None:
         self.detector.update(prediction.residual(experiment), prediction.speed_std)
 
@@ -192,8 +207,23 @@ class Twin:
             advice = self.advisor.step(experiment, model.record())
         return Step(experiment, prediction, original, signal, adaptation, record, diagnosis, advice)
 
-    def recall(self, step: Past) -> None:
+    @property
+    def stages(self) -> dict[str, Stage]:
+        """The parts that come to know something, by the role of their node."""
+        found: dict[str, Stage | None] = {
+            "detector": self.judge,
+            "adaptor": self.adaptor,
+            "diagnoser": self.diagnoser,
+            "advisor": self.advisor,
+        }
+        return {name: stage for name, stage in found.items() if stage is not None}
+
+    def recall(self, step: Past, known: Mapping[str, int] | None = None) -> None:
         """Be as after a recorded step, without predicting or learning anew.
+
+        Args:
+            step: as recorded.
+            known: stages that have returned to a later step, and the number of that.
 
         Raises:
             RecordingError: a recording that this twin cannot have made.
@@ -201,12 +231,13 @@ class Twin:
         """
         model = step.restored(self.predictor.machine, self.settings)
         self.predictor.recall(step, model)
-        self.judge.recall(step)
-        self.adaptor.recall(step, model)
-        if self.diagnoser is not None:
-            self.diagnoser.recall(step)
-        if self.advisor is not None:
-            self.advisor.recall(step)
+        for name, stage in self.stages.items():
+            if step.experiment.number <= (known or {}).get(name, 0):
+                continue
+            if isinstance(stage, Adaptor):
+                stage.recall(step, model)
+            else:
+                stage.recall(step)
 
     def steps(
         self,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from collections import deque
 from functools import partial
 from typing import Any
 
 from ldt_core.experiment import Adaptation, Experiment, ModelRecord
+from ldt_core.lookup import Lookup
 from ldt_core.models import build_model
 from ldt_core.past import Past
 from ldt_core.twin import build_advisor
@@ -38,7 +40,6 @@ class AdvisorNode(WorkerNode):
         self._waiting: deque[tuple[Experiment, Adaptation]] = deque()
         self._made = 0
         self._advice = self.publishes("advice")
-        self._answered = self.last_recorded("advice")
         self.listens("model", self._on_model)
         self.listens("diagnosis", self._on_diagnosis)
         self.listen()
@@ -66,6 +67,11 @@ class AdvisorNode(WorkerNode):
             self.left_out += 1
         self._go_on()
 
+    @functools.cached_property
+    def _answered(self) -> int:
+        """The last experiment of which the advice, if any, is recorded."""
+        return max(self.known, self.last_recorded("advice", self.known))
+
     def take_up(self, step: Past) -> None:
         """Be as after a recorded step, unless its advice may have been under way."""
         if step.model is not None:
@@ -80,6 +86,17 @@ class AdvisorNode(WorkerNode):
     def make_up(self, step: Past) -> None:
         """Be as after a step that was missed: advice on it is out of date."""
         super().take_up(step)
+
+    def mark(self) -> dict[str, Any] | None:
+        """What it has come to know."""
+        return self.advisor.mark()
+
+    def return_to(self, mark: dict[str, Any], recorded: Lookup) -> None:
+        """Be as when the mark was made."""
+        present = recorded.model(recorded.steps[-1].adaptation.model_version).record()
+        self.advisor.return_to(mark, recorded)
+        self._models.put(present.version, present)
+        super().return_to(mark, recorded)
 
     def recall(self, step: Past) -> None:
         """Take over what a recorded step says."""
@@ -107,3 +124,4 @@ class AdvisorNode(WorkerNode):
         if advice is not None:
             self._advice.publish(to_message(advice, experiment.end, self.machine.name))
             self._made += 1
+        self.passed(experiment)

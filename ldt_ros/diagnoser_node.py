@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 from ldt_core.experiment import Experiment, Signal
+from ldt_core.lookup import Lookup
 from ldt_core.past import Past
 from ldt_core.twin import build_diagnoser
 from ldt_ros.convert import to_message
@@ -27,7 +29,6 @@ class DiagnoserNode(WorkerNode):
         self.diagnoser = build_diagnoser(self.machine, self.settings)
         self._made = 0
         self._diagnosis = self.publishes("diagnosis")
-        self._answered = self.last_recorded("diagnosis")
         self.listen()
 
     def health(self) -> dict[str, Any]:
@@ -50,6 +51,11 @@ class DiagnoserNode(WorkerNode):
         self.diagnoser.cancel()
         self.worker.shutdown(wait=False, cancel_futures=True)
 
+    @functools.cached_property
+    def _answered(self) -> int:
+        """The last experiment of which the diagnosis, if any, is recorded."""
+        return max(self.known, self.last_recorded("diagnosis", self.known))
+
     def take_up(self, step: Past) -> None:
         """Be as after a recorded step, unless its diagnosis may have been under way."""
         if step.experiment.number <= self._answered:
@@ -63,6 +69,15 @@ class DiagnoserNode(WorkerNode):
             super().take_up(step)
         else:
             self.step(step.experiment, step.signal)
+
+    def mark(self) -> dict[str, Any] | None:
+        """What it has come to know."""
+        return self.diagnoser.mark()
+
+    def return_to(self, mark: dict[str, Any], recorded: Lookup) -> None:
+        """Be as when the mark was made."""
+        self.diagnoser.return_to(mark, recorded)
+        super().return_to(mark, recorded)
 
     def recall(self, step: Past) -> None:
         """Take over what a recorded step says."""

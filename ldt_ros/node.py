@@ -50,7 +50,7 @@ class TwinNode(Node):
     def __init__(self, role: str, *groups: str, **node_arguments: Any) -> None:
         super().__init__(role, **node_arguments)
         self.role = role
-        self.settings = declare(self, *groups, "node", "resume")
+        self.settings = declare(self, *groups, "node", "resume", "place")
         self.machine = load_machine(self.settings["machine"])
         self.full_name = f"{self.get_namespace().strip('/')}/{role}".lstrip("/")
         #: Set when the node has no more work, for nodes that end by themselves.
@@ -118,16 +118,19 @@ class TwinNode(Node):
         ours = set(self.settings["graph"]) & set(msgs_config.topics()[topic]["publisher"])
         return listener_qos(topic, depth, own=bool(ours))
 
-    def recorded(self) -> Iterator[Past]:
+    def recorded(self, around: int = 0) -> Iterator[Past]:
         """Steps of the recording that the node goes on from, none where it begins anew.
+
+        Args:
+            around: as of `past_of`: where to begin in it.
 
         Raises:
             RecordingError: a recording that cannot be read.
         """
-        last = 0
+        last, where = 0, (self.settings["resume"], self.get_namespace(), self.machine)
         for again in reversed(range(TRIES if self.settings["resume"] else 0)):
             try:
-                for step in past_of(self.settings["resume"], self.get_namespace(), self.machine):
+                for step in past_of(*where, last or around):
                     if step.experiment.number > last:
                         last = step.experiment.number
                         alive()  # a long recording takes longer than a watchdog waits
@@ -148,17 +151,19 @@ class TwinNode(Node):
         if not (self.settings["resume"] and soon and number > last + 1):
             return
         found = False
-        for step in self.recorded():
-            if last < step.experiment.number < number:
+        for step in self.recorded(last):
+            if step.experiment.number >= number:
+                break
+            if step.experiment.number > last:
                 found = True
                 yield step
         self._in_vain += not found
 
-    def last_recorded(self, topic: str) -> int:
+    def last_recorded(self, topic: str, around: int = 0) -> int:
         """The last experiment that a recorded record of a topic is about, 0 if there is none."""
         if not self.settings["resume"]:
             return 0
-        return last_of(self.settings["resume"], self.get_namespace(), topic)
+        return last_of(self.settings["resume"], self.get_namespace(), topic, around)
 
     def reject(self, topic: str, error: Exception) -> None:
         """Count a message that cannot be used; log the first of its kind."""

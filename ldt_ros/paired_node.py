@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+from ldt_core.adaptor import ROLLED_BACK
+from ldt_core.checkpoint import Checkpoints
 from ldt_core.errors import ExperimentError
 from ldt_core.experiment import Experiment, Prediction
+from ldt_core.lookup import Lookup
 from ldt_core.past import Past
 from ldt_ros.convert import from_message
 from ldt_ros.feed import stamp_of
@@ -37,12 +40,25 @@ class PairedNode(TwinNode):
         self.pairs: Pairing[Experiment, Any] = Pairing(self._together)
         #: Number of the last experiment dealt with.
         self.last = 0
+        #: Number of that after which a checkpoint was made from which this node goes on, or 0.
+        self.known = 0
 
     def listen(self) -> None:
         """Begin, once everything is there that `pair` and `recall` need."""
-        for step in self.recorded():
+        resume = self.settings["resume"]
+        self._checkpoints = Checkpoints(
+            resume or self.settings["bag"],
+            self.get_namespace(),
+            self.machine,
+            self.role,
+            self.settings,
+            lambda told: self.get_logger().warning(told),
+        )
+        self.known = self._checkpoints.returned(resume, self.return_to) if resume else 0
+        for step in self.recorded(self.known):
             self.pairs.met(step.experiment.number)
-            self.take_up(step)
+            if step.experiment.number > self.known:
+                self.take_up(step)
         self.listens(self.beside, self._on_beside)
         self.listens("experiment", self._on_experiment)
 
@@ -54,6 +70,20 @@ class PairedNode(TwinNode):
         """Be as after a recorded step."""
         self.recall(step)
         self.last = step.experiment.number
+        if ROLLED_BACK not in step.adaptation.details:
+            self.passed(step.experiment)
+
+    def passed(self, experiment: Experiment) -> None:
+        """An experiment has been dealt with for good: keep a checkpoint if it is time."""
+        self._checkpoints.passed(experiment, self.mark)
+
+    def mark(self) -> dict[str, Any] | None:
+        """What this node has come to know, None where it cannot say all; a node's own."""
+        raise NotImplementedError
+
+    def return_to(self, mark: dict[str, Any], recorded: Lookup) -> None:
+        """Be as when the mark was made; a node's own does its part first."""
+        self.last = recorded.steps[-1].experiment.number
 
     def recall(self, step: Past) -> None:
         """Take over what a recorded step says; a node's own."""

@@ -49,7 +49,7 @@ def plan(settings: dict[str, Any]) -> list[Run]:
         member.settings["graph"] = run.roles
         member.settings["run_settings"] = settings_text(member.settings)
         if settings["resume"]:
-            check_key(read_bag(member.bag), machine)
+            check_key(read_bag(member.bag, listed=True), machine)
             member.settings["start_time"] = begin_of(member.bag, member.settings["start_time"])
         if run.source == "plant" and member.settings["start_time"] == FROM_FILE:
             # A plant that is started again must not take another moment for the present.

@@ -8,6 +8,7 @@ from typing import Any
 
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
+from ldt_core.past import END
 from ldt_core.recording.node_status import LEFT_OUT, NodeStatus
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
 from ldt_core.segmenter.arrival import ArrivalClock
@@ -67,7 +68,7 @@ class SegmenterNode(GatedNode):
         self._publisher = self.publishes("experiment")
         self._begun = self._speed_came = False
         #: Experiments of before this node was started again.
-        self._before = self.last_recorded("experiment")
+        self._before = self.last_recorded("experiment", END)
         self._sent = self._last = self._before
         self._sent_at = 0.0
         self._silent = 0

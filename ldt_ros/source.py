@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
 from ldt_core.pace import parse_rate
+from ldt_core.past import END
 from ldt_core.recording.node_status import NodeStatus
 from ldt_ros.convert import from_message, to_message
 from ldt_ros.gated_node import GatedNode
@@ -67,7 +68,7 @@ class SourceNode(GatedNode):
     def _resumed_after(self) -> int:
         """The last experiment of a run that is recorded as adapted, 0 where it begins."""
         last = 0
-        for step in self.recorded():
+        for step in self.recorded(END):
             last = step.experiment.number
         return last
 

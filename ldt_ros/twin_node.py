@@ -9,9 +9,10 @@ from typing import Any
 from ldt_core.bounded import forget_oldest
 from ldt_core.errors import LdtError, RepeatedExperiment
 from ldt_core.experiment import Adaptation, Experiment
+from ldt_core.lookup import Lookup
 from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
-from ldt_core.past import Past
+from ldt_core.past import END, Past, opened
 from ldt_core.twin import WINDOW, Predictor, out_of_order
 from ldt_ros.arrivals import Arrivals
 from ldt_ros.convert import from_message, to_message
@@ -56,8 +57,10 @@ class PredictorNode(TwinNode):
         self._waiting: deque[tuple[Experiment, float]] = deque()
         self._adapted: dict[int, Adaptation] = {}
         self._arrivals = Arrivals(self.settings["deadline"])
-        for step in self.recorded():
+        for step in self.recorded(END):
             self._take_up(step)
+        if self._adapted and self.settings["resume"]:
+            self._find_model()
         self._predicted_at = 0.0
         self._refused = self._repeated = 0
         self._timeouts = 0
@@ -147,6 +150,21 @@ class PredictorNode(TwinNode):
         if restored is not None:
             self._models.put(restored.version, restored)
         self._note(step.adaptation)
+
+    def _find_model(self) -> None:
+        """The model in force came into it before the steps that were taken up, perhaps."""
+        version = self._adapted[max(self._adapted)].model_version
+        if self._models.get(version) is None:
+            try:
+                path, namespace = self.settings["resume"], self.get_namespace()
+                bag = opened(path, namespace, listed=True)
+                assert bag is not None  # it has steps
+                found = Lookup(bag, self.machine, self.settings, ()).model(version)
+                self._models.put(version, found)
+            except (LdtError, OSError):
+                for step in self.recorded():
+                    self._take_up(step)
+        self.predictor.model = self._models.get(version) or self.predictor.model
 
     def _go_on(self) -> None:
         if self._arrivals.newly_overdue():

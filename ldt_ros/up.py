@@ -114,7 +114,7 @@ def _roles(settings: Mapping[str, Any]) -> Iterator[str]:
 
 
 @click.command("up", cls=Command, short_help="Run the whole node graph: machine, twin, recording.")
-@parameters(*GROUPS, "recorder", "graph", "security")
+@parameters(*GROUPS, "place", "recorder", "graph", "security")
 @json_option
 def command(settings: dict[str, Any], as_json: bool) -> None:
     """Run the whole node graph: machine, twin, detector, adaptor, recorder, and more if asked for.

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment, Level
+from ldt_core.lookup import Lookup
 from ldt_core.past import Past
 from ldt_ros.paired_node import PairedNode
 
@@ -71,7 +72,7 @@ class WorkerNode(PairedNode):
 
     def pair(self, experiment: Experiment, beside: Any) -> None:
         """Deal with one experiment, at a positive on the thread."""
-        work = partial(self.step, experiment, beside)
+        work = partial(self._whole, experiment, beside)
         self.deal(experiment.number, work, beside.level is Level.POSITIVE)
 
     def step(self, experiment: Experiment, beside: Any) -> None:
@@ -82,6 +83,15 @@ class WorkerNode(PairedNode):
         """Be as after a recorded step."""
         super().take_up(step)
         self.finished_with = self.last
+
+    def return_to(self, mark: dict[str, Any], recorded: Lookup) -> None:
+        """Be as when the mark was made; a node's own does its part first."""
+        super().return_to(mark, recorded)
+        self.finished_with = self.last
+
+    def _whole(self, experiment: Experiment, beside: Any) -> None:
+        self.step(experiment, beside)
+        self.passed(experiment)
 
     def _on_thread(self, number: int, work: Callable[[], None]) -> None:
         try:

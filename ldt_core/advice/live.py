@@ -28,6 +28,7 @@ from ldt_core.settings import resolve
 from ldt_core.threads import one_thread
 
 if TYPE_CHECKING:
+    from ldt_core.lookup import Lookup
     from ldt_core.past import Past
 
 RECENT = 6  # experiments that count for what has been learned already
@@ -81,6 +82,33 @@ class Advisor:
         if step.diagnosis is not None:
             self.informed(step.diagnosis)
         self._take(step.experiment)
+
+    def mark(self) -> dict[str, Any]:
+        """Its state by the numbers of what is recorded; `return_to` takes it back."""
+        return {
+            "recent": [[e.number, e.start] for e in self._recent],
+            "diagnosis": self._diagnosis.experiment if self._diagnosis else None,
+            "last": self._last,
+        }
+
+    def return_to(self, mark: Mapping[str, Any], recorded: Lookup) -> None:
+        """Be as when the mark was made, before any step here.
+
+        Raises:
+            RecordingError: something that is not recorded; the advisor is then as it was.
+            ValueError, TypeError, KeyError: no mark; the same.
+        """
+        recent = [recorded.experiment(number, start) for number, start in mark["recent"]]
+        last, at = mark["last"], mark["diagnosis"]
+        if not (last is None or type(last) is int) or len(recent) > RECENT:
+            raise ValueError("last is no number, or there are more experiments than are kept")
+        # One that was being made at the mark is known by now.
+        late = [s.diagnosis for s in recorded.steps if s.diagnosis is not None]
+        newer = late[-1] if late and (at is None or late[-1].experiment > at) else None
+        diagnosis = newer or (None if at is None else recorded.diagnosis(at))
+        self._recent.clear()
+        self._recent.extend(recent)
+        self._diagnosis, self._last = diagnosis, last
 
     def _take(self, experiment: Experiment) -> bool:
         """Take in one experiment; whether an advice is due."""

@@ -16,7 +16,7 @@ from ldt_core.cli.options import Command, json_option, parameters
 )
 @parameters(
     *("machine", "plant", "run", "model", "detector", "adaptor", "diagnosis", "advice"),
-    *("player", "pace", "twin", "recorder", "graph", "resume"),
+    *("player", "pace", "twin", "place", "recorder", "graph", "resume"),
 )
 @click.option("--no-bag", is_flag=True, help="Record nothing.")
 @json_option

@@ -37,6 +37,9 @@ class Detector(abc.ABC):
     order_free: ClassVar[bool] = False
     #: Whether what it learned of the machine in control outlasts a positive (`restart`).
     lifelong: ClassVar[bool] = False
+    #: Whether `state` is all that decides its answers, to the last bit, so that a twin that is
+    #: started again may go on from it. Said by each class for itself, not for those derived of it.
+    resumable: ClassVar[bool] = False
     #: Answer to the last experiment.
     signal: Level
 

@@ -125,6 +125,7 @@ class Calibrated(Detector):
     """
 
     name = "calibrated"
+    resumable = True
     lifelong = True
     #: Scores that wait until the suspicion is over.
     suspects: list[float]

@@ -68,6 +68,7 @@ class LDDM(Detector):
     """
 
     name = "lddm"
+    resumable = True
     order_free = True
 
     def __init__(

@@ -18,6 +18,7 @@ class Never(Detector):
     """
 
     name = "never"
+    resumable = True
     warns = False
     order_free = True
 

@@ -40,6 +40,7 @@ class Threshold(Detector):
     """
 
     name = "threshold"
+    resumable = True
     order_free = True
 
     def __init__(self, threshold: float = 3.0, warning_threshold: float = HALF) -> None:

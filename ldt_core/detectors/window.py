@@ -34,6 +34,7 @@ class Window(Detector):
     """
 
     name = "window"
+    resumable = True
     order_free = True
 
     def __init__(self, window: int = 10) -> None:

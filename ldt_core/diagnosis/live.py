@@ -10,9 +10,10 @@ that are valid.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,6 +38,7 @@ from ldt_core.threads import one_thread
 from ldt_core.training_data import HARM, VALID
 
 if TYPE_CHECKING:
+    from ldt_core.lookup import Lookup
     from ldt_core.past import Past
 
 Make = Callable[..., Diagnosis]
@@ -122,6 +124,7 @@ class Diagnoser:
         self._make = make
         self._recent: deque[tuple[Experiment, Level]] = deque(maxlen=given["diagnosis_experiments"])
         self._last: Known | None = None
+        self._last_at = 0  # number of the experiment at which that was found
         self._since = 0
         #: Whether it was told to stop.
         self.cancelled = False
@@ -140,7 +143,7 @@ class Diagnoser:
         except (LdtError, np.linalg.LinAlgError, ArithmeticError) as error:
             self._last, self.trouble = None, str(error)
             return None
-        self._last = found.known
+        self._last, self._last_at = found.known, experiment.number
         return _record(found, signal)
 
     def recall(self, step: Past) -> None:
@@ -148,11 +151,42 @@ class Diagnoser:
         if not self._take(step.experiment, step.signal):
             return
         found, self._last = step.diagnosis, None
-        # A record names no files to run.
-        if found is not None and found.amounts.keys() <= set(EFFECTS.names()):
-            use = [(get_effect(name), given) for name, given in found.amounts.items()]
-            unknown = found.kind == "unknown"
-            self._last = Known(use, self._error(step.experiment, use), unknown)
+        known = _known(found, math.nan) if found is not None else None
+        if known is not None:
+            error = self._error(step.experiment, known.use)
+            self._last, self._last_at = replace(known, error=error), step.experiment.number
+
+    def mark(self) -> dict[str, Any]:
+        """Its state by the numbers of what is recorded; `return_to` takes it back."""
+        last = self._last
+        error = last.error if last is not None and math.isfinite(last.error) else None
+        return {
+            "recent": [[e.number, e.start, int(level)] for e, level in self._recent],
+            "since": self._since,
+            "last": None if last is None else {"experiment": self._last_at, "error": error},
+        }
+
+    def return_to(self, mark: Mapping[str, Any], recorded: Lookup) -> None:
+        """Be as when the mark was made, before any step here.
+
+        Raises:
+            RecordingError: something that is not recorded; the diagnoser is then as it was.
+            ValueError, TypeError, KeyError: no mark; the same.
+        """
+        recent = [
+            (recorded.experiment(n, start), Level(level)) for n, start, level in mark["recent"]
+        ]
+        since, last = mark["since"], mark["last"]
+        if type(since) is not int or since < 0 or len(recent) > (self._recent.maxlen or 0):
+            raise ValueError("since is no count, or there are more experiments than are kept")
+        known = None
+        if last is not None:
+            error = math.nan if last["error"] is None else float(last["error"])
+            known = _known(recorded.diagnosis(last["experiment"]), error)
+            self._last_at = last["experiment"]
+        self._recent.clear()
+        self._recent.extend(recent)
+        self._since, self._last = since, known
 
     def _take(self, experiment: Experiment, signal: Signal) -> bool:
         """Take in one experiment; whether it is the occasion for a diagnosis."""
@@ -222,6 +256,14 @@ class Diagnoser:
 def own_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Those of the group diagnosis, where they are given."""
     return {n: v for n, v in settings.items() if n in resolve({}, "diagnosis")}
+
+
+def _known(found: DiagnosisRecord, error: float) -> Known | None:
+    """What a recorded diagnosis says; None where it names effects of a file, which is not run."""
+    if not found.amounts.keys() <= set(EFFECTS.names()):
+        return None
+    use = [(get_effect(name), given) for name, given in found.amounts.items()]
+    return Known(use, error, found.kind == "unknown")
 
 
 def _record(found: Found, signal: Signal) -> DiagnosisRecord:

@@ -95,14 +95,18 @@ class Bag:
         absolute = f"{self.namespace}/{name}"
         return absolute if absolute in self.topics else None
 
-    def messages(self, *names: str) -> Iterator[Raw]:
+    def messages(self, *names: str, begin: tuple[int, int] = (0, 0)) -> Iterator[Raw]:
         """Stored messages (CDR bytes) in recorded order, of the named topics or of all of them.
+
+        Args:
+            names: last parts of topics.
+            begin: as of `Storage.messages`.
 
         Raises:
             RecordingError: a topic that the recording lacks.
         """
         topics = [self._required(n) for n in names] if names else list(self.topics)
-        return self.storage.messages(topics)
+        return self.storage.messages(topics, begin)
 
     @overload
     def records(self, name: Literal["experiment"]) -> Iterator[Experiment]: ...
@@ -214,18 +218,19 @@ class Bag:
         return topic
 
 
-def read_bag(path: str | Path, namespace: str | None = None) -> Bag:
+def read_bag(path: str | Path, namespace: str | None = None, listed: bool = False) -> Bag:
     """Open a recording.
 
     Args:
         path: rosbag2 folder or a bare file of one (`.mcap`, `.mcap.zstd`, `.db3`).
         namespace: which machine, with or without its leading slash; "/" is the root; None or ""
             when there is only one.
+        listed: as of `Storage`.
 
     Raises:
         RecordingError: nothing there, empty, foreign, several machines, or no such one.
     """
-    storage = Storage(path)
+    storage = Storage(path, listed)
     machines = namespaces(storage.topics)
     if not machines:
         there = ", ".join(f"{t} ({k})" for t, k in sorted(storage.topics.items())) or "no messages"

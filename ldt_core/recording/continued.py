@@ -110,7 +110,7 @@ def _finish(folder: Path, files: Sequence[Path], past: Contents) -> set[str]:
     for file in files:
         notes: list[str] = []
         try:
-            McapFile(file, notes.append).summary()
+            McapFile(file, notes.append).summary(places=False)
             if notes and finish(file, about, take):
                 finished.add(file.name)
                 past.notes += notes

@@ -7,6 +7,7 @@ and whose checksum has to hold. Every byte that is left out is told.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import struct
 import zlib
@@ -38,6 +39,7 @@ from ldt_core.recording.mcap_records import (
     reason,
 )
 
+MOST_HEAD = 1 << 18  # bytes of an index before the places of its chunks: channels, schemas
 #: Number of a channel in the file → the channel, and its schema if it has one.
 Described = dict[int, tuple[Channel, Schema | None]]
 
@@ -79,8 +81,12 @@ class McapFile:
         #: Channels that messages were found of, or that were described; known like that, too.
         self.described: Described = {}
 
-    def summary(self) -> Summary | None:
-        """The index at the end of the file, None when there is none to rely on."""
+    def summary(self, places: bool = True) -> Summary | None:
+        """The index at the end of the file, None when there is none to rely on.
+
+        Args:
+            places: of the chunks as well, of which there may be twenty thousand.
+        """
         if self._zipped:
             return None
         with self.path.open("rb") as stream:
@@ -107,7 +113,7 @@ class McapFile:
             self._note(f"{self.path}: its index is damaged; read without it")
             return None
         try:
-            return _summary(data[: len(data) - tail])
+            return _summary(data[: len(data) - tail], places)
         except BROKEN as error:
             self._note(f"{self.path}: its index is damaged ({reason(error)}); read without it")
             return None
@@ -121,12 +127,44 @@ class McapFile:
             elif isinstance(record, Channel):
                 yield record, schemas.get(record.schema_id)
 
-    def messages(self) -> Iterator[Found]:
-        """All messages in recorded order; what is damaged is left out and noted."""
+    def head(self) -> Described:
+        """Its channels, by the first bytes of its index, or of the file where it has none.
+
+        Few bytes are read, and none of a message; in a file that is being written a channel that
+        was described late may be missing.
+
+        Raises:
+            ValueError, or another error of BROKEN: damage.
+        """
+        with self.path.open("rb") as stream:
+            size = stream.seek(0, io.SEEK_END)
+            begin = _index_place(stream, size)
+            if begin:
+                stream.seek(begin)
+                return _head(stream.read(MOST_HEAD))
         schemas: dict[int, Schema] = {}
-        described = self.described = {}
+        channels: Described = {}
+        for opcode, body in self._framed():
+            if opcode == Opcode.CHUNK:
+                for record in body:
+                    if isinstance(record, Schema):
+                        schemas[record.id] = record
+                    elif isinstance(record, Channel):
+                        channels[record.id] = record, schemas.get(record.schema_id)
+                break
+        spare = self._declared() if self.library == LIBRARY else {}
+        return spare | channels
+
+    def messages(self, begin: int = 0) -> Iterator[Found]:
+        """All messages in recorded order; what is damaged is left out and noted.
+
+        Args:
+            begin: byte before which nothing is read, the first one of a chunk.
+        """
+        schemas: dict[int, Schema] = {}
+        described = self.described = self.head() if begin else {}
         spare: Described | None = None
-        for record in self._records():
+        for record in self._records(begin):
             if isinstance(record, Message):
                 channel = described.get(record.channel_id)
                 if channel is None:
@@ -191,8 +229,8 @@ class McapFile:
             return summary.channels
         return self._declared() if self.library == LIBRARY else {}
 
-    def _records(self) -> Iterator[Header | Schema | Channel | Message]:
-        for opcode, body in self._framed():
+    def _records(self, begin: int = 0) -> Iterator[Header | Schema | Channel | Message]:
+        for opcode, body in self._framed(begin):
             if opcode == Opcode.CHUNK:
                 yield from body
             elif opcode == Opcode.MESSAGE:
@@ -200,7 +238,7 @@ class McapFile:
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 yield parse(opcode, body)
 
-    def _framed(self) -> Iterator[tuple[int, Any]]:
+    def _framed(self, begin: int = 0) -> Iterator[tuple[int, Any]]:
         """(opcode, content) of the records before the index; of a chunk, the records in it."""
         with self.path.open("rb") as plain:
             size = None if self._zipped else plain.seek(0, io.SEEK_END)
@@ -208,13 +246,15 @@ class McapFile:
             stream: IO[bytes] = plain
             if self._zipped:
                 stream = cast("IO[bytes]", zstandard.ZstdDecompressor().stream_reader(plain))
-            yield from self._walk(Bytes(stream, size))
+            places = Bytes(stream, size)
+            if not begin or places.find_chunk(begin) is not None:
+                yield from self._walk(places)
 
     def _walk(self, stream: Bytes) -> Iterator[tuple[int, Any]]:
-        whole = True  # nothing was left out so far
-        chunked = False  # whether there was a chunk
+        whole = stream.at == 0  # nothing was left out so far
+        chunked = not whole  # whether there was a chunk
         try:
-            if stream.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
+            if whole and stream.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
                 whole = False
                 self._note(f"{self.path}: its first bytes are damaged")
             while True:
@@ -286,8 +326,37 @@ def _check_place(opcode: int, body: bytes, at: int, chunked: bool) -> None:
         raise ValueError("a message that is an index")
 
 
-def _summary(data: bytes) -> Summary:
-    records = [record for _, record in located(data)]
+def _index_place(stream: IO[bytes], size: int) -> int:
+    """Where the index begins, 0 where there is none."""
+    tail = HEAD.size + FOOTER.size + len(MCAP_MAGIC)
+    stream.seek(max(size - tail, 0))
+    end = stream.read()
+    framed = end.endswith(MCAP_MAGIC) and end.startswith(HEAD.pack(Opcode.FOOTER, FOOTER.size))
+    begin = int(FOOTER.unpack_from(end, HEAD.size)[0]) if framed else 0
+    return begin if begin < size - tail else 0
+
+
+def _head(data: bytes) -> Described:
+    """The channels of an index of which the first bytes are given."""
+    schemas: dict[int, Schema] = {}
+    channels: Described = {}
+    with contextlib.suppress(EndOfFile, struct.error):
+        for _, record in located(data):
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record, schemas.get(record.schema_id)
+            elif isinstance(record, ChunkIndex):
+                break
+    return channels
+
+
+def _summary(data: bytes, places: bool) -> Summary:
+    records = []
+    for _, record in located(data):
+        if not places and isinstance(record, ChunkIndex):
+            break  # they come last of what is looked at here
+        records.append(record)
     schemas = {r.id: r for r in records if isinstance(r, Schema)}
     channels: Described = {
         r.id: (r, schemas.get(r.schema_id)) for r in records if isinstance(r, Channel)

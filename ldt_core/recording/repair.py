@@ -179,7 +179,7 @@ def _look(
     looked = _Looked(file)
     looked.before = _stamp(file)
     looked.mcap = McapFile(file, looked.note, lambda: storage.declared)
-    summary = looked.mcap.summary()
+    summary = looked.mcap.summary(places=False)
     if quick and summary and summary.statistics and not looked.notes:
         _take_summary(looked, summary)
         return looked

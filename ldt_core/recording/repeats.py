@@ -12,6 +12,7 @@ from ldt_core.recording.numbers import Numbers, number_of
 from ldt_core.recording.storage import Storage
 
 KEPT = 2000  # messages that are remembered, several times what any topic keeps for who missed it
+LATCHED = 100  # models of before that may come again, ten times what their topic keeps
 
 
 class Repeats:
@@ -40,7 +41,8 @@ class Repeats:
         """
         storage = Storage(path)
         # A model has no experiment's number.
-        models = storage.picked([t for t in storage.topics if t.rpartition("/")[2] == "model"])
+        topics = [t for t in storage.topics if t.rpartition("/")[2] == "model"]
+        models = storage.last(topics, LATCHED)
         before = {topic: held.copy() for topic, held in numbers.items()}
         return cls(before, ((raw.topic, raw.data) for raw in models))
 

@@ -20,7 +20,10 @@ FORMAT = "ldt-settings-1"
 #: What says where and how the run was recorded, and nothing of what it did.
 LEFT_OUT = ("bag", "graph", "resume", "run_settings", "secure", "split_size")
 #: What a run may go on with otherwise: it decides when things happen, and not what.
-FREE = ("adaptation_timeout", "deadline", "hung_after", "rate", "real_time", "restarts")
+FREE = (
+    *("adaptation_timeout", "checkpoint_every", "deadline", "hung_after"),
+    *("rate", "real_time", "restarts"),
+)
 LONGEST = 100_000  # characters of the text; all parameters take about 2000
 LARGEST = 2**63  # of a whole number, as ROS counts
 NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")

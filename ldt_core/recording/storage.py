@@ -51,12 +51,14 @@ class Storage:
 
     Args:
         path: rosbag2 folder, or a bare file of one.
+        listed: take the topics from metadata.yaml, if it has any, without looking into the files,
+            of which there may be a thousand.
 
     Raises:
         RecordingError: nothing there, empty, or no ROS 2 recording.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, listed: bool = False) -> None:
         self.path = Path(path)
         self._notes: dict[str, None] = {}
         self.metadata: dict[str, Any] = {}
@@ -66,8 +68,12 @@ class Storage:
         self.unusable: list[Path] = []
         self.files = self._find_files()
         self.topics: dict[str, str] = {}
-        for file in self.files:
-            self._discover(file)
+        if listed:
+            entries = listed_topics(self.metadata).items()
+            self.topics = {topic: entry["topic_metadata"]["type"] for topic, entry in entries}
+        if not self.topics:
+            for file in self.files:
+                self._discover(file)
 
     @property
     def notes(self) -> list[str]:
@@ -78,11 +84,18 @@ class Storage:
         """Add to the notes, once."""
         self._notes[sentence] = None
 
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[Raw]:
-        """Messages of the topics (of all when None), in the order in which they were recorded."""
+    def messages(
+        self, topics: Collection[str] | None = None, begin: tuple[int, int] = (0, 0)
+    ) -> Iterator[Raw]:
+        """Messages of the topics (of all when None), in the order in which they were recorded.
+
+        Args:
+            topics: absolute.
+            begin: file and byte before which nothing is read; the byte is a chunk's first one.
+        """
         per_message = str(self.metadata.get("compression_mode", "")).lower() == "message"
-        for file in self.files:
-            for raw in self.read(file, topics):
+        for index, file in enumerate(self.files[begin[0] :]):
+            for raw in self.read(file, topics, 0 if index else begin[1]):
                 yield self._unzipped(raw) if per_message else raw
 
     def picked(self, topics: Collection[str]) -> Iterator[Raw]:
@@ -97,6 +110,32 @@ class Storage:
             for channel, described, message in self.mcap(file).messages_of(topics):
                 kind = self._kind(file, channel, described)
                 yield Raw(channel.topic, kind, message.log_time, message.data)
+
+    def last(self, topics: Collection[str], most: int) -> list[Raw]:
+        """The last messages of topics that are rare, so many at least where there are as many.
+
+        Files that have none of them are not read.
+        """
+        found: list[Raw] = []
+        for file in reversed(self.files):
+            if len(found) >= most:
+                break
+            if not is_mcap(file):
+                found = [*self.read(file, topics), *found]
+                continue
+            mcap = self.mcap(file)
+            about = mcap.summary(places=False)
+            if about and about.statistics:
+                counts = about.statistics.channel_message_counts
+                wanted = [n for n, d in about.channels.items() if d[0].topic in topics]
+                if not any(counts.get(number) for number in wanted):
+                    continue
+            there = [
+                Raw(channel.topic, self._kind(file, channel, d), message.log_time, message.data)
+                for channel, d, message in mcap.messages_of(topics)
+            ]
+            found = [*there, *found]
+        return found
 
     def _unzipped(self, raw: Raw) -> Raw:
         try:
@@ -171,7 +210,7 @@ class Storage:
                 raise RecordingError(file, "a rosbag2 SQLite file", reason(error)) from None
         else:
             mcap = self.mcap(file)
-            summary = mcap.summary()
+            summary = mcap.summary(places=False)
             described = summary.channels.values() if summary else ()
             found = {c.topic: self._kind(file, c, s) for c, s in described or mcap.channels()}
         for topic, kind in found.items():
@@ -197,12 +236,14 @@ class Storage:
                 )
         return found
 
-    def read(self, file: Path, topics: Collection[str] | None = None) -> Iterator[Raw]:
-        """Messages of one file."""
+    def read(
+        self, file: Path, topics: Collection[str] | None = None, begin: int = 0
+    ) -> Iterator[Raw]:
+        """Messages of one file; of an MCAP file, from the chunk on that begins at a byte."""
         if _magic(file) == SQLITE_MAGIC:
             yield from self._read_sqlite(file, topics)
             return
-        for channel, described, message in self.mcap(file).messages():
+        for channel, described, message in self.mcap(file).messages(begin):
             if topics is None or channel.topic in topics:
                 kind = self._kind(file, channel, described)
                 yield Raw(channel.topic, kind, message.log_time, message.data)

@@ -1,0 +1,92 @@
+"""Nodes keep checkpoints, and when they are started again they read no more than came since."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from ldt_core.machine import load_machine
+from ldt_core.session import run
+from ldt_core.settings import resolve
+from ldt_core.twin import WINDOW, Twin
+
+rclpy = pytest.importorskip("rclpy")
+
+from stranger import answer, experiment, prediction  # noqa: E402
+
+from ldt_ros.adaptor_node import AdaptorNode  # noqa: E402
+from ldt_ros.advisor_node import AdvisorNode  # noqa: E402
+from ldt_ros.detector_node import DetectorNode  # noqa: E402
+from ldt_ros.plant_node import PlantNode  # noqa: E402
+from ldt_ros.twin_node import PredictorNode  # noqa: E402
+
+EVERY, COUNT = 10, 345
+GIVEN = {"model": "physics", "detector": "lddm", "advice": True, "checkpoint_every": EVERY}
+MADE = [experiment(n, length=400) for n in range(1, COUNT + 1)]  # several chunks of a file
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A run without the graph, and the twin that has taken all of it."""
+    folder = tmp_path_factory.mktemp("checkpoints") / "run"
+    given = resolve({**GIVEN, "advice_every": 100})
+    run(load_machine("rotor"), given, MADE, folder)
+    twin = Twin(load_machine("rotor"), given)
+    for _ in twin.steps(MADE):
+        pass
+    return folder, twin
+
+
+@pytest.mark.parametrize("kind", [DetectorNode, AdaptorNode, AdvisorNode])
+def test_a_node_goes_on_from_a_checkpoint_of_a_run_without_the_graph(
+    kind, recorded, stranger, monkeypatch
+):
+    """It knows the same, and has recalled what came since."""
+    folder, twin = recorded
+    taken = []
+    recall = kind.recall
+    monkeypatch.setattr(
+        kind, "recall", lambda self, step: (taken.append(step), recall(self, step))[1]
+    )
+    node = stranger.start(kind, resume=str(folder), **GIVEN, advice_every=100)
+    stranger.until(lambda: node.last == COUNT)
+    # What may have been under way an advisor does again, as without checkpoints.
+    again = 0 if kind is AdvisorNode else COUNT % EVERY
+    assert (node.known, len(taken)) == (COUNT - COUNT % EVERY, again)
+    stranger.until(lambda: not getattr(node, "busy", False))
+    assert node.mark() == twin.stages[node.role].mark()
+    for number in (COUNT - WINDOW + 1, COUNT):  # what is said once more is left out
+        node.pairs.right(number, None)
+    assert node.pairs.repeated == 2
+
+
+def test_the_twin_and_the_source_read_the_end_alone(recorded, stranger, monkeypatch):
+    """Of which all follows that they have to know: the last step, and the model after it."""
+    folder, twin = recorded
+    taken = []
+    take_up = PredictorNode._take_up
+    monkeypatch.setattr(
+        PredictorNode, "_take_up", lambda self, step: (taken.append(step), take_up(self, step))[1]
+    )
+    node = stranger.start(PredictorNode, resume=str(folder), **GIVEN)
+    assert WINDOW <= len(taken) < COUNT
+    assert node.predictor.last == COUNT
+    assert node.predictor._starts == twin.predictor._starts
+    assert node.predictor.model.version == twin.model.version
+    assert stranger.start(PlantNode, resume=str(folder), **GIVEN)._adapted == COUNT
+
+
+def test_a_node_keeps_checkpoints_beside_the_recording(stranger, tmp_path):
+    """From its first start on; where there is no recording nothing is kept."""
+    node = stranger.start(DetectorNode, bag=str(tmp_path), **GIVEN)
+    stranger.start(AdaptorNode, bag=str(tmp_path / "none"), **GIVEN)
+    for number in range(1, 2 * EVERY + 1):
+        one = experiment(number)
+        stranger.send("experiment", one)
+        stranger.send("prediction", prediction(number))
+        stranger.send("signal", answer(number))
+    stranger.until(lambda: node.last == 2 * EVERY)
+    files = [tmp_path / f"detector.{slot}.checkpoint" for slot in (0, 1)]
+    assert sorted(tmp_path.glob("*.*")) == files
+    assert [json.loads(f.read_text())["experiment"] for f in files] == [EVERY, 2 * EVERY]
