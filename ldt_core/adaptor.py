@@ -312,13 +312,13 @@ class Adaptor:
             ModelError: a recorded model that cannot be this machine's; the same.
             ValueError, TypeError, KeyError: no mark; the same.
         """
+        if len(mark["earlier"]) > EARLIER + 1:
+            raise ValueError("more models than are kept")
         first = self.model
         earlier = [first if v == first.version else recorded.model(v) for v in mark["earlier"]]
         present = mark["version"]
         model = first if present == first.version else recorded.model(present)
         named = None if mark["named"] is None else recorded.diagnosis(mark["named"])
-        if len(earlier) > EARLIER + 1:
-            raise ValueError("more models than are kept")
         memory = Memory(self.memory.limit, self.memory.history)
         memory.return_to(mark["memory"], recorded)
         if self.diagnoser is not None:

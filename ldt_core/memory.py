@@ -99,6 +99,8 @@ class Memory:
             RecordingError: an experiment that is not recorded; the memory is then as it was.
             ValueError, TypeError, KeyError: no mark; the same.
         """
+        if len(mark["kept"]) > self.limit or len(mark["recent"]) > self.history:
+            raise ValueError("more experiments than are kept")
         kept, recent = (
             {(number, start): recorded.experiment(number, start) for number, start in mark[name]}
             for name in ("kept", "recent")
@@ -106,8 +108,6 @@ class Memory:
         dropped = mark["dropped"]
         if type(dropped) is not int or dropped < 0:
             raise ValueError("dropped is no count")
-        if len(kept) > self.limit or len(recent) > self.history:
-            raise ValueError("more experiments than are kept")
         self._kept, self._recent, self.dropped = kept, recent, dropped
 
     def state(self) -> dict[str, Any]:

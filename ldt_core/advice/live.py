@@ -98,10 +98,10 @@ class Advisor:
             RecordingError: something that is not recorded; the advisor is then as it was.
             ValueError, TypeError, KeyError: no mark; the same.
         """
-        recent = [recorded.experiment(number, start) for number, start in mark["recent"]]
         last, at = mark["last"], mark["diagnosis"]
-        if not (last is None or type(last) is int) or len(recent) > RECENT:
+        if not (last is None or type(last) is int) or len(mark["recent"]) > RECENT:
             raise ValueError("last is no number, or there are more experiments than are kept")
+        recent = [recorded.experiment(number, start) for number, start in mark["recent"]]
         # One that was being made at the mark is known by now.
         late = [s.diagnosis for s in recorded.steps if s.diagnosis is not None]
         newer = late[-1] if late and (at is None or late[-1].experiment > at) else None

@@ -173,12 +173,12 @@ class Diagnoser:
             RecordingError: something that is not recorded; the diagnoser is then as it was.
             ValueError, TypeError, KeyError: no mark; the same.
         """
+        since, last = mark["since"], mark["last"]
+        if type(since) is not int or since < 0 or len(mark["recent"]) > (self._recent.maxlen or 0):
+            raise ValueError("since is no count, or there are more experiments than are kept")
         recent = [
             (recorded.experiment(n, start), Level(level)) for n, start, level in mark["recent"]
         ]
-        since, last = mark["since"], mark["last"]
-        if type(since) is not int or since < 0 or len(recent) > (self._recent.maxlen or 0):
-            raise ValueError("since is no count, or there are more experiments than are kept")
         known = None
         if last is not None:
             error = math.nan if last["error"] is None else float(last["error"])
