@@ -88,5 +88,5 @@ def test_a_node_keeps_checkpoints_beside_the_recording(stranger, tmp_path):
         stranger.send("signal", answer(number))
     stranger.until(lambda: node.last == 2 * EVERY)
     files = [tmp_path / f"detector.{slot}.checkpoint" for slot in (0, 1)]
-    assert sorted(tmp_path.glob("*.*")) == files
+    assert sorted(tmp_path.glob("*.checkpoint")) == files
     assert [json.loads(f.read_text())["experiment"] for f in files] == [EVERY, 2 * EVERY]
