@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from ldt_core.machine import load_machine
@@ -22,8 +24,20 @@ from ldt_ros.plant_node import PlantNode  # noqa: E402
 from ldt_ros.twin_node import PredictorNode  # noqa: E402
 
 EVERY, COUNT = 10, 345
-GIVEN = {"model": "physics", "detector": "lddm", "advice": True, "checkpoint_every": EVERY}
-MADE = [experiment(n, length=400) for n in range(1, COUNT + 1)]  # several chunks of a file
+GIVEN = {
+    **{"model": "physics", "detector": "lddm", "sensor_check": False, "advice": True},
+    "checkpoint_every": EVERY,
+}
+
+
+def made(number):
+    """Of noise, which does not pack: the recording is several chunks long."""
+    random = np.random.default_rng(number)
+    voltage, speed = random.uniform(0, 10, 200), random.uniform(0, 5, 200)
+    return replace(experiment(number), voltage=voltage, speed=speed)
+
+
+MADE = [made(number) for number in range(1, COUNT + 1)]
 
 
 @pytest.fixture(scope="module")
