@@ -401,6 +401,20 @@ def test_what_was_kept_long_ago_is_found_again(lookup):
             missing()
 
 
+def test_an_adaptor_that_diagnoses_knows_what_was_named_last(lookup):
+    """The record is read again; its diagnoser knows that it explains the machine."""
+    given = {**GIVEN, "model": "diagnosed", "cause": "auto", "diagnose": False}
+    one, other = (Twin(MACHINE, given).adaptor for _ in range(2))
+    step = next(step for step in STEPS if step.diagnosis)
+    one.diagnoser.recall(step)
+    one.named = step.diagnosis
+    other.return_to(json.loads(json.dumps(one.mark())), lookup)
+    assert other.named == step.diagnosis
+    for adaptor in (one, other):
+        assert adaptor.diagnoser._last.error == one.diagnoser._last.error > 0
+        assert adaptor.diagnoser._recent[0][0].number == step.experiment.number
+
+
 def test_damage_on_the_way_leaves_it_to_the_whole_recording(run):
     """Which is read behind the damage as ever."""
     for file in run.folder.glob("*.mcap"):
