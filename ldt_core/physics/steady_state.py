@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 GRID = 20_000  # speeds at which the sign of dV/domega is looked at, before each fold is polished
+FINE = 1000  # the same between two of these where two folds lie
 STEP = 1e-6  # relative step of the derivative
 
 Values = Mapping[str, float]
@@ -61,16 +62,27 @@ def steady_voltage(values: Values, speed: ArrayLike) -> NDArray[np.float64]:
 def folds(values: Values, highest: float) -> list[Fold]:
     """The folds below the speed `highest` [rad/s], in order of speed."""
 
-    def slope(w: float) -> float:
+    def slope(w: float | NDArray[np.float64]) -> NDArray[np.float64]:
         h = STEP * w
-        return float(steady_voltage(values, w + h) - steady_voltage(values, w - h)) / (2 * h)
+        return (steady_voltage(values, w + h) - steady_voltage(values, w - h)) / (2 * h)
+
+    def bracket(low: float, high: float, rises: bool) -> tuple[float, float] | None:
+        if (slope(low) > 0) == rises != (slope(high) > 0):
+            return low, high
+        # The next fold is so near that it lies between them as well.
+        fine = np.linspace(low, high, FINE)
+        up = slope(fine) > 0
+        at = np.flatnonzero((up[:-1] == rises) & (up[1:] != rises))
+        return (fine[at[0]], fine[at[0] + 1]) if at.size else None
 
     grid = np.linspace(highest / GRID, highest, GRID)
     rising = np.diff(steady_voltage(values, grid)) > 0
     found = []
     for i in np.flatnonzero(rising[1:] != rising[:-1]):
-        w = float(brentq(slope, grid[i], grid[i + 2]))
-        found.append(Fold(w, float(steady_voltage(values, w)), bool(rising[i])))
+        between = bracket(grid[i], grid[i + 2], bool(rising[i]))
+        if between is not None:
+            w = float(brentq(slope, *between))
+            found.append(Fold(w, float(steady_voltage(values, w)), bool(rising[i])))
     return found
 
 

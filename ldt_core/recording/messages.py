@@ -135,6 +135,7 @@ def offered_qos(topic: str) -> list[dict[str, Any]]:
     """The QoS profile of a topic as rosbag2 stores it (metadata version 9)."""
     declared = declaration(topic) or {"qos": "data"}
     profile = msgs_config.qos_profiles()[declared["qos"]]
+    lease = {"sec": int(profile["lease"]), "nsec": 0} if "lease" in profile else dict(UNLIMITED)
     return [
         {
             "history": profile["history"],
@@ -144,7 +145,7 @@ def offered_qos(topic: str) -> list[dict[str, Any]]:
             "deadline": dict(UNLIMITED),
             "lifespan": dict(UNLIMITED),
             "liveliness": "automatic",
-            "liveliness_lease_duration": dict(UNLIMITED),
+            "liveliness_lease_duration": lease,
             "avoid_ros_namespace_conventions": False,
         }
     ]

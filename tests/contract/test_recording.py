@@ -89,7 +89,10 @@ def test_each_topic_is_listed_with_type_count_hash_and_declared_qos(information)
         declared = msgs_config.topics()[name.rpartition("/")[2]]
         profile = msgs_config.qos_profiles()[declared["qos"]]
         (offered,) = meta["offered_qos_profiles"]
-        assert {k: offered[k] for k in profile} == profile
+        lease = offered["liveliness_lease_duration"]["sec"]
+        known = {**offered, "lease": float(lease)}
+        assert {k: known[k] for k in profile} == profile
+        assert ("lease" in profile) == (lease < 3600)
         assert meta["serialization_format"] == "cdr"
         assert meta["type_description_hash"] == schema(meta["type"])[1]
         assert count == 1

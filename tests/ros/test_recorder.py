@@ -92,7 +92,12 @@ def test_a_full_disk_is_counted_and_what_came_meanwhile_is_recorded_once_there_i
     assert kept == list(range(1, len(kept) + 1))
     assert 0 < len(kept) < sent
     resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
-    stranger.until(lambda: int(stranger.health("recorder")["written"]) >= sent, "what was missed")
+
+    def complete() -> bool:
+        stranger.spin(0.2)
+        return len(list(read_bag(tmp_path / "bag").experiments())) == sent
+
+    stranger.until(complete, "what was missed")
     process.send_signal(signal.SIGINT)
     stranger.until(lambda: process.poll() is not None, "end of the recorder")
     output = process.communicate()[0]
