@@ -138,7 +138,9 @@ class PredictorNode(TwinNode):
             return
         self._waiting.append((experiment, time.monotonic()))
         if len(self._waiting) > QUEUE:
-            self._waiting.popleft()
+            _, since = self._waiting.popleft()
+            # The next one has had its turn for as long: a fast machine must not outrun the time-out.
+            self._waiting[0] = self._waiting[0][0], since
             self._dropped += 1
         self._go_on()
 

@@ -105,6 +105,22 @@ def test_without_an_adaptation_the_twin_goes_on_after_its_time_out_and_says_so(s
     assert "experiment 2 is predicted by model 0" in lines[0]
 
 
+def test_a_machine_that_is_faster_than_the_queue_does_not_outrun_the_time_out(
+    stranger, monkeypatch
+):
+    """Its turn passes from an experiment that was dropped to the next."""
+    monkeypatch.setattr("ldt_ros.twin_node.QUEUE", 2)
+    stranger.start(PredictorNode, **PHYSICS, adaptation_timeout=1.0)
+    stranger.listen("prediction", "/diagnostics")
+    for number in range(1, 41):  # none waits for a second in the queue
+        stranger.send("experiment", experiment(number))
+        stranger.spin(0.1)
+        if len(stranger.numbers("prediction")) > 1:
+            break
+    assert len(stranger.numbers("prediction")) > 1
+    assert stranger.numbers("prediction")[1] > 3
+
+
 def test_a_twin_that_joins_late_has_the_model_in_force(stranger):
     """The models are latched; the last of them predicts the first experiment that it sees."""
     from ldt_ros.interfaces import qos
