@@ -139,7 +139,7 @@ class PredictorNode(TwinNode):
         self._waiting.append((experiment, time.monotonic()))
         if len(self._waiting) > QUEUE:
             _, since = self._waiting.popleft()
-            # The next one has had its turn for as long: a fast machine must not outrun the time-out.
+            # The next has had its turn for as long: a fast machine must not outrun the time-out.
             self._waiting[0] = self._waiting[0][0], since
             self._dropped += 1
         self._go_on()
