@@ -112,9 +112,10 @@ def lessons(machine: Machine, values: Mapping[str, float], reverse: bool = False
     found = []
 
     def add(name: str, levels: Array) -> None:
+        levels = np.round(levels, 3)
         kept = levels[~within(levels, avoid)][:HOLDS]
         if kept.size == HOLDS:
-            found.append(Lesson(name, tuple(np.round(kept, 3).tolist()), hold))
+            found.append(Lesson(name, tuple(kept.tolist()), hold))
 
     for a, b in [*tiles(most), (0.0, most)]:
         add(

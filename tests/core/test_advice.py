@@ -180,6 +180,7 @@ def test_a_speed_that_cannot_be_held_or_reached_is_refused(e, speed, words):
 
 
 @given(e=st.floats(0.0, 0.012), reverse=st.booleans())
+@example(e=0.005929865435612752, reverse=False)  # a level next to a band
 @settings(max_examples=25)
 def test_no_lesson_holds_a_voltage_to_avoid_or_beyond_the_limits(e, reverse):
     """Whatever the eccentricity; the machine is reversed only where it was before."""

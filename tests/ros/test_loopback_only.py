@@ -226,8 +226,8 @@ def test_whoever_joins_by_another_interface_meets_nobody(hosts, domain, intruder
     One that has no profile at all, as stock tools have none, meets the graph.
     """
     home, _ = hosts
-    ours = intruder(home, "ours", 4, {})
-    tool = intruder(home, "tool", 3, usual(tmp_path))
+    ours = intruder(home, "ours", 8, {})
+    tool = intruder(home, "tool", 6, usual(tmp_path))
     outside = intruder(home, "outside", 3, profile(tmp_path, HOSTS[0]))
     told = said(outside)
     assert "ours" not in told["met"] + told["heard"]
