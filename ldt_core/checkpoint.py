@@ -11,13 +11,13 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgs_config
+from ldt_core import kept
 from ldt_core.adaptor import ROLLED_BACK
 from ldt_core.errors import LdtError, RecordingError
 from ldt_core.experiment import Experiment
@@ -171,13 +171,7 @@ class Checkpoints:
         text = json.dumps({**content, "digest": _digest(content)}, allow_nan=False)
         if len(text) > MOST_BYTES:
             raise ValueError(f"expected at most {MOST_BYTES} bytes, got {len(text)}")
-        file = self.files()[self._slot]
-        new = file.with_name(f".{file.name}.new")
-        with new.open("w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(new, file)
+        kept.write(self.files()[self._slot], text, sync=True)
         self._slot = (self._slot + 1) % SLOTS
 
     def _parsed(self, file: Path) -> Checkpoint:

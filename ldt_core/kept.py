@@ -6,6 +6,7 @@ SHA-256 that it is this one. Nothing is unpickled.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -46,14 +47,29 @@ def check_target(file: str | Path, option: str = "--out", endings: Sequence[str]
         raise OptionError(option, "a file in a folder that exists", str(path))
 
 
-def write(path: Path, text: str) -> None:
-    """Write a file as a whole: a reader, or an interruption, never meets half of it."""
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+def write(path: Path, text: str, sync: bool = False) -> None:
+    """Write a file as a whole: a reader, or an interruption, never meets half of it.
+
+    Args:
+        path: of the file, in a folder that exists.
+        text: of it.
+        sync: have it on the medium first, so that a power cut does not leave an empty file either.
+
+    Raises:
+        OSError: it cannot be written; what was there before is there still.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.write_text(text, encoding="utf-8")
+        with part.open("w", encoding="utf-8") as stream:
+            stream.write(text)
+            if sync:
+                stream.flush()
+                os.fsync(stream.fileno())
         part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise
 
 
 def digest(place: Path) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from ldt_core.experiment import Experiment, Signal
-from ldt_core.lookup import Lookup
 from ldt_core.models import build_model
 from ldt_core.past import Past
 from ldt_core.twin import build_adaptor
@@ -32,7 +31,7 @@ class AdaptorNode(WorkerNode):
         self._model = self.publishes("model")
         self._adaptation = self.publishes("adaptation")
         self._diagnosis = self.publishes("diagnosis") if model.asks_for_diagnosis else None
-        self.listen()
+        self.listen(self.adaptor)
         self._model.publish(to_message(self.adaptor.model.record()))
 
     def health(self) -> dict[str, Any]:
@@ -52,15 +51,6 @@ class AdaptorNode(WorkerNode):
         if self.adaptor.diagnoser is not None:
             self.adaptor.diagnoser.cancel()  # it may take longer than anybody waits
         self.worker.shutdown(wait=True)
-
-    def mark(self) -> dict[str, Any] | None:
-        """What it has come to know."""
-        return self.adaptor.mark()
-
-    def return_to(self, mark: dict[str, Any], recorded: Lookup) -> None:
-        """Be as when the mark was made."""
-        self.adaptor.return_to(mark, recorded)
-        super().return_to(mark, recorded)
 
     def recall(self, step: Past) -> None:
         """Take over what a recorded step says."""

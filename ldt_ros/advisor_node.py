@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections import deque
 from functools import partial
 from typing import Any
@@ -30,6 +29,7 @@ class AdvisorNode(WorkerNode):
     """
 
     beside = "adaptation"
+    answers = "advice"
     awaited = True
 
     def __init__(self, **node_arguments: Any) -> None:
@@ -42,7 +42,7 @@ class AdvisorNode(WorkerNode):
         self._advice = self.publishes("advice")
         self.listens("model", self._on_model)
         self.listens("diagnosis", self._on_diagnosis)
-        self.listen()
+        self.listen(self.advisor)
 
     def health(self) -> dict[str, Any]:
         """Last experiment dealt with, whether it is at work, what was lost."""
@@ -67,16 +67,11 @@ class AdvisorNode(WorkerNode):
             self.left_out += 1
         self._go_on()
 
-    @functools.cached_property
-    def _answered(self) -> int:
-        """The last experiment of which the advice, if any, is recorded."""
-        return max(self.known, self.last_recorded("advice", self.known))
-
     def take_up(self, step: Past) -> None:
         """Be as after a recorded step, unless its advice may have been under way."""
         if step.model is not None:
             self._models.put(step.model.version, step.model)
-        if step.experiment.number <= self._answered:
+        if step.experiment.number <= self.answered:
             super().take_up(step)
         else:
             if step.diagnosis is not None:
@@ -87,20 +82,11 @@ class AdvisorNode(WorkerNode):
         """Be as after a step that was missed: advice on it is out of date."""
         super().take_up(step)
 
-    def mark(self) -> dict[str, Any] | None:
-        """What it has come to know."""
-        return self.advisor.mark()
-
     def return_to(self, mark: dict[str, Any], recorded: Lookup) -> None:
         """Be as when the mark was made."""
         present = recorded.model(recorded.steps[-1].adaptation.model_version).record()
-        self.advisor.return_to(mark, recorded)
-        self._models.put(present.version, present)
         super().return_to(mark, recorded)
-
-    def recall(self, step: Past) -> None:
-        """Take over what a recorded step says."""
-        self.advisor.recall(step)
+        self._models.put(present.version, present)
 
     def _on_model(self, message: Any) -> None:
         record = from_message("model", message)

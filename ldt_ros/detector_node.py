@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from ldt_core.experiment import Experiment, Prediction
-from ldt_core.lookup import Lookup
-from ldt_core.past import Past
 from ldt_core.twin import build_judge
 from ldt_ros.convert import to_message
 from ldt_ros.paired_node import PairedNode
@@ -26,7 +24,7 @@ class DetectorNode(PairedNode):
         self.judge = build_judge(self.settings)
         self._signal = self.publishes("signal")
         self._last = ""
-        self.listen()
+        self.listen(self.judge)
 
     def health(self) -> dict[str, Any]:
         """Last signal."""
@@ -39,16 +37,3 @@ class DetectorNode(PairedNode):
         self._last = signal.level.word
         self._signal.publish(to_message(signal, experiment.end, self.machine.name))
         self.passed(experiment)
-
-    def mark(self) -> dict[str, Any] | None:
-        """What it has come to know."""
-        return self.judge.mark()
-
-    def return_to(self, mark: dict[str, Any], recorded: Lookup) -> None:
-        """Be as when the mark was made."""
-        self.judge.return_to(mark, recorded)
-        super().return_to(mark, recorded)
-
-    def recall(self, step: Past) -> None:
-        """Take over what a recorded step says."""
-        self.judge.recall(step)

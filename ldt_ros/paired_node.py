@@ -10,6 +10,7 @@ from ldt_core.errors import ExperimentError
 from ldt_core.experiment import Experiment, Prediction
 from ldt_core.lookup import Lookup
 from ldt_core.past import Past
+from ldt_core.twin import Stage
 from ldt_ros.convert import from_message
 from ldt_ros.feed import stamp_of
 from ldt_ros.node import TwinNode
@@ -43,8 +44,13 @@ class PairedNode(TwinNode):
         #: Number of that after which a checkpoint was made from which this node goes on, or 0.
         self.known = 0
 
-    def listen(self) -> None:
-        """Begin, once everything is there that `pair` and `recall` need."""
+    def listen(self, stage: Stage) -> None:
+        """Begin, once everything is there that `pair` and `recall` need.
+
+        Args:
+            stage: what comes to know something here, and is brought to where the recording ends.
+        """
+        self.stage = stage
         resume = self.settings["resume"]
         self._checkpoints = Checkpoints(
             resume or self.settings["bag"],
@@ -78,16 +84,17 @@ class PairedNode(TwinNode):
         self._checkpoints.passed(experiment, self.mark)
 
     def mark(self) -> dict[str, Any] | None:
-        """What this node has come to know, None where it cannot say all; a node's own."""
-        raise NotImplementedError
+        """What the stage has come to know, None where it cannot say all."""
+        return self.stage.mark()
 
     def return_to(self, mark: dict[str, Any], recorded: Lookup) -> None:
-        """Be as when the mark was made; a node's own does its part first."""
+        """Be as when the mark was made."""
+        self.stage.return_to(mark, recorded)
         self.last = recorded.steps[-1].experiment.number
 
     def recall(self, step: Past) -> None:
-        """Take over what a recorded step says; a node's own."""
-        raise NotImplementedError
+        """Take over what a recorded step says."""
+        self.stage.recall(step)
 
     def in_turn(self, number: int) -> None:
         """Be as after the experiment before this one, whoever was started again meanwhile."""

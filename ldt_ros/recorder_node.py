@@ -147,5 +147,4 @@ class RecorderNode(TwinNode):
             f"{self._writer.path}: recording goes on in a new file; what was missed is asked for "
             "again, as far as the others keep it"
         )
-        self.settings = {**self.settings, "resume": str(self._writer.path)}
         self._listen()

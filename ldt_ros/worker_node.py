@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import Any, ClassVar
 
 from ldt_core.errors import LdtError
@@ -31,6 +31,8 @@ class WorkerNode(PairedNode):
     waiting: ClassVar[int] = 100
     #: Whether the end of a run waits for the last experiment to be dealt with here.
     awaited: ClassVar[bool] = False
+    #: Topic of which a record, if any, ends its work on an experiment.
+    answers: ClassVar[str]
 
     def __init__(self, name: str, *groups: str, **node_arguments: Any) -> None:
         super().__init__(name, *groups, **node_arguments)
@@ -54,6 +56,11 @@ class WorkerNode(PairedNode):
         """Whether the thread has something to do."""
         return self._begun > self._ended
 
+    @functools.cached_property
+    def answered(self) -> int:
+        """The last experiment of which the answer, if any, is recorded."""
+        return max(self.known, self.last_recorded(self.answers, self.known))
+
     def deal(self, number: int, work: Callable[[], None], long: bool) -> None:
         """Do the work on an experiment in its turn: on the thread where it, or one before, is long.
 
@@ -72,7 +79,7 @@ class WorkerNode(PairedNode):
 
     def pair(self, experiment: Experiment, beside: Any) -> None:
         """Deal with one experiment, at a positive on the thread."""
-        work = partial(self._whole, experiment, beside)
+        work = functools.partial(self._whole, experiment, beside)
         self.deal(experiment.number, work, beside.level is Level.POSITIVE)
 
     def step(self, experiment: Experiment, beside: Any) -> None:
@@ -85,7 +92,7 @@ class WorkerNode(PairedNode):
         self.finished_with = self.last
 
     def return_to(self, mark: dict[str, Any], recorded: Lookup) -> None:
-        """Be as when the mark was made; a node's own does its part first."""
+        """Be as when the mark was made."""
         super().return_to(mark, recorded)
         self.finished_with = self.last
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import textwrap
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any, NamedTuple
 import yaml
 from mcap.records import Channel, Schema
 
+from ldt_core import kept
 from ldt_core.recording.messages import dump, load, offered_qos, schema
 from ldt_core.recording.storage import METADATA
 
@@ -146,18 +146,8 @@ def channel_entry(channel: Channel, described: Schema | None) -> dict[str, Any]:
 
 def write_metadata(folder: Path, text: str) -> None:
     """Write bag information as the folder's metadata.yaml; a reader never meets half a file."""
-    new = folder / f".{METADATA}.new"
     whole = "rosbag2_bagfile_information:\n" + textwrap.indent(text, "  ")
-    try:
-        with new.open("w", encoding="utf-8") as stream:
-            stream.write(whole)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(new, folder / METADATA)
-    except OSError:
-        with contextlib.suppress(OSError):
-            new.unlink(missing_ok=True)
-        raise
+    kept.write(folder / METADATA, whole, sync=True)
 
 
 def text_of(facts: Mapping[str, Any]) -> str:

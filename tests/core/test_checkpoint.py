@@ -316,7 +316,7 @@ def test_where_they_cannot_be_kept_it_is_told_once(tmp_path):
     told = []
     keeper = Checkpoints(tmp_path, "", MACHINE, "detector", GIVEN, told.append)
     for slot in keeper.files():
-        (tmp_path / f".{slot.name}.new").mkdir()
+        slot.mkdir()
     for step in STEPS[: 3 * EVERY]:
         keeper.passed(step.experiment, lambda: {"a": 1})
     assert len(told) == 1
