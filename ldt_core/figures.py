@@ -11,7 +11,7 @@ import numpy as np
 from ldt_core.errors import OptionError
 from ldt_core.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal
 from ldt_core.kept import check_target
-from ldt_core.recording.bag import read_bag
+from ldt_core.recording.bag import read_twin_run
 from ldt_core.report import style
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def load_run(recording: str | Path, namespace: str = "", number: int | None = No
         RecordingError: no recording of a run.
         OptionError: no such experiment in it.
     """
-    bag = read_bag(recording, namespace)
+    bag = read_twin_run(recording, namespace)
     signals = {s.experiment: s for s in bag.records("signal")}
     adaptations = {a.experiment: a for a in bag.records("adaptation")}
     errors = {n: s.max_error for n, s in signals.items()}

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     help="Speed to be reached from rest [rad/s]: says how, too.",
 )
 @click.option(
-    "--out",
     "-o",
+    "--out",
     default="",
     metavar="FILE.png",
     help="Picture of the way that --reach asks for; SVG, PDF too.",

@@ -30,7 +30,7 @@ def command() -> None:
     required=True,
     help="Of everything random: whoever knows it can make the key.",
 )
-@click.option("--out", required=True, help="Folder of the cases, which must not exist.")
+@click.option("-o", "--out", required=True, help="Folder of the cases, which must not exist.")
 @click.option(
     "--key",
     default="",
@@ -90,6 +90,7 @@ def make(
 @click.argument("folder")
 @click.argument("keys", nargs=-1, required=True)
 @click.option(
+    "-o",
     "--out",
     default="",
     help="Folder of the answers and the score, by default FOLDER.score; goes on where it was.",

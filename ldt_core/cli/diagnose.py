@@ -57,7 +57,10 @@ SHOWN = 8  # candidates in the table of the terminal; the page has all
 )
 @namespace_option
 @click.option(
-    "--out", required=True, help="Folder for diagnosis.json and diagnosis.html; made if need be."
+    "-o",
+    "--out",
+    required=True,
+    help="Folder for diagnosis.json and diagnosis.html; made if need be.",
 )
 @click.option(
     "--each",

@@ -59,7 +59,7 @@ class _Declared(click.Option):
 
 
 out_option = click.option(
-    "--out", required=True, help="Folder of the new recording, which must not exist."
+    "-o", "--out", required=True, help="Folder of the new recording, which must not exist."
 )
 namespace_option = click.option(
     "--namespace", default="", help="Machine whose topics are meant, if there are several."

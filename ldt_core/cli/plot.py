@@ -12,7 +12,7 @@ from ldt_core.cli.terminal import echo
 
 @click.command("plot", short_help="A run as a picture.")
 @click.argument("recording")
-@click.option("--out", required=True, help="File of the picture: .png, .svg or .pdf.")
+@click.option("-o", "--out", required=True, help="File of the picture: .png, .svg or .pdf.")
 @click.option(
     "--experiment",
     type=int,

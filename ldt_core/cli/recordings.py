@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ldt_core.experiment import Experiment
     from ldt_core.machine import Machine
 
-new_file_option = click.option("--out", required=True, help="Machine file to write.")
+new_file_option = click.option("-o", "--out", required=True, help="Machine file to write.")
 force_option = click.option(
     "--force", is_flag=True, help="Overwrite the machine file if it exists."
 )

@@ -24,6 +24,7 @@ def command() -> None:
 
 @command.command("init", short_help="Make a keystore with an enclave for each role.")
 @click.option(
+    "-o",
     "--out",
     default="ldt_keystore",
     show_default=True,

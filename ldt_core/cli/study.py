@@ -16,7 +16,9 @@ SEEDS = 20
 
 
 @click.command("study", short_help="The paper's claims, over many seeds.")
-@click.option("--out", required=True, help="Folder of the study; an earlier one goes on there.")
+@click.option(
+    "-o", "--out", required=True, help="Folder of the study; an earlier one goes on there."
+)
 @click.option(
     "--seeds",
     type=click.IntRange(1, 10_000),

@@ -61,7 +61,9 @@ DETECTORS = ("threshold", "lddm", "window", "calibrated")
     show_default=True,
     help="Values of each detector that are tried at first; a second round refines the best.",
 )
-@click.option("--out", required=True, help="Folder of the result; an earlier one goes on there.")
+@click.option(
+    "-o", "--out", required=True, help="Folder of the result; an earlier one goes on there."
+)
 @compute_options
 @click.option("--fresh", is_flag=True, help="Try anew what an earlier call has left there.")
 @namespace_option

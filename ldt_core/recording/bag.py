@@ -250,6 +250,23 @@ def read_bag(path: str | Path, namespace: str | None = None, listed: bool = Fals
     return Bag(storage, wanted)
 
 
+def read_twin_run(path: str | Path, namespace: str | None = None) -> Bag:
+    """Open a recording of a twin that predicted and judged.
+
+    Raises:
+        RecordingError: as `read_bag`, or a machine's experiments alone.
+    """
+    bag = read_bag(path, namespace)
+    missing = [t for t in ("experiment", "prediction", "signal") if bag.topic(t) is None]
+    if missing:
+        raise RecordingError(
+            bag.path,
+            "a run of a twin (ldt replay makes one of experiments)",
+            f"no topic {' and no topic '.join(missing)}",
+        )
+    return bag
+
+
 def experiments(path: str | Path, namespace: str | None = None) -> Recorded:
     """All experiments of one machine in a recording, in memory.
 

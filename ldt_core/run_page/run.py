@@ -17,7 +17,7 @@ from ldt_core.experiment import (
     Signal,
 )
 from ldt_core.metrics import Summary
-from ldt_core.recording.bag import Bag, read_bag
+from ldt_core.recording.bag import Bag, read_twin_run
 from ldt_core.recording.health import Health, inspect
 from ldt_core.run_page.samples import Packed, pack, room
 
@@ -101,14 +101,7 @@ def read_run(recording: str | Path, namespace: str = "") -> Run:
         RecordingError: no recording of a run.
         ExperimentError, ModelError: a message in it that is no such record.
     """
-    bag = read_bag(recording, namespace)
-    missing = [t for t in ("experiment", "prediction", "signal") if bag.topic(t) is None]
-    if missing:
-        raise RecordingError(
-            bag.path,
-            "a run of a twin (ldt replay makes one of experiments)",
-            f"no topic {' and no topic '.join(missing)}",
-        )
+    bag = read_twin_run(recording, namespace)
     signals = {s.experiment: s for s in bag.records("signal")}
     run = Run(bag.path.resolve().name, bag, inspect(bag))
     run.models = list(_records(bag, "model"))

@@ -290,6 +290,9 @@ ROWS: list[tuple[str, int, list[str]]] = [
     ("effects {files}/none.py:MINE", BAD, ["{files}/none.py", "no such file"]),
     ("effects {files}/syntax.py:MINE", BAD, ["{files}/syntax.py", "line 1"]),
     ("effects {files}/model.py:NUMBER", BAD, ["NUMBER", "an object of class Effect", "5"]),
+    # pictures
+    (f"plot {GOOD} --out a.png", BAD, ["a run of a twin", "ldt replay", "no topic prediction"]),
+    (f"report {GOOD} --out a.html", BAD, ["a run of a twin", "ldt replay", "no topic prediction"]),
     # the graph
     ("up --machines 2 --play {files}/good", BAD, ["machines", "1 together with play", "got 2"]),
     ("up --machines 0", BAD, ["--machines", "1 to 100", "got 0"]),

@@ -88,6 +88,14 @@ def test_one_name_means_one_kind_of_thing():
     assert odd == {}
 
 
+def test_what_is_made_goes_where_o_says():
+    """As everywhere: `-o` wherever there is `--out`."""
+    for name, command in ALL.items():
+        for p in command.params:
+            if isinstance(p, click.Option) and "--out" in p.opts:
+                assert p.opts == ["-o", "--out"], name
+
+
 # ---- JSON of the commands that make files
 
 

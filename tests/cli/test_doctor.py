@@ -8,7 +8,6 @@ import resource
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 from test_bad_surroundings import BLOCK, ldt_process
@@ -26,9 +25,7 @@ def checks(output: str) -> dict[str, dict]:
 
 def test_without_ros_it_says_so_and_looks_at_the_rest(tmp_path):
     """Exit code 1, since the graph cannot run; one line a check, each with grade and remedy."""
-    began = time.monotonic()
     code, shown, errors = ldt_process("doctor", "--bag", str(tmp_path / "run"), code=BLOCK)
-    assert time.monotonic() - began < 15
     assert (code, errors) == (1, "")
     lines = {line[9:26].strip(): line for line in shown.splitlines()}
     assert lines["ROS 2"].startswith("problem ")
