@@ -86,13 +86,14 @@ def preload() -> None:
 
 
 def warm_up(settings: dict[str, Any]) -> None:
-    """Load the compiled code that a plant and a twin of these settings begin with.
+    """Load the code that the parts of a graph of these settings begin with, compiled and other.
 
     A user's own parts are left to the nodes: whatever these do must not happen here.
 
     Args:
-        settings: `machine` and `model`.
+        settings: `machine`, `model` and `detector`.
     """
+    from ldt_core.detectors import DETECTORS
     from ldt_core.errors import LdtError
     from ldt_core.machine import load_machine
     from ldt_core.models import MODELS, build_model
@@ -103,6 +104,8 @@ def warm_up(settings: dict[str, Any]) -> None:
 
     with contextlib.suppress(LdtError):  # the node that comes by it says so
         resolved = resolve(settings)
+        if resolved["detector"] in DETECTORS.builtin:
+            DETECTORS.get(resolved["detector"])
         machine = load_machine(resolved["machine"])
         if machine.physics in PHYSICS.builtin and resolved["model"] in MODELS.builtin:
             model = build_model(resolved["model"], machine, resolved)

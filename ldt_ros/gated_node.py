@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-
-from ldt_core.recording.node_status import HEALTH_TOPIC, NodeStatus, node_statuses
-from ldt_ros.interfaces import qos
+from ldt_core.recording.node_status import READY, NodeStatus
 from ldt_ros.node import TwinNode
+from ldt_ros.statements import hear
 
 
 class GatedNode(TwinNode):
@@ -17,19 +15,18 @@ class GatedNode(TwinNode):
     def __init__(self, role: str, *groups: str, **node_arguments: Any) -> None:
         super().__init__(role, *groups, **node_arguments)
         self._ready_peers: set[str] = set()
-        self.create_subscription(DiagnosticArray, HEALTH_TOPIC, self._on_health, qos(HEALTH_TOPIC))
+        hear(self, {self.get_namespace(): self._on_statement})
 
     @property
     def started(self) -> bool:
         """Whether the first experiment may be sent."""
         others = {r for r in self.settings["graph"] if r != self.role}
-        return self.ready and others <= self._ready_peers
+        return others <= self._ready_peers and self.ready
 
     def hear(self, told: NodeStatus) -> None:
         """Act on what a node of the graph told; for kinds of this node."""
 
-    def _on_health(self, message: DiagnosticArray) -> None:
-        for told in node_statuses(message, self.get_namespace()):
-            if told.values.get("ready") == "true":
-                self._ready_peers.add(told.role)
-            self.hear(told)
+    def _on_statement(self, told: NodeStatus) -> None:
+        if told.values.get(READY) == "true":
+            self._ready_peers.add(told.role)
+        self.hear(told)

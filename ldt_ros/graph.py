@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
@@ -21,7 +21,11 @@ from ldt_core.session import SOURCES, Member, recorded_summary, roles, source_of
 from ldt_core.stopping import INTERRUPTED
 from ldt_ros.environment import LEASE, one_line
 from ldt_ros.secure import enclave_arguments
+from ldt_ros.silence import Silence
 from ldt_ros.supervisor import Child, Supervisor
+
+if TYPE_CHECKING:
+    from ldt_ros.monitor import Monitor
 
 LISTEN = 0.3  # s for rivals in this domain to show themselves; discovery takes at most 0.25 s
 SETTLE = 3.0  # s that an interrupted run waits for the experiment under way
@@ -29,8 +33,9 @@ SPIN = 0.05  # s
 #: Of a node's health, worth a note.
 COUNTS = ("dropped", "adaptation time-outs", "unpaired", "missing", "overdue")
 RIVALS = 5.0  # s after the first step; what comes later is a warning that ends no long run
-PAUSE = 0.5  # s; what passes beyond that between two looks, this process has slept itself
+REST = 20.0  # times as long as looking for rivals took, this process does something else
 STARTUP = 60.0  # s until all nodes must have found each other
+STARTUP_EACH = 3.0  # s more for each machine; a core needs 1.5 s for one and is not alone
 
 OnStep = Callable[[str, Signal, Adaptation], None]
 
@@ -126,15 +131,17 @@ class Graph:
         self.on_step = on_step
         self._recorders: list[Child] = []
         self._run_of: dict[str, Run] = {}  # by the name of a child
+        self._monitor_of: dict[str, Monitor] = {}
         self._crashes: dict[str, Crashes] = {}
         self._restarted_at = -math.inf
-        self._silence: dict[str, tuple[int, float]] = {}  # child → statements, time since the last
-        self._looked_at = time.monotonic()
+        self._silence = Silence()
+        self._rivals_due = 0.0
         import rclpy
         from rclpy.experimental import EventsExecutor
         from rclpy.signals import SignalHandlerOptions
 
         from ldt_ros.monitor import Monitor
+        from ldt_ros.statements import hear
 
         try:
             # A context of its own: the caller may have nodes in the default one.
@@ -144,6 +151,8 @@ class Graph:
             self.monitors = [
                 Monitor(r.namespace, self._recipient(r), context=self.context) for r in runs
             ]
+            # One ear for all machines: each hears all.
+            hear(self.monitors[0], {m.get_namespace(): m.hear for m in self.monitors})
         except Exception as error:
             rclpy.try_shutdown(context=self.context)
             raise BadInput(
@@ -152,19 +161,20 @@ class Graph:
         self.executor = EventsExecutor(context=self.context)
         for monitor in self.monitors:
             self.executor.add_node(monitor)
-        supervisor.wait = lambda seconds: self.executor.spin_once(timeout_sec=seconds)
+        supervisor.wait = self._listen
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Start everything, wait for the end, and end in order."""
         self._refuse_rivals()
-        for run in self.runs:
-            self._start(run)
+        for run, monitor in zip(self.runs, self.monitors, strict=True):
+            self._start(run, monitor)
         began = time.monotonic()
+        patience = STARTUP + STARTUP_EACH * len(self.runs)
         while not (stopped() or self._finished()):
             self._spin()
             self._notice_rivals()
-            if time.monotonic() - began > STARTUP and not all(m.health for m in self.monitors):
-                raise LdtError(f"the nodes did not start within {STARTUP:g} s")
+            if time.monotonic() - began > patience and not all(m.health for m in self.monitors):
+                raise LdtError(f"the nodes did not start within {patience:g} s")
         if stopped():
             sources = [c for c in self.supervisor.children if c.name in SOURCES]
             # A machine of a fleet is one process, which ends as a whole.
@@ -209,9 +219,7 @@ class Graph:
         return lambda signal, adaptation: self.on_step(run.name, signal, adaptation)
 
     def _refuse_rivals(self) -> None:
-        end = time.monotonic() + LISTEN
-        while time.monotonic() < end:
-            self.executor.spin_once(timeout_sec=SPIN)
+        self._listen(LISTEN)
         for run, monitor in zip(self.runs, self.monitors, strict=True):
             for topic in run.own_topics:
                 if monitor.count_publishers(topic):
@@ -223,7 +231,7 @@ class Graph:
                         f"{monitor.count_publishers(topic)} publisher(s) in this domain",
                     )
 
-    def _start(self, run: Run) -> None:
+    def _start(self, run: Run, monitor: Monitor) -> None:
         """A process a node; for a fleet a process a machine, which costs a fifth of the memory."""
         defaults = {n: d["default"] for n, d in msgs_config.parameters().items()}
         values = {n: v for n, v in run.settings.items() if v != defaults[n]}
@@ -237,32 +245,39 @@ class Graph:
             enclave = enclave_arguments(run.settings, run.namespace, group[0])
             child = self.supervisor.start(name, *nodes, *ros, *enclave)
             self._run_of[child.name] = run
+            self._monitor_of[child.name] = monitor
             if "recorder" in group:
                 self._recorders.append(child)
 
+    def _listen(self, seconds: float) -> None:
+        """Deal with all that comes meanwhile; what is done in between costs more than a message."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            self.executor.spin_once(timeout_sec=left)
+
     def _spin(self, ending: bool = False) -> None:
-        self.executor.spin_once(timeout_sec=SPIN)
+        self._listen(SPIN)
         if not ending:
             self._notice_hung()
             self._notice_deaths()
 
     def _notice_hung(self) -> None:
         """Kill whoever has told nothing of itself for too long, once it had begun to."""
-        now = time.monotonic()
-        passed, self._looked_at = min(now - self._looked_at, PAUSE), now
-        for child in self.supervisor.children:
-            run = self._run_of[child.name]
-            monitor = self.monitors[self.runs.index(run)]
-            roles = [child.name] if child.name in run.roles else run.roles
-            told = sum(monitor.statements[role] for role in roles)
-            before, silence = self._silence.get(child.name, (0, 0.0))
-            silence = silence + passed if told == before and child.running else 0.0
-            self._silence[child.name] = told, silence
-            heard = told > self._crashes.get(child.name, Crashes()).told
-            if heard and 0 < run.settings["hung_after"] < silence:
+        running = [c for c in self.supervisor.children if c.running]
+        self._silence.look({c.name: self._statements(c) for c in running})
+        for child in running:
+            after = self._run_of[child.name].settings["hung_after"]
+            heard = self._silence.told(child.name) > self._crashes.get(child.name, Crashes()).told
+            if heard and after and self._silence.hung(child.name, after):
                 self._crashes.setdefault(child.name, Crashes()).hung += 1
-                self._silence[child.name] = told, 0.0
+                self._silence.forgive(child.name)
                 self.supervisor.kill(child)
+
+    def _statements(self, child: Child) -> int:
+        """How often the nodes of a process have told something of themselves."""
+        statements = self._monitor_of[child.name].statements
+        alone = child.name in self._run_of[child.name].roles
+        return statements[child.name] if alone else statements.total()
 
     def _notice_deaths(self) -> None:
         for child in self.supervisor.dead():
@@ -279,11 +294,10 @@ class Graph:
 
     def _start_again(self, child: Child) -> bool:
         """Start a crashed child once more, unless it crashes again and again; whether it was."""
-        index = self.runs.index(self._run_of[child.name])
-        run, step = self.runs[index], self.monitors[index].last_step
+        run, step = self._run_of[child.name], self._monitor_of[child.name].last_step
         crashes = self._crashes.setdefault(child.name, Crashes())
         crashes.add(step)
-        crashes.told, _ = self._silence.get(child.name, (0, 0.0))
+        crashes.told = self._silence.told(child.name)
         if crashes.in_a_row > run.settings["restarts"]:
             return False
         self._restarted_at = time.monotonic()
@@ -296,6 +310,8 @@ class Graph:
         now = time.monotonic()
         if (first and now - min(first) > RIVALS) or now - self._restarted_at < LEASE:
             return
+        if now < self._rivals_due:
+            return
         for run, monitor in zip(self.runs, self.monitors, strict=True):
             for topic in run.own_topics:
                 count = monitor.count_publishers(topic)
@@ -305,6 +321,9 @@ class Graph:
                         "one publisher (use another ROS_DOMAIN_ID or --namespace)",
                         f"{count} in this domain",
                     )
+        # Every count goes through all that there is: of many machines, it would take all the time.
+        end = time.monotonic()
+        self._rivals_due = end + REST * (end - now)
 
     def _collect_notes(self) -> None:
         """What the nodes counted that a person should know, and what is missing."""

@@ -1,7 +1,7 @@
 """The launching process's ear on one machine's graph: tells the progress, notices the end.
 
-It listens to what is small. The samples are in the recording, and two cores have better to do than
-to decode them once more.
+It listens to what is small, and gets what the nodes tell of themselves. The samples are in the
+recording, and two cores have better to do than to decode them once more.
 """
 
 from __future__ import annotations
@@ -12,16 +12,15 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from ldt_core.bounded import forget_oldest
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Adaptation, Signal
-from ldt_core.recording.node_status import HEALTH_TOPIC, NodeStatus, node_statuses
+from ldt_core.recording.node_status import NodeStatus
 from ldt_core.session import SOURCES
 from ldt_ros.convert import from_message
-from ldt_ros.interfaces import LISTENER_DEPTH, listener_qos, message_type, qos
+from ldt_ros.interfaces import LISTENER_DEPTH, listener_qos, message_type
 from ldt_ros.node import REFUSED
 
 CAPACITY = 200  # signals that wait for their adaptation; what is older has lost it
@@ -41,7 +40,8 @@ class Monitor(Node):
         on_step: Callable[[Signal, Adaptation], None],
         **node_arguments: Any,
     ) -> None:
-        super().__init__("monitor", namespace=namespace, **node_arguments)
+        alone = {"start_parameter_services": False, **node_arguments}
+        super().__init__("monitor", namespace=namespace, **alone)
         self.on_step = on_step
         #: What each node told of itself last, by role.
         self.health: dict[str, NodeStatus] = {}
@@ -57,7 +57,6 @@ class Monitor(Node):
             self.create_subscription(
                 message_type(topic), topic, callback, listener_qos(topic, LISTENER_DEPTH)
             )
-        self.create_subscription(DiagnosticArray, HEALTH_TOPIC, self._on_health, qos(HEALTH_TOPIC))
 
     @property
     def source_finished(self) -> bool:
@@ -86,14 +85,14 @@ class Monitor(Node):
         """What a node told last under a key, "" when it did not."""
         return self.health[role].values.get(key, "") if role in self.health else ""
 
-    def _on_health(self, message: DiagnosticArray) -> None:
-        for told in node_statuses(message, self.get_namespace()):
-            self.health[told.role] = told
-            self.statements[told.role] += 1
-            if told.role in SOURCES:
-                self.last_experiment = max(self.last_experiment, told.number("experiment") or 0)
-            if told.values.get(REFUSED) == str(self.last_experiment):
-                self.last_step = max(self.last_step, self.last_experiment)
+    def hear(self, told: NodeStatus) -> None:
+        """Take note of what a node of the machine tells of itself."""
+        self.health[told.role] = told
+        self.statements[told.role] += 1
+        if told.role in SOURCES:
+            self.last_experiment = max(self.last_experiment, told.number("experiment") or 0)
+        if told.values.get(REFUSED) == str(self.last_experiment):
+            self.last_step = max(self.last_step, self.last_experiment)
 
     def _on_signal(self, message: Any) -> None:
         with contextlib.suppress(LdtError):  # the nodes count it

@@ -19,15 +19,19 @@ from ldt_core.errors import LdtError, RecordingError
 from ldt_core.machine import load_machine
 from ldt_core.past import Past, last_of, past_of
 from ldt_core.printable import one_line
-from ldt_core.recording.node_status import HEALTH_TOPIC, LAST_REJECTION, REJECTED
+from ldt_core.recording.node_status import HEALTH_TOPIC, LAST_REJECTION, READY, REJECTED
 from ldt_ros.interfaces import declare, listener_qos, message_type, qos
 from ldt_ros.links import Links
 from ldt_ros.rivals import Rivals
 from ldt_ros.watchdog import alive
 
 HEALTH_PERIOD = 1.0  # s, as the stock diagnostic aggregator expects
+SOON_DUE = 0.5  # s after it was told last, when health goes along with that of another node
 LINGER = 0.3  # s between telling of the end and ending, so that the telling arrives
 CHECK_PERIOD = 0.05  # s; how soon a change of readiness is told, which the start of a run waits for
+#: Who listen to the health of one graph alone. Where more do, there are more graphs, all of whose
+#: nodes ask the middleware, which looks through what it knows of all of them: they ask less often.
+LISTENERS = 3
 REFUSED = "refused experiment"  # key of the twin's health: there will be no prediction of it
 SOON = 60.0  # s after its start, in which a node asks the recording for what nobody sends
 TRIES = 6  # to read a recording whose recorder was started again as well, with
@@ -69,8 +73,13 @@ class TwinNode(Node):
         self._health = self.create_publisher(DiagnosticArray, HEALTH_TOPIC, qos(HEALTH_TOPIC))
         self._began = time.monotonic()
         self._in_vain = 0
+        #: Other nodes of this process, whose health goes into the same message.
+        self.colleagues: list[TwinNode] = []
+        self._seen: tuple = ()
+        self._looked_at = 0.0
         self._told: tuple = ()
         self._told_at = 0.0
+        self._told_to = 0
         self.create_timer(CHECK_PERIOD, self._tell, clock=self.steady)
 
     def publishes(self, topic: str) -> Publisher:
@@ -200,31 +209,34 @@ class TwinNode(Node):
         """Whether every topic has met the peers that the graph has for it."""
         peers = set(self.settings["graph"])
         table = msgs_config.topics()
-        for topic, publisher in self._outputs.items():
-            found = [i.node_name for i in self.get_subscriptions_info_by_topic(topic)]
+        ends = [
+            (_matched(end), peers & set(table[topic][other]), ask, topic)
+            for own, other, ask in (
+                (self._outputs, "subscriber", self.get_subscriptions_info_by_topic),
+                (self._inputs, "publisher", self.get_publishers_info_by_topic),
+            )
+            for topic, end in own.items()
+        ]
+        # Numbers first: to ask for names means to go through the whole graph.
+        if any(matched < len(wanted) for matched, wanted, _, _ in ends):
+            return False
+        for matched, wanted, ask, topic in ends:
+            found = [info.node_name for info in ask(topic)]
             # Being seen in the graph comes before being matched; only the latter gets messages.
-            matched = publisher.get_subscription_count() >= len(found)
-            if not (matched and peers & set(table[topic]["subscriber"]) <= set(found)):
-                return False
-        for topic, subscription in self._inputs.items():
-            found = [i.node_name for i in self.get_publishers_info_by_topic(topic)]
-            matched = subscription.get_publisher_count() >= len(found)
-            if not (matched and peers & set(table[topic]["publisher"]) <= set(found)):
+            if matched < len(found) or not wanted <= set(found):
                 return False
         return True
 
     def _tell(self) -> None:
         now = time.monotonic()
-        news = (self.finished, self._health.get_subscription_count(), self.rivals.met)
-        settled = bool(self._told) and self._told[0] and self._told[2:] == news
-        if settled and now - self._told_at < HEALTH_PERIOD:
-            return  # the graph is asked as rarely as health is told once all have met
-        self.rivals.look()
-        rivals = self.rivals.words()
-        situation = (self.ready, rivals, *news)
-        if situation == self._told and now - self._told_at < HEALTH_PERIOD:
+        listeners = self._health.get_subscription_count()
+        patience = CHECK_PERIOD * max(1.0, listeners / LISTENERS)
+        situation = (*self._looked(now, patience), self.finished)
+        new = listeners != self._told_to and now - self._told_at >= min(patience, HEALTH_PERIOD)
+        if situation == self._told and not new and now - self._told_at < HEALTH_PERIOD:
             return
-        if rivals and (not self._told or self._told[1] != situation[1]):
+        rivals = situation[1]
+        if rivals and (not self._told or self._told[1] != rivals):
             if self.rivals.alarms:
                 self.get_logger().error(rivals)
             else:
@@ -232,13 +244,41 @@ class TwinNode(Node):
         self._told = situation
         self.tell()
 
+    def _looked(self, now: float, patience: float) -> tuple[bool, str]:
+        """Whether all have met, and what is to be said of rivals, as of a moment ago.
+
+        The graph is asked at once when somebody was met or lost, else after some patience; and once
+        all have met, as rarely as health is told.
+        """
+        ends = (*self._outputs.values(), *self._inputs.values())
+        seen = (*map(_matched, ends), self.rivals.met)
+        ready, rivals = self._told[:2] if self._told else (False, "")
+        if seen == self._seen and now - self._looked_at < (HEALTH_PERIOD if ready else patience):
+            return ready, rivals
+        self._seen, self._looked_at = seen, now
+        self.rivals.look()
+        return self.ready, self.rivals.words()
+
     def tell(self) -> None:
-        """Publish health now: others wait for what it says."""
-        self._told_at = time.monotonic()
+        """Publish health now: others wait for what it says.
+
+        With it goes that of the process's other nodes whose turn is soon: in a fleet, everybody
+        hears everybody, and a message costs more than what it says.
+        """
+        now = time.monotonic()
+        soon = (n for n in self.colleagues if not n.finished and now - n._told_at > SOON_DUE)
+        message = DiagnosticArray(status=[node.status(now) for node in (self, *soon)])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._health.publish(message)
+        alive()
+
+    def status(self, now: float) -> DiagnosticStatus:
+        """Health as it is to be told now."""
+        self._told_at, self._told_to = now, self._health.get_subscription_count()
         ready = self._told[0] if self._told else False
         status = DiagnosticStatus(name=self.full_name, hardware_id=self.machine.name)
         status.level, status.message = self._verdict()
-        values = {"ready": _word(ready), "finished": _word(self.finished)}
+        values = {READY: _word(ready), "finished": _word(self.finished)}
         values |= self.health()
         values |= self.rivals.health()
         values |= self.links.health()
@@ -248,10 +288,7 @@ class TwinNode(Node):
         if self._last_rejection:
             values[LAST_REJECTION] = self._last_rejection
         status.values = [KeyValue(key=k, value=str(v)) for k, v in values.items()]
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._health.publish(message)
-        alive()
+        return status
 
     def _verdict(self) -> tuple[bytes, str]:
         found = [self.rivals.words(), self.links.words(), self.complaint()]
@@ -263,6 +300,13 @@ class TwinNode(Node):
             return DiagnosticStatus.ERROR if alarm else DiagnosticStatus.WARN, words
         ready = bool(self._told) and self._told[0]
         return DiagnosticStatus.OK, "running" if ready else "waiting for its peers"
+
+
+def _matched(end: Publisher | Subscription) -> int:
+    """How many there are at the other end; cheap enough to be asked all the time."""
+    if isinstance(end, Publisher):
+        return end.get_subscription_count()
+    return end.get_publisher_count()
 
 
 def _word(value: bool) -> str:

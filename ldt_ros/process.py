@@ -111,6 +111,8 @@ def host(roles: list[str], ros_arguments: list[str], stopped: Callable[[], bool]
             stack.callback(node.close)
             nodes.append(node)
             executor.add_node(node)
+        for node in nodes:
+            node.colleagues = [other for other in nodes if other is not node]
         # EventsExecutor.spin() does not return on these wheels; spin_once does.
         while not (stopped() or _all_done(nodes)):
             executor.spin_once(timeout_sec=SPIN)

@@ -19,6 +19,7 @@ from ldt_core.session import new_recording
 from ldt_ros.backlog import Backlog
 from ldt_ros.interfaces import LISTENER_DEPTH
 from ldt_ros.node import TwinNode
+from ldt_ros.statements import concerns
 
 QUIET = 0.2  # s without a message after which nothing more is under way, at the end of a run
 PATIENCE = 3.0  # s that the end of a run waits for quiet at most
@@ -111,6 +112,8 @@ class RecorderNode(TwinNode):
     def _take(self, topic: str, name: str, kind: str, data: bytes) -> None:
         if name != HEALTH_TOPIC:
             self._last = time.monotonic()
+        elif not concerns(data, self.get_namespace()):
+            return  # another machine's twin, which has a recording of its own
         self._backlog.put(topic, len(data), topic, name, kind, data, time.time_ns())
         if self._writer.failure is not None:
             self._go_on_later()

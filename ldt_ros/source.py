@@ -19,7 +19,9 @@ from ldt_ros.node import LINGER, REFUSED
 from ldt_ros.samples import SampleStream
 
 PATIENCE = 3.0  # s that a stop waits for the experiment under way
-TICK = 0.005  # s, resolution of paced publishing
+TICK = 0.005  # s, resolution of paced publishing where that is a fiftieth of an experiment or more
+LONGEST_TICK = 0.05  # s
+TICKS = 50  # an experiment
 
 
 class SourceNode(GatedNode):
@@ -63,7 +65,7 @@ class SourceNode(GatedNode):
         self._asked = False  # for the next experiment, where there is no rate
         self._began: tuple[float, float] | None = None
         self._waiting_since = 0.0
-        self._ticker = self.create_timer(TICK, self._tick, clock=self.steady)
+        self._ticker = self.create_timer(LONGEST_TICK, self._tick, clock=self.steady)
 
     def _resumed_after(self) -> int:
         """The last experiment of a run that is recorded as adapted, 0 where it begins."""
@@ -94,8 +96,10 @@ class SourceNode(GatedNode):
         return not self._under_way and time.monotonic() - self._waiting_since > LINGER
 
     def hear(self, told: NodeStatus) -> None:
-        """Go on at once where the twin says that it refused the experiment sent last."""
+        """Begin once all are there; go on where the twin refused the experiment sent last."""
         sent = self._sent
+        if self._began is None and not self.finished:
+            self._begin_if_all_are_there()
         if told.role == "twin" and sent and told.values.get(REFUSED) == str(sent.number):
             self._go_on()
 
@@ -149,7 +153,19 @@ class SourceNode(GatedNode):
         else:
             self._began = (time.monotonic(), self._next.start)
             self._asked = self.rate is None
+            self._tick_for(self._next)
             self._send_when_streamed()
+
+    def _tick_for(self, first: Experiment) -> None:
+        """Look at the clock as often as this pace asks for; each look costs 0.1 ms."""
+        period = LONGEST_TICK
+        if self._samples is not None:
+            period = TICK
+        elif self.rate is not None:
+            period = min(max((first.end - first.start) / self.rate / TICKS, TICK), LONGEST_TICK)
+        if period < LONGEST_TICK:
+            self._ticker.cancel()
+            self._ticker = self.create_timer(period, self._tick, clock=self.steady)
 
     def _send_when_streamed(self) -> None:
         if self.rate is not None and self._next and time.monotonic() < self._due(self._next):

@@ -19,6 +19,7 @@ from ldt_ros.parentage import adopting
 POLL = 0.02  # s
 CRASHED = 70  # exit code of a program that fell over its own error (EX_SOFTWARE of sysexits)
 GRACE = 5.0  # s between INT, TERM and KILL
+PARTS = ("machine", "model", "detector")  # whose code is loaded before the nodes begin
 TAIL = 2000  # bytes of a dead child's output that are worth showing
 
 
@@ -73,7 +74,7 @@ class Supervisor:
     Args:
         folder: where their output goes.
         environment: of every child.
-        settings: of the graph, `machine` and `model`.
+        settings: of the graph, `PARTS` among them.
     """
 
     def __init__(
@@ -81,7 +82,7 @@ class Supervisor:
     ) -> None:
         self.folder = folder
         self._environment = environment
-        self._settings = {name: settings[name] for name in ("machine", "model")}
+        self._settings = {name: settings[name] for name in PARTS}
         self.children: list[Child] = []
         #: Lets seconds pass; whoever listens to the graph goes on listening here.
         self.wait: Callable[[float], None] = time.sleep

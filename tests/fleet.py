@@ -57,13 +57,15 @@ def _measured(machines: int, experiments: int) -> tuple[str, ...]:
             except psutil.Error:
                 continue
         resident.append(now)
+    if graph.returncode:
+        sys.exit(f"the graph of {machines} machines ended with code {graph.returncode}")
     latencies, first = [], []
     for k in range(machines):
         name = f"machine_{k + 1}" if machines > 1 else ""
         bag = read_bag(folder / "fleet" / name if name else folder / "fleet")
         sent = {r.number: t for r, t in _timed(bag, "experiment")}
         done = {r.experiment: t for r, t in _timed(bag, "adaptation")}
-        latencies += [done[n] - sent[n] for n in sent]
+        latencies += [done[n] - sent[n] for n in sent.keys() & done.keys()]
         first.append(min(sent.values()))
     per = sum(used.values()) / machines
     return (

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 HEALTH_TOPIC = "/diagnostics"
+READY = "ready"  # key that every node of a twin tells, and nobody else
 REJECTED = "rejected "  # how the keys begin under which a node counts what it refused
 LEFT_OUT = "left out, "  # the same, for samples that became part of no experiment
 LAST_REJECTION = "last rejection"
@@ -29,6 +30,11 @@ class NodeStatus:
     name: str
     message: str
     values: Mapping[str, str]
+
+    @property
+    def machine(self) -> str:
+        """Namespace of its machine, "" for the root."""
+        return self.name.rpartition("/")[0]
 
     @property
     def role(self) -> str:
@@ -55,15 +61,15 @@ class NodeStatus:
         return int(text) if text.isdecimal() and len(text) < DIGITS else None
 
 
-def node_statuses(message: Any, namespace: str) -> Iterator[NodeStatus]:
-    """Statements of one machine's nodes in a message of `/diagnostics`.
+def node_statuses(message: Any, namespace: str | None = None) -> Iterator[NodeStatus]:
+    """Statements of one machine's nodes, or of all, in a message of `/diagnostics`.
 
     Args:
         message: DiagnosticArray of ROS or of a recording; of what is none nothing comes.
-        namespace: of the machine's topics, with or without slashes at its ends.
+        namespace: of the machine's topics, with or without slashes at its ends; None for all.
     """
-    machine = namespace.strip("/")
+    machine = None if namespace is None else namespace.strip("/")
     for status in getattr(message, "status", ()):
         name = status.name.strip("/")
-        if name.rpartition("/")[0] == machine:
+        if machine is None or name.rpartition("/")[0] == machine:
             yield NodeStatus(name, status.message, {v.key: v.value for v in status.values})

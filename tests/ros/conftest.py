@@ -22,9 +22,11 @@ def stranger(domain):
 def monitor(stranger):
     """The launching process's ear, and the steps that it hears of."""
     from ldt_ros.monitor import Monitor
+    from ldt_ros.statements import hear
 
     steps: list[Any] = []
     node = Monitor("", lambda *step: steps.append(step), context=stranger.context)
+    hear(node, {"": node.hear})
     stranger.executor.add_node(node)
     yield node, steps
     node.destroy_node()
