@@ -183,6 +183,18 @@ class Summary:
             *([("experiments repeated", str(self.repeated))] if self.repeated else []),
         ]
 
+    def cells(self) -> dict[str, str]:
+        """Short label → figure, for a table of many machines, one a row."""
+        return {
+            "exp.": str(self.experiments),
+            "MME twin": _figure(self.mme),
+            "original": _figure(self.mme_original),
+            "neg/warn/pos": f"{self.negatives}/{self.warnings}/{self.positives}",
+            "adapted": str(self.adaptations),
+            "refused": str(self.refusals),
+            "rejected": str(self.rejected),
+        }
+
 
 def _figure(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"

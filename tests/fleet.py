@@ -1,6 +1,6 @@
 """What a machine more costs in one graph: processor time, memory, latency, start-up.
 
-python -m tests.fleet [1 5 20 50] [--seconds 20]
+python -m tests.fleet [1 5 20 50] [--experiments 20] [--every SECONDS]
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import psutil
 
 from ldt_core.recording.bag import read_bag
 
-RATE = 20.0  # times real time: each machine makes an experiment of 2000 samples a second
+LENGTH = 20.0  # s, of an experiment of 2000 samples
 LDT = [sys.executable, "-c", "from ldt_core.cli import main; main()"]
 HEAD = ("machines", "processor time", "memory", "latency, median", "99th percentile", "start-up")
 
@@ -27,21 +27,23 @@ def main() -> int:
     """Measure each size, and print a table."""
     parser = argparse.ArgumentParser(prog="python -m tests.fleet", description=__doc__)
     parser.add_argument("sizes", nargs="*", type=int, default=[1, 5, 20, 50])
-    parser.add_argument("--seconds", type=int, default=20, help="experiments of each machine")
+    parser.add_argument("--experiments", type=int, default=20, help="of each machine")
+    parser.add_argument("--every", type=float, default=1.0, help="s between two of a machine")
     given = parser.parse_args()
-    print(f"{os.cpu_count()} cores; each machine makes an experiment of 2000 samples a second")
+    often = "a second" if given.every == 1 else f"each {given.every:g} s"
+    print(f"{os.cpu_count()} cores; each machine makes an experiment of 2000 samples {often}")
     print(f"| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}")
     for size in given.sizes:
-        print(f"| {' | '.join(_measured(size, given.seconds))} |", flush=True)
+        print(f"| {' | '.join(_measured(size, given.experiments, given.every))} |", flush=True)
     return 0
 
 
-def _measured(machines: int, experiments: int) -> tuple[str, ...]:
+def _measured(machines: int, experiments: int, every: float) -> tuple[str, ...]:
     folder = Path(tempfile.mkdtemp(prefix="ldt-fleet-"))
     began = time.time()
     graph = subprocess.Popen(
         [*LDT, "up", "--machines", str(machines), "--experiments", str(experiments), "--model",
-         "physics", "--detector", "calibrated", "--rate", str(RATE), "--bag", folder / "fleet"],
+         "physics", "--detector", "calibrated", "--rate", str(LENGTH / every), "--bag", folder / "fleet"],
         stdout=subprocess.DEVNULL,
     )  # fmt: skip
     used: dict[int, float] = {}
@@ -74,7 +76,7 @@ def _measured(machines: int, experiments: int) -> tuple[str, ...]:
         f"{max(resident) / machines / 1e6:.0f} MB each",
         f"{np.median(latencies) * 1e3:.1f} ms",
         f"{np.quantile(latencies, 0.99) * 1e3:.1f} ms",
-        f"{max(first) - began - 20.0 / RATE:.1f} s",
+        f"{max(first) - began - every:.1f} s",
     )
 
 

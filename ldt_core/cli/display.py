@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
+from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.progress import track as _track
@@ -20,6 +21,7 @@ from ldt_core.metrics import Summary
 Item = TypeVar("Item")
 
 DIAGNOSES = 5  # shown when a run has ended, the last ones; the recording has all
+SIDE_BY_SIDE = 3  # machines in the table that a run ends with; more are a row each
 COLOURS = {Level.NEGATIVE: "green", Level.WARNING: "yellow", Level.POSITIVE: "red"}
 
 
@@ -81,15 +83,9 @@ def print_summaries(
         listed = [{"machine": m, **s.as_dict(), "recording": bag or None} for m, s, bag in runs]
         print(json.dumps({"settings": dict(settings), "runs": listed}, allow_nan=False))
         return
-    table = Table(title=_name(f"{settings['model']} model, {settings['detector']} detector"))
-    table.add_column("")
-    for machine, _, _ in runs:
-        table.add_column(_name(machine), justify="right")
-    labels = [label for label, _ in runs[0][1].rows()]
-    for index, label in enumerate(labels):
-        table.add_row(escape(label), *(summary.rows()[index][1] for _, summary, _ in runs))
     console = Console(soft_wrap=True)
-    console.print(table)
+    title = _name(f"{settings['model']} model, {settings['detector']} detector")
+    console.print(_table(title, {machine: summary for machine, summary, _ in runs}))
     for machine, summary, bag in runs:
         for d in summary.diagnoses[-DIAGNOSES:]:
             words = f"{machine}, diagnosis at experiment {d.experiment}: {d.sentence}"
@@ -104,6 +100,26 @@ def print_summaries(
             console.print(one_line(f"{machine}: {note}"), markup=False, highlight=False)
         if bag and Path(bag).exists():
             console.print(f"recording: {bag}", markup=False, highlight=False)
+
+
+def _table(title: str, summaries: Mapping[str, Summary]) -> Table:
+    """What happened, by machine: side by side while there is room, else one below the other."""
+    table = Table(title=title)
+    if len(summaries) <= SIDE_BY_SIDE:
+        table.add_column("")
+        for machine in summaries:
+            table.add_column(_name(machine), justify="right")
+        columns = [dict(s.rows()) for s in summaries.values()]
+        for label in dict.fromkeys(label for column in columns for label in column):
+            table.add_row(escape(label), *(c.get(label, "0") for c in columns))
+        return table
+    table.box, table.padding, table.pad_edge = SIMPLE_HEAD, (0, 1, 0, 0), False
+    table.add_column("", no_wrap=True)
+    for label in Summary().cells():
+        table.add_column(label, justify="right", no_wrap=True)
+    for machine, summary in summaries.items():
+        table.add_row(_name(machine), *summary.cells().values())
+    return table
 
 
 def _name(text: str) -> str:

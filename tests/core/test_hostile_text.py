@@ -124,6 +124,8 @@ def test_the_summary_and_the_progress_obey_nothing(capsys, monkeypatch):
     settings = {"model": HOSTILE, "detector": HOSTILE}
     print_summaries([(HOSTILE, summary, "")], settings, False)
     assert "\\x1b[2J" in shown(capsys)
+    print_summaries([(f"{HOSTILE} {n}", summary, "") for n in range(5)], settings, False)
+    assert "\\x1b[2J" in shown(capsys)
     print_summaries([(HOSTILE, summary, "")], settings, True)
     assert json.loads(shown(capsys))["runs"][0]["machine"] == HOSTILE
     screen = io.StringIO()
