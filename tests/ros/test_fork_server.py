@@ -18,7 +18,7 @@ from ldt_ros.environment import prepare
 from ldt_ros.parentage import adopting
 from ldt_ros.supervisor import Supervisor
 
-SETTINGS = {"machine": "rotor", "model": "physics"}
+SETTINGS = {"machine": "rotor", "model": "physics", "detector": "threshold"}
 TWIN = ("--node", "twin", "--ros-args", "-p", "model:=physics")
 PATIENCE = 60  # s
 
