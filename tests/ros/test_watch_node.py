@@ -133,7 +133,7 @@ def test_a_graph_of_two_machines_is_watched_live(domain, programs, tmp_path, sho
     end = time.monotonic() + 3 * PATIENCE
     while time.monotonic() < end:
         cards = {c["key"]: c for c in machines(address) if (c["experiment"] or 0) > 3}
-        # The name comes with what the nodes tell of themselves, a second after they met at the latest.
+        # The name comes with what the nodes tell of themselves, at the latest after a second.
         if len(cards) == 2 and all(c["machine"] for c in cards.values()):
             break
         time.sleep(0.1)
