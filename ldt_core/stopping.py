@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import TypeVar
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 #: What the summary of a run says that was ended so.
 INTERRUPTED = "interrupted"
+
+Item = TypeVar("Item")
 
 
 @contextmanager
@@ -33,3 +36,15 @@ def stop_on_signals(insist: bool = True) -> Iterator[threading.Event]:
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
+
+
+def until_stopped(items: Iterable[Item], stop: threading.Event) -> Iterator[Item]:
+    """The items; for work that is interrupted between two of them, with none half written.
+
+    Raises:
+        KeyboardInterrupt: somebody has asked to end.
+    """
+    for item in items:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        yield item

@@ -68,6 +68,7 @@ def command(
     """
     from ldt_core.recording.importers import import_file
     from ldt_core.recording.writer import BagWriter
+    from ldt_core.stopping import stop_on_signals, until_stopped
 
     imported = import_file(
         file,
@@ -79,8 +80,8 @@ def command(
         length=length,
         cut=cut,
     )
-    with BagWriter(out) as writer:
-        for experiment in imported.experiments:
+    with stop_on_signals() as stop, BagWriter(out) as writer:
+        for experiment in until_stopped(imported.experiments, stop):
             writer.write("experiment", experiment, experiment.end)
     first = imported.experiments[0]
     if as_json:

@@ -53,6 +53,7 @@ def command(
     from ldt_core.models.physics import PhysicsModel
     from ldt_core.recording.bag import read_bag
     from ldt_core.recording.writer import BagWriter
+    from ldt_core.stopping import stop_on_signals, until_stopped
 
     machine = load_machine(settings["machine"])
     acting = []
@@ -66,8 +67,11 @@ def command(
     model = PhysicsModel(machine, effects=acting)
     error = FreeRunError()
     played = read_bag(recording, namespace)
-    with BagWriter(out, namespace=namespace, machine=machine.name) as writer:
-        for experiment in track(played.experiments(machine), "predicting"):
+    with (
+        stop_on_signals() as stop,
+        BagWriter(out, namespace=namespace, machine=machine.name) as writer,
+    ):
+        for experiment in until_stopped(track(played.experiments(machine), "predicting"), stop):
             prediction = model.predict(experiment)
             writer.write("prediction", prediction, experiment.end)
             error.add(prediction.residual(experiment))

@@ -40,6 +40,7 @@ def command(
     from ldt_core.plant import Plant
     from ldt_core.plant.voltage import Given
     from ldt_core.recording.writer import BagWriter
+    from ldt_core.stopping import stop_on_signals, until_stopped
 
     machine = load_machine(settings["machine"])
     settings = {**settings, "degradation": settings["degradation"] or "none"}
@@ -51,8 +52,12 @@ def command(
     plant = Plant.from_settings(machine, settings)
     if designed:
         plant.excitation = Given(volts)
-    with BagWriter(out, namespace=namespace, machine=machine.name) as writer:
-        for number in track(range(1, settings["experiments"] + 1), "simulating"):
+    with (
+        stop_on_signals() as stop,
+        BagWriter(out, namespace=namespace, machine=machine.name) as writer,
+    ):
+        numbers = track(range(1, settings["experiments"] + 1), "simulating")
+        for number in until_stopped(numbers, stop):
             experiment = plant.experiment(number)
             writer.write("experiment", experiment, experiment.end)
     if as_json:

@@ -11,12 +11,17 @@ import time
 
 import numpy as np
 import pytest
+import zstandard
 
 from ldt_core.cli import invoke, ldt
+from ldt_core.doctor.check import Grade
+from ldt_core.doctor.recording import findings
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
 from ldt_core.pace import paced
 from ldt_core.recording.bag import read_bag
+from ldt_core.recording.health import inspect
+from ldt_core.recording.part import Part
 from ldt_core.stopping import stop_on_signals
 
 PROGRAM = (sys.executable, "-c", "from ldt_core.cli import main; main()")
@@ -110,3 +115,37 @@ def test_who_insists_is_heard_at_once():
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is before
+
+
+@pytest.mark.parametrize("command", ["simulate", "predict", "import"])
+def test_a_recording_that_is_interrupted_is_whole_so_far(command, tmp_path, monkeypatch, capsys):
+    """Ctrl-C while a chunk is being written: that one is written, then the command ends."""
+    made, out, columns = tmp_path / "made", tmp_path / "out", tmp_path / "made.csv"
+    assert invoke(ldt, ["simulate", "--experiments", "4", "--out", str(made)]) == 0
+    columns.write_text("t,u,n\n" + "".join(f"{k / 100:.2f},9,30\n" for k in range(1200)))
+    arguments = {
+        "simulate": ["--experiments", "4"],
+        "predict": [str(made), "--machine", "rotor"],
+        "import": [str(columns), "--voltage=u", "--speed=n", "--time=t", "--length=2"],
+    }
+    add, compress, chunks = Part.add, zstandard.compress, []
+
+    def added(part, *message):
+        add(part, *message)
+        part.flush()  # a chunk a message
+
+    def compressed(data):
+        chunks.append(data)
+        if len(chunks) == 2:
+            signal.raise_signal(signal.SIGINT)
+        return compress(data)
+
+    monkeypatch.setattr(Part, "add", added)
+    monkeypatch.setattr(zstandard, "compress", compressed)
+    capsys.readouterr()
+    assert invoke(ldt, [command, *arguments[command], "--out", str(out)]) == 130
+    assert capsys.readouterr().err == "\nldt: interrupted\n"
+    bag = read_bag(out)
+    assert len(list(bag.messages())) == 2
+    files = [f for f in findings(inspect(bag)) if f.name in ("files", "metadata")]
+    assert [f.grade for f in files] == [Grade.OK]
