@@ -75,6 +75,8 @@ class Table:
         numbers: columns that are figures.
         note: below it.
         cards: on a phone each row becomes a card (for cells of whole sentences).
+        named: columns that say nothing without their name, which a card then repeats; figures
+            are always named.
     """
 
     caption: str
@@ -83,6 +85,7 @@ class Table:
     numbers: Sequence[int] = ()
     note: str = ""
     cards: bool = False
+    named: Sequence[int] = ()
     kind: str = "table"
 
 

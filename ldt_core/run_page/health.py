@@ -39,7 +39,7 @@ def section(run: Run) -> Section:
         rejected = "; ".join(f"{count} × {kind}" for kind, count in node.rejected.items())
         said.append((node.role, node.message, rejected or "nothing", node.last_rejection or "-"))
     head = ("node", "said last", "rejected", "why, the last time")
-    found.blocks.append(Table("The nodes of the graph", head, said, cards=True))
+    found.blocks.append(Table("The nodes of the graph", head, said, cards=True, named=(2, 3)))
     return found
 
 

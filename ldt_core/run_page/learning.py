@@ -51,7 +51,7 @@ def models(run: Run) -> list[Block]:
     )
     if not any(row[-1] for row in rows):
         head, rows = head[:-1], [row[:-1] for row in rows]
-    return [_folded(Table("The models", head, rows, numbers=(4,), cards=True))]
+    return [_folded(Table("The models", head, rows, numbers=(4,), cards=True, named=(2, 3)))]
 
 
 def _folded(table: Table) -> Block:

@@ -249,6 +249,12 @@ def test_long_tables_are_folded_so_that_what_follows_is_found(tmp_path):
     assert "<summary>The adaptor" not in page(read_run(fake_run(tmp_path / "short")))
 
 
+def test_a_card_names_what_says_nothing_by_itself(sample):
+    """On a phone, where the heads of the columns are not seen."""
+    assert '<td data-name="learned from experiments">nothing</td>' in sample
+    assert '<td data-name="in force in experiments">' in sample
+
+
 def test_what_the_nodes_rejected_is_shown(tmp_path):
     """The last health of each node of this machine, escaped."""
     from ldt_core.recording.messages import standard
@@ -275,7 +281,7 @@ def test_what_the_nodes_rejected_is_shown(tmp_path):
     run = read_run(copy)
     assert list(run.health.nodes) == ["twin"]
     text = page(run)
-    assert "2 × experiment: ExperimentError" in text
+    assert '<td data-name="rejected">2 × experiment: ExperimentError' in text
     assert f"why{HOSTILE}" in unescape(text)
     assert "<img" not in text
 
