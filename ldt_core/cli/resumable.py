@@ -58,7 +58,7 @@ class ResumableProgress:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._progress.stop()
-        if kind is KeyboardInterrupt:
+        if kind is KeyboardInterrupt and self._done:
             kept = f"{self._done} of {self._total} {self._items} are kept in {self._out}"
             echo(f"{kept}; the same command goes on from there", err=True)
 
