@@ -210,7 +210,8 @@ def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary:
             summary.add_advice(advice)
         originals = {p.number: p.start for p in opened.records("original_prediction")}
         predictions = opened.records("original_prediction")
-        for experiment in opened.experiments():
+        # Without one that went all the way there may be none: it ended before, which is no damage.
+        for experiment in opened.experiments() if done else ():
             # A number may come twice: the one that was predicted has the prediction's start.
             if originals.get(experiment.number) != experiment.start:
                 continue

@@ -18,10 +18,14 @@ from ldt_core.doctor.check import Grade
 from ldt_core.doctor.recording import findings
 from ldt_core.errors import LdtError
 from ldt_core.experiment import Experiment
+from ldt_core.machine import load_machine
+from ldt_core.metrics import Summary
 from ldt_core.pace import paced
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
 from ldt_core.recording.part import Part
+from ldt_core.recording.writer import BagWriter
+from ldt_core.session import recorded_summary
 from ldt_core.stopping import stop_on_signals
 
 PROGRAM = (sys.executable, "-c", "from ldt_core.cli import main; main()")
@@ -149,3 +153,13 @@ def test_a_recording_that_is_interrupted_is_whole_so_far(command, tmp_path, monk
     assert len(list(bag.messages())) == 2
     files = [f for f in findings(inspect(bag)) if f.name in ("files", "metadata")]
     assert [f.grade for f in files] == [Grade.OK]
+
+
+def test_a_graph_that_ended_before_its_first_experiment_is_not_called_damaged(tmp_path):
+    """Its recording has all topics, and nothing on them."""
+    topics = ("experiment", "original_prediction", "prediction", "signal", "adaptation", "model")
+    with BagWriter(tmp_path / "run", topics=topics):
+        pass
+    summary = Summary()
+    recorded_summary(tmp_path / "run", "", load_machine("rotor"), summary)
+    assert (summary.experiments, summary.notes) == (0, [])
