@@ -118,3 +118,12 @@ def test_systemd_understands_the_units(tmp_path):
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert "RuntimeMaxSec=1d" in units["recorder-day.conf"]
+
+
+def test_all_that_the_page_shows_is_put_into_place():
+    """Each file of the system is named by a command that installs it, as is what a unit runs."""
+    shown = set(re.findall(r"^```(?:ini|yaml|python)\n# (\S+)$", PAGE, re.M))
+    shown |= set(re.findall(r"/etc/ldt/([\w.]+)", PAGE))
+    installed = {w for line in re.findall(r"sudo install (.*)", PAGE) for w in line.split()}
+    assert {"ldt-tidy.timer", "tidy.py", "press.yaml"} <= shown
+    assert shown - installed == set()
