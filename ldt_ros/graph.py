@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 import msgs_config
 from ldt_core.errors import BadInput, LdtError
 from ldt_core.experiment import Adaptation, Signal
@@ -20,7 +18,7 @@ from ldt_core.recording.node_status import LEFT_OUT, SECOND_PUBLISHER
 from ldt_core.session import SOURCES, Member, recorded_summary, roles, source_of
 from ldt_core.stopping import INTERRUPTED
 from ldt_ros.environment import LEASE, one_line
-from ldt_ros.secure import enclave_arguments
+from ldt_ros.placing import Place, placed, write_parameters
 from ldt_ros.silence import Silence
 from ldt_ros.supervisor import Child, Supervisor
 
@@ -130,8 +128,7 @@ class Graph:
         self.supervisor = supervisor
         self.on_step = on_step
         self._recorders: list[Child] = []
-        self._run_of: dict[str, Run] = {}  # by the name of a child
-        self._monitor_of: dict[str, Monitor] = {}
+        self._places: dict[str, Place] = {}  # by the name of a child
         self._crashes: dict[str, Crashes] = {}
         self._restarted_at = -math.inf
         self._silence = Silence()
@@ -166,8 +163,7 @@ class Graph:
     def run(self, stopped: Callable[[], bool]) -> None:
         """Start everything, wait for the end, and end in order."""
         self._refuse_rivals()
-        for run, monitor in zip(self.runs, self.monitors, strict=True):
-            self._start(run, monitor)
+        self._start()
         began = time.monotonic()
         patience = STARTUP + STARTUP_EACH * len(self.runs)
         while not (stopped() or self._finished()):
@@ -177,7 +173,7 @@ class Graph:
                 raise LdtError(f"the nodes did not start within {patience:g} s")
         if stopped():
             sources = [c for c in self.supervisor.children if c.name in SOURCES]
-            # A machine of a fleet is one process, which ends as a whole.
+            # A fleet's process has all the nodes of its machines, and ends as a whole.
             self.supervisor.stop(*(sources or self._recorders))
         deadline = time.monotonic() + SETTLE
         while not all(m.idle for m in self.monitors) and time.monotonic() < deadline:
@@ -231,22 +227,11 @@ class Graph:
                         f"{monitor.count_publishers(topic)} publisher(s) in this domain",
                     )
 
-    def _start(self, run: Run, monitor: Monitor) -> None:
-        """A process a node; for a fleet a process a machine, which costs a fifth of the memory."""
-        defaults = {n: d["default"] for n, d in msgs_config.parameters().items()}
-        values = {n: v for n, v in run.settings.items() if v != defaults[n]}
-        file = self.supervisor.folder / f"{run.name}.yaml"
-        file.write_text(yaml.safe_dump({"/**": {"ros__parameters": values}}))
-        ros = ["--ros-args", "--params-file", str(file), "-r", f"__ns:=/{run.namespace}"]
-        groups = [run.roles] if len(self.runs) > 1 else [[role] for role in run.roles]
-        for group in groups:
-            nodes = [part for role in group for part in ("--node", role)]
-            name = group[0] if len(group) == 1 else run.name
-            enclave = enclave_arguments(run.settings, run.namespace, group[0])
-            child = self.supervisor.start(name, *nodes, *ros, *enclave)
-            self._run_of[child.name] = run
-            self._monitor_of[child.name] = monitor
-            if "recorder" in group:
+    def _start(self) -> None:
+        for place in placed(self.runs, self.supervisor.folder):
+            child = self.supervisor.start(place.name, *place.arguments)
+            self._places[place.name] = place
+            if place.records:
                 self._recorders.append(child)
 
     def _listen(self, seconds: float) -> None:
@@ -266,7 +251,7 @@ class Graph:
         running = [c for c in self.supervisor.children if c.running]
         self._silence.look({c.name: self._statements(c) for c in running})
         for child in running:
-            after = self._run_of[child.name].settings["hung_after"]
+            after = self.runs[0].settings["hung_after"]
             heard = self._silence.told(child.name) > self._crashes.get(child.name, Crashes()).told
             if heard and after and self._silence.hung(child.name, after):
                 self._crashes.setdefault(child.name, Crashes()).hung += 1
@@ -275,9 +260,14 @@ class Graph:
 
     def _statements(self, child: Child) -> int:
         """How often the nodes of a process have told something of themselves."""
-        statements = self._monitor_of[child.name].statements
-        alone = child.name in self._run_of[child.name].roles
-        return statements[child.name] if alone else statements.total()
+        place = self._places[child.name]
+        of = [m.statements for m in self._monitors_of(place)]
+        return sum(s[place.role] if place.role else s.total() for s in of)
+
+    def _monitors_of(self, place: Place) -> list[Monitor]:
+        """Those of a place's machines."""
+        of_all = zip(self.runs, self.monitors, strict=True)
+        return [monitor for run, monitor in of_all if any(run is r for r in place.runs)]
 
     def _notice_deaths(self) -> None:
         for child in self.supervisor.dead():
@@ -294,14 +284,16 @@ class Graph:
 
     def _start_again(self, child: Child) -> bool:
         """Start a crashed child once more, unless it crashes again and again; whether it was."""
-        run, step = self._run_of[child.name], self._monitor_of[child.name].last_step
+        place = self._places[child.name]
         crashes = self._crashes.setdefault(child.name, Crashes())
-        crashes.add(step)
+        crashes.add(sum(monitor.last_step for monitor in self._monitors_of(place)))
         crashes.told = self._silence.told(child.name)
-        if crashes.in_a_row > run.settings["restarts"]:
+        if crashes.in_a_row > self.runs[0].settings["restarts"]:
             return False
         self._restarted_at = time.monotonic()
-        self.supervisor.restart(child, "-p", f"resume:={run.bag}")
+        for run in place.runs:
+            write_parameters(run, self.supervisor.folder, resume=str(run.bag))
+        self.supervisor.restart(child)
         return True
 
     def _notice_rivals(self) -> None:
@@ -328,11 +320,12 @@ class Graph:
     def _collect_notes(self) -> None:
         """What the nodes counted that a person should know, and what is missing."""
         for name, crashes in self._crashes.items():
-            note, hung = self._run_of[name].summary.note, crashes.hung
-            if crashes.count > hung:
-                note(f"{name} crashed {_times(crashes.count - hung)} and was started again")
-            if hung:
-                note(f"{name} hung {_times(hung)}, was killed and started again")
+            crashed, hung = crashes.count - crashes.hung, crashes.hung
+            for run in self._places[name].runs:
+                if crashed:
+                    run.summary.note(f"{name} crashed {_times(crashed)} and was started again")
+                if hung:
+                    run.summary.note(f"{name} hung {_times(hung)}, was killed and started again")
         for run, monitor in zip(self.runs, self.monitors, strict=True):
             summary, health = run.summary, monitor.health
             for role, told in health.items():

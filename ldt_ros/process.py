@@ -2,7 +2,8 @@
 
 `python -m ldt_ros.process --node twin --node detector --ros-args -p model:=linear -r __ns:=/press`,
 or one of the executables `ldt_plant`, `ldt_player`, `ldt_segmenter`, `ldt_twin`, `ldt_detector`,
-`ldt_adaptor`, `ldt_diagnoser`, `ldt_advisor`, `ldt_recorder` for a single node.
+`ldt_adaptor`, `ldt_diagnoser`, `ldt_advisor`, `ldt_recorder` for a single node. With namespaces and
+files of parameters, `--machine press press.yaml --machine saw saw.yaml`, it hosts them for each.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         require_ros()
         prepare()
-        return host(own.node, ros, lambda: stop.asked)
+        return host(own.node, own.machine, ros, lambda: stop.asked)
     except LdtError as error:
         print(f"ldt {' '.join(own.node)}: {error}", file=sys.stderr)
         return error.exit_code
@@ -81,6 +82,14 @@ def _parsed(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
         allow_abbrev=False,
     )
     parser.add_argument("--node", action="append", choices=ROLES, required=True)
+    parser.add_argument(
+        "--machine",
+        action="append",
+        nargs=2,
+        default=[],
+        metavar=("NAMESPACE", "FILE"),
+        help="host the nodes for this machine, with the parameters in a file; may be repeated",
+    )
     parser.add_argument("--parent", type=int, metavar="PID", help="end when this process ends")
     return parser.parse_args(arguments[:at]), arguments[at:]
 
@@ -91,8 +100,21 @@ def node_class(role: str) -> Any:
     return getattr(importlib.import_module(module), name)
 
 
-def host(roles: list[str], ros_arguments: list[str], stopped: Callable[[], bool]) -> int:
-    """Create the nodes, spin them, and close them in order."""
+def host(
+    roles: list[str],
+    machines: list[tuple[str, str]],
+    ros_arguments: list[str],
+    stopped: Callable[[], bool],
+) -> int:
+    """Create the nodes, spin them, and close them in order.
+
+    Args:
+        roles: of the nodes.
+        machines: namespace and file of parameters of each that has such nodes; none for the one
+            that ROS's arguments are about.
+        ros_arguments: of the process.
+        stopped: whether it has been told to stop.
+    """
     import rclpy
     from rclpy.experimental import EventsExecutor
     from rclpy.signals import SignalHandlerOptions
@@ -105,12 +127,13 @@ def host(roles: list[str], ros_arguments: list[str], stopped: Callable[[], bool]
     with ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
         executor = EventsExecutor()
-        for role in roles:
-            node = node_class(role)()
-            stack.callback(node.destroy_node)
-            stack.callback(node.close)
-            nodes.append(node)
-            executor.add_node(node)
+        for arguments in [_own(*machine) for machine in machines] or [{}]:
+            for role in roles:
+                node = node_class(role)(**arguments)
+                stack.callback(node.destroy_node)
+                stack.callback(node.close)
+                nodes.append(node)
+                executor.add_node(node)
         for node in nodes:
             node.colleagues = [other for other in nodes if other is not node]
         # EventsExecutor.spin() does not return on these wheels; spin_once does.
@@ -125,6 +148,12 @@ def host(roles: list[str], ros_arguments: list[str], stopped: Callable[[], bool]
         while time.monotonic() < deadline and not all(getattr(n, "quiet", True) for n in nodes):
             executor.spin_once(timeout_sec=SPIN)
     return 0
+
+
+def _own(namespace: str, file: str) -> dict[str, Any]:
+    """Arguments of a node of one machine, in a process that hosts those of several."""
+    ros = ["--ros-args", "--params-file", file, "-r", f"__ns:=/{namespace}"]
+    return {"cli_args": ros, "use_global_arguments": False}
 
 
 def _all_done(nodes: list[Any]) -> bool:

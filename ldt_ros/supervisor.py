@@ -115,9 +115,9 @@ class Supervisor:
         self.children.append(child)
         return child
 
-    def restart(self, child: Child, *more: str) -> None:
-        """Start an ended child once more, with more arguments than the first time."""
-        again = self._started(child.name, *child.arguments, *more)
+    def restart(self, child: Child) -> None:
+        """Start an ended child once more."""
+        again = self._started(child.name, *child.arguments)
         child.process = again.process
 
     def _started(self, name: str, *arguments: str) -> Child:

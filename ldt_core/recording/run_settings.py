@@ -22,7 +22,7 @@ LEFT_OUT = ("bag", "graph", "resume", "run_settings", "secure", "split_size")
 #: What a run may go on with otherwise: it decides when things happen, and not what.
 FREE = (
     *("adaptation_timeout", "checkpoint_every", "deadline", "hung_after"),
-    *("rate", "real_time", "restarts"),
+    *("processes", "rate", "real_time", "restarts"),
 )
 LONGEST = 100_000  # characters of the text; all parameters take about 2000
 LARGEST = 2**63  # of a whole number, as ROS counts

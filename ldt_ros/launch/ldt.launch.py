@@ -17,7 +17,7 @@ import msgs_config
 from ldt_core.recording.run_settings import settings_text
 from ldt_core.session import new_recording, roles
 
-_FOR_UP_ALONE = ("graph", "machines", "run_settings", "secure")
+_FOR_UP_ALONE = ("graph", "machines", "processes", "run_settings", "secure")
 
 
 def _parameters():

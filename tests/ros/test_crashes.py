@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -11,6 +12,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import psutil
 import pytest
 
 pytest.importorskip("rclpy")
@@ -64,6 +66,16 @@ def wait_for(recording: Path, experiments: int) -> None:
     while recorded(recording) < experiments:
         assert time.monotonic() < deadline, f"{recording} holds {recorded(recording)}"
         time.sleep(0.1)  # it is read from its beginning each time
+
+
+def hosted(launcher: int) -> dict[int, psutil.Process]:
+    """A fleet's processes that live, by the number of their machines."""
+    found = {}
+    for process in psutil.Process(launcher).children():
+        with contextlib.suppress(psutil.Error):
+            if count := process.cmdline().count("--machine"):
+                found[count] = process
+    return found
 
 
 def test_every_node_may_be_killed_and_nothing_is_lost_or_doubled(ldt, undisturbed, tmp_path):
@@ -120,19 +132,22 @@ def test_a_run_without_the_graph_goes_on_as_well(ldt, undisturbed, tmp_path):
         assert differences(undisturbed, tmp_path / command) == {}
 
 
-def test_a_machine_of_a_fleet_is_one_process_and_goes_on_as_a_whole(ldt, tmp_path):
-    """All its nodes die at once; the other machine does not notice."""
-    fleet = (*RUN[:2], "--machines", "2", *RUN[2:])
+def test_a_fleet_s_process_goes_on_with_all_its_machines(ldt, tmp_path):
+    """All nodes of two machines die at once; the third machine does not notice."""
+    fleet = ("--experiments", "16", "--machines", "3", *RUN[2:])
     finished(ldt("run", *fleet, "--bag", "undisturbed", "--json"))
-    process = ldt("up", *fleet, "--bag", "run", "--json")
-    for _ in range(2):
-        wait_for(tmp_path / "run" / "machine_1", 3)
-        assert list(killed(process, 1, 0.5, 2)) == ["recorder"]
+    process = ldt("up", *fleet, "--processes", "2", "--bag", "run", "--json")
+    for experiments in (3, 6):
+        wait_for(tmp_path / "run" / "machine_1", experiments)
+        machines = hosted(process.pid)
+        assert sorted(machines) == [1, 2]
+        machines[2].kill()
     output, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, "")
     runs = json.loads(output)["runs"]
-    assert sum("crashed" in note for run in runs for note in run["notes"]) >= 1
-    for name in ("machine_1", "machine_2"):
+    words = "machine_1-machine_2 crashed 2 times and was started again"
+    assert [words in run["notes"] for run in runs] == [True, True, False]
+    for name in ("machine_1", "machine_2", "machine_3"):
         assert differences(tmp_path / "undisturbed" / name, tmp_path / "run" / name) == {}
 
 

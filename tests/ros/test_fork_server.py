@@ -60,10 +60,10 @@ def test_what_is_forked_is_a_process_of_its_own_and_needs_the_server_no_more(
         server.wait(PATIENCE)
         process.kill()
         ended(twin)
-        supervisor.restart(twin, "-p", "twin:=1")  # by a server that takes the other's place
+        supervisor.restart(twin)  # by a server that takes the other's place
         again = psutil.Process(twin.process.pid)
         assert again.pid != process.pid
-        assert again.cmdline()[-2:] == ["-p", "twin:=1"]
+        assert again.cmdline() == line
         # One that was killed has that for its exit code; one that is told to stop ends well.
         again.send_signal(signal.SIGSTOP)
         other = supervisor.start("other", *TWIN)
