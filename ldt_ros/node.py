@@ -250,8 +250,7 @@ class TwinNode(Node):
         The graph is asked at once when somebody was met or lost, else after some patience; and once
         all have met, as rarely as health is told.
         """
-        ends = (*self._outputs.values(), *self._inputs.values())
-        seen = (*map(_matched, ends), self.rivals.met)
+        seen = tuple(map(_matched, (*self._outputs.values(), *self._inputs.values())))
         ready, rivals = self._told[:2] if self._told else (False, "")
         if seen == self._seen and now - self._looked_at < (HEALTH_PERIOD if ready else patience):
             return ready, rivals

@@ -41,12 +41,6 @@ class Rivals:
         self.further: set[str] = set()
         self._since: dict[str, float] = {}
 
-    @property
-    def met(self) -> tuple[int, ...]:
-        """Publishers that the guarded subscriptions have; cheap enough to be asked all the time."""
-        inputs = self._inputs.items()
-        return tuple(s.get_publisher_count() for t, s in inputs if t in GUARDED)
-
     def look(self) -> None:
         """Bring `topics` and `alarms` up to date."""
         shared = [t for t in (*self._outputs, *self._inputs) if not t.startswith("/")]

@@ -59,14 +59,10 @@ def test_one_that_stays_for_less_than_a_report_is_noticed(stranger, intruder):
     stranger.publisher("model")
     stranger.until(lambda: stranger.health("twin").get("level") == OK)
     second = intruder.create_publisher(String, "model", qos("model"))
-    stranger.until(lambda: node.rivals.met[node_index(node)] == 2)
+    stranger.until(lambda: node._inputs["model"].get_publisher_count() == 2)
     stranger.spin(0.15)
     intruder.destroy_publisher(second)
     assert node.rivals.raised == {"model": 1}
-
-
-def node_index(node) -> int:
-    return [t for t in node._inputs if t in module.GUARDED].index("model")
 
 
 def test_what_a_killed_node_has_left_is_no_alarm_until_it_cannot_be_that(stranger, monkeypatch):
