@@ -12,7 +12,7 @@ from ldt_core.recording.health import ANSWERS, Health, inspect
 from ldt_core.recording.repair import Mended, repair
 from ldt_core.recording.storage import Storage
 from ldt_core.settings import as_options
-from ldt_core.words import numbered, spans
+from ldt_core.words import counted, numbered, spans
 
 LISTED = 5  # stretches of numbers that a line shows
 AGAIN = "commands use what is there; ldt doctor --repair puts it into sound files"
@@ -70,8 +70,14 @@ def findings(health: Health) -> list[Finding]:
 
 def _files(health: Health) -> list[Finding]:
     total = sum(health.counts.values())
-    size = sum(health.files.values()) / 1e6
-    shown = f"{len(health.files)} file(s), {size:.1f} MB, {total} messages"
+    size = sum(health.files.values()) / 1e3
+    shown = ", ".join(
+        (
+            counted(len(health.files), "file"),
+            f"{size / 1e3:.1f} MB" if size >= 1e3 else f"{size:.0f} kB",
+            counted(total, "message"),
+        )
+    )
     if health.writing:  # its last file has no end yet, and is not counted
         here = f"{list(health.files)[-1]}: "
         found = [problem("files", note, AGAIN) for note in health.notes if here not in note]
@@ -162,7 +168,7 @@ def _rejected(health: Health) -> list[Finding]:
 def _settings(health: Health) -> list[Finding]:
     parts = [f"machine {health.machine}" if health.machine else "machine not recorded"]
     for kind, versions in sorted(health.models.items()):
-        parts.append(f"model {kind} ({len(versions)} version(s))")
+        parts.append(f"model {kind} ({counted(len(versions), 'version')})")
     if health.detectors:
         parts.append(f"detector {', '.join(sorted(health.detectors))}")
     if health.settings:

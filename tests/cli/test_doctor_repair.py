@@ -123,7 +123,7 @@ def test_a_recording_that_is_being_written_is_no_damage(tmp_path, capsys):
         writer.flush()
         code, shown, _ = doctor(capsys, str(tmp_path / "bag"))
     assert code == 0
-    assert shown.startswith("ok       files        being written now: 1 file(s)")
+    assert shown.startswith("ok       files        being written now: 1 file, ")
 
 
 def test_what_is_no_recording_is_refused(tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -72,9 +73,18 @@ def test_a_run_that_is_whole_has_nothing_but_ok():
     lines = findings(inspect(RUN))
     assert {line.grade for line in lines} == {OK}
     told = {line.name: line.message for line in lines}
+    assert told["files"].startswith("complete: 1 file, 2.")
     assert "223 messages" in told["files"]
     assert told["experiments"].startswith("40, numbers 1 to 40, 2000 samples at 0.01 s")
-    assert "machine rotor, model hybrid (23 version(s)), detector threshold" in told["settings"]
+    assert "machine rotor, model hybrid (23 versions), detector threshold" in told["settings"]
+
+
+def test_a_small_recording_has_a_size(tmp_path):
+    """Not of 0.0 MB; and one message is not several."""
+    rest = np.zeros(50)
+    bag = recorded(tmp_path / "bag", Experiment(1, 1e9, 0.01, rest, rest))
+    ((_, told),) = found(bag, "files")
+    assert re.match(r"complete: 1 file, [1-9]\d* kB, 1 message, ", told)
 
 
 def test_a_recording_that_was_cut_off_is_a_problem_with_what_is_left(tmp_path):
