@@ -78,6 +78,7 @@ class TwinNode(Node):
         self._seen: tuple = ()
         self._looked_at = 0.0
         self._told: tuple = ()
+        self._met = False
         self._told_at = 0.0
         self._told_to = 0
         self.create_timer(CHECK_PERIOD, self._tell, clock=self.steady)
@@ -242,6 +243,7 @@ class TwinNode(Node):
             else:
                 self.get_logger().warning(rivals)
         self._told = situation
+        self._met = self._met or situation[0]
         self.tell()
 
     def _looked(self, now: float, patience: float) -> tuple[bool, str]:
@@ -297,8 +299,9 @@ class TwinNode(Node):
         if words:
             alarm = bool(self.rivals.alarms)
             return DiagnosticStatus.ERROR if alarm else DiagnosticStatus.WARN, words
-        ready = bool(self._told) and self._told[0]
-        return DiagnosticStatus.OK, "running" if ready else "waiting for its peers"
+        if self._told and self._told[0]:
+            return DiagnosticStatus.OK, "running"
+        return DiagnosticStatus.OK, "its peers have left" if self._met else "waiting for its peers"
 
 
 def _matched(end: Publisher | Subscription) -> int:

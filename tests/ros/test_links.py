@@ -129,7 +129,7 @@ def test_a_publisher_that_is_stopped_is_told_of_until_it_goes_on(stranger, progr
     assert not node.rejected
     process.terminate()
     stranger.until(lambda: not node.count_publishers("prediction"))
-    assert told(stranger, "detector", "waiting for its peers")["times lifeless, prediction"] == "1"
+    assert told(stranger, "detector", "its peers have left")["times lifeless, prediction"] == "1"
 
 
 def test_a_machine_that_promises_nothing_is_heard(stranger):
