@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import random
+import signal
 import sys
 from collections import Counter
 from collections.abc import Callable
@@ -28,6 +29,11 @@ settings.load_profile("ldt")
 # The hundreds of programs that the tests start would translate all modules again, each of them.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+
+# A shell that runs tests in the background has interrupts ignored, and so had every program that
+# they start and mean to interrupt.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -53,9 +53,13 @@ def same(one, other):
 @pytest.mark.parametrize(
     "given",
     [
-        {"model": "linear"},
-        {"model": "linear", "gate": "none", "data": "warning-set", "warning_threshold": 0.3},
-        {"model": "linear", "detector": "calibrated", "experiments": 40},
+        # Where an order is given: choosing one is most of the work, and nothing that is recalled.
+        {"model": "linear", "order": 1},
+        {
+            **{"model": "linear", "order": 1, "gate": "none"},
+            **{"data": "warning-set", "warning_threshold": 0.3},
+        },
+        {"model": "linear", "order": 1, "detector": "calibrated", "experiments": 40},
         {"model": "hybrid", "experiments": 12, "degradation": "abrupt", "inducing": 30},
         {"model": "diagnosed", "cause": "unbalance", "experiments": 12, "degradation": "abrupt"},
         {"model": "linear", "advice": True, "advice_every": 3, "degradation": "abrupt"},
