@@ -148,6 +148,7 @@ class Graph:
             self.monitors = [
                 Monitor(r.namespace, self._recipient(r), context=self.context) for r in runs
             ]
+            self._monitor_of = {r.name: m for r, m in zip(runs, self.monitors, strict=True)}
             # One ear for all machines: each hears all.
             hear(self.monitors[0], {m.get_namespace(): m.hear for m in self.monitors})
         except Exception as error:
@@ -250,8 +251,8 @@ class Graph:
         """Kill whoever has told nothing of itself for too long, once it had begun to."""
         running = [c for c in self.supervisor.children if c.running]
         self._silence.look({c.name: self._statements(c) for c in running})
+        after = self.runs[0].settings["hung_after"]
         for child in running:
-            after = self.runs[0].settings["hung_after"]
             heard = self._silence.told(child.name) > self._crashes.get(child.name, Crashes()).told
             if heard and after and self._silence.hung(child.name, after):
                 self._crashes.setdefault(child.name, Crashes()).hung += 1
@@ -266,8 +267,7 @@ class Graph:
 
     def _monitors_of(self, place: Place) -> list[Monitor]:
         """Those of a place's machines."""
-        of_all = zip(self.runs, self.monitors, strict=True)
-        return [monitor for run, monitor in of_all if any(run is r for r in place.runs)]
+        return [self._monitor_of[run.name] for run in place.runs]
 
     def _notice_deaths(self) -> None:
         for child in self.supervisor.dead():

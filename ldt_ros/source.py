@@ -162,7 +162,7 @@ class SourceNode(GatedNode):
         if self._samples is not None:
             period = TICK
         elif self.rate is not None:
-            period = min(max((first.end - first.start) / self.rate / TICKS, TICK), LONGEST_TICK)
+            period = min(max(first.duration / self.rate / TICKS, TICK), LONGEST_TICK)
         if period < LONGEST_TICK:
             self._ticker.cancel()
             self._ticker = self.create_timer(period, self._tick, clock=self.steady)

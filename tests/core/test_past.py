@@ -56,8 +56,11 @@ def same(one, other):
         # Where an order is given: choosing one is most of the work, and nothing that is recalled.
         {"model": "linear", "order": 1},
         {
-            **{"model": "linear", "order": 1, "gate": "none"},
-            **{"data": "warning-set", "warning_threshold": 0.3},
+            "model": "linear",
+            "order": 1,
+            "gate": "none",
+            "data": "warning-set",
+            "warning_threshold": 0.3,
         },
         {"model": "linear", "order": 1, "detector": "calibrated", "experiments": 40},
         {"model": "hybrid", "experiments": 12, "degradation": "abrupt", "inducing": 30},

@@ -206,8 +206,7 @@ def test_real_time_paces_the_experiments(start, tmp_path):
     assert (code, errors) == (0, "")
     stamps = [r.time_ns for r in read_bag(tmp_path / "run").messages("experiment")]
     gaps = [(b - a) / 1e9 for a, b in itertools.pairwise(stamps)]
-    # A recorder that is late with one has too short a gap behind it; unpaced ones are 0.01 s.
-    assert all(0.5 <= gap <= 1.5 for gap in gaps), gaps
+    assert all(0.9 <= gap <= 1.5 for gap in gaps), gaps
     assert time.monotonic() - began > 3
 
 
