@@ -136,12 +136,18 @@ def test_a_fleet_s_process_goes_on_with_all_its_machines(ldt, tmp_path):
     """All nodes of two machines die at once; the third machine does not notice."""
     fleet = ("--experiments", "16", "--machines", "3", *RUN[2:])
     finished(ldt("run", *fleet, "--bag", "undisturbed", "--json"))
-    process = ldt("up", *fleet, "--processes", "2", "--bag", "run", "--json")
-    for experiments in (3, 6):
-        wait_for(tmp_path / "run" / "machine_1", experiments)
+    # Paced, since a run at full speed can end before the second kill.
+    paced = ("--rate", "150", "--processes", "2")
+    process = ldt("up", *fleet, *paced, "--bag", "run", "--json")
+    recording = tmp_path / "run" / "machine_1"
+    so_far = 0
+    for _ in range(2):
+        wait_for(recording, so_far + 3)
         machines = hosted(process.pid)
         assert sorted(machines) == [1, 2]
         machines[2].kill()
+        machines[2].wait(PATIENCE)
+        so_far = recorded(recording)  # after this, only the next process adds to it
     output, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, "")
     runs = json.loads(output)["runs"]
