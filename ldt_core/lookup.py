@@ -117,8 +117,8 @@ class Lookup:
         if self._bag.topic(topic) is None:
             return
         raws = self._bag.messages(topic, ANCHOR, begin=self.places.begin(address))
-        for index, raw in enumerate(raws, start=1):
-            yield raw.topic.rpartition("/")[2], self._bag.decoded(raw, index)
+        for raw, record in self._bag.usable(raws):
+            yield raw.topic.rpartition("/")[2], record
 
 
 def _key(experiment: Experiment) -> tuple[int, float]:

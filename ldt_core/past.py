@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from ldt_core.adaptor import ROLLED_BACK
 from ldt_core.bounded import forget_oldest
-from ldt_core.errors import LdtError, RecordingError
+from ldt_core.errors import BadInput, LdtError, RecordingError
 from ldt_core.experiment import (
     Action,
     Adaptation,
@@ -220,7 +220,8 @@ def past(
 
     A node that was started again may have sent its messages in another order, and some twice: the
     first of each counts. A step that stays incomplete while `WINDOW` later ones come is left out.
-    Where somebody has rolled the twin back after a step, that is how the step ended.
+    Where somebody has rolled the twin back after a step, that is how the step ended. A message that
+    is none of its topic's is left out, as the nodes did when it came.
 
     Args:
         bag: as `read_bag` opened it; may be one that is being written.
@@ -228,8 +229,6 @@ def past(
         begin: file and byte before which nothing is read (`Storage.messages`).
         done: the steps up to this number are left out.
 
-    Raises:
-        RecordingError: a message that is none of the topic's.
     """
     beside = {name: _beside(bag, name, begin) for name in BESIDE if bag.topic(name)}
     models: dict[int, ModelRecord] = {}
@@ -280,8 +279,7 @@ def _beside(bag: Bag, name: str, begin: tuple[int, int]) -> dict[int, Any]:
     if begin == (0, 0):
         return {record.experiment: record for record in bag.rare(name)}
     found: dict[int, Any] = {}
-    for index, raw in enumerate(bag.messages(name, begin=begin), start=1):
-        record: Any = bag.decoded(raw, index)
+    for _, record in bag.usable(bag.messages(name, begin=begin)):
         found[record.experiment] = record
     return found
 
@@ -297,7 +295,10 @@ def _messages(bag: Bag, begin: tuple[int, int], done: int) -> Iterator[tuple[str
         if name == YARDSTICK:
             yield name, number or 0
             continue
-        record = bag.decoded(raw, index)
+        try:
+            record = bag.decoded(raw, index)
+        except BadInput:
+            continue  # every node refused it when it came, and went on
         assert isinstance(record, Recorded)  # of the topics in LOOP
         yield name, record
 

@@ -83,7 +83,13 @@ def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in recorded.items():
         if name in (*LEFT_OUT, *FREE) or name not in declared:
             continue
-        given, default = settings[name], declared[name]["default"]
+        default = declared[name]["default"]
+        if name not in settings:  # `ldt run` has no graph to tell this
+            if value != default:
+                told = "a run that ldt run can go on with (ldt up --resume goes on with this one)"
+                raise BadInput(f"{first}, {name}", told, repr(value))
+            continue
+        given = settings[name]
         if given not in (default, value):
             where = f"--{name.replace('_', '-')}"
             raise BadInput(where, f"{value!r}, with which {first} began", repr(given))

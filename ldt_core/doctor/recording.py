@@ -95,11 +95,17 @@ def _files(health: Health) -> list[Finding]:
 
 
 def _messages(health: Health) -> list[Finding]:
-    remedy = "commands refuse these messages: mend what publishes them, and record again"
-    return [
-        problem("messages", f"{topic}: {count} cannot be used, the first because {why}", remedy)
-        for topic, (count, why) in sorted(health.unreadable.items())
-    ]
+    judged = any(topic.rpartition("/")[2] == "prediction" for topic in health.counts)
+    found = []
+    for topic, (count, why) in sorted(health.unreadable.items()):
+        told = f"{topic}: {count} cannot be used, the first because {why}"
+        if judged and count < health.counts[topic]:
+            remedy = "the twin left them out, and so do commands; mend what published them"
+            found.append(warning("messages", told, remedy))
+        else:
+            remedy = "commands refuse these messages: mend what publishes them, and record again"
+            found.append(problem("messages", told, remedy))
+    return found
 
 
 def _experiments(health: Health) -> list[Finding]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import msgs_config
-from ldt_core.errors import ExperimentError, RecordingError
+from ldt_core.errors import BadInput, ExperimentError, RecordingError
 from ldt_core.experiment import (
     Adaptation,
     AdviceRecord,
@@ -22,7 +23,7 @@ from ldt_core.recording.messages import deserialize
 from ldt_core.recording.numbers import Numbers
 from ldt_core.recording.run_settings import KEY, Setting, parse_settings
 from ldt_core.recording.storage import Raw, Storage
-from ldt_core.words import numbered
+from ldt_core.words import counted, numbered
 
 if TYPE_CHECKING:
     from ldt_core.machine import Machine
@@ -134,16 +135,12 @@ class Bag:
 
         Raises:
             RecordingError: the recording lacks the topic, or holds something else under its name.
-            ExperimentError, ModelError: a message that is no such record; says which one.
+            RecordingError, ExperimentError, ModelError: as `usable`.
         """
         topic = self._required(name)
         if name in DECODERS and self.topics[topic] != DECODERS[name][0]:
             raise RecordingError(f"{self.path}, {topic}", DECODERS[name][0], self.topics[topic])
-        return self._decoded(name, topic)
-
-    def _decoded(self, name: str, topic: str) -> Iterator[Record | Any]:
-        for index, raw in enumerate(self.storage.messages([topic]), start=1):
-            yield self.decoded(raw, index)
+        return (record for _, record in self.usable(self.storage.messages([topic]), whole=True))
 
     def rare(self, name: str) -> Iterator[Any]:
         """As `records`, of a topic that has few: files are not read where they have none.
@@ -151,9 +148,47 @@ class Bag:
         Raises:
             RecordingError, ExperimentError, ModelError: as `records`.
         """
-        topic = self._required(name)
-        for index, raw in enumerate(self.storage.picked([topic]), start=1):
-            yield self.decoded(raw, index)
+        picked = self.storage.picked([self._required(name)])
+        return (record for _, record in self.usable(picked, whole=True))
+
+    def usable(self, raws: Iterable[Raw], whole: bool = False) -> Iterator[tuple[Raw, Any]]:
+        """Messages with the records in them; messages themselves where none is declared.
+
+        What a twin could not use when it came it counted and left out, whoever had sent it; so it
+        is left out here, with a note, where a twin took part.
+
+        Args:
+            raws: of any topics, as stored.
+            whole: whether these are all of their topics.
+
+        Raises:
+            RecordingError, ExperimentError, ModelError: a message that is no such record, in a
+                recording of a machine alone, or a whole topic of nothing else; says which one.
+        """
+        used: set[str] = set()
+        refused: dict[str, list[BadInput]] = defaultdict(list)
+        for index, raw in enumerate(raws, start=1):
+            try:
+                record = self.decoded(raw, index)
+            except BadInput as error:
+                if not self.judged:
+                    raise
+                refused[raw.topic].append(error)
+                continue
+            used.add(raw.topic)
+            yield raw, record
+        for topic, errors in refused.items():
+            if whole and topic not in used:
+                raise errors[0]
+            self.storage.note(
+                f"{counted(len(errors), 'message')} of {topic} left out, as the twin did, "
+                f"the first because {errors[0]}"
+            )
+
+    @property
+    def judged(self) -> bool:
+        """Whether a twin took part, and not the machine alone."""
+        return self.topic("prediction") is not None
 
     def decoded(self, raw: Raw, index: int) -> Record | Any:
         """The record in one of the messages, the message itself where none is declared.

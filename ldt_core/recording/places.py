@@ -9,6 +9,7 @@ being written does not have.
 from __future__ import annotations
 
 import bisect
+import contextlib
 import itertools
 from collections.abc import Callable, Iterator
 from typing import IO, NamedTuple
@@ -16,7 +17,7 @@ from typing import IO, NamedTuple
 from mcap.opcode import Opcode
 from mcap.records import Message
 
-from ldt_core.errors import RecordingError
+from ldt_core.errors import BadInput, RecordingError
 from ldt_core.experiment import Adaptation
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.mcap_file import McapFile
@@ -141,7 +142,8 @@ class Places:
             for place, body in _chunks_with(wanted, plain, at, size):
                 for record in opened(body):
                     if isinstance(record, Message) and record.channel_id in wanted:
-                        return self._anchor(self._bases[index] + place, record)
+                        with contextlib.suppress(BadInput):  # sent by somebody, used by nobody
+                            return self._anchor(self._bases[index] + place, record)
         return None
 
     def _anchor(self, address: int, message: Message) -> Anchor:

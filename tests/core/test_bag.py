@@ -290,6 +290,35 @@ def test_a_bad_experiment_in_a_recording_is_named_by_file_topic_and_message(tmp_
         numbers(tmp_path / "run")
 
 
+def test_what_a_twin_could_not_use_is_left_out_of_its_recording_and_noted(tmp_path):
+    """A stranger's message among hundreds must not make a run unreadable; nor hide that it came."""
+    bad = encode(experiment(9))
+    bad.layout.dim = []
+    with BagWriter(tmp_path / "run") as bag:
+        for number in (1, 2, 3):
+            one = experiment(number)
+            bag.write("experiment", one, one.end)
+            bag.write("experiment", bad, one.end)
+            bag.write("prediction", Prediction(number, one.start, 0.01, 0, one.speed), one.end)
+    found = experiments(tmp_path / "run")
+    assert [e.number for e in found.experiments] == [1, 2, 3]
+    assert found.notes == [
+        "3 messages of /experiment left out, as the twin did, the first because "
+        f"{tmp_path / 'run'}, /experiment, message 2, layout.dim: expected two dimensions, got 0"
+    ]
+
+
+def test_a_topic_of_nothing_but_unusable_messages_is_refused(tmp_path):
+    """Then it is not the twin's topic, or of another layout: to leave all of it out hides that."""
+    bad = encode(experiment(2))
+    bad.layout.dim = []
+    with BagWriter(tmp_path / "run") as bag:
+        bag.write("experiment", bad, START)
+        bag.write("prediction", Prediction(1, START, 0.01, 0, np.zeros(3)), START)
+    with pytest.raises(ExperimentError, match=r"message 1, layout\.dim: expected two"):
+        experiments(tmp_path / "run")
+
+
 def _empty_folder(path):
     path.mkdir()
 

@@ -10,10 +10,13 @@ import pytest
 
 from ldt_core.errors import ModelError, RecordingError
 from ldt_core.experiment import Action
+from ldt_core.lookup import Lookup
 from ldt_core.machine import load_machine
 from ldt_core.past import past
 from ldt_core.plant import Plant
 from ldt_core.recording.bag import read_bag
+from ldt_core.recording.messages import standard
+from ldt_core.recording.places import Places
 from ldt_core.recording.writer import BagWriter
 from ldt_core.session import run, write_step
 from ldt_core.settings import resolve
@@ -162,3 +165,36 @@ def test_experiments_that_the_twin_refused_do_not_hold_up_what_follows(tmp_path)
                 write_step(writer, step)
     numbers = [p.experiment.number for p in past(read_bag(tmp_path / "run"), SHORT)]
     assert numbers == [1, 2, 4, 5, 6]
+
+
+def unusable(topic):
+    """A message of its type with nothing in it that could be used."""
+    make = standard()
+    if topic == "model":
+        return make.String(data="{}")
+    if topic in ("experiment", "prediction"):
+        layout = make.MultiArrayLayout(dim=[], data_offset=0)
+        return make.Float64MultiArray(layout=layout, data=np.zeros(3))
+    header = make.Header(stamp=make.Time(sec=0, nanosec=0), frame_id="")
+    return make.DiagnosticArray(header=header, status=[])
+
+
+def test_what_nobody_could_use_does_not_keep_a_run_from_going_on(tmp_path):
+    """The recorder writes what comes, and every node refused it: one that is started again, too."""
+    given = settings(model="linear", gate="none")
+    steps = list(Twin(SHORT, given).steps(experiments(given)))
+    with BagWriter(tmp_path / "run", "rotor") as writer:
+        for step in steps:
+            write_step(writer, step)
+            for name in ("experiment", "prediction", "signal", "adaptation", "model"):
+                writer.write(name, unusable(name), step.experiment.end)
+    bag = read_bag(tmp_path / "run")
+    told = list(past(bag, SHORT))
+    assert [p.experiment.number for p in told] == [s.experiment.number for s in steps]
+    # Also from the middle of a long recording, where places are looked for.
+    places = Places(bag)
+    assert places.next(0).number == steps[0].experiment.number
+    assert places.next(places.of_number(5)).number <= 5
+    learned = next(s.model for s in steps if s.model is not None)
+    found = Lookup(bag, SHORT, given, ()).model(learned.version)
+    assert same(found.record(), learned)

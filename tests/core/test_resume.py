@@ -1,0 +1,41 @@
+"""With which settings a run goes on, whichever command began it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import msgs_config
+from ldt_core.errors import BadInput
+from ldt_core.experiment import Experiment
+from ldt_core.recording.writer import BagWriter
+from ldt_core.resume import resumed
+from ldt_core.settings import resolve
+
+
+def of_run(**given):
+    """Settings as `ldt run` has them, which are not all."""
+    graphs = {n for n, d in msgs_config.parameters().items() if d["group"] in ("stream", "pace")}
+    return {n: v for n, v in resolve(given).items() if n not in graphs}
+
+
+def recording(path, **given):
+    with BagWriter(path, "rotor", settings=resolve(given)) as writer:
+        rest = np.zeros(3)
+        writer.write("experiment", Experiment(1, 1e9, 0.01, rest, rest), 1e9)
+    return str(path)
+
+
+def test_a_run_of_the_graph_goes_on_without_it(tmp_path):
+    """What a run without the graph has no word for makes no difference at its default."""
+    bag = recording(tmp_path / "run", seed=7, rate="20")
+    found = resumed(of_run(resume=bag))
+    assert (found["seed"], found["bag"], found["resume"]) == (7, bag, bag)
+
+
+def test_what_needs_the_graph_is_not_gone_on_with_without_it(tmp_path):
+    """A run that also published samples cannot be made whole by one that cannot."""
+    bag = recording(tmp_path / "run", stream="beside")
+    with pytest.raises(BadInput, match=r"run, stream: expected .*ldt up --resume goes on"):
+        resumed(of_run(resume=bag))
+    assert resumed(resolve({"resume": bag}))["stream"] == "beside"
