@@ -45,13 +45,34 @@ def killed(
     chance, done = random.Random(seed), 0
     while done < count and launcher.poll() is None:
         time.sleep(chance.uniform(0.05, within))
-        there = nodes(launcher.pid)
-        wanted = roles[done % len(roles)] if roles else chance.choice(sorted(there) or [""])
-        if wanted in there:
-            with contextlib.suppress(psutil.Error):
-                there[wanted].kill()
-                done += 1
-                yield wanted
+        if role := kill(launcher.pid, chance, roles[done % len(roles)] if roles else ""):
+            done += 1
+            yield role
+
+
+def kill(launcher: int, chance: random.Random, role: str = "") -> str:
+    """Kill the node of a role, or any at random; its role, or "" where there is none to kill."""
+    there = nodes(launcher)
+    wanted = role or chance.choice(sorted(there) or [""])
+    if wanted in there:
+        with contextlib.suppress(psutil.Error):
+            there[wanted].kill()
+            return wanted
+    return ""
+
+
+def stall(launcher: int, chance: random.Random, longest: float) -> str:
+    """Stop a node at random for a while, as a machine that swaps or is suspended does; its role."""
+    there = nodes(launcher)
+    if not there:
+        return ""
+    role = chance.choice(sorted(there))
+    with contextlib.suppress(psutil.Error):
+        there[role].suspend()
+        time.sleep(chance.uniform(0.0, longest))
+        there[role].resume()
+        return role
+    return ""
 
 
 def recorded(recording: Path) -> int:

@@ -1,0 +1,73 @@
+"""A stranger in the graph: sends messages that nobody can use, and experiments once more.
+
+python -m tests.meddler RECORDING [--seed 1]
+
+It takes the graph's last recorded experiment out of the recording and sends it again as it is, and
+on every topic of the loop a message that is none.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import sys
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+PATIENCE = 10.0  # s
+TOPICS = ("experiment", "prediction", "signal", "adaptation", "model")
+
+
+def main() -> int:
+    """Meet those who listen, send, and leave."""
+    parser = argparse.ArgumentParser(prog="python -m tests.meddler", description=__doc__)
+    parser.add_argument("recording", type=Path)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    from ldt_ros.environment import prepare
+
+    prepare()
+    import rclpy
+    from rclpy.experimental import EventsExecutor
+
+    from ldt_core.recording.bag import read_bag
+    from ldt_ros.convert import to_message
+    from ldt_ros.interfaces import message_type, qos
+
+    again = next(iter(deque(read_bag(given.recording).records("experiment"), 1)))
+    chance = random.Random(given.seed)
+    rclpy.init()
+    node = rclpy.create_node("meddler")
+    executor = EventsExecutor()
+    executor.add_node(node)
+    publishers = {t: node.create_publisher(message_type(t), t, qos(t)) for t in TOPICS}
+    end = time.monotonic() + PATIENCE
+    # The twin, the detector, the adaptor and the recorder; one of them may be dead at the moment.
+    while publishers["experiment"].get_subscription_count() < 3 and time.monotonic() < end:
+        executor.spin_once(timeout_sec=0.05)
+    messages = [("experiment", to_message(again))]
+    messages += [(topic, nonsense(message_type(topic), chance)) for topic in TOPICS]
+    chance.shuffle(messages)
+    for topic, message in messages:
+        publishers[topic].publish(message)
+        executor.spin_once(timeout_sec=chance.uniform(0.0, 0.2))
+    node.destroy_node()
+    rclpy.try_shutdown()
+    return 0
+
+
+def nonsense(kind: Any, chance: random.Random) -> Any:
+    """A message of a type, empty or with something in it."""
+    message = kind()
+    if hasattr(message, "layout") and chance.random() < 0.5:
+        message.data = [chance.choice((0.0, float("nan"), float("inf"), 1e300))] * 50
+    if hasattr(message, "layout") or hasattr(message, "status"):
+        return message
+    message.data = chance.choice(("", "{}", "null", '{"version": -1}', "<b>" * 1000))
+    return message
+
+
+if __name__ == "__main__":
+    sys.exit(main())
