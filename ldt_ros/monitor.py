@@ -61,17 +61,23 @@ class Monitor(Node):
     @property
     def source_finished(self) -> bool:
         """Whether the source of the experiments has nothing more to send."""
-        return any(self._told(role, "finished") == "true" for role in SOURCES)
+        return any(told.finished for told in self._sources)
 
     @property
     def idle(self) -> bool:
         """Whether every experiment that was sent has gone all the way, or was refused."""
-        started = any(role in self.health for role in SOURCES)
         for role in ("diagnoser", "advisor"):
             dealt = self._told(role, "experiment")
             if role in self.health and dealt != str(self.last_signal):
                 return False
-        return self.last_step >= self.last_experiment and (self.source_finished or not started)
+        sources = self._sources
+        ended = not sources or any(told.ended for told in sources)
+        return self.last_step >= self.last_experiment and ended
+
+    @property
+    def _sources(self) -> list[NodeStatus]:
+        """What those that send experiments told of themselves last."""
+        return [self.health[role] for role in SOURCES if role in self.health]
 
     @property
     def busy(self) -> bool:

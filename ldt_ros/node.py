@@ -19,7 +19,14 @@ from ldt_core.errors import LdtError, RecordingError
 from ldt_core.machine import load_machine
 from ldt_core.past import Past, last_of, past_of
 from ldt_core.printable import one_line
-from ldt_core.recording.node_status import HEALTH_TOPIC, LAST_REJECTION, READY, REJECTED
+from ldt_core.recording.node_status import (
+    FINISHED,
+    HEALTH_TOPIC,
+    LAST_REJECTION,
+    READY,
+    REJECTED,
+    STOPPED,
+)
 from ldt_ros.interfaces import declare, listener_qos, message_type, qos
 from ldt_ros.links import Links
 from ldt_ros.rivals import Rivals
@@ -59,6 +66,8 @@ class TwinNode(Node):
         self.full_name = f"{self.get_namespace().strip('/')}/{role}".lstrip("/")
         #: Set when the node has no more work, for nodes that end by themselves.
         self.finished = False
+        #: Set when such a node was told to stop before it had finished.
+        self.stopped = False
         #: Why the node cannot go on, for what does not happen within a callback.
         self.failure: Exception | None = None
         #: Time that passes whatever a simulated clock says.
@@ -206,6 +215,11 @@ class TwinNode(Node):
         return told and time.monotonic() - self._told_at > LINGER
 
     @property
+    def ended(self) -> bool:
+        """Whether it begins nothing more: it has finished, or was stopped before."""
+        return self.finished or self.stopped
+
+    @property
     def ready(self) -> bool:
         """Whether every topic has met the peers that the graph has for it."""
         peers = set(self.settings["graph"])
@@ -279,7 +293,9 @@ class TwinNode(Node):
         ready = self._told[0] if self._told else False
         status = DiagnosticStatus(name=self.full_name, hardware_id=self.machine.name)
         status.level, status.message = self._verdict()
-        values = {READY: _word(ready), "finished": _word(self.finished)}
+        values = {READY: _word(ready), FINISHED: _word(self.finished)}
+        if self.stopped:
+            values[STOPPED] = _word(True)
         values |= self.health()
         values |= self.rivals.health()
         values |= self.links.health()

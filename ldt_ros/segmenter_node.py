@@ -97,7 +97,7 @@ class SegmenterNode(GatedNode):
 
     def halt(self) -> None:
         """Cut no further experiment, and say which was the last."""
-        self.finished = True
+        self.stopped = not self.finished
         self.tell()
 
     def hear(self, told: NodeStatus) -> None:
@@ -136,7 +136,7 @@ class SegmenterNode(GatedNode):
         now, stamp = time.time(), stamp_of(message)
         at = self._arrivals.unstamped(now) if stamp is None else self._arrivals.stamped(stamp, now)
         self._begun = self._begun or self.started  # the graph is not asked at every sample
-        if self.finished or self._doubled or not self._begun:
+        if self.ended or self._doubled or not self._begun:
             return
         self._silent = 0
         self.counts[topic] += 1
@@ -160,7 +160,7 @@ class SegmenterNode(GatedNode):
 
     def _publish(self, experiments: list[Experiment]) -> None:
         for experiment in experiments:
-            if self.finished:
+            if self.ended:
                 return
             self._last = experiment.number + self._before
             self._publisher.publish(to_message(replace(experiment, number=self._last)))

@@ -84,7 +84,7 @@ class SourceNode(GatedNode):
 
     def halt(self) -> None:
         """Send no further experiment, and say which was the last."""
-        self.finished = True
+        self.stopped = not self.finished
         self.tell()
 
     #: How long a process waits for `quiet` when it is told to stop [s].
@@ -98,7 +98,7 @@ class SourceNode(GatedNode):
     def hear(self, told: NodeStatus) -> None:
         """Begin once all are there; go on where the twin refused the experiment sent last."""
         sent = self._sent
-        if self._began is None and not self.finished:
+        if self._began is None and not self.ended:
             self._begin_if_all_are_there()
         if told.role == "twin" and sent and told.values.get(REFUSED) == str(sent.number):
             self._go_on()
@@ -118,7 +118,7 @@ class SourceNode(GatedNode):
     def _go_on(self) -> None:
         """The twin is done with the experiment sent last."""
         self._under_way = False
-        if self.finished:
+        if self.ended:
             return
         if self._next is None:
             self.finished = True
@@ -127,7 +127,7 @@ class SourceNode(GatedNode):
             self._send_when_streamed()
 
     def _tick(self) -> None:
-        if self.finished:
+        if self.ended:
             self._ticker.cancel()
         elif self._began is None:
             self._begin_if_all_are_there()

@@ -8,6 +8,8 @@ from typing import Any
 
 HEALTH_TOPIC = "/diagnostics"
 READY = "ready"  # key that every node of a twin tells, and nobody else
+FINISHED = "finished"  # key; of a source: it has nothing more to send
+STOPPED = "stopped"  # key; it was told to end before it had finished
 REJECTED = "rejected "  # how the keys begin under which a node counts what it refused
 LEFT_OUT = "left out, "  # the same, for samples that became part of no experiment
 LAST_REJECTION = "last rejection"
@@ -40,6 +42,16 @@ class NodeStatus:
     def role(self) -> str:
         """Its name below the machine's namespace."""
         return self.name.rpartition("/")[2]
+
+    @property
+    def finished(self) -> bool:
+        """Whether it has nothing more to do."""
+        return self.values.get(FINISHED) == "true"
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more comes from it: it has finished, or was stopped before."""
+        return self.finished or self.values.get(STOPPED) == "true"
 
     @property
     def rejected(self) -> dict[str, int]:

@@ -46,7 +46,7 @@ class Nodes:
         return found
 
     def silent(self, now: float) -> list[str]:
-        """Roles that have not been heard of for long, and had not finished."""
+        """Roles that have not been heard of for long, and was not at an end."""
         return [r for r, told in sorted(self.told.items()) if self._gone(told, now)]
 
     def rows(self, now: float, live: bool) -> Iterator[dict[str, Any]]:
@@ -68,8 +68,8 @@ class Nodes:
 
     @property
     def _ended(self) -> bool:
-        """Whether the source has said that it has nothing more to send: then all may end."""
-        return any(told.status.values.get("finished") == "true" for told in self.told.values())
+        """Whether the source has said that it sends nothing more: then all may end."""
+        return any(told.status.ended for told in self.told.values())
 
 
 def _cut(status: NodeStatus) -> NodeStatus:

@@ -113,6 +113,17 @@ def test_a_graph_that_has_ended_is_not_in_trouble():
         assert trouble == "".join(f"silent: {s}" for s in silent)
 
 
+def test_a_graph_that_was_stopped_is_not_in_trouble():
+    """Its source tells that it ends without having finished."""
+    clock = Clock()
+    fleet = Fleet(True, clock)
+    feed(fleet, "", 1)
+    fleet.feed("", "/diagnostics", health("twin"))
+    fleet.feed("", "/diagnostics", health("plant", stopped="true"))
+    clock.now += SILENT + 1
+    assert fleet.overview()["machines"][0]["trouble"] == ""
+
+
 def test_the_nodes_of_a_machine_are_told_apart_from_others():
     """By namespace, and by what only the twin's nodes tell; what was refused is shown."""
     fleet = Fleet()

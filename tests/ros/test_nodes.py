@@ -325,6 +325,22 @@ def test_a_whole_graph_passes_over_experiments_that_the_twin_refuses(stranger, t
     assert stranger.numbers("adaptation") == [1, 3]
 
 
+def test_a_source_that_is_stopped_does_not_say_that_it_has_finished(stranger, tmp_path):
+    """It says that it was stopped, and sends nothing more; one that had finished has finished."""
+    stranger.listen("experiment", "/diagnostics")
+    node = stranger.start(PlayerNode, play=written(tmp_path / "bag", 1, 2, 3))
+    stranger.until(lambda: stranger.numbers("experiment") == [1])
+    node.halt()
+    told = stranger.until(lambda: (h := stranger.health("player")).get("stopped") == "true" and h)
+    assert told["finished"] == "false"
+    stranger.send("adaptation", adaptation(1))
+    stranger.until(lambda: node.quiet)
+    assert stranger.numbers("experiment") == [1]
+    node.finished, node.stopped = True, False
+    node.halt()
+    assert not node.stopped
+
+
 def test_a_recording_that_breaks_while_it_is_played_ends_the_player(stranger, tmp_path):
     """It is a fault of the recording, not of the adaptation that asked for the next experiment."""
     stranger.listen("experiment")
@@ -362,6 +378,12 @@ def test_the_launching_process_waits_for_all_that_was_sent_and_not_refused(monit
     assert not node.idle
     stranger.send("/diagnostics", health("twin", refused_experiment="2"))
     stranger.until(lambda: node.idle)
+    stranger.send("/diagnostics", health("player", experiment="2", finished="false"))
+    stranger.until(lambda: not node.idle, "a source that goes on")
+    stopped = health("player", experiment="2", finished="false", stopped="true")
+    stranger.send("/diagnostics", stopped)
+    stranger.until(lambda: node.idle)
+    assert not node.source_finished
 
 
 # ---- everyone may listen

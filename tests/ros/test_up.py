@@ -198,6 +198,19 @@ def test_three_machines_run_side_by_side(start, domain, tmp_path):
     assert graph_processes(domain) == []
 
 
+def test_a_fleet_s_process_that_somebody_ends_does_not_end_the_run_well(start, domain, tmp_path):
+    """Its machines have not had all their experiments: exit 1, and the process is named."""
+    endless = ("--experiments", "100000", "--rate", "200", "--bag", "fleet")
+    process = start("--machines", "2", "--processes", "1", *endless)
+    wait_for(lambda: recorded(tmp_path / "fleet" / "machine_2") > 1, "experiments")
+    (victim,) = [p for p in graph_processes(domain) if "ldt_ros.process" in p.cmdline()]
+    victim.terminate()
+    code, _, errors = finish(process)
+    assert code == 1
+    assert "machine_1-machine_2 ended with code 0" in errors
+    assert graph_processes(domain) == []
+
+
 def test_real_time_paces_the_experiments(start, tmp_path):
     """At 20 times real time, three experiments of 20 s take three seconds and not much more."""
     began = time.monotonic()
