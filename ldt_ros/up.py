@@ -54,20 +54,19 @@ def launch(
         BadInput: settings that cannot be used, no ROS 2, or a domain that is taken.
         LdtError: a node died.
     """
-    with _prepared(settings or {}) as run:
+    with _prepared(_resumed(resolve(settings or {}))) as run:
         return run(on_step, stopped)
 
 
 @contextmanager
 def _prepared(
-    settings: Mapping[str, Any],
+    given: Mapping[str, Any],
 ) -> Iterator[Callable[[OnStep, Callable[[], bool]], list[Run]]]:
     """Runs the graph when called; from the first, a process loads what its nodes need.
 
     That takes a second. This process imports what it needs itself, and whatever else the caller
     does, on another core meanwhile; therefore little of it is imported at the top of this file.
     """
-    given = _resumed(resolve(settings))
     require_ros()
     folder = Path(tempfile.mkdtemp(prefix="ldt-"))
     before = dict(os.environ)
@@ -126,7 +125,7 @@ def command(settings: dict[str, Any], as_json: bool) -> None:
     Example: ldt up --experiments 40 --seed 3 --bag my_run
     """
     settings = _resumed(settings)
-    with stop_on_signals(insist=False) as stop, _prepared(settings) as run:
+    with stop_on_signals(insist=False) as stop, _prepared(resolve(settings)) as run:
         from ldt_core.cli.display import RunProgress, print_summaries
         from ldt_core.machine import load_machine
 

@@ -244,6 +244,32 @@ def test_the_caller_keeps_its_own_ros_and_its_environment(domain, tmp_path):
         rclpy.try_shutdown()
 
 
+def test_the_settings_of_a_run_that_goes_on_are_read_once(tmp_path, monkeypatch, capsys):
+    """Of a long recording that takes a while; whoever calls `launch` gets them as well."""
+    from ldt_core import resume
+    from ldt_core.cli import invoke
+    from ldt_core.errors import LdtError
+    from ldt_ros import up
+
+    read = []
+
+    def resumed(settings):
+        read.append(settings["resume"])
+        return {**settings, "seed": 5}
+
+    def secured(settings, *_):
+        raise LdtError(f"seed {settings['seed']}")
+
+    monkeypatch.setattr(resume, "resumed", resumed)
+    monkeypatch.setattr(up, "secured", secured)
+    monkeypatch.setattr(up, "prepare", lambda folder: {})
+    assert invoke(up.command, ["--resume", "run"]) == 1
+    assert capsys.readouterr().err == "ldt: seed 5\n"
+    with pytest.raises(LdtError, match="seed 5"):
+        up.launch({"resume": "run"})
+    assert read == ["run", "run"]
+
+
 def test_two_graphs_that_start_at_the_same_moment_do_not_merge(start):
     """Whichever goes on alone is right; one that shares its topics with another ends with 2."""
     common = ("--experiments", "15", "--rate", "40", "--json")
