@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import yaml
 
 import msgs_config
+from ldt_ros.process import machine_arguments
 from ldt_ros.secure import enclave_arguments
 
 if TYPE_CHECKING:
@@ -53,8 +54,7 @@ def placed(runs: Sequence[Run], folder: Path) -> list[Place]:
     """
     first = runs[0]
     if len(runs) == 1:
-        file = write_parameters(first, folder)
-        ros = ["--ros-args", "--params-file", file, "-r", f"__ns:=/{first.namespace}"]
+        ros = machine_arguments(first.namespace, write_parameters(first, folder))
         return [
             Place(role, runs, role, ["--node", role, *ros, *_enclave(first, role)])
             for role in first.roles

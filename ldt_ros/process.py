@@ -155,8 +155,17 @@ def host(
 
 def _own(namespace: str, file: str) -> dict[str, Any]:
     """Arguments of a node of one machine, in a process that hosts those of several."""
-    ros = ["--ros-args", "--params-file", file, "-r", f"__ns:=/{namespace}"]
-    return {"cli_args": ros, "use_global_arguments": False}
+    return {"cli_args": machine_arguments(namespace, file), "use_global_arguments": False}
+
+
+def machine_arguments(namespace: str, file: str) -> list[str]:
+    """ROS's arguments by which nodes are those of one machine.
+
+    Args:
+        namespace: of its topics, "" for the root.
+        file: of its parameters.
+    """
+    return ["--ros-args", "--params-file", file, "-r", f"__ns:=/{namespace}"]
 
 
 def _all_done(nodes: list[Any]) -> bool:
