@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from ldt_core.recording.mcap_records import LIBRARY
 from ldt_core.recording.messages import offered_qos_text, schema
 from ldt_core.recording.metadata import FileFacts
-from ldt_core.recording.storage import PROFILE
+from ldt_core.recording.storage import METADATA, PROFILE
 
 
 class Description(NamedTuple):
@@ -135,6 +135,17 @@ class Part:
         # The buffer of a failed stream cannot be written; closing would try and fail again.
         with contextlib.suppress(OSError):
             self._stream.close()
+
+    def discard(self) -> None:
+        """Close and remove it, of a recording in which nothing is: the folder too, if that is all.
+
+        What cannot be removed stays.
+        """
+        self.abandon()
+        with contextlib.suppress(OSError):
+            self.file.unlink()
+            self.file.with_name(METADATA).unlink()
+            self.file.parent.rmdir()
 
     def _measure(self) -> None:
         size = self._stream.tell()

@@ -18,7 +18,6 @@ import os
 import threading
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import msgs_config
@@ -46,6 +45,8 @@ MOST_CHUNKS = 20_000  # of a file, whose index is held in memory until it ends: 
 
 class BagWriter:
     """A recording that is being written; use it in a `with` statement.
+
+    Where that ends by an error before anything was written, nothing stays of a new recording.
 
     Args:
         path: folder to make; must not exist unless `resume` is set.
@@ -110,7 +111,7 @@ class BagWriter:
         self._lock = threading.Lock()  # the file belongs to callers and the flusher in turn
         self._closed = threading.Event()
         wanted = [self._declare(self._absolute(t), self._kind(t)) for t in topics]
-        made = self._make_folder(resume)
+        self._made = self._make_folder(resume)
         self._owner = FolderLock(self.path, PATIENCE if resume else 0.0)
         try:
             if resume:
@@ -118,7 +119,7 @@ class BagWriter:
             self._begin()
         except BaseException:
             self._owner.release()
-            if made:
+            if self._made:
                 with contextlib.suppress(OSError):
                     self.path.rmdir()  # nothing is in it
             raise
@@ -261,17 +262,14 @@ class BagWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _kind: object, error: BaseException | None, *_: object) -> None:
         try:
             self.close()
         except LdtError:
             if error is None:
                 raise
+        if error is not None and self._made and not any(self.counts.values()):
+            self._part.discard()
 
     def _make_folder(self, resume: bool) -> bool:
         """Whether it was not there before."""

@@ -121,17 +121,46 @@ def test_who_insists_is_heard_at_once():
     assert signal.getsignal(signal.SIGINT) is before
 
 
+def options(command, folder):
+    """Of a command that records four experiments or more, and what it reads."""
+    made, columns = folder / "made", folder / "made.csv"
+    if command == "predict":
+        assert invoke(ldt, ["simulate", "--experiments", "4", "--out", str(made)]) == 0
+        return [str(made), "--machine", "rotor"]
+    if command == "import":
+        columns.write_text("t,u,n\n" + "".join(f"{k / 100:.2f},9,30\n" for k in range(1200)))
+        return [str(columns), "--voltage=u", "--speed=n", "--time=t", "--length=2"]
+    return ["--experiments", "4"]
+
+
+@pytest.mark.parametrize("command", ["simulate", "predict", "import"])
+def test_what_is_interrupted_before_its_first_result_leaves_nothing(command, tmp_path, monkeypatch):
+    """So that the same command can be given again; nobody else's file is touched."""
+    arguments = [command, *options(command, tmp_path), "--out", str(tmp_path / "out")]
+    enter, beside = BagWriter.__enter__, []
+
+    def entered(writer):
+        for name in beside:
+            (writer.path / name).write_text("mine")
+        signal.raise_signal(signal.SIGINT)
+        return enter(writer)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(BagWriter, "__enter__", entered)
+        assert invoke(ldt, arguments) == 130
+        assert not (tmp_path / "out").exists()
+        beside.append("mine.txt")
+        assert invoke(ldt, arguments) == 130
+        assert [f.name for f in (tmp_path / "out").iterdir()] == ["mine.txt"]
+        (tmp_path / "out" / "mine.txt").unlink()
+        (tmp_path / "out").rmdir()
+    assert invoke(ldt, arguments) == 0
+
+
 @pytest.mark.parametrize("command", ["simulate", "predict", "import"])
 def test_a_recording_that_is_interrupted_is_whole_so_far(command, tmp_path, monkeypatch, capsys):
     """Ctrl-C while a chunk is being written: that one is written, then the command ends."""
-    made, out, columns = tmp_path / "made", tmp_path / "out", tmp_path / "made.csv"
-    assert invoke(ldt, ["simulate", "--experiments", "4", "--out", str(made)]) == 0
-    columns.write_text("t,u,n\n" + "".join(f"{k / 100:.2f},9,30\n" for k in range(1200)))
-    arguments = {
-        "simulate": ["--experiments", "4"],
-        "predict": [str(made), "--machine", "rotor"],
-        "import": [str(columns), "--voltage=u", "--speed=n", "--time=t", "--length=2"],
-    }
+    out, arguments = tmp_path / "out", options(command, tmp_path)
     add, compress, chunks = Part.add, zstandard.compress, []
 
     def added(part, *message):
@@ -147,7 +176,7 @@ def test_a_recording_that_is_interrupted_is_whole_so_far(command, tmp_path, monk
     monkeypatch.setattr(Part, "add", added)
     monkeypatch.setattr(zstandard, "compress", compressed)
     capsys.readouterr()
-    assert invoke(ldt, [command, *arguments[command], "--out", str(out)]) == 130
+    assert invoke(ldt, [command, *arguments, "--out", str(out)]) == 130
     assert capsys.readouterr().err == "\nldt: interrupted\n"
     bag = read_bag(out)
     assert len(list(bag.messages())) == 2
