@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import yaml
@@ -36,7 +38,7 @@ def make_challenge(
     say: Callable[[str], None] = lambda digest: None,
     progress: Progress = lambda items, total, doing: items,
 ) -> Path:
-    """Make a challenge.
+    """Make a challenge; one that is broken off leaves neither cases nor a key.
 
     Args:
         cases: how many.
@@ -60,18 +62,33 @@ def make_challenge(
     """
     folder, key = check_places(out, key)
     wanted = orders(cases, seed, leave_one_out, samples)
-    with Workers(jobs) as workers:
+    with _emerging(folder, key) as (work, sealed), Workers(jobs) as workers:
         drawn = progress(workers.map(plan_order, wanted), cases, "drawing")
         plans = {order.name: plan for order, plan in drawn}
         text = key_text([plans[order.name].truth for order in wanted])
         say(hashlib.sha256(text.encode()).hexdigest())
-        folder.mkdir(parents=True)
-        key.write_text(text, encoding="utf-8")
+        work.mkdir()
+        sealed.write_text(text, encoding="utf-8")
         # In the order of their names, whatever was drawn first: times of files tell nothing either.
-        items = [(folder / order.name, plans[order.name]) for order in wanted]
+        items = [(work / order.name, plans[order.name]) for order in wanted]
         for _ in progress(workers.map(write_case, items), cases, "writing"):
             pass
     return key
+
+
+@contextmanager
+def _emerging(folder: Path, key: Path) -> Iterator[tuple[Path, Path]]:
+    """Where to write the cases and the key, which come to their places once both are whole."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        work, sealed = (
+            Path(stack.enter_context(TemporaryDirectory(prefix=f".{p.name}-", dir=p.parent)))
+            for p in (folder, key)
+        )
+        yield work / folder.name, sealed / key.name
+        check_places(folder, key)
+        (sealed / key.name).rename(key)
+        (work / folder.name).rename(folder)
 
 
 def check_places(out: str | Path, key: str | Path = "") -> tuple[Path, Path]:

@@ -179,6 +179,34 @@ def test_what_is_there_is_not_overwritten_and_the_key_is_kept_apart(made, tmp_pa
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_challenge_that_is_broken_off_leaves_nothing(jobs, tmp_path):
+    """Neither some of the cases nor the key: the same command can be given again."""
+    out = tmp_path / "new" / "cases"
+
+    def broken_off(items, total, doing):
+        for index, item in enumerate(items):
+            if doing == "writing" and index == 1:
+                raise KeyboardInterrupt
+            yield item
+
+    with pytest.raises(KeyboardInterrupt):
+        make_challenge(3, 7, out, samples=SAMPLES, jobs=jobs, progress=broken_off)
+    assert list(out.parent.iterdir()) == []
+    key = make_challenge(1, 7, out, samples=SAMPLES, jobs=1)
+    assert sorted(out.parent.iterdir()) == [out, key]
+    assert out.stat().st_mode == out.parent.stat().st_mode
+
+
+def test_what_comes_to_the_place_meanwhile_is_not_overwritten(tmp_path):
+    """A folder of somebody else's."""
+    out = tmp_path / "cases"
+    with pytest.raises(OptionError, match="out: expected a place where nothing is yet"):
+        make_challenge(1, 7, out, samples=SAMPLES, jobs=1, say=lambda digest: out.mkdir())
+    assert list(tmp_path.iterdir()) == [out]
+    assert list(out.iterdir()) == []
+
+
 def test_the_command_prints_the_hash_first(tmp_path):
     """Then where the cases and the key are."""
     out, key = tmp_path / "cases", tmp_path / "answers.json"
