@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 from ldt_core.errors import BadInput
 from ldt_core.watch.fleet import Fleet
@@ -37,7 +38,12 @@ class GraphSource:
             raise BadInput("namespace", words, repr(namespace)) from error
         self.words = f"machine {self.namespace}" if self.namespace else "the running graph"
 
-    def run(self, fleet: Fleet, stop: threading.Event) -> None:
+    def run(
+        self,
+        fleet: Fleet,
+        stop: threading.Event,
+        begun: Callable[[], object] = lambda: None,
+    ) -> None:
         """Feed the fleet until told to stop.
 
         Raises:
@@ -60,6 +66,7 @@ class GraphSource:
             raise BadInput("ROS 2", what, one_line(error)) from error
         executor = EventsExecutor(context=context)
         executor.add_node(ear)
+        begun()
         fleet.say("live: the running graph")
         try:
             while not stop.is_set():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from ldt_core.errors import LdtError
@@ -44,8 +45,14 @@ class Playback:
         self.words = f"{self.storage.path.resolve().name}, played {pace}"
         self._begin: tuple[float, float] | None = None
 
-    def run(self, fleet: Fleet, stop: threading.Event) -> None:
+    def run(
+        self,
+        fleet: Fleet,
+        stop: threading.Event,
+        begun: Callable[[], object] = lambda: None,
+    ) -> None:
         """Feed the fleet to the end of the recording."""
+        begun()
         fleet.say(f"recording {self.words}")
         topics = {topic: bag.namespace for bag in self.bags for topic in bag.topics}
         for bag in self.bags:

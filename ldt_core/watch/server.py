@@ -205,7 +205,7 @@ def serve(
         assets: of the page.
         host: to bind to.
         port: to bind to, 0 for any free one.
-        on_ready: told the address once it answers.
+        on_ready: told the address once it answers, and the source has begun.
 
     Raises:
         BadInput: an address that cannot be bound to.
@@ -223,17 +223,22 @@ async def _serve(
     on_ready: Callable[[str], None],
 ) -> None:
     loop, ended = asyncio.get_running_loop(), asyncio.Event()
+    settled = asyncio.Event()  # the source has begun, or nobody waits for it any more
     pages = Pages(fleet, assets, host)
     runner = web.AppRunner(pages.application(), access_log=None, shutdown_timeout=CLOSING)
     await runner.setup()
     stop, failed = threading.Event(), list[BaseException]()
 
+    def end() -> None:
+        ended.set()
+        settled.set()
+
     def feed() -> None:
         try:
-            source.run(fleet, stop)
+            source.run(fleet, stop, lambda: loop.call_soon_threadsafe(settled.set))
         except BaseException as error:
             failed.append(error)
-            loop.call_soon_threadsafe(ended.set)
+            loop.call_soon_threadsafe(end)
 
     thread = threading.Thread(target=feed, name="source")
     try:
@@ -243,9 +248,11 @@ async def _serve(
         except OSError as error:
             raise _unbound(host, port, error) from error
         for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, ended.set)
+            loop.add_signal_handler(number, end)
         thread.start()
-        on_ready(_address_of(runner, host))
+        await settled.wait()
+        if not ended.is_set():
+            on_ready(_address_of(runner, host))
         await ended.wait()
     finally:
         stop.set()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from typing import Protocol
 
 from ldt_core.errors import LdtError
@@ -21,10 +22,15 @@ class Source(Protocol):
     #: Whether silence means that something is wrong.
     live: bool
 
-    def run(self, fleet: Fleet, stop: threading.Event) -> None:
+    def run(self, fleet: Fleet, stop: threading.Event, begun: Callable[[], object]) -> None:
         """Feed the fleet; return soon after `stop` is set, or when nothing more can come.
 
         Runs on a thread of its own.
+
+        Args:
+            fleet: is fed.
+            stop: set when it is to end.
+            begun: called once nothing keeps it from feeding any more.
         """
 
 

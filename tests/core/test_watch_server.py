@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import signal
 import socket
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -13,6 +14,7 @@ from typing import Any
 import pytest
 from watched import HOSTILE, feed, measured
 
+from ldt_core.errors import BadInput
 from ldt_core.experiment import Level
 from ldt_core.watch.fleet import Fleet
 from ldt_core.watch.machine import KEPT
@@ -254,3 +256,39 @@ def test_there_is_room_for_many_browsers_but_not_for_all(monkeypatch):
             await stream.aclose()
 
     served(task)
+
+
+class Source:
+    """Begins unless it fails before, and goes on until it is stopped.
+
+    Args:
+        failure: why it cannot begin, None if it can.
+    """
+
+    words, live = "a test", True
+
+    def __init__(self, failure: Exception | None = None) -> None:
+        self.failure = failure
+
+    def run(self, fleet: Fleet, stop: threading.Event, begun: Callable[[], object]) -> None:
+        if self.failure is not None:
+            raise self.failure
+        begun()
+        assert stop.wait(PATIENCE)
+
+
+def test_no_address_is_told_of_a_page_that_will_show_nothing():
+    """What keeps its source from beginning is raised; one that has begun is told of."""
+    told: list[str] = []
+    where = (assets("a test"), "127.0.0.1", 0)
+    failing = Source(BadInput("ROS 2", "a domain", "no node"))
+    with pytest.raises(BadInput, match="no node"):
+        server.serve(Fleet(), failing, *where, told.append)
+    assert told == []
+
+    def ready(address: str) -> None:
+        told.append(address)
+        signal.raise_signal(signal.SIGINT)
+
+    server.serve(Fleet(), Source(), *where, ready)
+    assert len(told) == 1
