@@ -158,7 +158,7 @@ def build() -> None:
         },
         entry_points={
             "console_scripts": [
-                "ldt = ldt_core.cli:main",
+                "ldt = ldt_core.__main__:main",
                 *(
                     f"ldt_{role} = ldt_ros.process:{role}"
                     for role in (

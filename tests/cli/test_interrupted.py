@@ -121,6 +121,32 @@ def test_who_insists_is_heard_at_once():
     assert signal.getsignal(signal.SIGINT) is before
 
 
+INTERRUPTED_WHILE_LOADING = """
+import signal, sys
+
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "click":
+            signal.raise_signal(signal.SIGINT)
+
+sys.meta_path.insert(0, Finder())
+if "ignored" in sys.argv:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+sys.argv[1:] = ["docs"]
+from ldt_core.__main__ import main
+main()
+"""
+
+
+@pytest.mark.parametrize(("given", "code"), [("", 130), ("ignored", 0)])
+def test_a_program_that_is_interrupted_while_it_loads_ends_without_a_word(given, code):
+    """Unless whoever has started it has interrupts ignored."""
+    program = [sys.executable, "-c", INTERRUPTED_WHILE_LOADING, given]
+    done = subprocess.run(program, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert (done.returncode, done.stderr) == (code, "")
+    assert bool(done.stdout) is (code == 0)
+
+
 def options(command, folder):
     """Of a command that records four experiments or more, and what it reads."""
     made, columns = folder / "made", folder / "made.csv"
