@@ -43,17 +43,36 @@ def check_key(bag: Bag, machine: Machine) -> None:
     Raises:
         RecordingError: says what differs.
     """
-    own = json.loads(key_text(machine))
-    try:
-        there = json.loads(bag.custom(KEY))
-        recorded = {str(name): str(value) for name, value in there.items()}
-    except (ValueError, AttributeError, RecursionError):
-        raise RecordingError(bag.path, "a recording of a run, with its key", "none") from None
+    own, recorded = json.loads(key_text(machine)), _recorded_key(bag)
+    if recorded is None:
+        raise RecordingError(bag.path, "a recording of a run, with its key", "none")
     for name in sorted({*own, *recorded}):
         was, now = recorded.get(name, "none"), own.get(name, "none")
         if was != now:
             where = f"{bag.path}, {name}"
             raise RecordingError(where, f"{quoted(was)}, under which the run began", quoted(now))
+
+
+def other_machine(bag: Bag, machine: Machine) -> str:
+    """A sentence where a recording is not of this machine; "" where it is, or does not say.
+
+    That is no error: another file, calibrated for one, may well be tried on it. But a mistaken one
+    shows in nothing else than large errors.
+    """
+    if bag.machine and bag.machine != machine.name:
+        there, here = quoted(bag.machine), quoted(machine.name)
+        return f"{bag.path}: recorded of the machine {there}, while the machine file is of {here}"
+    own = json.loads(key_text(machine))["machine"]
+    if (_recorded_key(bag) or {}).get("machine", own) != own:
+        return f"{bag.path}: recorded with another file of the machine {quoted(machine.name)}"
+    return ""
+
+
+def _recorded_key(bag: Bag) -> dict[str, str] | None:
+    try:
+        return {str(name): str(value) for name, value in json.loads(bag.custom(KEY)).items()}
+    except (ValueError, AttributeError, RecursionError):
+        return None
 
 
 def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:

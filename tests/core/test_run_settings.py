@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from html import unescape
+from pathlib import Path
 
 import pytest
 import yaml
@@ -19,6 +20,7 @@ from ldt_core.errors import RecordingError
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
 from ldt_core.recording.run_settings import FORMAT, LONGEST, parse_settings, settings_text
+from ldt_core.recording.writer import BagWriter
 from ldt_core.run_page import page, read_run
 from ldt_core.settings import as_options, resolve
 
@@ -156,3 +158,38 @@ def test_settings_that_cannot_be_read_concern_nothing_else(value, tmp_path):
     assert "Mind the health of the recording: 1 remark." in shown
     assert "<img" not in shown
     assert str(tmp_path) not in shown
+
+
+@pytest.mark.parametrize("command", ["predict", "replay"])
+def test_another_machine_s_recording_is_said_to_be_that(command, tmp_path, capsys, short_rotor):
+    """In a line on standard error, and the work is done; of its own machine nothing is said."""
+    data = yaml.safe_load(Path(short_rotor).read_text())
+    calibrated, other = tmp_path / "calibrated.yaml", tmp_path / "press.yaml"
+    data["parameters"]["K_t"] *= 1.01
+    calibrated.write_text(yaml.safe_dump(data))
+    other.write_text(yaml.safe_dump({**data, "name": "press"}))
+    run, bare = tmp_path / "run", tmp_path / "bare"
+    given = ["--machine", short_rotor, "--experiments", "2"]
+    assert invoke(ldt, ["run", *given, "--model", "physics", "--bag", str(run)]) == 0
+    assert invoke(ldt, ["simulate", *given, "--out", str(bare)]) == 0
+    nameless = tmp_path / "nameless"
+    with BagWriter(nameless) as writer:
+        for experiment in read_bag(bare).experiments():
+            writer.write("experiment", experiment, experiment.end)
+    capsys.readouterr()
+    named = "recorded of the machine 'rotor', while the machine file is of 'press'"
+    for index, (bag, machine, words) in enumerate(
+        (
+            (run, short_rotor, ""),
+            (bare, short_rotor, ""),
+            (bare, calibrated, ""),  # says no more than a name
+            (nameless, other, ""),
+            (run, calibrated, "recorded with another file of the machine 'rotor'"),
+            (run, other, named),
+            (bare, other, named),
+        )
+    ):
+        model = ["--model", "physics"] if command == "replay" else []
+        out = ["--out", str(tmp_path / f"out_{index}")]
+        assert invoke(ldt, [command, str(bag), "--machine", str(machine), *model, *out]) == 0
+        assert capsys.readouterr().err == (f"{bag}: {words}\n" if words else "")
