@@ -330,7 +330,7 @@ def test_a_recording_that_ended_in_order_is_taken_up_like_one_that_did_not(tmp_p
 
 
 def test_a_recording_is_taken_up_again_and_again(tmp_path):
-    """Killed in every part of it; also one that was closed in order."""
+    """Killed in every part of it, which leaves nothing; also closed in order."""
     folder = tmp_path / "run"
     for part in range(4):
         killed(folder, range(5 * part + 1, 5 * part + 6), SMALL, resume=True)
@@ -341,6 +341,8 @@ def test_a_recording_is_taken_up_again_and_again(tmp_path):
         write(bag, range(21, 23))
     assert numbers(folder) == list(range(1, 23))
     assert repair(folder).sound
+    listed = {f["path"] for f in read_bag(folder).storage.metadata["files"]}
+    assert {file.name for file in folder.iterdir()} == {*listed, "metadata.yaml"}
 
 
 def test_files_that_are_complete_are_not_read_to_take_a_recording_up(tmp_path):

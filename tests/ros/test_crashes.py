@@ -116,7 +116,6 @@ def test_a_whole_stack_that_was_killed_goes_on(ldt, undisturbed, tmp_path):
     run = finished(ldt("up", "--resume", "run", "--rate", "max", "--json"))
     assert run["experiments"] == 40
     assert differences(undisturbed, tmp_path / "run") == {}
-    # The damaged file is beside it, and the recording is whole.
     assert read_bag(tmp_path / "run").damage is None
 
 
