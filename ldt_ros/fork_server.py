@@ -132,7 +132,7 @@ def _become(
     channel: socket.socket, output: int, arguments: list[str], parent: int, between: int
 ) -> NoReturn:
     """Be the process of a node from here on."""
-    from ldt_ros.process import CRASHED, leave
+    from ldt_ros.process import CRASHED, Stop, leave
     from ldt_ros.process import main as host
 
     code = CRASHED
@@ -146,6 +146,8 @@ def _become(
         while os.getppid() == between:
             time.sleep(POLL)
         entitle("-m", "ldt_ros.process", *arguments)
+        # From the moment it is known, it may be told to stop.
+        signal.pthread_sigmask(signal.SIG_BLOCK, Stop.SIGNALS)
         channel.send(str(os.getpid()).encode())
         channel.close()
         code = host(["--parent", str(parent), *arguments])

@@ -46,10 +46,14 @@ class Stop:
     rclpy's own handlers shut the context down before the last message is out, so they are not used.
     """
 
+    #: Which they are; they may be blocked until then, and one that has come meanwhile counts.
+    SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
     def __init__(self) -> None:
         self.asked = False
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in self.SIGNALS:
             signal.signal(number, self._ask)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, self.SIGNALS)
 
     def _ask(self, _number: int, _frame: FrameType | None) -> None:
         self.asked = True

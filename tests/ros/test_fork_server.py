@@ -75,6 +75,15 @@ def test_what_is_forked_is_a_process_of_its_own_and_needs_the_server_no_more(
     assert psutil.Process().children() == []
 
 
+def test_a_process_that_is_stopped_as_soon_as_it_is_known_ends_well(environment, tmp_path):
+    """Before it has begun to listen to signals: told to stop, it has not crashed."""
+    with Supervisor(tmp_path, environment, SETTINGS) as supervisor:
+        for number in range(5):
+            child = supervisor.start(f"twin_{number}", *TWIN)
+            supervisor.stop(child)
+            assert child.ended_well, child.last_words()
+
+
 def test_a_server_that_cannot_load_is_told_in_a_sentence(environment, tmp_path):
     """With the last that it said; and nothing is left of it."""
     (tmp_path / "numpy.py").write_text("raise ImportError('a broken library')")
