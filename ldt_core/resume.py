@@ -56,16 +56,13 @@ def check_key(bag: Bag, machine: Machine) -> None:
 def other_machine(bag: Bag, machine: Machine) -> str:
     """A sentence where a recording is not of this machine; "" where it is, or does not say.
 
-    That is no error: another file, calibrated for one, may well be tried on it. But a mistaken one
-    shows in nothing else than large errors.
+    That is no error: another machine's model may well be tried on it. But a mistaken file shows in
+    nothing else than large errors. Of one machine there are many files, calibrated ones for some.
     """
-    if bag.machine and bag.machine != machine.name:
-        there, here = quoted(bag.machine), quoted(machine.name)
-        return f"{bag.path}: recorded of the machine {there}, while the machine file is of {here}"
-    own = json.loads(key_text(machine))["machine"]
-    if (_recorded_key(bag) or {}).get("machine", own) != own:
-        return f"{bag.path}: recorded with another file of the machine {quoted(machine.name)}"
-    return ""
+    if not bag.machine or bag.machine == machine.name:
+        return ""
+    there, here = quoted(bag.machine), quoted(machine.name)
+    return f"{bag.path}: recorded of the machine {there}, while the machine file is of {here}"
 
 
 def _recorded_key(bag: Bag) -> dict[str, str] | None:

@@ -46,7 +46,7 @@ class Nodes:
         return found
 
     def silent(self, now: float) -> list[str]:
-        """Roles that have not been heard of for long, and was not at an end."""
+        """Roles that have not been heard of for long, and were not at an end."""
         return [r for r, told in sorted(self.told.items()) if self._gone(told, now)]
 
     def rows(self, now: float, live: bool) -> Iterator[dict[str, Any]]:
