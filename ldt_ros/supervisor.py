@@ -18,6 +18,9 @@ from ldt_ros.parentage import adopting
 
 POLL = 0.02  # s
 CRASHED = 70  # exit code of a program that fell over its own error (EX_SOFTWARE of sysexits)
+SERVERS = (
+    5  # fork servers, one after the other, that may be killed before they have forked anything
+)
 GRACE = 5.0  # s between INT, TERM and KILL
 PARTS = ("machine", "model", "detector")  # whose code is loaded before the nodes begin
 TAIL = 2000  # bytes of a dead child's output that are worth showing
@@ -126,16 +129,14 @@ class Supervisor:
 
     def _forked(self, log: Path, arguments: tuple[str, ...]) -> Forked:
         assert self._server is not None
-        try:
-            return self._server.fork(log, arguments)
-        except ConnectionError:  # the server was killed; the nodes do not need it to go on
-            self._end_server()
-            self.prepare()
-        try:
-            return self._server.fork(log, arguments)
-        except ConnectionError as error:
-            words = last_words(self._server.log)
-            raise LdtError(f"no process of a node can be started: {words}") from error
+        for _ in range(SERVERS):
+            try:
+                return self._server.fork(log, arguments)
+            except ConnectionError:  # it was killed; the nodes do not need it to go on
+                words = last_words(self._server.log)
+                self._end_server()
+                self.prepare()
+        raise LdtError(f"no process of a node can be started: {words}")
 
     def _end_server(self) -> None:
         if self._server is not None:

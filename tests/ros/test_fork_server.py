@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import threading
 import time
 
 import psutil
@@ -73,6 +74,28 @@ def test_what_is_forked_is_a_process_of_its_own_and_needs_the_server_no_more(
         supervisor.stop(other)
         assert (other.process.returncode, other.crashed) == (0, False)
     assert psutil.Process().children() == []
+
+
+def test_servers_that_are_killed_one_after_the_other_do_not_end_the_run(environment, tmp_path):
+    """Each of them while it is still importing, which takes seconds on a busy machine."""
+    seen: set[int] = set()
+
+    def kill() -> None:
+        while len(seen) < 3:
+            for child in psutil.Process().children():
+                if child.pid not in seen:
+                    seen.add(child.pid)
+                    child.kill()
+            time.sleep(0.05)
+
+    with Supervisor(tmp_path, environment, SETTINGS) as supervisor:
+        killer = threading.Thread(target=kill)
+        killer.start()
+        twin = supervisor.start("twin", *TWIN)
+        killer.join(PATIENCE)
+        assert len(seen) == 3
+        assert twin.process.pid not in seen
+        assert twin.running
 
 
 def test_a_process_that_is_stopped_as_soon_as_it_is_known_ends_well(environment, tmp_path):
