@@ -1,6 +1,6 @@
 """How studies, tuning and diagnoses of many recordings scale with the workers of a Dask cluster.
 
-python -m tests.benchmarks.scale_out [1 2 4] [--recordings 8]
+python -m tests.benchmarks.scale_out [1 2 4] [--recordings 8] [--only tune]
 
 Each work is done by the command that a user types, in this machine's own processes and then by a
 scheduler and so many workers beside it; what comes out is compared byte for byte. More workers than
@@ -34,6 +34,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.scale_out")
     parser.add_argument("workers", nargs="*", type=int, default=[1, 2, 4])
     parser.add_argument("--recordings", type=int, default=8)
+    parser.add_argument("--only", choices=("diagnose", "tune", "study"), action="append")
     given = parser.parse_args()
     folder = Path(tempfile.mkdtemp(prefix="ldt-scale-"))
     bags = [_recorded(folder, n) for n in range(1, given.recordings + 1)]
@@ -42,6 +43,7 @@ def main() -> int:
         "tuning": ["tune", bags[0], "--model", "linear", "--order", "1", "--adaptations", "6"],
         "study of 2 seeds": ["study", "--quick", "--only", "paper"],
     }
+    works = {n: c for n, c in works.items() if c[0] in (given.only or c)}
     print(f"Measured on {machine()}.\n")
     head = ("work", "one process", *(f"{n} workers" for n in given.workers), "results")
     print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}", flush=True)

@@ -46,7 +46,7 @@ def test_a_hung_node_is_killed_and_started_again(domain, programs, tmp_path):
     assert programs.run([LDT, "run", *run, "--bag", "calm"], PATIENCE, cwd=tmp_path)[0] == 0
     (tmp_path / "hung").unlink()
     process = programs.start(
-        [LDT, "up", *run, "--hung-after", "4", "--rate", "40", "--bag", "run", "--json"],
+        [LDT, "up", *run, "--hung-after", "6", "--rate", "40", "--bag", "run", "--json"],
         cwd=tmp_path,
         text=True,
         stdin=subprocess.DEVNULL,
