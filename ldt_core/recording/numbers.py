@@ -13,11 +13,10 @@ from ldt_core.recording.messages import DIAGNOSTICS, MULTI_ARRAY
 from ldt_core.words import Span
 
 EXACT = 2**53  # whole numbers up to here are exact in a float64
-LITTLE_ENDIAN = 1  # second byte of CDR, as every machine that runs ROS 2 writes it
 _LENGTH = struct.Struct("<I")
 _FIRST = struct.Struct("<d")
-# In a status: the key `experiment` with its length; its value follows.
-_KEY = b"\x0b\0\0\0experiment\0\0"
+# In a status: the key `experiment` with its length; its value follows behind a byte of padding.
+_KEY = b"\x0b\0\0\0experiment\0"
 _DIGITS = 17  # of a value that is read, its closing zero included
 
 
@@ -169,7 +168,7 @@ def _status_value(data: bytes) -> int | None:
     at = data.find(_KEY)
     if at < 0:
         return None
-    at += len(_KEY)
+    at += len(_KEY) + 1
     (length,) = _LENGTH.unpack_from(data, at)
     if not 1 < length <= _DIGITS:
         return None

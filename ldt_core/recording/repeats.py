@@ -9,6 +9,7 @@ from typing import Self
 
 from ldt_core.bounded import forget_oldest
 from ldt_core.recording.numbers import Numbers, number_of
+from ldt_core.recording.padding import content
 from ldt_core.recording.storage import Storage
 
 KEPT = 2000  # messages that are remembered, several times what any topic keeps for who missed it
@@ -20,16 +21,18 @@ class Repeats:
 
     Args:
         before: topic → experiments of which there is a message in a recording that goes on.
-        known: (topic, CDR bytes) of further messages in it.
+        known: (topic, message type, CDR bytes) of further messages in it.
     """
 
     def __init__(
-        self, before: Mapping[str, Numbers] | None = None, known: Iterable[tuple[str, bytes]] = ()
+        self,
+        before: Mapping[str, Numbers] | None = None,
+        known: Iterable[tuple[str, str, bytes]] = (),
     ) -> None:
         self._before = dict(before or {})
         self._last: dict[bytes, None] = {}
-        for topic, data in known:
-            self._take(topic, data)
+        for message in known:
+            self._take(*message)
 
     @classmethod
     def of(cls, path: Path, numbers: Mapping[str, Numbers]) -> Self:
@@ -44,7 +47,7 @@ class Repeats:
         topics = [t for t in storage.topics if t.rpartition("/")[2] == "model"]
         models = storage.last(topics, LATCHED)
         before = {topic: held.copy() for topic, held in numbers.items()}
-        return cls(before, ((raw.topic, raw.data) for raw in models))
+        return cls(before, ((raw.topic, raw.kind, raw.data) for raw in models))
 
     def seen(self, topic: str, kind: str, data: bytes) -> bool:
         """Whether this message has come before; it has from now on.
@@ -58,12 +61,11 @@ class Repeats:
             number = number_of(topic, kind, data)
             if number is not None and number in before:
                 return True
-        return not self._take(topic, data)
+        return not self._take(topic, kind, data)
 
-    def _take(self, topic: str, data: bytes) -> bool:
-        # Serializers may differ in the padding at the end.
-        content = memoryview(data)[4:].tobytes().rstrip(b"\0")
-        digest = hashlib.blake2b(content, digest_size=16, key=topic.encode()[-64:]).digest()
+    def _take(self, topic: str, kind: str, data: bytes) -> bool:
+        key = topic.encode()[-64:]
+        digest = hashlib.blake2b(content(kind, data), digest_size=16, key=key).digest()
         if digest in self._last:
             return False
         self._last[digest] = None
