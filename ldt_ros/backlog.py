@@ -8,9 +8,6 @@ from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any
 
-# s from the first item to the work on it: what comes in one turn of the loop is worked on together,
-# when those are done whom it would have disturbed.
-GATHER = 0.01
 MESSAGES = 2000  # that may wait; 400 experiments of the loop
 BYTES = 256 * 2**20  # that may wait together; one alone may be larger
 
@@ -55,10 +52,9 @@ class Backlog:
             if self._closed or (self._waiting and full):
                 self.dropped[kind] += 1
                 return
-            if not self._waiting:
-                self._news.notify()
             self._waiting.append((size, item))
             self._size += size
+            self._news.notify()
 
     def close(self, patience: float) -> None:
         """Take nothing more, work on what waits, and give up on it when that takes too long.
@@ -76,24 +72,14 @@ class Backlog:
                 left, since = len(self), time.monotonic()
 
     def _run(self) -> None:
-        while self._come():
-            time.sleep(GATHER)
-            while (item := self._next()) is not None:
-                self._work(*item)
-
-    def _come(self) -> bool:
-        """Wait for an item; False where none will come any more."""
-        with self._news:
-            while not (self._waiting or self._closed):
-                self._news.wait()
-            return bool(self._waiting)
-
-    def _next(self) -> tuple[Any, ...] | None:
-        """The item whose turn it is."""
-        with self._news:
-            self._busy = bool(self._waiting)
-            if not self._waiting:
-                return None
-            size, item = self._waiting.popleft()
-            self._size -= size
-            return item
+        while True:
+            with self._news:
+                self._busy = False
+                while not (self._waiting or self._closed):
+                    self._news.wait()
+                if not self._waiting:
+                    return
+                size, item = self._waiting.popleft()
+                self._size -= size
+                self._busy = True
+            self._work(*item)

@@ -9,7 +9,6 @@ files of parameters, `--machine press press.yaml --machine saw saw.yaml`, it hos
 from __future__ import annotations
 
 import argparse
-import gc
 import importlib
 import os
 import signal
@@ -141,8 +140,6 @@ def host(
                 executor.add_node(node)
         for node in nodes:
             node.colleagues = [other for other in nodes if other is not node]
-        # What is there now stays: nobody is to wait while it is looked through for garbage.
-        gc.freeze()
         # EventsExecutor.spin() does not return on these wheels; spin_once does.
         while not (stopped() or _all_done(nodes)):
             executor.spin_once(timeout_sec=SPIN)

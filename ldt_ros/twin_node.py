@@ -20,7 +20,6 @@ from ldt_ros.node import REFUSED, TwinNode
 from ldt_ros.versions import Versions
 
 TICK = 0.05  # s, how often a time-out is looked for
-UNDISTURBED = 0.02  # s that the others have for an experiment, ten times what they mostly need
 #: Experiments that may wait for an adaptation; beyond, the oldest are dropped. What a source keeps
 #: comes at once after it was cut off (100), and the present beside it.
 QUEUE = 200
@@ -38,7 +37,6 @@ class PredictorNode(TwinNode):
     | `experiment`, impossible for the machine | rejected, `refused experiment` told |
     | more than 200 experiments waiting | the oldest is dropped and counted |
     | a number above the next | those between are counted as missing, and told of |
-    | the `adaptation` of the one predicted last | its original prediction is made and sent |
     | none for the `deadline`, if there is one | told of until one comes, counted |
     | `model` | kept until an adaptation names its version; the last twelve |
     | `adaptation` of an earlier one | its model is taken when the time is out |
@@ -64,7 +62,6 @@ class PredictorNode(TwinNode):
         if self._adapted and self.settings["resume"]:
             self._find_model()
         self._predicted_at = 0.0
-        self._uncompared: Experiment | None = None
         self._refused = self._repeated = 0
         self._timeouts = 0
         self._dropped = 0
@@ -91,10 +88,6 @@ class PredictorNode(TwinNode):
     def complaint(self) -> str:
         """Experiments that are overdue, or never came."""
         return self._arrivals.words()
-
-    def halt(self) -> None:
-        """Leave nothing unsaid."""
-        self._compare()
 
     def _on_model(self, message: Any) -> None:
         record = from_message("model", message)
@@ -182,14 +175,11 @@ class PredictorNode(TwinNode):
         if self._waiting:
             for step in self.missed(self.predictor.last or 0, self._waiting[0][0].number):
                 self._take_up(step)
-        if self._uncompared is not None and self._nobody_waits(self._uncompared):
-            self._compare()
         while self._waiting and self._may_predict(*self._waiting[0]):
             experiment, _ = self._waiting.popleft()
             self._predict(experiment)
 
     def _predict(self, experiment: Experiment) -> None:
-        self._compare()
         try:
             prediction = self.predictor.predict(experiment)
         except LdtError as error:
@@ -197,23 +187,8 @@ class PredictorNode(TwinNode):
             return
         self._prediction.publish(to_message(prediction))
         self._predicted_at = time.monotonic()
-        self._uncompared = experiment
-
-    def _nobody_waits(self, experiment: Experiment) -> bool:
-        """Whether the detector and the adaptor have dealt with it, or one of them takes long.
-
-        Nobody waits for the yardstick, and what makes it would take a core from those two.
-        """
-        return experiment.number in self._adapted or (
-            time.monotonic() - self._predicted_at > UNDISTURBED
-        )
-
-    def _compare(self) -> None:
-        """Say what the original predicts of the experiment predicted last, if it is not said."""
-        experiment, self._uncompared = self._uncompared, None
-        if experiment is None:
-            return
         try:
+            # Nobody waits for the yardstick, so it is made while the detector works.
             self._original.publish(to_message(self.predictor.original.predict(experiment)))
         except LdtError as error:
             self.reject("experiment", error)
