@@ -72,13 +72,16 @@ class Ear:
         for times in self.heard.values():
             times.clear()
 
-    def exchange(self, publisher: Any, listeners: int, messages: Iterable[Any]) -> dict[str, list]:
+    def exchange(
+        self, publisher: Any, listeners: int, messages: Iterable[Any], period: float = 0.0
+    ) -> dict[str, list]:
         """Send message by message, each after the answers to the one before.
 
         Args:
             publisher: of this node.
             listeners: that it waits for first.
             messages: to be sent.
+            period: least time from one to the next [s].
 
         Returns:
             Topic → how long each of its answers took [s].
@@ -98,6 +101,8 @@ class Ear:
                 continue
             for topic, times in self.heard.items():
                 took[topic].append(times[0] - began)
+            end = began + period
+            self.until(lambda end=end: time.perf_counter() >= end)
         return took
 
     @staticmethod

@@ -26,7 +26,6 @@ from std_msgs.msg import String  # noqa: E402
 from stranger import TOPICS, adaptation, answer, experiment, log_of, written  # noqa: E402
 
 from ldt_ros import node as node_module  # noqa: E402
-from ldt_ros import twin_node  # noqa: E402
 from ldt_ros.adaptor_node import AdaptorNode  # noqa: E402
 from ldt_ros.advisor_node import AdvisorNode  # noqa: E402
 from ldt_ros.convert import to_message  # noqa: E402
@@ -61,24 +60,6 @@ def test_the_twin_predicts_after_the_adaptation_of_the_one_before(stranger):
 def model_record(version: int) -> ModelRecord:
     parameters = {**load_machine("rotor").parameters, "J": 0.02 + version / 100}
     return ModelRecord(version, "physics", (1,), {"machine": parameters})
-
-
-def test_the_yardstick_waits_for_those_who_are_waited_for(stranger, monkeypatch):
-    """The original predicts once the adaptation is there; and without one, a moment later."""
-    monkeypatch.setattr(twin_node, "UNDISTURBED", 1.0)
-    stranger.listen("prediction", "original_prediction")
-    stranger.start(PredictorNode, **PHYSICS)
-    stranger.send("experiment", experiment(1))
-    stranger.until(lambda: stranger.heard["prediction"], "a prediction")
-    stranger.spin(0.3)
-    assert stranger.numbers("original_prediction") == []
-    stranger.send("adaptation", adaptation(1))
-    stranger.until(lambda: stranger.heard["original_prediction"], "the original's")
-    stranger.send("experiment", experiment(2))
-    stranger.until(lambda: len(stranger.heard["original_prediction"]) == 2, "the original's")
-    assert stranger.numbers("original_prediction") == [1, 2]
-    said = [stranger.heard[t][1].speed for t in ("prediction", "original_prediction")]
-    assert np.array_equal(*said)
 
 
 def test_the_twin_awaits_a_model_that_comes_after_its_adaptation(stranger):
