@@ -43,9 +43,12 @@ def check_key(bag: Bag, machine: Machine) -> None:
     Raises:
         RecordingError: says what differs.
     """
-    own, recorded = json.loads(key_text(machine)), _recorded_key(bag)
-    if recorded is None:
-        raise RecordingError(bag.path, "a recording of a run, with its key", "none")
+    own = json.loads(key_text(machine))
+    try:
+        there = json.loads(bag.custom(KEY))
+        recorded = {str(name): str(value) for name, value in there.items()}
+    except (ValueError, AttributeError, RecursionError):
+        raise RecordingError(bag.path, "a recording of a run, with its key", "none") from None
     for name in sorted({*own, *recorded}):
         was, now = recorded.get(name, "none"), own.get(name, "none")
         if was != now:
@@ -63,13 +66,6 @@ def other_machine(bag: Bag, machine: Machine) -> str:
         return ""
     there, here = quoted(bag.machine), quoted(machine.name)
     return f"{bag.path}: recorded of the machine {there}, while the machine file is of {here}"
-
-
-def _recorded_key(bag: Bag) -> dict[str, str] | None:
-    try:
-        return {str(name): str(value) for name, value in json.loads(bag.custom(KEY)).items()}
-    except (ValueError, AttributeError, RecursionError):
-        return None
 
 
 def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:

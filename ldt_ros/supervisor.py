@@ -18,9 +18,7 @@ from ldt_ros.parentage import adopting
 
 POLL = 0.02  # s
 CRASHED = 70  # exit code of a program that fell over its own error (EX_SOFTWARE of sysexits)
-SERVERS = (
-    5  # fork servers, one after the other, that may be killed before they have forked anything
-)
+SERVERS = 5  # fork servers that may be killed one after the other, before any has forked
 GRACE = 5.0  # s between INT, TERM and KILL
 PARTS = ("machine", "model", "detector")  # whose code is loaded before the nodes begin
 TAIL = 2000  # bytes of a dead child's output that are worth showing

@@ -1,6 +1,7 @@
 """A long run of the graph with faults at random moments, against the same undisturbed.
 
-python -m tests.soak [--minutes 30] [--every 12] [--seed 1] [--model linear] [--out FOLDER]
+python -m tests.soak [--minutes 30] [--every 12] [--seed 1] [--model linear] [--only kill]
+    [--out FOLDER]
 
 Most faults are a node that is killed. Others: the server that nodes are forked from is killed; a
 node is stopped for up to 5 s; all cores are busy with something else for up to 10 s; a stranger
@@ -41,6 +42,7 @@ def main() -> int:
     parser.add_argument("--every", type=float, default=12.0, help="longest time between faults [s]")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--model", default="linear")
+    parser.add_argument("--only", choices=SHARES, help="one kind of fault")
     parser.add_argument("--out", type=Path, help="an empty folder for the recordings")
     given = parser.parse_args()
     folder = given.out or Path(tempfile.mkdtemp(prefix="ldt-soak-"))
@@ -57,7 +59,7 @@ def main() -> int:
     )
     done: Counter[str] = Counter()
     memory: list[tuple[float, int]] = []
-    faults = Faults(rough, folder / "rough", given.seed)
+    faults = Faults(rough, folder / "rough", given.seed, given.only)
     while rough.poll() is None:
         time.sleep(faults.chance.uniform(0.05, given.every))
         if fault := faults.one():
@@ -88,17 +90,21 @@ class Faults:
         launcher: `ldt up`.
         recording: that it writes.
         seed: of what happens when.
+        only: the one kind that does, None for all.
     """
 
-    def __init__(self, launcher: subprocess.Popen[bytes], recording: Path, seed: int) -> None:
+    def __init__(
+        self, launcher: subprocess.Popen[bytes], recording: Path, seed: int, only: str | None
+    ) -> None:
         self.launcher, self.recording = launcher, recording
+        self._shares = {only: 1} if only else SHARES
         self.chance = random.Random(seed)
         self._others: list[subprocess.Popen[bytes]] = []
         self._began = time.monotonic()
 
     def one(self) -> str:
         """Let one happen; what it was, "" where it could not."""
-        (kind,) = self.chance.choices(list(SHARES), list(SHARES.values()))
+        (kind,) = self.chance.choices(list(self._shares), list(self._shares.values()))
         found: str = getattr(self, f"_{kind}")()
         self._others = [o for o in self._others if o.poll() is None]
         return found

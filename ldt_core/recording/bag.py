@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
@@ -166,23 +166,25 @@ class Bag:
                 recording of a machine alone, or a whole topic of nothing else; says which one.
         """
         used: set[str] = set()
-        refused: dict[str, list[BadInput]] = defaultdict(list)
+        refused: Counter[str] = Counter()
+        first: dict[str, BadInput] = {}
         for index, raw in enumerate(raws, start=1):
             try:
                 record = self.decoded(raw, index)
             except BadInput as error:
                 if not self.judged:
                     raise
-                refused[raw.topic].append(error)
+                refused[raw.topic] += 1
+                first.setdefault(raw.topic, error)
                 continue
             used.add(raw.topic)
             yield raw, record
-        for topic, errors in refused.items():
+        for topic, count in refused.items():
             if whole and topic not in used:
-                raise errors[0]
+                raise first[topic]
             self.storage.note(
-                f"{counted(len(errors), 'message')} of {topic} left out, as the twin did, "
-                f"the first because {errors[0]}"
+                f"{counted(count, 'message')} of {topic} left out, as the twin did, "
+                f"the first because {first[topic]}"
             )
 
     @property
