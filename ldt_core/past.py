@@ -228,7 +228,6 @@ def past(
         machine: what it cannot have made was refused, whatever its number.
         begin: file and byte before which nothing is read (`Storage.messages`).
         done: the steps up to this number are left out.
-
     """
     beside = {name: _beside(bag, name, begin) for name in BESIDE if bag.topic(name)}
     models: dict[int, ModelRecord] = {}

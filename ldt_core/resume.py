@@ -56,18 +56,6 @@ def check_key(bag: Bag, machine: Machine) -> None:
             raise RecordingError(where, f"{quoted(was)}, under which the run began", quoted(now))
 
 
-def other_machine(bag: Bag, machine: Machine) -> str:
-    """A sentence where a recording is not of this machine; "" where it is, or does not say.
-
-    That is no error: another machine's model may well be tried on it. But a mistaken file shows in
-    nothing else than large errors. Of one machine there are many files, calibrated ones for some.
-    """
-    if not bag.machine or bag.machine == machine.name:
-        return ""
-    there, here = quoted(bag.machine), quoted(machine.name)
-    return f"{bag.path}: recorded of the machine {there}, while the machine file is of {here}"
-
-
 def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
     """The settings with which a run goes on: those recorded, and those it is free to change.
 

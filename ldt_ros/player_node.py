@@ -15,9 +15,10 @@ class PlayerNode(SourceNode):
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("player", "machine", "player", **node_arguments)
-        self._experiments: Iterator[Experiment] = read_bag(
-            self.settings["play"], self.settings["play_namespace"]
-        ).experiments()
+        played = read_bag(self.settings["play"], self.settings["play_namespace"])
+        if odd := played.other_machine(self.machine):
+            self.get_logger().warning(odd)
+        self._experiments: Iterator[Experiment] = played.experiments()
 
     def fetch(self) -> Experiment | None:
         """The next experiment of the recording."""

@@ -38,12 +38,7 @@ class GraphSource:
             raise BadInput("namespace", words, repr(namespace)) from error
         self.words = f"machine {self.namespace}" if self.namespace else "the running graph"
 
-    def run(
-        self,
-        fleet: Fleet,
-        stop: threading.Event,
-        begun: Callable[[], object] = lambda: None,
-    ) -> None:
+    def run(self, fleet: Fleet, stop: threading.Event, begun: Callable[[], object]) -> None:
         """Feed the fleet until told to stop.
 
         Raises:

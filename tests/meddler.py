@@ -11,12 +11,16 @@ from __future__ import annotations
 import argparse
 import random
 import sys
-import time
 from collections import deque
 from pathlib import Path
 from typing import Any
 
-PATIENCE = 10.0  # s
+sys.path.insert(0, str(Path(__file__).parent / "ros"))
+from stranger import Stranger
+
+from ldt_core.recording.bag import read_bag
+from ldt_ros.environment import prepare
+
 TOPICS = ("experiment", "prediction", "signal", "adaptation", "model")
 
 
@@ -26,35 +30,19 @@ def main() -> int:
     parser.add_argument("recording", type=Path)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
-    from ldt_ros.environment import prepare
-
     prepare()
-    import rclpy
-    from rclpy.experimental import EventsExecutor
-
-    from ldt_core.recording.bag import read_bag
-    from ldt_ros.convert import to_message
-    from ldt_ros.interfaces import message_type, qos
+    from ldt_ros.interfaces import message_type
 
     again = next(iter(deque(read_bag(given.recording).records("experiment"), 1)))
     chance = random.Random(given.seed)
-    rclpy.init()
-    node = rclpy.create_node("meddler")
-    executor = EventsExecutor()
-    executor.add_node(node)
-    publishers = {t: node.create_publisher(message_type(t), t, qos(t)) for t in TOPICS}
-    end = time.monotonic() + PATIENCE
-    # The twin, the detector, the adaptor and the recorder; one of them may be dead at the moment.
-    while publishers["experiment"].get_subscription_count() < 3 and time.monotonic() < end:
-        executor.spin_once(timeout_sec=0.05)
-    messages = [("experiment", to_message(again))]
+    stranger = Stranger()
+    messages = [("experiment", again)]
     messages += [(topic, nonsense(message_type(topic), chance)) for topic in TOPICS]
     chance.shuffle(messages)
     for topic, message in messages:
-        publishers[topic].publish(message)
-        executor.spin_once(timeout_sec=chance.uniform(0.0, 0.2))
-    node.destroy_node()
-    rclpy.try_shutdown()
+        stranger.send(topic, message)
+        stranger.spin(chance.uniform(0.0, 0.2))
+    stranger.close()
     return 0
 
 

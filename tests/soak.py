@@ -110,8 +110,9 @@ class Faults:
         return found
 
     def end(self) -> None:
-        """Wait for what these faults began."""
+        """End what these faults began."""
         for other in self._others:
+            other.terminate()
             other.wait()
 
     def _kill(self) -> str:

@@ -53,7 +53,6 @@ def command(
     from ldt_core.models.physics import PhysicsModel
     from ldt_core.recording.bag import read_bag
     from ldt_core.recording.writer import BagWriter
-    from ldt_core.resume import other_machine
     from ldt_core.stopping import stop_on_signals, until_stopped
 
     machine = load_machine(settings["machine"])
@@ -68,7 +67,7 @@ def command(
     model = PhysicsModel(machine, effects=acting)
     error = FreeRunError()
     played = read_bag(recording, namespace)
-    if odd := other_machine(played, machine):
+    if odd := played.other_machine(machine):
         echo(one_line(odd), err=True)
     with (
         stop_on_signals() as stop,

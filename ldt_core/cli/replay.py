@@ -37,13 +37,12 @@ def command(
     from ldt_core.machine import load_machine
     from ldt_core.pace import paced, parse_rate
     from ldt_core.recording.bag import read_bag
-    from ldt_core.resume import other_machine
     from ldt_core.stopping import INTERRUPTED, stop_on_signals
 
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
     played = read_bag(recording, namespace)
-    if odd := other_machine(played, machine):
+    if odd := played.other_machine(machine):
         echo(one_line(odd), err=True)
     with stop_on_signals() as stop, RunProgress({machine.name: None}) as progress:
         summary = session.run(

@@ -9,6 +9,7 @@ import click
 
 from ldt_core.cli.display import RunProgress, print_summaries
 from ldt_core.cli.options import Command, json_option, parameters
+from ldt_core.cli.terminal import echo, one_line
 
 
 @click.command(
@@ -52,6 +53,8 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
             own = member.settings
             if own["play"]:
                 played = read_bag(own["play"], own["play_namespace"])
+                if odd := played.other_machine(machine):
+                    echo(one_line(odd), err=True)
                 experiments = played.experiments()
             else:
                 begin = own["start_time"]

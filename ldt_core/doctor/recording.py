@@ -95,11 +95,10 @@ def _files(health: Health) -> list[Finding]:
 
 
 def _messages(health: Health) -> list[Finding]:
-    judged = any(topic.rpartition("/")[2] == "prediction" for topic in health.counts)
     found = []
     for topic, (count, why) in sorted(health.unreadable.items()):
         told = f"{topic}: {count} cannot be used, the first because {why}"
-        if judged and count < health.counts[topic]:
+        if health.judged and count < health.counts[topic]:
             remedy = "the twin left them out, and so do commands; mend what published them"
             found.append(warning("messages", told, remedy))
         else:

@@ -19,7 +19,7 @@ from ldt_core.experiment import (
     Signal,
 )
 from ldt_core.recording.codec import DECODERS, Record, decode
-from ldt_core.recording.messages import deserialize
+from ldt_core.recording.messages import deserialize, quoted
 from ldt_core.recording.numbers import Numbers
 from ldt_core.recording.run_settings import KEY, Setting, parse_settings
 from ldt_core.recording.storage import Raw, Storage
@@ -60,6 +60,18 @@ class Bag:
     def machine(self) -> str:
         """Its name, "" when the recording does not say."""
         return self.custom("machine")
+
+    def other_machine(self, machine: Machine) -> str:
+        """A sentence where the recording is not of this machine; "" where it is, or does not say.
+
+        That is no error: another machine's model may well be tried on it. But a mistaken file shows
+        in nothing else than large errors. Of one machine there are many files, calibrated ones for
+        some.
+        """
+        if not self.machine or self.machine == machine.name:
+            return ""
+        there, here = quoted(self.machine), quoted(machine.name)
+        return f"{self.path}: recorded of the machine {there}, while the machine file is of {here}"
 
     def settings(self) -> dict[str, Setting]:
         """Parameters of the run by name, none when the recording does not say.

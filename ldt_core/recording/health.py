@@ -54,6 +54,7 @@ class Health:
         models: kind → versions.
         detectors: names, of all signals.
         span: first and last time of a message [s since the epoch], None without messages.
+        judged: whether a twin took part, which leaves out what it cannot use.
         writing: whether LDT was writing to it when it was looked at.
     """
 
@@ -77,6 +78,7 @@ class Health:
     models: dict[str, set[int]] = field(default_factory=dict)
     detectors: set[str] = field(default_factory=set)
     span: tuple[float, float] | None = None
+    judged: bool = False
     writing: bool = False
 
     @property
@@ -97,7 +99,7 @@ def inspect(bag: Bag) -> Health:
         RecordingError: a file of it cannot be read any more.
     """
     metadata = bag.storage.metadata
-    health = Health(bag.path, bag.machine, writing=is_written(bag.path))
+    health = Health(bag.path, bag.machine, judged=bag.judged, writing=is_written(bag.path))
     try:
         health.settings = bag.settings()
     except RecordingError as error:
@@ -105,7 +107,7 @@ def inspect(bag: Bag) -> Health:
     health.files = {f.name: f.stat().st_size for f in bag.storage.files}
     total = metadata.get("message_count")
     health.declared = total if isinstance(total, int) else None
-    reading = _Reading(health, bag.namespace, predicts=bag.topic("prediction") is not None)
+    reading = _Reading(health, bag.namespace, predicts=bag.judged)
     # All messages of all machines: what metadata.yaml counts, and what can be damaged.
     whole = 0
     for raw in bag.storage.messages():

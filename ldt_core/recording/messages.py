@@ -6,6 +6,7 @@ constructors, so that the same code makes these here and real ROS messages in `l
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import struct
 from collections.abc import Callable
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 STRING = "std_msgs/msg/String"
+HEAD = 4  # bytes of the encapsulation before a message's CDR bytes
+LITTLE_ENDIAN = b"\x01"  # second of them, as every machine that runs ROS 2 writes it
 SHOWN = 60  # characters of a foreign value that a sentence quotes
 
 # What ROS 2 writes into a recording where a QoS profile states no time.
@@ -111,6 +114,25 @@ def deserialize(data: bytes, kind: str, where: str) -> Any:
     except (SerdeError, *_UNDECODABLE) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise RecordingError(where, f"a {kind} message", f"{len(data)} bytes: {reason}") from None
+
+
+def content(kind: str, data: bytes) -> bytes:
+    """What a message says: its bytes written anew, without encapsulation and zeros at the end.
+
+    Between fields CDR leaves out up to seven bytes. Fast CDR does not touch them: what a message
+    before it has left in the buffer stays there. So the same message can have other bytes when it
+    is sent again, and whoever compares bytes would take it for another one.
+
+    Args:
+        kind: message type.
+        data: CDR bytes; those that are no such message, or of another order, are taken as they are.
+    """
+    if data[1:2] == LITTLE_ENDIAN:
+        with contextlib.suppress(RecordingError):
+            again = serialize(deserialize(data, kind, kind))
+            if len(again) <= len(data):  # a text that is cut is read as a shorter one
+                data = again
+    return data[HEAD:].rstrip(b"\0")
 
 
 @functools.cache

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, Self
 
 from ldt_core.recording.codec import DECODERS
-from ldt_core.recording.messages import DIAGNOSTICS, MULTI_ARRAY
+from ldt_core.recording.messages import DIAGNOSTICS, LITTLE_ENDIAN, MULTI_ARRAY
 from ldt_core.words import Span
 
 EXACT = 2**53  # whole numbers up to here are exact in a float64
@@ -103,7 +103,7 @@ def number_of(topic: str, kind: str, data: bytes) -> int | None:
         its number, None where the message is about none: a model, health, or other bytes.
     """
     name = topic.rpartition("/")[2]
-    if name not in DECODERS or DECODERS[name][0] != kind or data[1:2] != b"\x01":
+    if name not in DECODERS or DECODERS[name][0] != kind or data[1:2] != LITTLE_ENDIAN:
         return None
     try:
         if kind == MULTI_ARRAY:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Self
 
 from ldt_core.bounded import forget_oldest
+from ldt_core.recording.messages import content
 from ldt_core.recording.numbers import Numbers, number_of
-from ldt_core.recording.padding import content
 from ldt_core.recording.storage import Storage
 
 KEPT = 2000  # messages that are remembered, several times what any topic keeps for who missed it

@@ -45,12 +45,7 @@ class Playback:
         self.words = f"{self.storage.path.resolve().name}, played {pace}"
         self._begin: tuple[float, float] | None = None
 
-    def run(
-        self,
-        fleet: Fleet,
-        stop: threading.Event,
-        begun: Callable[[], object] = lambda: None,
-    ) -> None:
+    def run(self, fleet: Fleet, stop: threading.Event, begun: Callable[[], object]) -> None:
         """Feed the fleet to the end of the recording."""
         begun()
         fleet.say(f"recording {self.words}")

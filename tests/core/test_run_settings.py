@@ -160,7 +160,7 @@ def test_settings_that_cannot_be_read_concern_nothing_else(value, tmp_path):
     assert str(tmp_path) not in shown
 
 
-@pytest.mark.parametrize("command", ["predict", "replay"])
+@pytest.mark.parametrize("command", ["predict", "replay", "run"])
 def test_another_machine_s_recording_is_said_to_be_that(command, tmp_path, capsys, short_rotor):
     """In a line on standard error, and the work is done; of its own machine nothing is said."""
     data = yaml.safe_load(Path(short_rotor).read_text())
@@ -189,7 +189,12 @@ def test_another_machine_s_recording_is_said_to_be_that(command, tmp_path, capsy
             (bare, other, named),
         )
     ):
-        model = ["--model", "physics"] if command == "replay" else []
-        out = ["--out", str(tmp_path / f"out_{index}")]
-        assert invoke(ldt, [command, str(bag), "--machine", str(machine), *model, *out]) == 0
+        given = [str(bag), "--machine", str(machine)]
+        if command == "run":
+            given = ["--play", *given, "--no-bag"]
+        else:
+            given += ["--out", str(tmp_path / f"out_{index}")]
+        if command != "predict":
+            given += ["--model", "physics"]
+        assert invoke(ldt, [command, *given]) == 0
         assert capsys.readouterr().err == (f"{bag}: {words}\n" if words else "")

@@ -255,7 +255,7 @@ def test_what_was_told_bit_by_bit_is_the_whole(fed):
 
 def played(source: Playback) -> Fleet:
     fleet = Fleet(source.live)
-    source.run(fleet, threading.Event())
+    source.run(fleet, threading.Event(), begun=lambda: None)
     return fleet
 
 
@@ -301,7 +301,7 @@ def test_a_recording_is_played_at_its_pace_and_stops_at_once(tmp_path):
     source = Playback(fake_run(tmp_path / "run"), rate="0.01")  # 60 s an experiment
     fleet, stop, shown = Fleet(False), threading.Event(), threading.Event()
     fleet.on_change = lambda: 1 in getattr(fleet.machines.get(""), "turns", {}) and shown.set()
-    thread = threading.Thread(target=source.run, args=(fleet, stop))
+    thread = threading.Thread(target=source.run, args=(fleet, stop, lambda: None))
     thread.start()
     assert shown.wait(20)
     stop.set()

@@ -169,11 +169,13 @@ def adaptation(number: int, version: int = 0) -> Adaptation:
 
 
 def log_of(stranger: Stranger) -> list[Any]:
-    """Whatever the nodes log from now on."""
+    """Whatever the nodes log from now on, and what those who live have logged."""
     from rcl_interfaces.msg import Log
+    from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
     lines: list = []
-    stranger.node.create_subscription(Log, "/rosout", lines.append, 100)
+    kept = QoSProfile(depth=100, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+    stranger.node.create_subscription(Log, "/rosout", lines.append, kept)
     stranger.spin(0.1)
     return lines
 

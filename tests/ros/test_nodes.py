@@ -14,6 +14,7 @@ from ldt_core.experiment import Action, Level, ModelRecord
 from ldt_core.machine import load_machine
 from ldt_core.past import past_of
 from ldt_core.plant import Plant
+from ldt_core.recording.writer import BagWriter
 from ldt_core.session import run
 from ldt_core.settings import resolve
 from ldt_core.twin import build_judge
@@ -339,6 +340,21 @@ def test_a_source_that_is_stopped_does_not_say_that_it_has_finished(stranger, tm
     node.finished, node.stopped = True, False
     node.halt()
     assert not node.stopped
+
+
+@pytest.mark.parametrize("name", ["rotor", "press"])
+def test_the_player_says_where_a_recording_is_of_another_machine(stranger, tmp_path, name):
+    """In the graph's log, and plays it."""
+    lines = log_of(stranger)
+    with BagWriter(tmp_path / "bag", machine=name) as writer:
+        writer.write("experiment", experiment(1), experiment(1).end)
+    stranger.listen("experiment")
+    stranger.start(PlayerNode, play=str(tmp_path / "bag"))
+    stranger.until(lambda: stranger.heard["experiment"])
+    stranger.spin(0.1)
+    told = [line.msg for line in lines if "recorded of the machine" in line.msg]
+    named = "recorded of the machine 'press', while the machine file is of 'rotor'"
+    assert told == ([f"{tmp_path / 'bag'}: {named}"] if name == "press" else [])
 
 
 def test_a_recording_that_breaks_while_it_is_played_ends_the_player(stranger, tmp_path):

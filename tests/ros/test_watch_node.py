@@ -90,7 +90,7 @@ def test_it_publishes_nothing_and_nodes_are_told_of(stranger, watched):
 def test_the_source_stops_at_once(domain):
     """And leaves nothing that runs."""
     source, stop, before = GraphSource("press"), threading.Event(), threading.active_count()
-    thread = threading.Thread(target=source.run, args=(Fleet(), stop))
+    thread = threading.Thread(target=source.run, args=(Fleet(), stop, lambda: None))
     thread.start()
     time.sleep(0.3)
     stop.set()
