@@ -1,4 +1,4 @@
-"""Declarations: topics, QoS profiles, parameters, and the machine files that ship with LDT.
+"""Declarations: topics, messages, QoS profiles, parameters, and the machine files LDT ships with.
 
 No logic and no ROS here: nodes, commands and the core read the same tables.
 """
@@ -15,7 +15,7 @@ _HERE = resources.files(__name__)
 
 
 @functools.cache
-def _table(name: str) -> dict[str, dict[str, Any]]:
+def _table(name: str) -> dict[str, Any]:
     text = (_HERE / f"{name}.yaml").read_text(encoding="utf-8")
     # Every node and command reads them: libyaml's parser, where there is one, is ten times as fast.
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -30,6 +30,11 @@ def topics() -> dict[str, dict[str, Any]]:
 def qos_profiles() -> dict[str, dict[str, Any]]:
     """QoS profile → {reliability, durability, history, depth, lease [s], if any}."""
     return _table("qos")
+
+
+def messages() -> dict[str, str]:
+    """Message type → its `.msg` text, of those that LDT sends and what they consist of."""
+    return _table("messages")
 
 
 def parameters(*groups: str) -> dict[str, dict[str, Any]]:

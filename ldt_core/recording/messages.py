@@ -64,9 +64,26 @@ class Messages:
     doubles: Callable[[Any], Any] = lambda array: array
 
 
+def typestore(kind: str = "") -> Typestore:
+    """The messages that LDT sends, or all standard ones of ROS 2 Jazzy where another is asked for.
+
+    Every command and node needs the first, and few the others, which take 0.2 s to build.
+    """
+    return _own_types() if kind in _own_types().fielddefs else _all_types()
+
+
 @functools.cache
-def typestore() -> Typestore:
-    """The standard messages of ROS 2 Jazzy; built once, since it takes 0.2 s."""
+def _own_types() -> Typestore:
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.EMPTY)
+    for kind, text in msgs_config.messages().items():
+        store.register(get_types_from_msg(text, kind))
+    return store
+
+
+@functools.cache
+def _all_types() -> Typestore:
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS2_JAZZY)
@@ -75,7 +92,7 @@ def typestore() -> Typestore:
 @functools.cache
 def standard() -> Messages:
     """The messages that a recording is written from when there is no ROS."""
-    types = typestore().types
+    types = _own_types().types
     return Messages(
         Float64MultiArray=types[MULTI_ARRAY],
         MultiArrayLayout=types["std_msgs/msg/MultiArrayLayout"],
@@ -91,7 +108,8 @@ def standard() -> Messages:
 
 def serialize(message: Any) -> bytes:
     """CDR bytes of one of the `standard` messages."""
-    return bytes(typestore().serialize_cdr(message, message.__msgtype__))
+    kind = message.__msgtype__
+    return bytes(typestore(kind).serialize_cdr(message, kind))
 
 
 def deserialize(data: bytes, kind: str, where: str) -> Any:
@@ -107,10 +125,11 @@ def deserialize(data: bytes, kind: str, where: str) -> Any:
     """
     from rosbags.serde import SerdeError
 
-    if kind not in typestore().fielddefs:
+    types = typestore(kind)
+    if kind not in types.fielddefs:
         raise RecordingError(where, "a standard ROS message type", kind)
     try:
-        return typestore().deserialize_cdr(data, kind)
+        return types.deserialize_cdr(data, kind)
     except (SerdeError, *_UNDECODABLE) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise RecordingError(where, f"a {kind} message", f"{len(data)} bytes: {reason}") from None
@@ -142,9 +161,10 @@ def schema(kind: str, where: str = "message type") -> tuple[str, str]:
     Raises:
         RecordingError: the type is not a standard one.
     """
-    if kind not in typestore().fielddefs:
+    types = typestore(kind)
+    if kind not in types.fielddefs:
         raise RecordingError(where, "a standard ROS message type", kind)
-    return typestore().generate_msgdef(kind, ros_version=2)[0], typestore().hash_rihs01(kind)
+    return types.generate_msgdef(kind, ros_version=2)[0], types.hash_rihs01(kind)
 
 
 def declaration(topic: str) -> dict[str, Any] | None:
