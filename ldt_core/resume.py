@@ -20,7 +20,7 @@ from ldt_core.machine import Machine
 from ldt_core.models import MODELS
 from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.recording.messages import quoted
-from ldt_core.recording.run_settings import FREE, LEFT_OUT
+from ldt_core.recording.run_settings import FREE, LEFT_OUT, SECURE
 from ldt_core.recording.storage import METADATA
 from ldt_core.recording.writer import KEY
 from ldt_core.stamp import stamp
@@ -78,6 +78,8 @@ def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
     recorded = read_bag(first, listed=True).settings()
     if not recorded:
         raise RecordingError(first, "a recording of a run, with its settings", "one without")
+    if recorded.get(SECURE) and settings.get(SECURE) == "":
+        raise BadInput("--secure", f"a keystore, since {first} began secured", "none")
     declared = msgs_config.parameters()
     found = dict(settings)
     for name, value in recorded.items():

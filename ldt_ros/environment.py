@@ -1,4 +1,4 @@
-"""What a process needs in its environment before rclpy is imported."""
+"""What a process needs in its environment before rclpy is imported, and how rclpy begins."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import re
 import sys
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from ldt_core.errors import BadInput
 
@@ -64,3 +65,16 @@ def prepare(log_folder: Path | str | None = None) -> dict[str, str]:
     for name, value in wanted.items():
         os.environ.setdefault(name, value)
     return dict(os.environ)
+
+
+def begin(context: Any) -> None:
+    """Initialise a context; signals stay with the process, and its terminal is its own.
+
+    The library under rclpy remarks on standard error which enclave it has found.
+    """
+    import rclpy
+    from rclpy.logging import LoggingSeverity, set_logger_level
+    from rclpy.signals import SignalHandlerOptions
+
+    set_logger_level("rcl", LoggingSeverity.WARN)
+    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)

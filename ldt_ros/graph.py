@@ -17,7 +17,7 @@ from ldt_core.metrics import Summary
 from ldt_core.recording.node_status import LEFT_OUT, SECOND_PUBLISHER
 from ldt_core.session import SOURCES, Member, recorded_summary, roles, source_of
 from ldt_core.stopping import INTERRUPTED
-from ldt_ros.environment import LEASE, one_line
+from ldt_ros.environment import LEASE, begin, one_line
 from ldt_ros.placing import Place, placed, write_parameters
 from ldt_ros.silence import Silence
 from ldt_ros.supervisor import Child, Supervisor
@@ -135,7 +135,6 @@ class Graph:
         self._rivals_due = 0.0
         import rclpy
         from rclpy.experimental import EventsExecutor
-        from rclpy.signals import SignalHandlerOptions
 
         from ldt_ros.monitor import Monitor
         from ldt_ros.statements import hear
@@ -143,8 +142,7 @@ class Graph:
         try:
             # A context of its own: the caller may have nodes in the default one.
             self.context = rclpy.Context()
-            no_handlers = SignalHandlerOptions.NO
-            rclpy.init(args=[], context=self.context, signal_handler_options=no_handlers)
+            begin(self.context)
             self.monitors = [
                 Monitor(r.namespace, self._recipient(r), context=self.context) for r in runs
             ]

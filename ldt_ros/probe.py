@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import msgs_config
-from ldt_ros.environment import prepare
+from ldt_ros.environment import begin, prepare
 from ldt_ros.parentage import end_with
 
 OWN = "ldt_doctor"  # how the nodes of all probes begin, so that they do not report each other
@@ -31,9 +31,8 @@ def main(role: str, topic: str, parent: str) -> int:
         return 1
     prepare()
     import rclpy
-    from rclpy.signals import SignalHandlerOptions
 
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    begin(rclpy.get_default_context())
     node = rclpy.create_node(
         f"{OWN}_{role}_{os.getpid()}", enable_rosout=False, start_parameter_services=False
     )

@@ -13,7 +13,7 @@ import sys
 import time
 from typing import Any
 
-from ldt_ros.environment import prepare
+from ldt_ros.environment import begin, prepare
 from ldt_ros.parentage import end_with
 
 LOOK_ROUND = 0.8  # s; whoever can be met is met within 0.5
@@ -46,11 +46,10 @@ def main(parent: str) -> int:
 def _node(name: str, secured: str) -> Any:
     """A node in a context of its own, which reads its security from the environment."""
     import rclpy
-    from rclpy.signals import SignalHandlerOptions
 
     os.environ["ROS_SECURITY_ENABLE"] = secured
     context = rclpy.Context()
-    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+    begin(context)
     log = name != "outside"
     return rclpy.create_node(
         name, context=context, enable_rosout=log, start_parameter_services=False

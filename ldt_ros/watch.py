@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from ldt_core.errors import BadInput
 from ldt_core.watch.fleet import Fleet
-from ldt_ros.environment import one_line, prepare, require_ros
+from ldt_ros.environment import begin, one_line, prepare, require_ros
 
 SPIN = 0.1  # s, how late a stop may be noticed when nothing arrives
 
@@ -46,14 +46,12 @@ class GraphSource:
         """
         import rclpy
         from rclpy.experimental import EventsExecutor
-        from rclpy.signals import SignalHandlerOptions
 
         from ldt_ros.watch_node import WatchNode
 
         context = rclpy.Context()
         try:
-            no_handlers = SignalHandlerOptions.NO
-            rclpy.init(args=[], context=context, signal_handler_options=no_handlers)
+            begin(context)
             ear = WatchNode(fleet, self.namespace, context=context)
         except Exception as error:
             rclpy.try_shutdown(context=context)

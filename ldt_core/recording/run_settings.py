@@ -17,8 +17,9 @@ from ldt_core.recording.messages import quoted
 
 KEY = "settings"  # of a recording's custom data
 FORMAT = "ldt-settings-1"
+SECURE = "secure"  # recorded is whether the run was, and not by which keys
 #: What says where and how the run was recorded, and nothing of what it did.
-LEFT_OUT = ("bag", "graph", "resume", "run_settings", "secure", "split_size")
+LEFT_OUT = ("bag", "graph", "resume", "run_settings", SECURE, "split_size")
 #: What a run may go on with otherwise: it decides when things happen, and not what.
 FREE = (
     *("adaptation_timeout", "checkpoint_every", "deadline", "hung_after"),
@@ -38,6 +39,8 @@ def settings_text(settings: Mapping[str, Any]) -> str:
     '{"format": "ldt-settings-1", "model": "linear", "seed": 3}'
     """
     kept = {name: value for name, value in settings.items() if name not in LEFT_OUT}
+    if settings.get(SECURE):
+        kept[SECURE] = True
     return json.dumps({"format": FORMAT, **kept}, allow_nan=False)
 
 

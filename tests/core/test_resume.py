@@ -8,6 +8,7 @@ import pytest
 import msgs_config
 from ldt_core.errors import BadInput
 from ldt_core.experiment import Experiment
+from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from ldt_core.resume import resumed
 from ldt_core.settings import resolve
@@ -39,3 +40,24 @@ def test_what_needs_the_graph_is_not_gone_on_with_without_it(tmp_path):
     with pytest.raises(BadInput, match=r"run, stream: expected .*ldt up --resume goes on"):
         resumed(of_run(resume=bag))
     assert resumed(resolve({"resume": bag}))["stream"] == "beside"
+
+
+def test_a_run_that_began_secured_does_not_go_on_open(tmp_path):
+    """Without a word; by whichever keys it is secured then, and where there is no graph it is."""
+    bag = recording(tmp_path / "run", secure="some/keys")
+    assert read_bag(bag).settings()["secure"] is True
+    assert "some/keys" not in (tmp_path / "run" / "metadata.yaml").read_text()
+    with pytest.raises(BadInput, match=r"^--secure: expected a keystore, since .* began secured"):
+        resumed(resolve({"resume": bag}))
+    assert resumed(resolve({"resume": bag, "secure": "other"}))["secure"] == "other"
+    without = {n: v for n, v in of_run(resume=bag).items() if n != "secure"}
+    assert "secure" not in resumed(without)
+
+
+@pytest.mark.parametrize(("began", "goes_on"), [("", "keys"), ("keys", "others"), ("keys", "")])
+def test_a_recorder_goes_on_whoever_secures_it(tmp_path, began, goes_on):
+    """The keys are no part of the run: who may go on is asked once, when it is taken up."""
+    bag = recording(tmp_path / "run", secure=began)
+    with BagWriter(bag, "rotor", settings=resolve({"secure": goes_on}), resume=True):
+        pass
+    assert read_bag(bag).settings().get("secure", False) == bool(began)
