@@ -19,6 +19,8 @@ pytest.importorskip("rclpy")
 
 from disturbed import differences, killed, nodes, recorded
 
+from ldt_core.cli import invoke
+from ldt_core.cli import ldt as commands
 from ldt_core.recording.bag import read_bag
 
 LDT = str(Path(sys.executable).with_name("ldt"))
@@ -173,6 +175,7 @@ def test_a_node_that_crashes_over_and_over_ends_the_run(ldt, tmp_path):
     assert errors.count("\n") == 1
 
 
+@pytest.mark.parametrize("command", ["run", "up"])
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -181,35 +184,34 @@ def test_a_node_that_crashes_over_and_over_ends_the_run(ldt, tmp_path):
         (("--model", "physics"), "--model: expected 'linear'"),
     ],
 )
-def test_another_run_is_not_taken_up(options, words, ldt, tmp_path):
+def test_another_run_is_not_taken_up(
+    command, options, words, undisturbed, monkeypatch, capsys, domain
+):
     """Its numbers would not be those of one run; the recording stays as it is."""
-    finished(ldt("run", *RUN[:1], "4", *RUN[2:], "--bag", "run", "--json"))
-    before = {f: f.read_bytes() for f in (tmp_path / "run").iterdir()}
-    for command in ("run", "up"):
-        _, errors = (process := ldt(command, "--resume", "run", *options)).communicate()
-        assert process.returncode == 2
-        assert words in errors
-    assert {f: f.read_bytes() for f in (tmp_path / "run").iterdir()} == before
+    monkeypatch.chdir(undisturbed.parent)
+    before = {f: f.read_bytes() for f in undisturbed.iterdir()}
+    assert invoke(commands, [command, "--resume", "run", *options]) == 2
+    assert words in capsys.readouterr().err
+    assert {f: f.read_bytes() for f in undisturbed.iterdir()} == before
 
 
-def test_a_recording_under_another_key_is_not_taken_up(ldt, tmp_path, short_rotor):
+def test_a_recording_under_another_key_is_not_taken_up(
+    tmp_path, short_rotor, monkeypatch, capsys, domain
+):
     """The machine file has changed; a recording that is none of a run has no key at all."""
     machine = tmp_path / "own.yaml"
     machine.write_text(Path(short_rotor).read_text())
-    own = ("--machine", "own.yaml", "--experiments", "4", "--model", "physics")
-    finished(ldt("run", *own, "--bag", "run", "--json"))
-    _, errors = (process := ldt("run", "--resume", "run")).communicate()
-    assert process.returncode == 2
-    assert "--machine: expected 'own.yaml' given again" in errors
+    monkeypatch.chdir(tmp_path)
+    own = ["--machine", "own.yaml", "--experiments", "4", "--model", "physics"]
+    assert invoke(commands, ["run", *own, "--bag", "run", "--json"]) == 0
+    assert invoke(commands, ["run", "--resume", "run"]) == 2
+    assert "--machine: expected 'own.yaml' given again" in capsys.readouterr().err
     machine.write_text(machine.read_text().replace("m: 4.9", "m: 4.8"))
     for command in ("run", "up"):
-        process = ldt(command, "--resume", "run", "--machine", "own.yaml")
-        _, errors = process.communicate()
-        assert process.returncode == 2
+        assert invoke(commands, [command, "--resume", "run", "--machine", "own.yaml"]) == 2
+        errors = capsys.readouterr().err
         assert "run, machine: expected" in errors
         assert "under which the run began" in errors
-    simulate = ("simulate", "--experiments", "2", "--out", "other")
-    assert ldt(*simulate).wait(PATIENCE) == 0
-    _, errors = (process := ldt("run", "--resume", "other")).communicate()
-    assert process.returncode == 2
-    assert "other: expected a recording of a run" in errors
+    assert invoke(commands, ["simulate", "--experiments", "2", "--out", "other"]) == 0
+    assert invoke(commands, ["run", "--resume", "other"]) == 2
+    assert "other: expected a recording of a run" in capsys.readouterr().err
