@@ -178,6 +178,7 @@ def build() -> None:
                 "effects = ldt_core.cli.effects:command",
                 "identify = ldt_core.cli.identify:command",
                 "import = ldt_core.cli.import_file:command",
+                "learning = ldt_ros.learning:command",
                 "plot = ldt_core.cli.plot:command",
                 "predict = ldt_core.cli.predict:command",
                 "replay = ldt_core.cli.replay:command",

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,9 +24,10 @@ from ldt_core.experiment import (
     ModelRecord,
     Signal,
 )
-from ldt_core.gate import Trial
+from ldt_core.gate import Offer, Trial
 from ldt_core.memory import Memory
 from ldt_core.models.base import Model
+from ldt_core.pause import PAUSED
 from ldt_core.plausible import fault
 from ldt_core.settings import resolve
 from ldt_core.training_data import HARM, core, still_valid
@@ -42,21 +43,6 @@ EARLIER = 8
 FAULTY = "faulty_sensor"
 #: In the details of an adaptation: the version that came into force again by hand.
 ROLLED_BACK = "rolled_back_to"
-
-
-@dataclass(frozen=True)
-class Offer:
-    """A model that may take the present one's place.
-
-    Args:
-        model: the next version.
-        origin: where it comes from, for a person.
-        details: figures behind it.
-    """
-
-    model: Model
-    origin: str
-    details: dict[str, float] = field(default_factory=dict)
 
 
 class Adaptor:
@@ -118,6 +104,8 @@ class Adaptor:
         self.sensor_check: bool = settings["sensor_check"]
         #: Models that were in force before, the very first one first.
         self.earlier: list[Model] = []
+        #: Whether the operator wants nothing to be learned at present.
+        self.paused = False
         self.diagnoser = diagnoser
         self.diagnosis: DiagnosisRecord | None = None
         #: The last verdict that named a cause.
@@ -125,9 +113,9 @@ class Adaptor:
 
     def step(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
         """Deal with one experiment; (what was done, the model that goes on)."""
-        if found := self._fault(experiment):
+        if passed_over := self._passed_over(experiment):
             self.diagnosis = None
-            return self._faulty(experiment, found), self.model
+            return passed_over, self.model
         details: dict[str, float] = {}
         if self.diagnoser is not None:
             self.diagnosis = self.diagnoser.step(experiment, signal)
@@ -146,16 +134,20 @@ class Adaptor:
         version = self.model.version
         return Adaptation(experiment.number, action, version, reason, details), self.model
 
-    def _fault(self, experiment: Experiment) -> str:
-        if not self.sensor_check:
-            return ""
-        return fault(self.model.machine, experiment, self._recent(experiment))
-
-    def _faulty(self, experiment: Experiment, found: str) -> Adaptation:
+    def _passed_over(self, experiment: Experiment) -> Adaptation | None:
+        """What is said of one that is kept out of all that is ever learned from."""
+        if self.paused:
+            action, why, words = Action.KEPT, PAUSED, "switched off"
+        elif self.sensor_check and (
+            words := fault(self.model.machine, experiment, self._recent(experiment))
+        ):
+            action, why = Action.REFUSED, FAULTY
+        else:
+            return None
         version = self.model.version
-        reason = f"nothing is learned: {found}; version {version} stays"
-        details = {FAULTY: 1, "warning_set": len(self.memory)}
-        return Adaptation(experiment.number, Action.REFUSED, version, reason, details)
+        reason = f"nothing is learned: {words}; version {version} stays"
+        details = {why: 1, "warning_set": len(self.memory)}
+        return Adaptation(experiment.number, action, version, reason, details)
 
     def _learn(self, experiment: Experiment) -> tuple[Action, str, dict[str, float]]:
         stays = f"version {self.model.version} stays"
@@ -203,7 +195,7 @@ class Adaptor:
         if ROLLED_BACK in told.details and model is not None:
             self._roll_back(step, model)
             return
-        if told.details.get(FAULTY):
+        if told.details.get(FAULTY) or told.details.get(PAUSED):
             self._check_version(told)
             return
         if self.diagnoser is not None:

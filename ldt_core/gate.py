@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,6 +15,21 @@ from ldt_core.models.base import Model
 #: Fewest samples of a block held back: a single one would be a free run of no step at all when it
 #: is an experiment's first.
 LEAST_BLOCK = 2
+
+
+@dataclass(frozen=True)
+class Offer:
+    """A model that may take the present one's place.
+
+    Args:
+        model: the next version.
+        origin: where it comes from, for a person.
+        details: figures behind it.
+    """
+
+    model: Model
+    origin: str
+    details: dict[str, float] = field(default_factory=dict)
 
 
 class Trial:

@@ -21,6 +21,7 @@ from ldt_core.experiment import (
     Signal,
     Step,
 )
+from ldt_core.pause import PAUSED
 
 #: "Within the next five experiments after the drift" (paper, section 4). A drift at i means that
 #: experiment i is the first with the new value, so the drift took place before it, and the five are
@@ -83,6 +84,8 @@ class Summary:
     def add_adaptation(self, adaptation: Adaptation) -> None:
         """Take in what the adaptor did with one experiment."""
         self._actions[Action(adaptation.action)] += 1
+        if adaptation.details.get(PAUSED):
+            self.note("learning was switched off for a while")
         self.model_version = adaptation.model_version
 
     def add_diagnosis(self, diagnosis: DiagnosisRecord) -> None:

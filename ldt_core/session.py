@@ -13,6 +13,7 @@ from ldt_core.experiment import Experiment, Step
 from ldt_core.going_on import Kept
 from ldt_core.machine import Machine
 from ldt_core.metrics import Summary
+from ldt_core.pause import Pause
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from ldt_core.resume import check_key, key_text
@@ -133,6 +134,7 @@ def run(
         summary.note(*_troubles(twin))
         return summary
     goes_on = bool(settings.get("resume"))
+    twin.adaptor.paused = goes_on and bool(Pause(bag))
     if goes_on:
         check_key(read_bag(bag, namespace or "/", listed=True), machine)
     with BagWriter(

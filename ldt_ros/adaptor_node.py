@@ -4,16 +4,34 @@ from __future__ import annotations
 
 from typing import Any
 
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+
 from ldt_core.experiment import Experiment, Signal
 from ldt_core.models import build_model
 from ldt_core.past import Past
+from ldt_core.pause import Pause
+from ldt_core.printable import one_line
 from ldt_core.twin import build_adaptor
 from ldt_ros.convert import to_message
 from ldt_ros.worker_node import WorkerNode
 
+SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
-class AdaptorNode(WorkerNode):
+
+class AdaptorNode(WorkerNode, LifecycleNodeMixin):
     """Keeps, stores, or learns from each experiment as its signal says.
+
+    A managed node, which is active from its start on. While it is inactive it learns nothing: each
+    experiment is answered so that the loop goes on, with the model in force, and is kept out of all
+    that is learned from later. It stays inactive over crashes and `--resume`. For an operator who
+    works at the machine, of which nothing is to be learned.
+
+    | asked for | what happens |
+    |---|---|
+    | `deactivate` | nothing is learned from the next experiment on; a training under way ends |
+    | `activate` | it learns again |
+    | `shutdown` | as `deactivate`, and for good: it learns again when it is started anew |
+    | `cleanup`, or what the present state does not have | refused |
 
     A model that learns by what a diagnosis names asks for one first; then this node publishes it,
     and the graph has no diagnoser. It may take 40 s, within which the twin waits unless its
@@ -28,6 +46,14 @@ class AdaptorNode(WorkerNode):
         super().__init__("adaptor", *groups, **node_arguments)
         model = build_model(self.settings["model"], self.machine, self.settings)
         self.adaptor = build_adaptor(model, self.settings)
+        self._pause = Pause(self.settings["resume"] or self.settings["bag"])
+        LifecycleNodeMixin.__init__(self)
+        self._change = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
+        self.trigger_configure()
+        self.adaptor.paused = bool(self._pause)
+        if not self.adaptor.paused:
+            self.trigger_activate()
         self._model = self.publishes("model")
         self._adaptation = self.publishes("adaptation")
         self._diagnosis = self.publishes("diagnosis") if model.asks_for_diagnosis else None
@@ -42,6 +68,7 @@ class AdaptorNode(WorkerNode):
             "model_version": self.adaptor.model.version,
             "warning_set": len(self.adaptor.memory),
             "training": str(self.busy).lower(),
+            "learning": "off" if self.adaptor.paused else "on",
             **super().health(),
         }
         return {**values, "no diagnosis": trouble} if trouble else values
@@ -51,6 +78,40 @@ class AdaptorNode(WorkerNode):
         if self.adaptor.diagnoser is not None:
             self.adaptor.diagnoser.cancel()  # it may take longer than anybody waits
         self.worker.shutdown(wait=True)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Learn from the next experiment on."""
+        return self._learn(True)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Learn nothing from the next experiment on."""
+        return self._learn(False)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Refuse: what has been learned stays."""
+        return FAILURE
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Learn nothing any more; the loop needs the answers all the same."""
+        self.adaptor.paused = True
+        return SUCCESS
+
+    def _learn(self, wanted: bool) -> TransitionCallbackReturn:
+        if self.adaptor.paused == wanted:
+            kept = self._pause.keep(not wanted)
+            what = f"learning is switched {'on' if wanted else 'off'}"
+            self.get_logger().info(what if kept else f"{what}, until this node is started again")
+        self.adaptor.paused = not wanted
+        return SUCCESS
+
+    def _on_change_state(self, request: Any, response: Any) -> Any:
+        """Say no to what the state does not have; the library would end the node."""
+        try:
+            return self._change(request, response)
+        except Exception as error:
+            self.get_logger().warning(f"change_state: {one_line(str(error))}")
+            response.success = False
+            return response
 
     def recall(self, step: Past) -> None:
         """Take over what a recorded step says."""

@@ -32,6 +32,7 @@ POLL = 0.0005  # s
 PACKAGES = (
     *("rcl_interfaces.msg", "rcl_interfaces.srv", "type_description_interfaces.srv"),
     *("diagnostic_msgs.msg", "sensor_msgs.msg", "std_msgs.msg"),
+    *("lifecycle_msgs.msg", "lifecycle_msgs.srv"),
 )
 
 

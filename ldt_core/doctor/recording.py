@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 
 from ldt_core.doctor.check import Finding, ok, problem, warning
 from ldt_core.errors import BadInput
+from ldt_core.pause import Pause
 from ldt_core.recording.bag import namespaces, read_bag
 from ldt_core.recording.health import ANSWERS, Health, inspect
 from ldt_core.recording.repair import Mended, repair
@@ -64,6 +65,7 @@ def findings(health: Health) -> list[Finding]:
         *_pauses(health),
         *_answers(health),
         *_rejected(health),
+        *_learning(health),
         *_settings(health),
     ]
 
@@ -168,6 +170,13 @@ def _rejected(health: Health) -> list[Finding]:
     why = "; ".join(sorted({n.last_rejection for n in nodes if n.last_rejection}))
     remedy = "mend what publishes them; the nodes went on without these messages"
     return [warning("rejected", f"{', '.join(counts)} ({why})", remedy)]
+
+
+def _learning(health: Health) -> list[Finding]:
+    if not Pause(health.path):
+        return []
+    remedy = f"ldt learning on, or with --bag {health.path} where the run has ended"
+    return [warning("learning", "switched off, also when the run is taken up", remedy)]
 
 
 def _settings(health: Health) -> list[Finding]:

@@ -22,7 +22,12 @@ NODES = (
 )
 #: Who listens to all machines at once, and sends nothing that a machine's nodes act on.
 LISTENERS = ("monitor", "watch")
-ROLES = (*NODES, *LISTENERS)
+#: Who may switch the learning of each machine off and on, and nothing else.
+OPERATOR = "operator"
+ROLES = (*NODES, *LISTENERS, OPERATOR)
+#: What the adaptor, a managed node, is asked by an operator, and where it says what it did.
+ASKED = ("change_state", "get_state")
+TOLD = "transition_event"
 DOMAINS = range(233)  # as ROS_DOMAIN_ID
 NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?", re.ASCII)
 #: Every node's own: its log and what it tells of its parameters; and which nodes there are.
@@ -80,18 +85,20 @@ def enclaves(namespaces: list[str], streams: list[str]) -> list[Enclave]:
         streams: further topics that the segmenters hear, a machine's own; absolute names.
     """
     found = [_node(role, namespace, streams) for namespace in namespaces for role in NODES]
-    return found + [_listener(role, namespaces) for role in LISTENERS]
+    return [*found, *(_listener(role, namespaces) for role in LISTENERS), _operator(namespaces)]
 
 
 def enclave_name(role: str, namespace: str) -> str:
     """The enclave in which a role's process runs."""
-    below = role in LISTENERS or not namespace.strip("/")
-    return f"/{role}" if below else f"/{namespace.strip('/')}/{role}"
+    alone = role not in NODES or not namespace.strip("/")
+    return f"/{role}" if alone else f"/{namespace.strip('/')}/{role}"
 
 
 def _node(role: str, namespace: str, streams: list[str]) -> Enclave:
     publishes = [_dds(t, namespace) for t in msgs_config.topics() if role in publishers(t)]
     hears = [_dds(t, namespace) for t in msgs_config.topics() if role in listeners(t)]
+    if role == "adaptor":
+        publishes.append(_dds(f"{role}/{TOLD}", namespace))
     if role == "segmenter":
         hears += [f"rt/{topic.strip('/')}" for topic in streams]
     return _enclave(role, [namespace], publishes, hears)
@@ -101,6 +108,13 @@ def _listener(role: str, namespaces: list[str]) -> Enclave:
     topics = [t for t in msgs_config.topics() if role in listeners(t)]
     hears = [_dds(t, namespace) for namespace in namespaces for t in topics]
     return _enclave(role, ["", *namespaces], [], hears)
+
+
+def _operator(namespaces: list[str]) -> Enclave:
+    asked = [f"{_prefix(namespace)}adaptor/{name}" for namespace in namespaces for name in ASKED]
+    publishes = [f"rq/{name}Request" for name in asked]
+    hears = [f"rr/{name}Reply" for name in asked]
+    return _enclave(OPERATOR, [""], publishes, hears)
 
 
 def _enclave(role: str, namespaces: list[str], publishes: list[str], hears: list[str]) -> Enclave:

@@ -22,8 +22,9 @@ pytest.importorskip("cryptography")
 
 from ldt_core.security.certificates import new_authority
 from ldt_core.security.keystore import FILES, check_keystore, make_keystore
-from ldt_core.security.permissions import LISTENERS, NODES, ROLES, publishers
+from ldt_core.security.permissions import LISTENERS, NODES, OPERATOR, ROLES, publishers
 
+ALONE = (*LISTENERS, OPERATOR)  # enclaves of no machine's own
 DOMAIN = 7
 NAMESPACES = ["", "hall/press"]
 TOPICS = msgs_config.topics()
@@ -91,7 +92,7 @@ def signed(keystore: Path) -> dict[str, dict[str, list[str]]]:
 def test_every_role_of_every_machine_has_an_enclave(keystore):
     """Those who listen to all machines have one for all."""
     below = [f"/{n}" if n else "" for n in NAMESPACES]
-    wanted = {f"{b}/{role}" for b in below for role in NODES} | {f"/{r}" for r in LISTENERS}
+    wanted = {f"{b}/{role}" for b in below for role in NODES} | {f"/{r}" for r in ALONE}
     assert set(enclaves(keystore)) == wanted
     for name in wanted:
         assert all((keystore / "enclaves" / name.strip("/") / f).is_file() for f in FILES)
@@ -153,6 +154,19 @@ def test_nobody_may_do_anything_that_is_not_declared(signed):
             reached = [t for t in of["subscribe"] for n in others if t.startswith(f"rt/{n}/")]
             assert reached == [] or name.endswith("/segmenter")
     assert "rt/hall/press/axis/joint_states" in signed["/hall/press/segmenter"]["subscribe"]
+
+
+def test_the_operator_alone_may_ask_an_adaptor_to_learn_or_not(signed):
+    """Of every machine, and publish nothing else; what it did the adaptor may say."""
+    for namespace in NAMESPACES:
+        node = f"{namespace}/adaptor" if namespace else "adaptor"
+        asks, hears = f"rq/{node}/change_stateRequest", f"rr/{node}/change_stateReply"
+        may = [n for n, of in signed.items() if any(fnmatchcase(asks, p) for p in of["publish"])]
+        assert may == ["/operator"]
+        assert hears in signed["/operator"]["subscribe"]
+        assert f"rt/{node}/transition_event" in signed[f"/{node}"]["publish"]
+    sent = [t for t in signed["/operator"]["publish"] if not t.startswith(("rq/", "rr/operator/"))]
+    assert set(sent) == {"rt/rosout", "rt/parameter_events", "ros_discovery_info"}
 
 
 def test_governance_lets_nobody_in_who_is_not_known(keystore):
@@ -256,7 +270,7 @@ def test_what_cannot_be_is_refused_in_a_sentence(wrong, tmp_path):
 def test_a_namespace_may_be_called_as_a_role(tmp_path):
     """A folder is then an enclave and holds others."""
     made = make_keystore(tmp_path / "keys", ["plant", "", "plant/"])
-    assert len(made.enclaves) == 2 * len(NODES) + len(LISTENERS)
+    assert len(made.enclaves) == 2 * len(NODES) + len(ALONE)
     assert {"/plant", "/plant/plant"} <= set(enclaves(tmp_path / "keys"))
 
 
@@ -319,4 +333,4 @@ def test_every_role_that_is_declared_is_known():
     """A role that topics.yaml names and that has no enclave could not run secured."""
     keys = ("publisher", "subscriber", "may_publish", "may_listen")
     named = {role for declared in TOPICS.values() for key in keys for role in declared.get(key, ())}
-    assert named == set(ROLES)
+    assert named == set(ROLES) - {OPERATOR}

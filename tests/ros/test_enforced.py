@@ -33,6 +33,7 @@ PATIENCE = 240  # s; a stalled machine is not what is tested
 MODEL = ("--model", "linear", "--order", "1")
 RUN = ("--experiments", "40", "--seed", "3", *MODEL, "--start-time", "1e9")
 PACED = (*RUN, "--rate", "100")  # 8 s, so that there is time to meet
+LONG = ("--experiments", "100000", "--rate", "100", "--model", "physics")
 TOPICS = ("experiment", "prediction", "signal", "adaptation", "model")
 
 
@@ -161,6 +162,20 @@ def test_a_key_opens_what_is_its_role_s(insider, keystore, role, publishes, hear
     found = told(insider(role, 0.1, keystore))
     assert set(TOPICS) - set(found["publishes"]) == publishes
     assert hears <= set(TOPICS) - set(found["hears"])
+
+
+def test_the_operator_s_key_alone_switches_learning(ldt, keystore, tmp_path):
+    """Not the recorder's, nor nobody."""
+    process = ldt("up", *LONG, "--secure", str(keystore), "--bag", "run")
+    begun(tmp_path / "run")
+    keys = {**secure.ENFORCED, secure.KEYSTORE: str(keystore)}
+    for environment in ({}, {**keys, secure.OVERRIDE: "/recorder"}):
+        asked = ldt("learning", "off", **environment)
+        assert "learning is" not in asked.communicate(timeout=PATIENCE)[0]
+        assert asked.returncode == 2
+    asked = ldt("learning", "off", **keys)
+    assert asked.communicate(timeout=PATIENCE) == ("learning is off\n", "")
+    assert process.poll() is None
 
 
 @pytest.mark.parametrize("secured", [True, False])

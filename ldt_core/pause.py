@@ -1,0 +1,38 @@
+"""Whether an adaptor learns at present, as the operator wants it, kept beside the recording.
+
+So that it outlives a crash of the adaptor, and the end of the whole stack.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+NAME = "learning.off"  # a file that is there while nothing is to be learned
+PAUSED = "paused"  # detail of an adaptation for which that was so
+
+
+class Pause:
+    """True while nothing is to be learned.
+
+    Args:
+        folder: of the recording; "" where there is none, so that nothing is kept.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self._file = Path(folder) / NAME if str(folder) else None
+
+    def __bool__(self) -> bool:
+        return self._file is not None and self._file.exists()
+
+    def keep(self, paused: bool) -> bool:
+        """Note what the operator wants; whether it could be noted."""
+        if self._file is None:
+            return False
+        try:
+            if paused:
+                self._file.touch()
+            else:
+                self._file.unlink(missing_ok=True)
+        except OSError:
+            return False
+        return True

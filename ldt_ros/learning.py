@@ -1,0 +1,121 @@
+"""`ldt learning`: an operator switches the learning of a twin off and on."""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import Any
+
+import click
+
+from ldt_core.cli.options import json_option, namespace_option
+from ldt_core.cli.terminal import echo
+from ldt_core.errors import BadInput, LdtError
+from ldt_core.pause import Pause
+from ldt_core.security.permissions import OPERATOR, enclave_name
+from ldt_ros.environment import begin, one_line, prepare, require_ros
+from ldt_ros.secure import OVERRIDE
+
+PATIENCE = 5.0  # s; who is there is met within 0.5
+#: Label of a managed node's state → what that means here.
+LEARNING = {"active": "on", "inactive": "off"}
+TRANSITIONS = {"on": "activate", "off": "deactivate"}
+
+
+@click.command("learning", short_help="Switch the learning of a running twin off or on.")
+@click.argument("wanted", type=click.Choice(["on", "off"]), required=False)
+@click.option("--bag", default="", help="Recording of a run that has ended, instead of the graph.")
+@namespace_option
+@json_option
+def command(wanted: str | None, bag: str, namespace: str, as_json: bool) -> None:
+    """Say whether the twin of the running graph learns; with off or on, switch that.
+
+    While it is off the twin predicts and judges as before, and what comes is kept out of all that
+    is learned from later: for work at the machine. It stays off over crashes and --resume. This is
+    the standard state of the adaptor, a managed node: ros2 lifecycle set /adaptor deactivate.
+
+    Example: ldt learning off
+    """
+    found = _of_recording(bag, wanted) if bag else _of_graph(namespace, wanted)
+    echo(json.dumps({"learning": found}) if as_json else f"learning is {found}")
+
+
+def _of_recording(bag: str, wanted: str | None) -> str:
+    from ldt_core.recording.bag import read_bag
+    from ldt_core.recording.lock import is_written
+
+    path = read_bag(bag, listed=True).path
+    pause = Pause(path)
+    if wanted:
+        if is_written(path):
+            expected = "a recording that nobody writes (without --bag the graph is asked)"
+            raise BadInput(bag, expected, "one that is being written")
+        if not pause.keep(wanted == "off"):
+            raise LdtError(f"{bag}: cannot be written")
+    return "off" if pause else "on"
+
+
+def _of_graph(namespace: str, wanted: str | None) -> str:
+    require_ros()
+    os.environ.setdefault(OVERRIDE, enclave_name(OPERATOR, ""))  # counts where there is security
+    prepare()
+    import rclpy
+
+    context = rclpy.Context()
+    try:
+        begin(context)
+        node = rclpy.create_node(
+            OPERATOR, context=context, enable_rosout=False, start_parameter_services=False
+        )
+    except Exception as error:
+        what = "a domain that a node can be created in"
+        raise BadInput("ROS 2", what, one_line(error)) from error
+    try:
+        return _asked(node, f"/{namespace.strip('/')}/adaptor".replace("//", "/"), wanted)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
+
+
+def _asked(node: Any, adaptor: str, wanted: str | None) -> str:
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState, GetState
+
+    def state() -> str:
+        answer = _answer(node, GetState, f"{adaptor}/get_state", GetState.Request())
+        label = str(answer.current_state.label)
+        return LEARNING.get(label, label)
+
+    found = state()
+    if wanted and wanted != found:
+        request = ChangeState.Request(transition=Transition(label=TRANSITIONS[wanted]))
+        _answer(node, ChangeState, f"{adaptor}/change_state", request)
+        found = state()
+        if found != wanted:
+            raise LdtError(f"{adaptor}: learning is {found}, and could not be switched {wanted}")
+    return found
+
+
+def _answer(node: Any, kind: Any, service: str, request: Any) -> Any:
+    """What a service says.
+
+    Raises:
+        BadInput: nobody answers.
+    """
+    from rclpy.executors import SingleThreadedExecutor
+
+    client = node.create_client(kind, service)
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    try:
+        if client.wait_for_service(timeout_sec=PATIENCE):
+            future = client.call_async(request)
+            executor.spin_until_future_complete(future, timeout_sec=PATIENCE)
+            if future.done():
+                return future.result()
+    finally:
+        executor.remove_node(node)
+        executor.shutdown()
+        node.destroy_client(client)
+    expected = "an adaptor (of a graph that runs in this ROS_DOMAIN_ID; --namespace says of which)"
+    raise BadInput(service, expected, f"no answer within {PATIENCE:g} s")

@@ -1,0 +1,186 @@
+"""An operator switches learning off and on while the graph runs."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+from disturbed import nodes, recorded  # noqa: E402
+from lifecycle_msgs.msg import Transition  # noqa: E402
+from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
+from stranger import answer, experiment  # noqa: E402
+
+from ldt_core.cli import invoke, ldt  # noqa: E402
+from ldt_core.experiment import Action, Level  # noqa: E402
+from ldt_core.pause import NAME, PAUSED  # noqa: E402
+from ldt_core.recording.bag import read_bag  # noqa: E402
+from ldt_core.recording.writer import BagWriter  # noqa: E402
+from ldt_ros.adaptor_node import AdaptorNode  # noqa: E402
+
+LDT = str(Path(sys.executable).with_name("ldt"))
+PATIENCE = 240  # s; a stalled machine is not what is tested
+LINEAR = {"model": "linear", "order": 1}
+
+
+def asked(stranger, kind, name, request):
+    client = stranger.node.create_client(kind, name)
+    stranger.until(client.service_is_ready, name)
+    future = client.call_async(request)
+    stranger.until(future.done, name)
+    stranger.node.destroy_client(client)
+    return future.result()
+
+
+def state(stranger) -> str:
+    got = asked(stranger, GetState, "adaptor/get_state", GetState.Request())
+    return got.current_state.label
+
+
+def change(stranger, label: str = "", number: int = 0) -> bool:
+    request = ChangeState.Request(transition=Transition(label=label, id=number))
+    return asked(stranger, ChangeState, "adaptor/change_state", request).success
+
+
+def test_an_inactive_adaptor_answers_and_learns_nothing(stranger):
+    """The model in force stays; activated it learns, and not from what came meanwhile."""
+    node = stranger.start(AdaptorNode, **LINEAR)
+    stranger.listen("adaptation", "model", "/diagnostics")
+    assert state(stranger) == "active"
+    assert change(stranger, "deactivate")
+    assert state(stranger) == "inactive"
+    for number, level in ((1, Level.POSITIVE), (2, Level.WARNING), (3, Level.NEGATIVE)):
+        stranger.send("experiment", experiment(number))
+        stranger.send("signal", answer(number, level))
+    stranger.until(lambda: stranger.numbers("adaptation") == [1, 2, 3])
+    for told in stranger.heard["adaptation"]:
+        assert (told.action, told.details[PAUSED], told.model_version) == (Action.KEPT, 1, 0)
+        assert told.reason == "nothing is learned: switched off; version 0 stays"
+    stranger.until(lambda: stranger.health("adaptor").get("learning") == "off")
+    assert change(stranger, "activate")
+    stranger.send("experiment", experiment(4))
+    stranger.send("signal", answer(4, Level.WARNING))
+    stranger.until(lambda: stranger.numbers("adaptation") == [1, 2, 3, 4])
+    assert stranger.heard["adaptation"][-1].action is Action.STORED
+    assert [e.number for e in node.adaptor.memory.recent] == [4]
+
+
+def test_what_its_state_does_not_have_is_refused(stranger):
+    """The node goes on, whatever it is asked for."""
+    stranger.start(AdaptorNode, **LINEAR)
+    assert not change(stranger, "activate")
+    assert not change(stranger, "no such thing")
+    assert not change(stranger, number=255)
+    assert state(stranger) == "active"
+    assert change(stranger, "deactivate")
+    assert not change(stranger, "cleanup")
+    assert state(stranger) == "inactive"
+    assert change(stranger, "shutdown")
+    assert not change(stranger, "activate")
+    stranger.listen("adaptation")
+    stranger.send("experiment", experiment(1))
+    stranger.send("signal", answer(1, Level.POSITIVE))
+    stranger.until(lambda: stranger.numbers("adaptation") == [1])
+    assert PAUSED in stranger.heard["adaptation"][0].details
+
+
+def test_it_stays_off_over_a_crash_and_the_end_of_the_run(domain, programs, tmp_path):
+    """Until it is switched on; then the twin learns again, from what came since alone."""
+
+    def run(*arguments: str) -> subprocess.Popen[str]:
+        return programs.start(
+            [LDT, *arguments],
+            cwd=tmp_path,
+            text=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+
+    def says(*arguments: str) -> str:
+        code, printed = programs.run([LDT, "learning", *arguments], PATIENCE, cwd=tmp_path)
+        assert code == 0, printed
+        return printed.strip()
+
+    def wait_for(count: int) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while recorded(tmp_path / "run") < count:
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+
+    model = ("--model", "linear", "--order", "1", "--degradation", "ramp", "--seed", "3")
+    paced = ("--experiments", "100000", "--rate", "100", "--bag", "run")
+    graph = run("up", *model, *paced)
+    wait_for(2)
+    assert says() == "learning is on"
+    assert says("off") == "learning is off"
+    off = recorded(tmp_path / "run") + 2
+    nodes(graph.pid)["adaptor"].kill()
+    wait_for(off + 3)
+    assert json.loads(says("--json")) == {"learning": "off"}
+    graph.send_signal(signal.SIGINT)
+    graph.communicate(timeout=PATIENCE)
+    graph = run("up", "--resume", "run")
+    ended = recorded(tmp_path / "run")
+    wait_for(ended + 3)
+    assert says("on") == "learning is on"
+    on = recorded(tmp_path / "run") + 2
+    wait_for(on + 4)
+    graph.send_signal(signal.SIGINT)
+    graph.communicate(timeout=PATIENCE)
+    told = {a.experiment: a for a in read_bag(tmp_path / "run").records("adaptation")}
+    paused = {number for number, a in told.items() if PAUSED in a.details}
+    last = max(paused)
+    assert set(range(off, ended + 1)) <= paused
+    assert not paused & set(range(on, max(told) + 1))
+    assert len({told[n].model_version for n in paused}) == 1
+    models = [m for m in read_bag(tmp_path / "run").records("model") if m.version]
+    assert not any(paused & set(m.trained_on) for m in models)
+    assert told[last].model_version <= told[max(told)].model_version
+    assert not (tmp_path / "run" / NAME).exists()
+
+
+# ---- the command
+
+
+@pytest.fixture
+def environment(domain):
+    """Put back what the command prepares for its own process."""
+    before = dict(os.environ)
+    yield
+    os.environ.clear()
+    os.environ.update(before)
+
+
+def test_where_nobody_answers_it_says_what_to_look_at(environment, capsys, monkeypatch):
+    """In a sentence."""
+    monkeypatch.setattr("ldt_ros.learning.PATIENCE", 0.2)
+    assert invoke(ldt, ["learning", "off", "--namespace", "press"]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("ldt: /press/adaptor/get_state: expected an adaptor")
+    assert err.count("\n") == 1
+
+
+def test_a_run_that_has_ended_is_switched_by_its_recording(tmp_path, capsys):
+    """A run that goes on with it begins so, with or without a graph."""
+    own = ["--experiments", "3", "--model", "linear", "--order", "1", "--degradation", "abrupt"]
+    run = str(tmp_path / "run")
+    assert invoke(ldt, ["run", *own, "--start-time", "1e9", "--bag", run]) == 0
+    capsys.readouterr()
+    assert invoke(ldt, ["learning", "off", "--bag", run]) == 0
+    assert invoke(ldt, ["learning", "--bag", run, "--json"]) == 0
+    assert capsys.readouterr().out == 'learning is off\n{"learning": "off"}\n'
+    assert invoke(ldt, ["learning", "on", "--bag", run]) == 0
+    assert invoke(ldt, ["learning", "--bag", str(tmp_path / "nothing")]) == 2
+    capsys.readouterr()
+    with BagWriter(run, "rotor", resume=True):
+        assert invoke(ldt, ["learning", "off", "--bag", run]) == 2
+    assert "one that is being written" in capsys.readouterr().err
