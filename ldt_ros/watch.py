@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable
 
 from ldt_core.errors import BadInput
+from ldt_core.security.permissions import enclave_name
 from ldt_core.watch.fleet import Fleet
 from ldt_ros.environment import begin, one_line, prepare, require_ros
+from ldt_ros.secure import OVERRIDE
 
 SPIN = 0.1  # s, how late a stop may be noticed when nothing arrives
 
@@ -26,6 +29,7 @@ class GraphSource:
 
     def __init__(self, namespace: str = "") -> None:
         require_ros()
+        os.environ.setdefault(OVERRIDE, enclave_name("watch", ""))  # counts where there is security
         prepare()
         from rclpy.exceptions import InvalidNamespaceException
         from rclpy.validate_namespace import validate_namespace
