@@ -12,13 +12,12 @@ from ldt_core.cli.options import json_option, namespace_option
 from ldt_core.cli.terminal import echo
 from ldt_core.errors import BadInput, LdtError
 from ldt_core.pause import Pause
-from ldt_core.security.permissions import OPERATOR, enclave_name
+from ldt_core.security.permissions import OPERATOR, check_namespace, enclave_name
 from ldt_ros.environment import begin, one_line, prepare, require_ros
 from ldt_ros.secure import OVERRIDE
 
 PATIENCE = 5.0  # s; who is there is met within 0.5
-#: Label of a managed node's state → what that means here.
-LEARNING = {"active": "on", "inactive": "off"}
+LEARNS = "active"  # state of a managed node
 TRANSITIONS = {"on": "activate", "off": "deactivate"}
 
 
@@ -31,8 +30,9 @@ def command(wanted: str | None, bag: str, namespace: str, as_json: bool) -> None
     """Say whether the twin of the running graph learns; with off or on, switch that.
 
     While it is off the twin predicts and judges as before, and what comes is kept out of all that
-    is learned from later: for work at the machine. It stays off over crashes and --resume. This is
-    the standard state of the adaptor, a managed node: ros2 lifecycle set /adaptor deactivate.
+    is learned from later: for work at the machine. It stays off over crashes and --resume; a replay
+    of the recording learns from all of it. This is the standard state of the adaptor, a managed
+    node: ros2 lifecycle set /adaptor deactivate.
 
     Example: ldt learning off
     """
@@ -57,6 +57,7 @@ def _of_recording(bag: str, wanted: str | None) -> str:
 
 def _of_graph(namespace: str, wanted: str | None) -> str:
     require_ros()
+    adaptor = f"/{check_namespace(namespace)}/adaptor".replace("//", "/")
     os.environ.setdefault(OVERRIDE, enclave_name(OPERATOR, ""))  # counts where there is security
     prepare()
     import rclpy
@@ -71,7 +72,7 @@ def _of_graph(namespace: str, wanted: str | None) -> str:
         what = "a domain that a node can be created in"
         raise BadInput("ROS 2", what, one_line(error)) from error
     try:
-        return _asked(node, f"/{namespace.strip('/')}/adaptor".replace("//", "/"), wanted)
+        return _asked(node, adaptor, wanted)
     finally:
         node.destroy_node()
         rclpy.try_shutdown(context=context)
@@ -83,8 +84,7 @@ def _asked(node: Any, adaptor: str, wanted: str | None) -> str:
 
     def state() -> str:
         answer = _answer(node, GetState, f"{adaptor}/get_state", GetState.Request())
-        label = str(answer.current_state.label)
-        return LEARNING.get(label, label)
+        return "on" if answer.current_state.label == LEARNS else "off"
 
     found = state()
     if wanted and wanted != found:

@@ -175,7 +175,7 @@ def _rejected(health: Health) -> list[Finding]:
 def _learning(health: Health) -> list[Finding]:
     if not Pause(health.path):
         return []
-    remedy = f"ldt learning on, or with --bag {health.path} where the run has ended"
+    remedy = "ldt learning on, with --bag where the run has ended"
     return [warning("learning", "switched off, also when the run is taken up", remedy)]
 
 

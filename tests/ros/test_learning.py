@@ -167,6 +167,9 @@ def test_where_nobody_answers_it_says_what_to_look_at(environment, capsys, monke
     err = capsys.readouterr().err
     assert err.startswith("ldt: /press/adaptor/get_state: expected an adaptor")
     assert err.count("\n") == 1
+    assert invoke(ldt, ["learning", "off", "--namespace", "a b"]) == 2
+    assert capsys.readouterr().err.startswith("ldt: namespace: expected words of letters")
+    assert invoke(ldt, ["learning", "of"]) == 2
 
 
 def test_a_run_that_has_ended_is_switched_by_its_recording(tmp_path, capsys):
