@@ -16,6 +16,7 @@ import numpy as np
 
 from ldt_core.errors import LdtError, OptionError, RecordingError
 from ldt_core.experiment import (
+    PAUSED,
     Action,
     Adaptation,
     DiagnosisRecord,
@@ -27,7 +28,6 @@ from ldt_core.experiment import (
 from ldt_core.gate import Offer, Trial
 from ldt_core.memory import Memory
 from ldt_core.models.base import Model
-from ldt_core.pause import PAUSED
 from ldt_core.plausible import fault
 from ldt_core.settings import resolve
 from ldt_core.training_data import HARM, core, still_valid

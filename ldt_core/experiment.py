@@ -201,6 +201,10 @@ class Level(enum.IntEnum):
         return self.name.lower()
 
 
+#: In the details of an adaptation: the operator wanted nothing to be learned.
+PAUSED = "paused"
+
+
 class Action(enum.StrEnum):
     """What the adaptor did with an experiment."""
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ldt_core.experiment import (
+    PAUSED,
     Action,
     Adaptation,
     AdviceRecord,
@@ -21,7 +22,6 @@ from ldt_core.experiment import (
     Signal,
     Step,
 )
-from ldt_core.pause import PAUSED
 
 #: "Within the next five experiments after the drift" (paper, section 4). A drift at i means that
 #: experiment i is the first with the new value, so the drift took place before it, and the five are

@@ -8,7 +8,6 @@ from __future__ import annotations
 from pathlib import Path
 
 NAME = "learning.off"  # a file that is there while nothing is to be learned
-PAUSED = "paused"  # detail of an adaptation for which that was so
 
 
 class Pause:

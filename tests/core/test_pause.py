@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from ldt_core.doctor.recording import findings
-from ldt_core.experiment import Action
+from ldt_core.experiment import PAUSED, Action
 from ldt_core.machine import load_machine
 from ldt_core.past import past
-from ldt_core.pause import NAME, PAUSED, Pause
+from ldt_core.pause import NAME, Pause
 from ldt_core.plant import Plant
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect

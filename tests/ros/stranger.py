@@ -175,7 +175,9 @@ def log_of(stranger: Stranger) -> list[Any]:
 
     lines: list = []
     kept = QoSProfile(depth=100, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-    stranger.node.create_subscription(Log, "/rosout", lines.append, kept)
+    ear = stranger.node.create_subscription(Log, "/rosout", lines.append, kept)
+    loud = stranger.node.count_publishers
+    stranger.until(lambda: ear.get_publisher_count() >= loud("/rosout"), "those who log")
     stranger.spin(0.1)
     return lines
 

@@ -163,6 +163,7 @@ def every_one_is_rejected(stranger: Stranger, node, topic: str, messages: dict) 
     assert len(told["last rejection"]) < 500
     kinds = [key for key in told if key.startswith("rejected ")]
     assert all(key.startswith(f"rejected {topic}: ") for key in kinds)
+    stranger.until(lambda: [m for m in logged if m.name.endswith(node.role)], "a line in the log")
     stranger.spin(0.2)
     assert len([m for m in logged if m.name.endswith(node.role)]) == len(kinds)
 

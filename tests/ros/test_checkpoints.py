@@ -23,7 +23,7 @@ from ldt_ros.detector_node import DetectorNode  # noqa: E402
 from ldt_ros.plant_node import PlantNode  # noqa: E402
 from ldt_ros.twin_node import PredictorNode  # noqa: E402
 
-EVERY, COUNT = 10, 345
+EVERY, COUNT, SAMPLES = 10, 345, 1000
 GIVEN = {
     **{"model": "physics", "detector": "lddm", "sensor_check": False, "advice": True},
     "checkpoint_every": EVERY,
@@ -33,7 +33,7 @@ GIVEN = {
 def made(number):
     """Of noise, which does not pack: the recording is several chunks long."""
     random = np.random.default_rng(number)
-    voltage, speed = random.uniform(0, 10, 200), random.uniform(0, 5, 200)
+    voltage, speed = random.uniform(0, 10, SAMPLES), random.uniform(0, 5, SAMPLES)
     return replace(experiment(number), voltage=voltage, speed=speed)
 
 

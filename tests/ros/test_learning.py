@@ -20,8 +20,8 @@ from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
 from stranger import answer, experiment  # noqa: E402
 
 from ldt_core.cli import invoke, ldt  # noqa: E402
-from ldt_core.experiment import Action, Level  # noqa: E402
-from ldt_core.pause import NAME, PAUSED  # noqa: E402
+from ldt_core.experiment import PAUSED, Action, Level  # noqa: E402
+from ldt_core.pause import NAME  # noqa: E402
 from ldt_core.recording.bag import read_bag  # noqa: E402
 from ldt_core.recording.writer import BagWriter  # noqa: E402
 from ldt_ros.adaptor_node import AdaptorNode  # noqa: E402
