@@ -134,8 +134,8 @@ def run(
         summary.note(*_troubles(twin))
         return summary
     goes_on = bool(settings.get("resume"))
-    twin.adaptor.paused = goes_on and bool(Pause(bag))
     if goes_on:
+        twin.adaptor.paused = bool(Pause(bag))
         check_key(read_bag(bag, namespace or "/", listed=True), machine)
     with BagWriter(
         bag,

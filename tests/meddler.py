@@ -18,10 +18,9 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent / "ros"))
 from stranger import Stranger
 
+from ldt_core.past import LOOP
 from ldt_core.recording.bag import read_bag
 from ldt_ros.environment import prepare
-
-TOPICS = ("experiment", "prediction", "signal", "adaptation", "model")
 
 
 def main() -> int:
@@ -37,7 +36,7 @@ def main() -> int:
     chance = random.Random(given.seed)
     stranger = Stranger()
     messages = [("experiment", again)]
-    messages += [(topic, nonsense(message_type(topic), chance)) for topic in TOPICS]
+    messages += [(topic, nonsense(message_type(topic), chance)) for topic in LOOP]
     chance.shuffle(messages)
     for topic, message in messages:
         stranger.send(topic, message)

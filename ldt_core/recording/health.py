@@ -107,7 +107,7 @@ def inspect(bag: Bag) -> Health:
     health.files = {f.name: f.stat().st_size for f in bag.storage.files}
     total = metadata.get("message_count")
     health.declared = total if isinstance(total, int) else None
-    reading = _Reading(health, bag.namespace, predicts=bag.judged)
+    reading = _Reading(health, bag.namespace)
     # All messages of all machines: what metadata.yaml counts, and what can be damaged.
     whole = 0
     for raw in bag.storage.messages():
@@ -127,11 +127,10 @@ class _Reading:
     Args:
         health: is filled.
         namespace: of the machine.
-        predicts: whether the recording has predictions.
     """
 
-    def __init__(self, health: Health, namespace: str, predicts: bool) -> None:
-        self.health, self.namespace, self._predicts = health, namespace, predicts
+    def __init__(self, health: Health, namespace: str) -> None:
+        self.health, self.namespace = health, namespace
         self._last: Experiment | None = None
         # Those that wait for each other, and the last ones that did so no longer. A number may come
         # twice: the experiment that was predicted has the prediction's start.
@@ -201,7 +200,7 @@ class _Reading:
             health.repeated.add(record.number)
         health.numbers.add(record.number)
         health.samples[len(record), record.period] += 1
-        if self._predicts:
+        if self.health.judged:
             key = record.number, record.start, len(record)
             self._match(key, self._measured, self._predicted)
         if self._last is not None:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
 from typing import Any
 
 import pytest
+from disturbed import LDT, RUN
 from network import two_hosts
 from stranger import Stranger
 
@@ -37,3 +41,31 @@ def hosts():
     """What to put before a command to run it on either of two hosts."""
     with two_hosts() as prefixes:
         yield prefixes
+
+
+@pytest.fixture
+def ldt(domain, programs, tmp_path):
+    """Starts a command in the test's folder and domain."""
+
+    def started(*arguments: str, **environment: str) -> subprocess.Popen[str]:
+        return programs.start(
+            [LDT, *arguments],
+            cwd=tmp_path,
+            env={**os.environ, **environment},
+            text=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+
+    return started
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The same run without the graph, and so without anything that could be killed."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    command = [LDT, "run", *RUN, "--bag", "run", "--json"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout)["runs"][0]["adaptations"] > 5  # there is something to lose
+    return folder / "run"

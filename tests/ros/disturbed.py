@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import random
+import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -15,6 +17,11 @@ import psutil
 
 from ldt_core.recording.bag import read_bag
 
+LDT = str(Path(sys.executable).with_name("ldt"))
+PATIENCE = 240  # s; a stalled machine is not what is tested
+# An order is given since choosing one is most of the work, and nothing that a crash could disturb.
+MODEL = ("--model", "linear", "--order", "1")
+RUN = ("--experiments", "40", "--seed", "3", *MODEL, "--start-time", "1e9")
 LOOP = ("experiment", "prediction", "original_prediction", "signal", "model", "adaptation")
 
 
@@ -81,6 +88,22 @@ def recorded(recording: Path) -> int:
         return sum(1 for _ in read_bag(recording).records("adaptation"))
     except Exception:
         return 0
+
+
+def wait_for(recording: Path, experiments: int) -> None:
+    """Until so many have gone all the way."""
+    deadline = time.monotonic() + PATIENCE
+    while recorded(recording) < experiments:
+        assert time.monotonic() < deadline, f"{recording} holds {recorded(recording)}"
+        time.sleep(0.1)  # it is read from its beginning each time
+
+
+def finished(process: Any) -> dict[str, Any]:
+    """What a run with `--json` says of itself, of one that ended as it should."""
+    output, errors = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, errors) == (0, "")
+    run: dict[str, Any] = json.loads(output)["runs"][0]
+    return run
 
 
 def differences(undisturbed: Path, disturbed: Path) -> dict[str, str]:

@@ -1,9 +1,9 @@
 """Tries to publish and to hear every topic of a graph's loop, and says how far it came.
 
-python insider.py NAME SECONDS [NAMESPACE]
+python insider.py NAME SECONDS
 
-Whether with a key, and with whose, its environment says. Prints "there", and when the time is over
-what it could create, whom it was matched with, and what it heard: one JSON object.
+Whether with a key, and with whose, its environment says. Prints when the time is over what it could
+not create, whom it was matched with, and what it heard: one JSON object.
 """
 
 from __future__ import annotations
@@ -12,14 +12,12 @@ import json
 import os
 import sys
 import time
-from collections import Counter
 
+from ldt_core.past import LOOP
 from ldt_ros.environment import prepare
 
-TOPICS = ("experiment", "prediction", "signal", "adaptation", "model")
 
-
-def main(name: str, seconds: float, namespace: str = "") -> None:
+def main(name: str, seconds: float) -> None:
     """Try, and tell."""
     prepare()
     import rclpy
@@ -27,11 +25,11 @@ def main(name: str, seconds: float, namespace: str = "") -> None:
     from ldt_ros.interfaces import message_type, qos
 
     rclpy.init()
-    node = rclpy.create_node(name, namespace=namespace)
+    node = rclpy.create_node(name)
     refused: dict[str, list[str]] = {"publishes": [], "hears": []}
-    heard: Counter[str] = Counter()
+    heard: set[str] = set()
     publishers, subscriptions = {}, {}
-    for topic in TOPICS:
+    for topic in LOOP:
         kind, profile = message_type(topic), qos(topic)
         try:
             publishers[topic] = node.create_publisher(kind, topic, profile)
@@ -39,11 +37,10 @@ def main(name: str, seconds: float, namespace: str = "") -> None:
             refused["publishes"].append(topic)
         try:
             subscriptions[topic] = node.create_subscription(
-                kind, topic, lambda _, topic=topic: heard.update([topic]), profile
+                kind, topic, lambda _, topic=topic: heard.add(topic), profile
             )
         except Exception:
             refused["hears"].append(topic)
-    print("there", flush=True)
     reached: set[str] = set()
     met: set[str] = set()
     end = time.monotonic() + seconds
@@ -61,11 +58,11 @@ def main(name: str, seconds: float, namespace: str = "") -> None:
         **refused,
         "reached": sorted(reached),
         "met": sorted(met - {name}),
-        "heard": sorted(set(heard) - own_messages),
+        "heard": sorted(heard - own_messages),
     }
     print(json.dumps(told), flush=True)
     os._exit(0)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], float(sys.argv[2]), *sys.argv[3:])
+    main(sys.argv[1], float(sys.argv[2]))

@@ -6,9 +6,6 @@ import contextlib
 import json
 import os
 import signal
-import subprocess
-import sys
-import time
 from collections import Counter
 from pathlib import Path
 
@@ -17,57 +14,21 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from disturbed import differences, killed, nodes, recorded
+from disturbed import (
+    MODEL,
+    PATIENCE,
+    RUN,
+    differences,
+    finished,
+    killed,
+    nodes,
+    recorded,
+    wait_for,
+)
 
 from ldt_core.cli import invoke
 from ldt_core.cli import ldt as commands
 from ldt_core.recording.bag import read_bag
-
-LDT = str(Path(sys.executable).with_name("ldt"))
-PATIENCE = 240  # s; a stalled machine is not what is tested
-# An order is given since choosing one is most of the work, and nothing that a crash could disturb.
-MODEL = ("--model", "linear", "--order", "1")
-RUN = ("--experiments", "40", "--seed", "3", *MODEL, "--start-time", "1e9")
-
-
-@pytest.fixture
-def ldt(domain, programs, tmp_path):
-    """Starts a command in the test's folder and domain."""
-
-    def started(*arguments: str) -> subprocess.Popen[str]:
-        return programs.start(
-            [LDT, *arguments],
-            cwd=tmp_path,
-            text=True,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )
-
-    return started
-
-
-@pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory):
-    """The same run without the graph, and so without anything that could be killed."""
-    folder = tmp_path_factory.mktemp("undisturbed")
-    command = [LDT, "run", *RUN, "--bag", "run", "--json"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
-    assert json.loads(done.stdout)["runs"][0]["adaptations"] > 5  # there is something to lose
-    return folder / "run"
-
-
-def finished(process) -> dict:
-    output, errors = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, errors) == (0, "")
-    return json.loads(output)["runs"][0]
-
-
-def wait_for(recording: Path, experiments: int) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while recorded(recording) < experiments:
-        assert time.monotonic() < deadline, f"{recording} holds {recorded(recording)}"
-        time.sleep(0.1)  # it is read from its beginning each time
 
 
 def hosted(launcher: int) -> dict[int, psutil.Process]:

@@ -15,8 +15,9 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("cryptography")
 
-from disturbed import differences, killed
+from disturbed import PATIENCE, RUN, differences, finished, killed
 
+from ldt_core.past import LOOP
 from ldt_core.recording.bag import read_bag
 from ldt_core.security.keystore import make_keystore
 from ldt_ros import secure
@@ -28,37 +29,14 @@ pytestmark = pytest.mark.skipif(
 
 HERE = Path(__file__).parent
 EAR = (sys.executable, str(HERE / "eavesdropper.py"))
-LDT = str(Path(sys.executable).with_name("ldt"))
-PATIENCE = 240  # s; a stalled machine is not what is tested
-MODEL = ("--model", "linear", "--order", "1")
-RUN = ("--experiments", "40", "--seed", "3", *MODEL, "--start-time", "1e9")
 PACED = (*RUN, "--rate", "100")  # 8 s, so that there is time to meet
 LONG = ("--experiments", "100000", "--rate", "100", "--model", "physics")
-TOPICS = ("experiment", "prediction", "signal", "adaptation", "model")
 
 
 @pytest.fixture
 def keystore(domain, tmp_path) -> Path:
     """For the domain of the test."""
     return make_keystore(tmp_path / "keys", domain=domain).folder
-
-
-@pytest.fixture
-def ldt(domain, programs, tmp_path):
-    """Starts a command in the test's folder and domain."""
-
-    def started(*arguments: str, **environment: str) -> subprocess.Popen[str]:
-        return programs.start(
-            [LDT, *arguments],
-            cwd=tmp_path,
-            env={**os.environ, **environment},
-            text=True,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )
-
-    return started
 
 
 @pytest.fixture
@@ -81,21 +59,6 @@ def insider(domain, programs):
     return started
 
 
-@pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory):
-    """The same run without the graph."""
-    folder = tmp_path_factory.mktemp("undisturbed")
-    subprocess.run([LDT, "run", *RUN, "--bag", "run"], cwd=folder, capture_output=True, check=True)
-    return folder / "run"
-
-
-def finished(process) -> list[str]:
-    """What the run remarks, of one that ended as it should."""
-    output, errors = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, errors) == (0, "")
-    return json.loads(output)["runs"][0]["notes"]
-
-
 def told(process) -> dict:
     output, _ = process.communicate(timeout=PATIENCE)
     return json.loads(output.splitlines()[-1])
@@ -115,7 +78,7 @@ def test_a_secured_run_gives_the_same_numbers(ldt, keystore, undisturbed, tmp_pa
     begun(tmp_path / "run")
     roles = ("detector", "recorder", "twin", "plant", "adaptor")
     victims = Counter(killed(process, 5, 1.0, 1, roles))
-    notes = finished(process)
+    notes = finished(process)["notes"]
     assert victims == Counter(roles)
     assert set(notes) >= {f"{role} crashed once and was started again" for role in roles}
     assert differences(undisturbed, tmp_path / "run") == {}
@@ -132,7 +95,7 @@ def test_whoever_has_no_key_or_another_keystore_s_stays_outside(
     for one in [insider("nobody", 4.0), insider("adaptor", 4.0, others)]:
         found = told(one)
         assert (found["reached"], found["met"], found["heard"]) == ([], [], [])
-    assert finished(process) == []
+    assert finished(process)["notes"] == []
     assert differences(undisturbed, tmp_path / "run") == {}
 
 
@@ -152,16 +115,16 @@ def test_the_same_stranger_gets_into_an_open_graph(ldt, insider, tmp_path):
     ("role", "publishes", "hears"),
     [
         ("detector", {"signal"}, {"experiment", "prediction"}),
-        ("recorder", set(), set(TOPICS)),
-        ("watch", set(), set(TOPICS)),
+        ("recorder", set(), set(LOOP)),
+        ("watch", set(), set(LOOP)),
         ("adaptor", {"adaptation", "model"}, {"experiment", "signal"}),
     ],
 )
 def test_a_key_opens_what_is_its_role_s(insider, keystore, role, publishes, hears):
     """A node that was taken over cannot publish a model, if it is not the adaptor."""
     found = told(insider(role, 0.1, keystore))
-    assert set(TOPICS) - set(found["publishes"]) == publishes
-    assert hears <= set(TOPICS) - set(found["hears"])
+    assert set(LOOP) - set(found["publishes"]) == publishes
+    assert hears <= set(LOOP) - set(found["hears"])
 
 
 def test_the_operator_s_key_alone_switches_learning(ldt, keystore, tmp_path):

@@ -5,29 +5,24 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
-from disturbed import nodes, recorded  # noqa: E402
+from disturbed import LDT, MODEL, PATIENCE, nodes, recorded, wait_for  # noqa: E402
 from lifecycle_msgs.msg import Transition  # noqa: E402
 from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
 from stranger import answer, experiment  # noqa: E402
 
-from ldt_core.cli import invoke, ldt  # noqa: E402
+from ldt_core.cli import invoke  # noqa: E402
+from ldt_core.cli import ldt as commands  # noqa: E402
 from ldt_core.experiment import PAUSED, Action, Level  # noqa: E402
 from ldt_core.pause import NAME  # noqa: E402
 from ldt_core.recording.bag import read_bag  # noqa: E402
 from ldt_core.recording.writer import BagWriter  # noqa: E402
 from ldt_ros.adaptor_node import AdaptorNode  # noqa: E402
 
-LDT = str(Path(sys.executable).with_name("ldt"))
-PATIENCE = 240  # s; a stalled machine is not what is tested
 LINEAR = {"model": "linear", "order": 1}
 
 
@@ -92,60 +87,45 @@ def test_what_its_state_does_not_have_is_refused(stranger):
     assert PAUSED in stranger.heard["adaptation"][0].details
 
 
-def test_it_stays_off_over_a_crash_and_the_end_of_the_run(domain, programs, tmp_path):
+def test_it_stays_off_over_a_crash_and_the_end_of_the_run(ldt, programs, tmp_path):
     """Until it is switched on; then the twin learns again, from what came since alone."""
-
-    def run(*arguments: str) -> subprocess.Popen[str]:
-        return programs.start(
-            [LDT, *arguments],
-            cwd=tmp_path,
-            text=True,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )
 
     def says(*arguments: str) -> str:
         code, printed = programs.run([LDT, "learning", *arguments], PATIENCE, cwd=tmp_path)
         assert code == 0, printed
         return printed.strip()
 
-    def wait_for(count: int) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while recorded(tmp_path / "run") < count:
-            assert time.monotonic() < deadline
-            time.sleep(0.1)
-
-    model = ("--model", "linear", "--order", "1", "--degradation", "ramp", "--seed", "3")
+    bag = tmp_path / "run"
+    model = (*MODEL, "--degradation", "ramp", "--seed", "3")
     paced = ("--experiments", "100000", "--rate", "100", "--bag", "run")
-    graph = run("up", *model, *paced)
-    wait_for(2)
+    graph = ldt("up", *model, *paced)
+    wait_for(bag, 2)
     assert says() == "learning is on"
     assert says("off") == "learning is off"
-    off = recorded(tmp_path / "run") + 2
+    off = recorded(bag) + 2
     nodes(graph.pid)["adaptor"].kill()
-    wait_for(off + 3)
+    wait_for(bag, off + 3)
     assert json.loads(says("--json")) == {"learning": "off"}
     graph.send_signal(signal.SIGINT)
     graph.communicate(timeout=PATIENCE)
-    graph = run("up", "--resume", "run")
-    ended = recorded(tmp_path / "run")
-    wait_for(ended + 3)
+    graph = ldt("up", "--resume", "run")
+    ended = recorded(bag)
+    wait_for(bag, ended + 3)
     assert says("on") == "learning is on"
-    on = recorded(tmp_path / "run") + 2
-    wait_for(on + 4)
+    on = recorded(bag) + 2
+    wait_for(bag, on + 4)
     graph.send_signal(signal.SIGINT)
     graph.communicate(timeout=PATIENCE)
-    told = {a.experiment: a for a in read_bag(tmp_path / "run").records("adaptation")}
+    told = {a.experiment: a for a in read_bag(bag).records("adaptation")}
     paused = {number for number, a in told.items() if PAUSED in a.details}
     last = max(paused)
     assert set(range(off, ended + 1)) <= paused
     assert not paused & set(range(on, max(told) + 1))
     assert len({told[n].model_version for n in paused}) == 1
-    models = [m for m in read_bag(tmp_path / "run").records("model") if m.version]
+    models = [m for m in read_bag(bag).records("model") if m.version]
     assert not any(paused & set(m.trained_on) for m in models)
     assert told[last].model_version <= told[max(told)].model_version
-    assert not (tmp_path / "run" / NAME).exists()
+    assert not (bag / NAME).exists()
 
 
 # ---- the command
@@ -163,27 +143,27 @@ def environment(domain):
 def test_where_nobody_answers_it_says_what_to_look_at(environment, capsys, monkeypatch):
     """In a sentence."""
     monkeypatch.setattr("ldt_ros.learning.PATIENCE", 0.2)
-    assert invoke(ldt, ["learning", "off", "--namespace", "press"]) == 2
+    assert invoke(commands, ["learning", "off", "--namespace", "press"]) == 2
     err = capsys.readouterr().err
     assert err.startswith("ldt: /press/adaptor/get_state: expected an adaptor")
     assert err.count("\n") == 1
-    assert invoke(ldt, ["learning", "off", "--namespace", "a b"]) == 2
+    assert invoke(commands, ["learning", "off", "--namespace", "a b"]) == 2
     assert capsys.readouterr().err.startswith("ldt: namespace: expected words of letters")
-    assert invoke(ldt, ["learning", "of"]) == 2
+    assert invoke(commands, ["learning", "of"]) == 2
 
 
 def test_a_run_that_has_ended_is_switched_by_its_recording(tmp_path, capsys):
     """A run that goes on with it begins so, with or without a graph."""
     own = ["--experiments", "3", "--model", "linear", "--order", "1", "--degradation", "abrupt"]
     run = str(tmp_path / "run")
-    assert invoke(ldt, ["run", *own, "--start-time", "1e9", "--bag", run]) == 0
+    assert invoke(commands, ["run", *own, "--start-time", "1e9", "--bag", run]) == 0
     capsys.readouterr()
-    assert invoke(ldt, ["learning", "off", "--bag", run]) == 0
-    assert invoke(ldt, ["learning", "--bag", run, "--json"]) == 0
+    assert invoke(commands, ["learning", "off", "--bag", run]) == 0
+    assert invoke(commands, ["learning", "--bag", run, "--json"]) == 0
     assert capsys.readouterr().out == 'learning is off\n{"learning": "off"}\n'
-    assert invoke(ldt, ["learning", "on", "--bag", run]) == 0
-    assert invoke(ldt, ["learning", "--bag", str(tmp_path / "nothing")]) == 2
+    assert invoke(commands, ["learning", "on", "--bag", run]) == 0
+    assert invoke(commands, ["learning", "--bag", str(tmp_path / "nothing")]) == 2
     capsys.readouterr()
     with BagWriter(run, "rotor", resume=True):
-        assert invoke(ldt, ["learning", "off", "--bag", run]) == 2
+        assert invoke(commands, ["learning", "off", "--bag", run]) == 2
     assert "one that is being written" in capsys.readouterr().err
