@@ -118,9 +118,9 @@ def build() -> None:
         packages=find_packages(include=["ldt_core*", "ldt_ros*", "msgs_config*"]),
         package_data={
             "ldt_core.docs": ["*.md"],
-            "ldt_core.report": ["templates/*"],
-            "ldt_core.run_page": ["templates/*", "uplot/*"],
-            "ldt_core.watch": ["templates/*"],
+            "ldt_core.views.page": ["templates/*"],
+            "ldt_core.views.report": ["templates/*", "uplot/*"],
+            "ldt_core.views.watch": ["templates/*"],
             "msgs_config": ["*.yaml", "*.xml", "machines/*.yaml", "layouts/*"],
         },
         data_files=[
@@ -160,7 +160,7 @@ def build() -> None:
             "console_scripts": [
                 "ldt = ldt_core.__main__:main",
                 *(
-                    f"ldt_{role} = ldt_ros.process:{role}"
+                    f"ldt_{role} = ldt_ros.graph.process:{role}"
                     for role in (
                         *("plant", "player", "segmenter", "twin", "detector"),
                         *("adaptor", "diagnoser", "advisor", "recorder"),

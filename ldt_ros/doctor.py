@@ -21,12 +21,12 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from ldt_core.base.errors import BadInput
+from ldt_core.base.sentences import few
 from ldt_core.doctor.check import Finding, Probe, ok, problem, warning
-from ldt_core.errors import BadInput
-from ldt_core.words import few
-from ldt_ros.environment import MODULES, one_line, require_ros
-from ldt_ros.leftovers import SHARED, SharedMemory, leftovers
-from ldt_ros.secure import has_security
+from ldt_ros.graph.environment import MODULES, one_line, require_ros
+from ldt_ros.graph.leftovers import SHARED, SharedMemory, leftovers
+from ldt_ros.graph.secure import has_security
 
 MIB = 1024**2
 DISTRIBUTION = "jazzy"
@@ -101,7 +101,7 @@ def _profile() -> list[Finding]:
 
 
 def exchange(patience: float = EXCHANGE) -> dict[str, Any]:
-    """What the ear of two processes met (see `ldt_ros.probe`).
+    """What the ear of two processes met (see `ldt_ros.graph.probe`).
 
     Raises:
         BadInput: they did not start or did not end; `got` says what happened.
@@ -112,7 +112,7 @@ def exchange(patience: float = EXCHANGE) -> dict[str, Any]:
         ends = [
             subprocess.Popen(
                 # -P: nothing in the user's folder may stand in for a module of ours.
-                [sys.executable, "-P", "-m", "ldt_ros.probe", role, topic, str(os.getpid())],
+                [sys.executable, "-P", "-m", "ldt_ros.graph.probe", role, topic, str(os.getpid())],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,

@@ -8,13 +8,13 @@ from typing import Any
 
 import click
 
+from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.cli.options import json_option, namespace_option
 from ldt_core.cli.terminal import echo
-from ldt_core.errors import BadInput, LdtError
-from ldt_core.pause import Pause
+from ldt_core.restart.learning_switch import Pause
 from ldt_core.security.permissions import OPERATOR, check_namespace, enclave_name
-from ldt_ros.environment import begin, one_line, prepare, require_ros
-from ldt_ros.secure import OVERRIDE
+from ldt_ros.graph.environment import begin, one_line, prepare, require_ros
+from ldt_ros.graph.secure import OVERRIDE
 
 PATIENCE = 5.0  # s; who is there is met within 0.5
 LEARNS = "active"  # state of a managed node

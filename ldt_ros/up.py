@@ -15,18 +15,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ldt_core.base.errors import LdtError
+from ldt_core.base.settings import resolve
+from ldt_core.base.stopping import stop_on_signals
 from ldt_core.cli import invoke
 from ldt_core.cli.options import Command, json_option, parameters
-from ldt_core.errors import LdtError
-from ldt_core.settings import resolve
-from ldt_core.stopping import stop_on_signals
-from ldt_ros.environment import prepare, require_ros
-from ldt_ros.leftovers import SharedMemory
-from ldt_ros.secure import secured
-from ldt_ros.supervisor import Supervisor
+from ldt_ros.graph.environment import prepare, require_ros
+from ldt_ros.graph.leftovers import SharedMemory
+from ldt_ros.graph.secure import secured
+from ldt_ros.graph.supervisor import Supervisor
 
 if TYPE_CHECKING:
-    from ldt_ros.graph import OnStep, Run
+    from ldt_ros.graph.node_graph import OnStep, Run
 
 #: Groups of parameters that `ldt up` offers and hands on to the nodes.
 GROUPS = (
@@ -76,8 +76,8 @@ def _prepared(
         with SharedMemory(), Supervisor(folder, environment, given) as supervisor:
 
             def run(on_step: OnStep, stopped: Callable[[], bool]) -> list[Run]:
-                from ldt_ros.graph import Graph
-                from ldt_ros.plan import plan
+                from ldt_ros.graph.node_graph import Graph
+                from ldt_ros.graph.plan import plan
 
                 graph = Graph(plan(given), supervisor, on_step)
                 try:
@@ -100,14 +100,14 @@ def _prepared(
 def _resumed(settings: dict[str, Any]) -> dict[str, Any]:
     if not settings["resume"]:
         return settings
-    from ldt_core.resume import resumed
+    from ldt_core.restart.run_key import resumed
 
     return resumed(settings)
 
 
 def _roles(settings: Mapping[str, Any]) -> Iterator[str]:
     """Of the graph; what tells them is imported when somebody asks."""
-    from ldt_core.session import roles
+    from ldt_core.runs.offline import roles
 
     yield from roles(settings)
 
@@ -127,7 +127,7 @@ def command(settings: dict[str, Any], as_json: bool) -> None:
     settings = _resumed(settings)
     with stop_on_signals(insist=False) as stop, _prepared(resolve(settings)) as run:
         from ldt_core.cli.display import RunProgress, print_summaries
-        from ldt_core.machine import load_machine
+        from ldt_core.machine.machine_file import load_machine
 
         machine = load_machine(settings["machine"]).name
         count = settings["machines"]

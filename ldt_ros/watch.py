@@ -6,11 +6,11 @@ import os
 import threading
 from collections.abc import Callable
 
-from ldt_core.errors import BadInput
+from ldt_core.base.errors import BadInput
 from ldt_core.security.permissions import enclave_name
-from ldt_core.watch.fleet import Fleet
-from ldt_ros.environment import begin, one_line, prepare, require_ros
-from ldt_ros.secure import OVERRIDE
+from ldt_core.views.watch.fleet import Fleet
+from ldt_ros.graph.environment import begin, one_line, prepare, require_ros
+from ldt_ros.graph.secure import OVERRIDE
 
 SPIN = 0.1  # s, how late a stop may be noticed when nothing arrives
 
@@ -51,7 +51,7 @@ class GraphSource:
         import rclpy
         from rclpy.experimental import EventsExecutor
 
-        from ldt_ros.watch_node import WatchNode
+        from ldt_ros.nodes.watch_node import WatchNode
 
         context = rclpy.Context()
         try:

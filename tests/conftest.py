@@ -100,7 +100,7 @@ def next_domain() -> Callable[[], int]:
 def domain(next_domain: Callable[[], int], monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     """A ROS domain that nobody else uses, for this process and its children."""
     coordinator = pytest.importorskip("domain_coordinator")
-    from ldt_ros.environment import prepare
+    from ldt_ros.graph.environment import prepare
 
     with coordinator.domain_id(next_domain) as number:
         before = dict(os.environ)

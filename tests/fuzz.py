@@ -21,8 +21,8 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
 import msgs_config
-from ldt_core.errors import LdtError
-from ldt_core.experiment import (
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import (
     Action,
     Adaptation,
     Experiment,
@@ -31,11 +31,11 @@ from ldt_core.experiment import (
     Prediction,
     Signal,
 )
-from ldt_core.machine import load_machine, parse_machine
+from ldt_core.base.settings import resolve
+from ldt_core.machine.machine_file import load_machine, parse_machine
 from ldt_core.recording.codec import DECODERS, decode, encode, encode_cdr
 from ldt_core.recording.messages import deserialize, standard
-from ldt_core.settings import resolve
-from ldt_core.twin import Twin
+from ldt_core.twin.loop import Twin
 
 LENGTH = 30
 MACHINE = replace(load_machine("rotor"), duration=LENGTH * 0.01)

@@ -18,9 +18,9 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent / "ros"))
 from stranger import Stranger
 
-from ldt_core.past import LOOP
 from ldt_core.recording.bag import read_bag
-from ldt_ros.environment import prepare
+from ldt_core.restart.recorded_steps import LOOP
+from ldt_ros.graph.environment import prepare
 
 
 def main() -> int:
@@ -30,7 +30,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     prepare()
-    from ldt_ros.interfaces import message_type
+    from ldt_ros.nodes.interfaces import message_type
 
     again = next(iter(deque(read_bag(given.recording).records("experiment"), 1)))
     chance = random.Random(given.seed)

@@ -122,7 +122,7 @@ class Faults:
     def _server(self) -> str:
         with contextlib.suppress(psutil.Error):
             for process in psutil.Process(self.launcher.pid).children():
-                if "ldt_ros.fork_server" in process.cmdline():
+                if "ldt_ros.graph.fork_server" in process.cmdline():
                     process.kill()
                     return "fork server killed"
         return ""

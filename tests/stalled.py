@@ -71,13 +71,13 @@ def _run(count: int, stalled: bool) -> float:
 
 def _large() -> None:
     sys.path.insert(0, str(ROS))
-    from ldt_ros.environment import prepare
+    from ldt_ros.graph.environment import prepare
 
     prepare()
     from stranger import Stranger, experiment
 
-    from ldt_ros.convert import to_message
-    from ldt_ros.process import ROLES, node_class
+    from ldt_ros.graph.process import ROLES, node_class
+    from ldt_ros.nodes.convert import to_message
 
     stranger = Stranger()
     with tempfile.TemporaryDirectory(prefix="ldt-stalled-") as folder:

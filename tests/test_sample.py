@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ldt_core.machine import load_machine
-from ldt_core.metrics import Summary
+from ldt_core.base.metrics import Summary
+from ldt_core.base.settings import resolve
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.models.physics import PhysicsModel
 from ldt_core.recording.bag import read_bag
-from ldt_core.session import recorded_summary, run
-from ldt_core.settings import resolve
+from ldt_core.runs.offline import recorded_summary, run
 
 BAGS = Path(__file__).resolve().parents[1] / "bags"
 SAMPLE = BAGS / "rotor_drift"

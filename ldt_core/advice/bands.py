@@ -23,7 +23,7 @@ from scipy.optimize import brentq
 from ldt_core.physics.steady_state import folds, has_foundation, steady_voltage
 
 if TYPE_CHECKING:
-    from ldt_core.experiment import Experiment
+    from ldt_core.base.experiment import Experiment
 
 Values = Mapping[str, float]
 Array = NDArray[np.float64]

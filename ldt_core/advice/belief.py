@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from ldt_core.base.errors import ModelError
+from ldt_core.base.experiment import DiagnosisRecord, ModelRecord
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.effects.base import Effect
-from ldt_core.errors import ModelError
-from ldt_core.experiment import DiagnosisRecord, ModelRecord
-from ldt_core.machine import Machine
+from ldt_core.machine.machine_file import Machine
+from ldt_core.physics.effect import Effect
 
 
 @dataclass(frozen=True)

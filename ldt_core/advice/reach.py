@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.advice.bands import DOUBT, in_doubt, settling, voltage_bands, within
-from ldt_core.errors import LdtError, OptionError
-from ldt_core.machine import Machine
+from ldt_core.base.errors import LdtError, OptionError
+from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.steady_state import steady_voltage
 
 Array = NDArray[np.float64]

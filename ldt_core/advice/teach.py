@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.advice.bands import in_doubt, within
-from ldt_core.errors import LdtError
-from ldt_core.experiment import Experiment, rms
-from ldt_core.machine import Machine
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Experiment, rms
+from ldt_core.machine.machine_file import Machine
 
 Array = NDArray[np.float64]
 

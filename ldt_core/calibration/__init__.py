@@ -1,6 +1,6 @@
 """Calibration: a machine file's nominal parameters from recordings, with what is not determined."""
 
-from ldt_core.calibration.procedure import calibrate
-from ldt_core.calibration.result import Calibration, Estimate
+from ldt_core.calibration.calibrate import calibrate
+from ldt_core.calibration.calibration import Calibration, Estimate
 
 __all__ = ["Calibration", "Estimate", "calibrate"]

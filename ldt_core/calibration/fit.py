@@ -18,10 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Experiment
 from ldt_core.calibration.coordinates import Array, Coordinate, Coordinates
-from ldt_core.calibration.free_run import FreeRuns
-from ldt_core.errors import LdtError
-from ldt_core.experiment import Experiment
+from ldt_core.calibration.free_runs import FreeRuns
 from ldt_core.physics.base import Physics
 from ldt_core.physics.parameter import Parameter
 

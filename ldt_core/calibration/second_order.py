@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from ldt_core.experiment import Experiment
-from ldt_core.identification import Identified, StateSpace, identify
+from ldt_core.base.experiment import Experiment
+from ldt_core.estimation.linear import Identified, StateSpace, identify
 
 Array = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ import sys
 import click
 from click.shell_completion import CompletionItem
 
+from ldt_core.base.entry_points import entry_points
+from ldt_core.base.errors import LdtError
 from ldt_core.cli.completion import VARIABLE, register
 from ldt_core.cli.spelling import Group, unknown_option
 from ldt_core.cli.terminal import echo
-from ldt_core.errors import LdtError
-from ldt_core.installed import entry_points
 
 GROUP = "ldt.command"
 # As wide as the terminal up to 100 columns: the options' descriptions are sentences.

@@ -12,7 +12,7 @@ from ldt_core.cli.options import diagnosis_option, json_option, namespace_option
 from ldt_core.cli.terminal import echo, one_line
 
 if TYPE_CHECKING:
-    from ldt_core.experiment import DiagnosisRecord, Experiment, ModelRecord
+    from ldt_core.base.experiment import DiagnosisRecord, Experiment, ModelRecord
 
 
 @click.command("advise", short_help="Voltages to avoid, margins, and the next experiment.")
@@ -59,13 +59,13 @@ def command(
     Example: ldt advise --machine rotor --effect unbalance:e=0.008 --reach 40
     """
     from ldt_core.advice.belief import believe, with_effects
-    from ldt_core.advice.live import RECENT, advise
     from ldt_core.advice.reach import way_to
+    from ldt_core.base.errors import OptionError
     from ldt_core.diagnosis.recorded import read_effects
     from ldt_core.effects import parse_effect
-    from ldt_core.errors import OptionError
-    from ldt_core.machine import load_machine
+    from ldt_core.machine.machine_file import load_machine
     from ldt_core.recording.bag import read_bag
+    from ldt_core.twin.advisor import RECENT, advise
 
     if out and speed is None:
         raise OptionError("--out", "--reach beside it, whose way to draw", "none")
@@ -90,7 +90,7 @@ def command(
     advice = advise(machine, belief, experiments, model, found)
     way = None if speed is None else way_to(machine, belief.values, speed)
     if way is not None and out:
-        from ldt_core.advice.figure import plot_advice
+        from ldt_core.views.figures.advice_figure import plot_advice
 
         plot_advice(machine, belief.values, way, out, machine.duration)
     if as_json:

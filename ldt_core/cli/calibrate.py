@@ -67,10 +67,10 @@ def command(
     Example: ldt calibrate bag --machine dc_motor --free J,K_t,b --out my_motor.yaml
     """
     from ldt_core.calibration import calibrate
-    from ldt_core.calibration.figure import check_figure, draw
-    from ldt_core.calibration.machine_file import check_new, write_machine_file
-    from ldt_core.calibration.procedure import check_names, split
-    from ldt_core.machine import load_machine
+    from ldt_core.calibration.calibrate import check_names, split
+    from ldt_core.calibration.fitted_file import check_new, write_machine_file
+    from ldt_core.machine.machine_file import load_machine
+    from ldt_core.views.figures.calibration_figure import check_figure, draw
 
     machine = load_machine(settings["machine"])
     check_names(machine, free, fixed)

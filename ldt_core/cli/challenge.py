@@ -61,7 +61,7 @@ def make(
 
     Example: ldt challenge make --cases 20 --seed 1 --out cases
     """
-    from ldt_core.challenge.make import make_challenge
+    from ldt_core.lab.challenge.make import make_challenge
 
     digests: list[str] = []
 
@@ -129,10 +129,10 @@ def score(
     """
     from pathlib import Path
 
-    from ldt_core.challenge.score.files import write_files
-    from ldt_core.challenge.score.procedure import OUT_SUFFIX, score_challenge
     from ldt_core.cli.display_score import print_score
-    from ldt_core.report import style
+    from ldt_core.lab.challenge.score.files import write_files
+    from ldt_core.lab.challenge.score.score import OUT_SUFFIX, score_challenge
+    from ldt_core.views.page import style
 
     style.require("a score")
     place = Path(folder).resolve()

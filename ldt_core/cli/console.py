@@ -1,4 +1,4 @@
-"""Rich's console, whose texts are printable (`ldt_core.printable`); colours are its own."""
+"""Rich's console, whose texts are printable (`ldt_core.base.printable`); colours are its own."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import rich.console
 from rich.console import ConsoleOptions, RenderableType
 from rich.segment import Segment
 
-from ldt_core.printable import printable
+from ldt_core.base.printable import printable
 
 
 class Console(rich.console.Console):

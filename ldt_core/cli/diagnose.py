@@ -16,9 +16,9 @@ from ldt_core.cli.resumable import ResumableProgress, compute_options
 from ldt_core.cli.terminal import echo, one_line
 
 if TYPE_CHECKING:
-    from ldt_core.diagnosis.each import Options
     from ldt_core.diagnosis.result import Diagnosis
-    from ldt_core.machine import Machine
+    from ldt_core.machine.machine_file import Machine
+    from ldt_core.runs.each_recording import Options
 
 SHOWN = 8  # candidates in the table of the terminal; the page has all
 
@@ -100,15 +100,15 @@ def command(
 
     Example: ldt diagnose bag --machine rotor --out diagnosis
     """
-    from ldt_core.calibration.figure import check_figure
-    from ldt_core.diagnosis.each import Options
-    from ldt_core.diagnosis.files import as_json as in_json
-    from ldt_core.diagnosis.files import write_files
-    from ldt_core.diagnosis.own import own_effects
-    from ldt_core.diagnosis.page import picture
-    from ldt_core.diagnosis.procedure import diagnose, library
-    from ldt_core.errors import BadInput
-    from ldt_core.machine import load_machine
+    from ldt_core.base.errors import BadInput
+    from ldt_core.diagnosis.diagnose import diagnose, library
+    from ldt_core.diagnosis.own_effects import own_effects
+    from ldt_core.machine.machine_file import load_machine
+    from ldt_core.runs.each_recording import Options
+    from ldt_core.views.diagnosis_page import picture
+    from ldt_core.views.diagnosis_page.result_files import as_json as in_json
+    from ldt_core.views.diagnosis_page.result_files import write_files
+    from ldt_core.views.figures.calibration_figure import check_figure
 
     machine = load_machine(settings["machine"])
     effects = library(machine, more, without)
@@ -158,7 +158,7 @@ def _each(
 ) -> int:
     """Diagnose recordings one by one; the exit code is that of the worst."""
     from ldt_core.cli.display_each import print_each
-    from ldt_core.diagnosis.each import Answer, diagnose_each
+    from ldt_core.runs.each_recording import Answer, diagnose_each
 
     def say(answer: Answer) -> None:
         for note in answer.notes:
@@ -182,7 +182,7 @@ def _each(
 
 
 def _folder(out: str) -> Path:
-    from ldt_core.errors import BadInput
+    from ldt_core.base.errors import BadInput
 
     folder = Path(out)
     if folder.exists() and not folder.is_dir():
@@ -192,8 +192,8 @@ def _folder(out: str) -> Path:
 
 
 def _print(found: Diagnosis, folder: Path) -> None:
-    from ldt_core.diagnosis.files import JSON, PAGE
-    from ldt_core.diagnosis.words import values
+    from ldt_core.diagnosis.sentence import values
+    from ldt_core.views.diagnosis_page.result_files import JSON, PAGE
 
     console = Console(soft_wrap=True)
     console.print(found.verdict.sentence, markup=False, highlight=False)

@@ -13,10 +13,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.progress import track as _track
 from rich.table import Table
 
+from ldt_core.base.experiment import Adaptation, Level, Signal, Step
+from ldt_core.base.metrics import Summary
 from ldt_core.cli.console import Console
 from ldt_core.cli.terminal import one_line
-from ldt_core.experiment import Adaptation, Level, Signal, Step
-from ldt_core.metrics import Summary
 
 Item = TypeVar("Item")
 

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ldt_core.cli.console import Console
-from ldt_core.diagnosis.each import Answer
+from ldt_core.runs.each_recording import Answer
 
 WIDTH = 110  # characters of a table in a file or pipe
 

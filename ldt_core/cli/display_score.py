@@ -9,10 +9,10 @@ from pathlib import Path
 from rich.box import SIMPLE
 from rich.table import Table
 
-from ldt_core.challenge.score.files import as_dict
-from ldt_core.challenge.score.procedure import Score
-from ldt_core.challenge.score.text import cell, headline, quality, versus
 from ldt_core.cli.console import Console
+from ldt_core.lab.challenge.score.files import as_dict
+from ldt_core.lab.challenge.score.markdown import cell, headline, quality, versus
+from ldt_core.lab.challenge.score.score import Score
 
 WIDTH = 110  # characters of a table in a file or pipe
 

@@ -12,8 +12,8 @@ from rich.box import SIMPLE
 from rich.table import Table
 
 from ldt_core.cli.console import Console
-from ldt_core.study.study import Study
-from ldt_core.study.tables import summary, table_rows
+from ldt_core.lab.study.study import Study
+from ldt_core.lab.study.tables import summary, table_rows
 
 WIDTH = 110  # characters of the table in a file or pipe
 #: Column of the table → figure, its factor, digits and unit.

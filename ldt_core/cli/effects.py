@@ -13,7 +13,7 @@ from ldt_core.cli.options import json_option
 from ldt_core.cli.terminal import echo
 
 if TYPE_CHECKING:
-    from ldt_core.effects.base import Effect
+    from ldt_core.physics.effect import Effect
     from ldt_core.physics.parameter import Parameter
 
 
@@ -64,8 +64,8 @@ def _check(effect: Effect) -> list[str]:
     Raises:
         click.ClickException: a promise is not kept; the sentence says which.
     """
-    from ldt_core.checks_effect import check_effect
-    from ldt_core.errors import LdtError
+    from ldt_core.base.errors import LdtError
+    from ldt_core.checks.effect import check_effect
 
     try:
         return check_effect(effect)

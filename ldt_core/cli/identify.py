@@ -18,7 +18,7 @@ from ldt_core.cli.recordings import (
 from ldt_core.cli.terminal import echo, one_line
 
 if TYPE_CHECKING:
-    from ldt_core.calibration.equivalent import Equivalent
+    from ldt_core.calibration.equivalent_motor import Equivalent
 
 
 def _range(
@@ -78,8 +78,8 @@ def command(
 
     Example: ldt identify bag --out unknown.yaml
     """
-    from ldt_core.calibration.equivalent import identify_machine
-    from ldt_core.calibration.machine_file import check_new, write_equivalent
+    from ldt_core.calibration.equivalent_motor import identify_machine
+    from ldt_core.calibration.fitted_file import check_new, write_equivalent
 
     check_new(out, force)
     experiments = read_recordings(recordings, namespace)

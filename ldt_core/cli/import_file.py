@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
+from ldt_core.base.sentences import counted
 from ldt_core.cli.options import declared_option, json_option, out_option
 from ldt_core.cli.terminal import echo, one_line
-from ldt_core.words import counted
 
 UNIT_HELP = "with a unit if it is not SI, for example"
 
@@ -66,9 +66,9 @@ def command(
 
     Example: ldt import motor.csv --voltage u --speed n:rpm --time t --length 2 --out motor
     """
+    from ldt_core.base.stopping import stop_on_signals, until_stopped
     from ldt_core.recording.importers import import_file
     from ldt_core.recording.writer import BagWriter
-    from ldt_core.stopping import stop_on_signals, until_stopped
 
     imported = import_file(
         file,

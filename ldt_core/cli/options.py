@@ -11,9 +11,9 @@ import click
 import yaml
 
 import msgs_config
+from ldt_core.base.errors import BadInput, OptionError, did_you_mean
+from ldt_core.base.settings import UNSET, check
 from ldt_core.cli.completion import among, known
-from ldt_core.errors import BadInput, OptionError, did_you_mean
-from ldt_core.settings import UNSET, check
 
 _TYPES = {"integer": click.INT, "double": click.FLOAT, "string": click.STRING}
 # Headings in --help by the parameters' groups; those of other groups come first, under Options.

@@ -34,7 +34,7 @@ def command(
 
     Example: ldt plot my_run --out my_run.png
     """
-    from ldt_core.figures import load_run, plot_run
+    from ldt_core.views.figures.run_figure import load_run, plot_run
 
     run = load_run(recording, namespace, experiment)
     plot_run(run, out, title)

@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from ldt_core.base.sentences import counted
 from ldt_core.cli.options import (
     diagnosis_option,
     json_option,
@@ -14,7 +15,6 @@ from ldt_core.cli.options import (
     parameters,
 )
 from ldt_core.cli.terminal import echo, one_line
-from ldt_core.words import counted
 
 
 @click.command("predict", short_help="Predict a recording by the physics alone.")
@@ -47,13 +47,13 @@ def command(
     """
     import json
 
+    from ldt_core.base.metrics import FreeRunError
+    from ldt_core.base.stopping import stop_on_signals, until_stopped
     from ldt_core.cli.display import track
-    from ldt_core.machine import load_machine
-    from ldt_core.metrics import FreeRunError
+    from ldt_core.machine.machine_file import load_machine
     from ldt_core.models.physics import PhysicsModel
     from ldt_core.recording.bag import read_bag
     from ldt_core.recording.writer import BagWriter
-    from ldt_core.stopping import stop_on_signals, until_stopped
 
     machine = load_machine(settings["machine"])
     acting = []

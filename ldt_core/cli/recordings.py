@@ -12,8 +12,8 @@ from ldt_core.cli.console import Console
 from ldt_core.cli.terminal import echo, one_line
 
 if TYPE_CHECKING:
-    from ldt_core.experiment import Experiment
-    from ldt_core.machine import Machine
+    from ldt_core.base.experiment import Experiment
+    from ldt_core.machine.machine_file import Machine
 
 new_file_option = click.option("-o", "--out", required=True, help="Machine file to write.")
 force_option = click.option(

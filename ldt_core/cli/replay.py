@@ -33,11 +33,11 @@ def command(
 
     Example: ldt replay my_run --detector lddm --error-threshold 0.5 --out my_run_lddm
     """
-    from ldt_core import session
-    from ldt_core.machine import load_machine
-    from ldt_core.pace import paced, parse_rate
+    from ldt_core.base.stopping import INTERRUPTED, stop_on_signals
+    from ldt_core.machine.machine_file import load_machine
     from ldt_core.recording.bag import read_bag
-    from ldt_core.stopping import INTERRUPTED, stop_on_signals
+    from ldt_core.recording.pace import paced, parse_rate
+    from ldt_core.runs import offline
 
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
@@ -45,7 +45,7 @@ def command(
     if odd := played.other_machine(machine):
         echo(one_line(odd), err=True)
     with stop_on_signals() as stop, RunProgress({machine.name: None}) as progress:
-        summary = session.run(
+        summary = offline.run(
             machine,
             {**settings, "play": recording, "play_namespace": namespace},
             paced(played.experiments(), rate, stop),

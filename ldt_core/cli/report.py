@@ -25,8 +25,8 @@ def command(recording: str, out: str, namespace: str, as_json: bool) -> None:
     import json
     from pathlib import Path
 
-    from ldt_core.kept import check_target
-    from ldt_core.run_page import write_page
+    from ldt_core.base.result_files import check_target
+    from ldt_core.views.report import write_page
 
     check_target(out, endings=(".html", ".htm"))
     run = write_page(recording, out, namespace)

@@ -11,7 +11,7 @@ from ldt_core.cli.options import json_option, namespace_option
 from ldt_core.cli.terminal import echo, one_line
 
 if TYPE_CHECKING:
-    from ldt_core.rollback import History
+    from ldt_core.restart.rollback import History
 
 
 @click.command("rollback", short_help="Go back to an earlier model of a run.")
@@ -31,7 +31,7 @@ def command(
 
     Example: ldt rollback my_run --to 2
     """
-    from ldt_core.rollback import history, roll_back
+    from ldt_core.restart.rollback import history, roll_back
 
     found = history(recording, namespace, machine)
     if version is None:

@@ -29,14 +29,14 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
 
     Example: ldt run --experiments 40 --seed 3 --model linear
     """
-    from ldt_core import session
-    from ldt_core.errors import BadInput
-    from ldt_core.machine import load_machine
-    from ldt_core.pace import paced, parse_rate
-    from ldt_core.plant import Plant
+    from ldt_core.base.errors import BadInput
+    from ldt_core.base.stopping import INTERRUPTED, stop_on_signals
+    from ldt_core.machine import Plant
+    from ldt_core.machine.machine_file import load_machine
     from ldt_core.recording.bag import read_bag
-    from ldt_core.resume import begin_of, resumed
-    from ldt_core.stopping import INTERRUPTED, stop_on_signals
+    from ldt_core.recording.pace import paced, parse_rate
+    from ldt_core.restart.run_key import begin_of, resumed
+    from ldt_core.runs import offline
 
     if settings["resume"]:
         if no_bag:
@@ -44,7 +44,7 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
         settings = resumed(settings)
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
-    members = session.fleet(machine, settings)
+    members = offline.fleet(machine, settings)
     total = None if settings["play"] else settings["experiments"]
     runs = []
     names = {member.name: total for member in members}
@@ -61,7 +61,7 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
                 begin = begin_of(own["bag"], begin) if own["resume"] else begin
                 plant = Plant.from_settings(machine, {**own, "start_time": begin})
                 experiments = map(plant.experiment, range(1, own["experiments"] + 1))
-            summary = session.run(
+            summary = offline.run(
                 machine,
                 own,
                 paced(experiments, rate, stop),

@@ -8,10 +8,10 @@ from typing import Any
 
 import click
 
+from ldt_core.base.errors import BadInput
 from ldt_core.cli.options import json_option
 from ldt_core.cli.spelling import Group
 from ldt_core.cli.terminal import echo
-from ldt_core.errors import BadInput
 
 
 @click.group("security", cls=Group, short_help="Keys by which nodes may publish what is their own.")

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
+from ldt_core.base.sentences import counted
 from ldt_core.cli.options import Command, declared_option, json_option, out_option, parameters
 from ldt_core.cli.terminal import echo
-from ldt_core.words import counted
 
 
 @click.command(
@@ -35,12 +35,12 @@ def command(
 
     Example: ldt simulate --machine rotor --experiments 20 --effect unbalance:e=0.005 --out bag
     """
+    from ldt_core.base.stopping import stop_on_signals, until_stopped
     from ldt_core.cli.display import track
-    from ldt_core.machine import load_machine
-    from ldt_core.plant import Plant
-    from ldt_core.plant.voltage import Given
+    from ldt_core.machine import Plant
+    from ldt_core.machine.excitation import Given
+    from ldt_core.machine.machine_file import load_machine
     from ldt_core.recording.writer import BagWriter
-    from ldt_core.stopping import stop_on_signals, until_stopped
 
     machine = load_machine(settings["machine"])
     settings = {**settings, "degradation": settings["degradation"] or "none"}

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from ldt_core.errors import did_you_mean
+from ldt_core.base.errors import did_you_mean
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:

@@ -9,7 +9,7 @@ import click
 from ldt_core.cli.options import json_option, parameters
 from ldt_core.cli.resumable import ResumableProgress, compute_options
 from ldt_core.cli.spelling import Choice
-from ldt_core.study.groups import GROUPS
+from ldt_core.lab.study.groups import GROUPS
 
 QUICK = {"seeds": 2, "experiments": 40}
 SEEDS = 20
@@ -70,11 +70,11 @@ def command(
     Example: ldt study --seeds 20 --out study
     """
     from ldt_core.cli.display_study import print_study
-    from ldt_core.report import style
-    from ldt_core.study.engine import conduct, load_study
-    from ldt_core.study.page import write_figures, write_page
-    from ldt_core.study.plan import Plan
-    from ldt_core.study.tables import write_tables
+    from ldt_core.lab.study.engine import conduct, load_study
+    from ldt_core.lab.study.page import write_figures, write_page
+    from ldt_core.lab.study.plan import Plan
+    from ldt_core.lab.study.tables import write_tables
+    from ldt_core.views.page import style
 
     style.require()
     if page_only:

@@ -1,4 +1,4 @@
-"""Printing to a terminal or a pipe, whatever stands in a text (`ldt_core.printable`)."""
+"""Printing to a terminal or a pipe, whatever stands in a text (`ldt_core.base.printable`)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from ldt_core.printable import one_line, printable
+from ldt_core.base.printable import one_line, printable
 
 
 def echo(message: Any = "", err: bool = False, nl: bool = True) -> None:

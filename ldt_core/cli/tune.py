@@ -13,9 +13,9 @@ from ldt_core.cli.spelling import Choice
 from ldt_core.cli.terminal import echo, one_line
 
 if TYPE_CHECKING:
-    from ldt_core.tuning.procedure import Tuning
+    from ldt_core.lab.tuning.tune import Tuning
 
-#: As `ldt_core.tuning.setting.TUNED`, whose import takes a second.
+#: As `ldt_core.lab.tuning.candidates.TUNED`, whose import takes a second.
 DETECTORS = ("threshold", "lddm", "window", "calibrated")
 
 
@@ -94,17 +94,17 @@ def command(
 
     Example: ldt tune my_run --adaptations 20 --model linear --out tuned
     """
-    from ldt_core.errors import LdtError
-    from ldt_core.machine import load_machine
+    from ldt_core.base.errors import LdtError
+    from ldt_core.base.settings import resolve
+    from ldt_core.lab.tuning.candidates import parse_try
+    from ldt_core.lab.tuning.choice import Budget
+    from ldt_core.lab.tuning.reasons import sentence
+    from ldt_core.lab.tuning.tune import tune
+    from ldt_core.lab.tuning.tune_files import as_dict, write_results
+    from ldt_core.lab.tuning.tuning_figure import write_figure
+    from ldt_core.machine.machine_file import load_machine
     from ldt_core.recording.bag import read_bag
-    from ldt_core.report import style
-    from ldt_core.settings import resolve
-    from ldt_core.tuning.choice import Budget
-    from ldt_core.tuning.figure import write_figure
-    from ldt_core.tuning.procedure import tune
-    from ldt_core.tuning.result import as_dict, write_results
-    from ldt_core.tuning.setting import parse_try
-    from ldt_core.tuning.words import sentence
+    from ldt_core.views.page import style
 
     style.require()
     budget = Budget(adaptations, false_alarms_every)
@@ -141,7 +141,7 @@ def command(
 
 
 def _print(found: Tuning, out: str) -> None:
-    from ldt_core.tuning.words import sentence, why
+    from ldt_core.lab.tuning.reasons import sentence, why
 
     assert found.choice.chosen is not None
     echo(sentence(found))

@@ -46,11 +46,11 @@ def command(
 
     Example: ldt watch my_run --rate 20
     """
-    from ldt_core.watch.fleet import Fleet
-    from ldt_core.watch.page import assets
-    from ldt_core.watch.playback import Playback
-    from ldt_core.watch.server import is_loopback, serve
-    from ldt_core.watch.source import Source, graph
+    from ldt_core.views.watch.fleet import Fleet
+    from ldt_core.views.watch.page import assets
+    from ldt_core.views.watch.playback import Playback
+    from ldt_core.views.watch.server import is_loopback, serve
+    from ldt_core.views.watch.source import Source, graph
 
     source: Source = Playback(recording, namespace, rate) if recording else graph(namespace)
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 import msgs_config
-from ldt_core.errors import OptionError, did_you_mean
-from ldt_core.registry import Registry
+from ldt_core.base.errors import OptionError, did_you_mean
+from ldt_core.base.registry import Registry
 
 if TYPE_CHECKING:
     from ldt_core.detectors.base import Detector

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from ldt_core.base.errors import OptionError
+from ldt_core.base.experiment import Level, Samples
 from ldt_core.detectors.base import Detector, declared
 from ldt_core.detectors.control_chart import ALLOWANCE, limits, warning_limits
 from ldt_core.detectors.reference import LEAST_KNOWN, Reference
-from ldt_core.errors import OptionError
-from ldt_core.experiment import Level, Samples
 
 #: Warnings (and positives) in as many experiments as there is one false alarm in.
 WARNINGS = 10
@@ -87,7 +87,7 @@ class Calibrated(Detector):
       for certain, and when the model begins, or ceases, to state a deviation, unless its errors
       were those of the noise alone: then they will be so by its own deviation, too.
 
-    Measured, `ldt_core.study.false_alarms` counts anew: with a lognormal error (streams of 200
+    Measured, `ldt_core.lab.study.false_alarms` counts anew: with a lognormal error (streams of 200
     experiments without a drift) there were 1.05 times the false alarms stated at one in 100
     (standard error 0.05) and 0.91 times (0.11) at one in 1000. On the wearing rotor (10 streams,
     120 drifts, noise 0.1 rad/s), with a learner that knows the start and, after each positive, the

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
+from ldt_core.base.errors import OptionError
+from ldt_core.base.experiment import Level, Samples
 from ldt_core.detectors.base import Detector, declared
-from ldt_core.errors import OptionError
-from ldt_core.experiment import Level, Samples
 
 
 class LDDM(Detector):

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ldt_core.base.errors import OptionError, did_you_mean
+from ldt_core.base.experiment import Level, Samples
 from ldt_core.detectors.base import Detector, declared
-from ldt_core.errors import OptionError, did_you_mean
-from ldt_core.experiment import Level, Samples
 
 #: Values remembered so that a river detector can be rebuilt: about 1 MB as JSON.
 MOST_VALUES = 50_000

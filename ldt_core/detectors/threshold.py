@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ldt_core.base.errors import OptionError
+from ldt_core.base.experiment import Level, Samples
 from ldt_core.detectors.base import Detector, declared
-from ldt_core.errors import OptionError
-from ldt_core.experiment import Level, Samples
 
 #: Value of `warning_threshold` that means "half the threshold", as in the paper's studies.
 HALF = -1.0

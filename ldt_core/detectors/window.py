@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ldt_core.base.experiment import Level, Samples
 from ldt_core.detectors.base import Detector, declared
-from ldt_core.experiment import Level, Samples
 
 
 class Window(Detector):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from ldt_core.effects.base import Effect
+    from ldt_core.physics.effect import Effect
     from ldt_core.physics.parameter import Parameter
 
 Array = NDArray[np.float64]

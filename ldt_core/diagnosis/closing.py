@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.diagnosis.bench import Use
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.metrics import FreeRunError
 from ldt_core.diagnosis.result import Errors
-from ldt_core.errors import LdtError
-from ldt_core.experiment import Experiment
-from ldt_core.machine import Machine
-from ldt_core.metrics import FreeRunError
+from ldt_core.diagnosis.trials import Use
+from ldt_core.machine.machine_file import Machine
 from ldt_core.models.physics import PhysicsModel
 
 Array = NDArray[np.float64]

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.energy import Band
 from ldt_core.diagnosis.explain import CLEAR, MOST, Search
 from ldt_core.diagnosis.explained import Explained
+from ldt_core.diagnosis.model_selection import earned, kin, plain_enough
 from ldt_core.diagnosis.search import Fit
 from ldt_core.diagnosis.shares import shapley
-from ldt_core.diagnosis.worth import earned, kin, plain_enough
+from ldt_core.diagnosis.trials import Bench
 
 Array = NDArray[np.float64]
 

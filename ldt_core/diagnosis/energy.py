@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.signal.windows import tukey
 from scipy.stats import f as fisher
 
-from ldt_core.diagnosis.bench import Bench
+from ldt_core.diagnosis.trials import Bench
 
 Array = NDArray[np.float64]
 

@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.diagnosis.bench import Bench
+from ldt_core.base.threads import spread
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.energy import Band
 from ldt_core.diagnosis.explained import Explained, Names
+from ldt_core.diagnosis.model_selection import HALF, LITTLE, earned, plain_enough
 from ldt_core.diagnosis.promise import Promises
 from ldt_core.diagnosis.search import (
     Fit,
@@ -27,8 +28,7 @@ from ldt_core.diagnosis.search import (
     simulate_all,
 )
 from ldt_core.diagnosis.starts import Starts
-from ldt_core.diagnosis.worth import HALF, LITTLE, earned, plain_enough
-from ldt_core.threads import spread
+from ldt_core.diagnosis.trials import Bench
 
 Array = NDArray[np.float64]
 

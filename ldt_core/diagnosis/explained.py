@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.energy import Band
 from ldt_core.diagnosis.search import Dictionary, Fit
+from ldt_core.diagnosis.trials import Bench
 
 Array = NDArray[np.float64]
 Names = frozenset[str]

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.search import Dictionary, fit
+from ldt_core.diagnosis.trials import Bench
 
 SEEN = 25.0  # sum of squares, in noise deviations, that a visible effect moves
 ALIKE = 10.8  # that an imitation leaves at most: chi-square of one degree, p = 0.001

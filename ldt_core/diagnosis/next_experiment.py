@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.diagnosis.bench import COARSE, Bench
+from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.result import NextExperiment
 from ldt_core.diagnosis.search import DIFFERENCE, Fit, split, used
-from ldt_core.experiment import Experiment
+from ldt_core.diagnosis.trials import COARSE, Bench
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.search import SHRINK, STRETCH, Dictionary, Fit
+from ldt_core.diagnosis.trials import Bench
 
 Array = NDArray[np.float64]
 

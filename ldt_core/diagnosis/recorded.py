@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ldt_core.base.errors import BadInput, ExperimentError, did_you_mean
+from ldt_core.base.experiment import Experiment
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.effects.base import Effect
-from ldt_core.errors import BadInput, ExperimentError, did_you_mean
-from ldt_core.experiment import Experiment
-from ldt_core.machine import Machine
+from ldt_core.machine.machine_file import Machine
+from ldt_core.physics.effect import Effect
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.diagnosis.bench import Bench
+from ldt_core.diagnosis.trials import Bench
 from ldt_core.diagnosis.where import Residual
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.experiment import Experiment
+from ldt_core.base.experiment import Experiment
 
 Array = NDArray[np.float64]
 

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from ldt_core.diagnosis.bench import COARSE, Bench, Used
+from ldt_core.base.threads import spread
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.starts import Starts, turns
-from ldt_core.threads import spread
+from ldt_core.diagnosis.trials import COARSE, Bench, Used
 
 Array = NDArray[np.float64]
 T = TypeVar("T")

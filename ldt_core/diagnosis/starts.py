@@ -8,18 +8,19 @@ still unknown of them is projected out of the residuals.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-if TYPE_CHECKING:
-    from ldt_core.diagnosis.bench import Bench, Use
+from ldt_core.physics.base import Physics
+from ldt_core.physics.effect import Effect
 
 Array = NDArray[np.float64]
+Use = Sequence[tuple[Effect, Mapping[str, float]]]
 
 MOTOR_NAMES = ("J", "K_t", "R", "L", "b")  # parameters that shake nothing
 ROUNDS = 4  # Gauss-Newton steps for the start of a foundation in motion
@@ -49,7 +50,31 @@ class Starts:
     offsets: tuple[Array, ...]
 
 
-def settle(bench: Bench, use: Use, free: bool, step: float, near: Starts | None = None) -> Starts:
+class Simulated(Protocol):
+    """Experiments beside free runs of their machine: what of a `Bench` start states need."""
+
+    physics: Physics
+    values: dict[str, float]
+    pieces: list[Any]
+    starts: Starts
+    shaking: bool
+    coarse: float
+
+    def changed(self, use: Use) -> Mapping[str, float] | None:
+        """The machine's parameters with these effects; None where they are impossible."""
+
+    def difference(
+        self, i: int, use: Use, step: float, angle: float, offset: Array = NO_OFFSET
+    ) -> Array:
+        """(rows,) measured minus simulated of one experiment, in noise deviations."""
+
+    def each(self, work: Callable[[int], None]) -> None:
+        """Do something with every experiment, by its place."""
+
+
+def settle(
+    bench: Simulated, use: Use, free: bool, step: float, near: Starts | None = None
+) -> Starts:
     """Start states for these effects, where more is unknown than a motor's speed and current.
 
     A machine that was running has a foundation in motion, a warm winding and the like, each of
@@ -78,7 +103,7 @@ def settle(bench: Bench, use: Use, free: bool, step: float, near: Starts | None 
 
 
 def settled(
-    bench: Bench,
+    bench: Simulated,
     use: Use,
     moving: bool,
     states: int,
@@ -129,7 +154,7 @@ def settled(
 
 
 def _start_of(
-    bench: Bench,
+    bench: Simulated,
     i: int,
     use: Use,
     step: float,
@@ -171,7 +196,7 @@ def _start_of(
     return kept, basis
 
 
-def turns(bench: Bench, use: Use) -> bool:
+def turns(bench: Simulated, use: Use) -> bool:
     """Whether the start angle makes a difference with these effects."""
     if not use or not bench.pieces:
         return False
@@ -179,7 +204,7 @@ def turns(bench: Bench, use: Use) -> bool:
     return bool(np.max(np.abs(one - other)) > SENSITIVE)
 
 
-def _best_angle(bench: Bench, i: int, use: Use, step: float, about: float | None) -> float:
+def _best_angle(bench: Simulated, i: int, use: Use, step: float, about: float | None) -> float:
     basis = bench.starts.bases[i]
 
     def loss(angle: float) -> float:

@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.diagnosis.bench import Bench, Use
 from ldt_core.diagnosis.result import Place
 from ldt_core.diagnosis.starts import Starts
 from ldt_core.diagnosis.torque import Torque
 from ldt_core.diagnosis.torque_curve import KNOTS, Curve, torque_curve
+from ldt_core.diagnosis.trials import Bench, Use
 from ldt_core.physics.steady_state import has_foundation, unbalance_torque
 
 Array = NDArray[np.float64]

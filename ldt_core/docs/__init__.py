@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ldt_core.errors import OptionError, did_you_mean
+from ldt_core.base.errors import OptionError, did_you_mean
 
 FOLDER = Path(__file__).parent
 

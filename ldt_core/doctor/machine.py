@@ -116,7 +116,7 @@ def kernels() -> list[Finding]:
 
 def recordings(bag: str = "") -> list[Finding]:
     """Whether a recording can be written where it would go, and how much room there is."""
-    from ldt_core.session import RECORDINGS
+    from ldt_core.recording.storage import RECORDINGS
 
     name = "recordings"
     target = Path(bag) if bag else RECORDINGS

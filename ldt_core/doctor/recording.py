@@ -5,15 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping
 
+from ldt_core.base.errors import BadInput
+from ldt_core.base.sentences import counted, numbered, spans
+from ldt_core.base.settings import as_options
 from ldt_core.doctor.check import Finding, ok, problem, warning
-from ldt_core.errors import BadInput
-from ldt_core.pause import Pause
 from ldt_core.recording.bag import namespaces, read_bag
 from ldt_core.recording.health import ANSWERS, Health, inspect
 from ldt_core.recording.repair import Mended, repair
 from ldt_core.recording.storage import Storage
-from ldt_core.settings import as_options
-from ldt_core.words import counted, numbered, spans
+from ldt_core.restart.learning_switch import Pause
 
 LISTED = 5  # stretches of numbers that a line shows
 AGAIN = "commands use what is there; ldt doctor --repair puts it into sound files"

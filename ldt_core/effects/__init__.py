@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ldt_core.errors import OptionError, did_you_mean
-from ldt_core.registry import Registry
+from ldt_core.base.errors import OptionError, did_you_mean
+from ldt_core.base.registry import Registry
 
 if TYPE_CHECKING:
-    from ldt_core.effects.base import Effect
+    from ldt_core.physics.effect import Effect
 
 _FILES = {
     "friction": (
@@ -54,7 +54,7 @@ def get_effect(name: str) -> Effect:
     Raises:
         OptionError: nothing of that name, or something that is no effect.
     """
-    from ldt_core.effects.base import Effect
+    from ldt_core.physics.effect import Effect
 
     effect = EFFECTS.get(name)
     if not isinstance(effect, Effect):

@@ -1,195 +1,20 @@
-"""What an effect is: bounded parameters and one function on one stage of the machine.
-
-A user's own effect is a file with such an object, named by entry point (group `ldt.effect`) or as
-`path/to/file.py:NAME`:
-
-    def torque(t, theta, omega, current, voltage, p):
-        return -p[0] * omega**3
-
-    CUBIC_DRAG = Effect(
-        name="cubic_drag",
-        description="drag that grows with the cube of the speed",
-        equation="torque = -c omega^3",
-        parameters=(
-            Parameter("c", "N m s^3", 0.0, default=0.0, description="coefficient", scale=1e-6),
-        ),
-        typical={"c": 1e-6},
-        torque=torque,
-    )
-
-`ldt effects path/to/file.py:CUBIC_DRAG` checks it (`ldt_core/checks_effect.py`).
-"""
+"""What the library's effects are made of; `Effect` itself is in `ldt_core.physics.effect`."""
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ldt_core.errors import OptionError, did_you_mean
+from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
-from ldt_core.physics.terms import compile_term
 
-if TYPE_CHECKING:
-    from ldt_core.physics.base import Physics
+__all__ = ["SMALL_VOLTAGE", "Effect", "factor_of", "scaled"]
 
-Array = NDArray[np.float64]
 Values = Mapping[str, float]
 
 # What depends on the direction of the current turns over the one that this voltage [V] drives
 # through the winding: small next to what turns a motor, and mild enough for the step.
 SMALL_VOLTAGE = 0.1
-
-STAGES = ("on_parameters", "on_voltage", "torque", "terminal", "on_measurement")
-
-
-@dataclass(frozen=True, eq=False)
-class Effect:
-    """Something that a real machine has and its file may not know.
-
-    Args:
-        name: in the registry, in `--effect` and in a diagnosis.
-        description: one line for people.
-        equation: what it changes, as a formula.
-        parameters: with unit and physical bounds, signs included. Defaults together are neutral: an
-            effect with its default values changes nothing.
-        typical: values of an effect that is plainly there; what the bare name means on a command
-            line. Parameters that are left out have their default.
-        on_parameters: (values, **p) -> values: other parameters of the machine.
-        on_voltage: (times, volts, **p) -> (times, volts): what reaches the terminals. Each level
-            holds from its time to the next; the first time is -inf, for what held before.
-        torque: (t, theta, omega, current, voltage, p) -> torque on the shaft [N m]; see
-            `physics/terms.py`. Compiled, so of plain arithmetic and `math` only.
-        terminal: the same, -> voltage that adds to the supply's at the terminals [V].
-        on_measurement: (speed (L,) [rad/s], period [s], **p) -> (L,) speed as it is measured.
-        states: names of states of its own; only with torque or terminal, whose function then takes
-            (…, p, state, rate) and writes rate[:]. Such an effect may have `on_parameters` too, for
-            what moves from the machine's equations into its states.
-        initial: (machine's first state, **p) -> its own first states; None means 0.
-        needs: parameters of the machine without which the effect makes no sense; torque and
-            terminal find their values in p, behind the effect's own.
-        fastest: (values, voltage, **p) -> fastest rate of change that the effect brings with it
-            [1/s], from the machine's parameters and its largest voltage; bounds the step.
-        reference: where the formula is from.
-        family: of effects that are alike but for details of their laws. As no law is exactly a
-            machine's, a diagnosis names a second one of a family only on stronger evidence.
-        most_factor: times its value that a parameter may have become, for a diagnosis; with more,
-            it takes the machine for another one.
-        search: values of parameters that a diagnosis begins its search with, every combination;
-            for those that are not named it takes values about their scale.
-
-    Raises:
-        OptionError: not exactly one function, or a parameter without default.
-    """
-
-    name: str
-    description: str
-    equation: str
-    parameters: tuple[Parameter, ...]
-    typical: Values = field(default_factory=dict)
-    on_parameters: Callable[..., Values] | None = None
-    on_voltage: Callable[..., tuple[Array, Array]] | None = None
-    torque: Callable[..., float] | None = None
-    terminal: Callable[..., float] | None = None
-    on_measurement: Callable[..., Array] | None = None
-    states: tuple[str, ...] = ()
-    initial: Callable[..., tuple[float, ...]] | None = None
-    needs: tuple[str, ...] = ()
-    fastest: Callable[..., float] | None = None
-    reference: str = ""
-    family: str = ""
-    most_factor: float = 20.0
-    search: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        where = f"effect {self.name}"
-        stages = [s for s in STAGES if getattr(self, s) is not None]
-        one = [s for s in stages if not (self.states and s == "on_parameters")]
-        if len(one) != 1 or (self.states and one[0] not in ("torque", "terminal")):
-            raise OptionError(where, f"one function among {', '.join(STAGES)}", stages or "none")
-        for parameter in self.parameters:
-            if parameter.default is None or not parameter.accepts(parameter.default):
-                raise OptionError(f"{where}, {parameter.name}", "a default", parameter.default)
-        self.check(self.typical)
-
-    @property
-    def neutral(self) -> dict[str, float]:
-        """The values that change nothing."""
-        return {p.name: float(p.default) for p in self.parameters if p.default is not None}
-
-    def check(self, given: Mapping[str, Any]) -> dict[str, float]:
-        """All parameters: those given, checked, and the defaults of the others.
-
-        Raises:
-            OptionError: an unknown parameter or a value outside its bounds.
-        """
-        known = {p.name: p for p in self.parameters}
-        values = self.neutral
-        for name, value in given.items():
-            if name not in known:
-                raise OptionError(f"effect {self.name}", did_you_mean(name, known), repr(name))
-            if not known[name].accepts(value):
-                raise OptionError(f"effect {self.name}, {name}", known[name].range, f"{value:g}")
-            values[name] = float(value)
-        return values
-
-    def require(self, physics: Physics) -> None:
-        """Refuse a kind of machine that cannot have this effect.
-
-        Raises:
-            OptionError: a parameter that the effect needs is not the machine's.
-        """
-        known = [p.name for p in physics.parameters]
-        missing = [name for name in self.needs if name not in known]
-        if missing:
-            expected = f"a machine with parameter {' and '.join(missing)}"
-            raise OptionError(f"effect {self.name}", expected, f"physics {physics.name!r}")
-
-    def change_parameters(self, physics: Physics, values: Values, given: Values) -> Values:
-        """The machine's parameters with this effect.
-
-        Raises:
-            OptionError: a machine that cannot have this effect, or parameters that no machine has.
-        """
-        self.require(physics)
-        if self.on_parameters is None:
-            return values
-        changed = self.on_parameters(values, **given)
-        for parameter in physics.parameters:
-            value = changed[parameter.name]
-            if not parameter.accepts(value):
-                where = f"effect {self.name}, {parameter.name} of the machine"
-                raise OptionError(where, parameter.range, f"{value:g}")
-        return changed
-
-    def rate(self, values: Values, voltage: float, given: Values) -> float:
-        """Fastest rate of change that the effect brings with it [1/s]."""
-        return 0.0 if self.fastest is None else self.fastest(values, voltage, **given)
-
-    def first_states(self, state: Array, given: Values) -> tuple[float, ...]:
-        """The effect's own states at the first sample, from the machine's."""
-        return (0.0,) * len(self.states) if self.initial is None else self.initial(state, **given)
-
-    @functools.cached_property
-    def compiled(self) -> Any:
-        """The torque or terminal function as machine code.
-
-        Raises:
-            OptionError: numba cannot compile it.
-        """
-        function = self.torque or self.terminal
-        assert function is not None
-        return compile_term(f"effect {self.name}", function, bool(self.states))
-
-    def describe(self, given: Values) -> str:
-        """The effect as one would write it after `--effect`."""
-        changed = [f"{n}={v:g}" for n, v in given.items() if v != self.neutral[n]]
-        return self.name + (":" + ",".join(changed) if changed else "")
 
 
 def scaled(values: Values, factor: float, *names: str) -> dict[str, float]:

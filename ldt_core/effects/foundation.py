@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ldt_core.effects.base import Effect, factor_of
+from ldt_core.effects.base import factor_of
+from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
 
 BISOI = (

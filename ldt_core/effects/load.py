@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ldt_core.effects.base import Effect
+from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from ldt_core.effects.base import Effect, factor_of, scaled
+from ldt_core.effects.base import factor_of, scaled
+from ldt_core.physics.effect import Effect
 from ldt_core.physics.motor import fastest_root
 from ldt_core.physics.parameter import Parameter
 

@@ -6,12 +6,12 @@ import inspect
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from ldt_core.errors import OptionError
-from ldt_core.registry import Registry
+from ldt_core.base.errors import OptionError
+from ldt_core.base.registry import Registry
 
 if TYPE_CHECKING:
-    from ldt_core.experiment import ModelRecord
-    from ldt_core.machine import Machine
+    from ldt_core.base.experiment import ModelRecord
+    from ldt_core.machine.machine_file import Machine
     from ldt_core.models.base import Model
 
 MODELS = Registry(

@@ -8,9 +8,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
-from ldt_core.errors import LdtError, ModelError
-from ldt_core.experiment import DiagnosisRecord, Experiment, ModelRecord, Prediction
-from ldt_core.machine import Machine
+from ldt_core.base.errors import LdtError, ModelError
+from ldt_core.base.experiment import DiagnosisRecord, Experiment, ModelRecord, Prediction
+from ldt_core.machine.machine_file import Machine
 
 
 class Model(abc.ABC):

@@ -9,22 +9,22 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from ldt_core.cause.angle import Seen, believe
-from ldt_core.cause.free_run import ANGLE, Cause, Start
-from ldt_core.cause.learn import Learned, Learner
-from ldt_core.cause.members import Member
-from ldt_core.cause.search import Search
+from ldt_core.base.errors import LdtError, OptionError
+from ldt_core.base.experiment import DiagnosisRecord, Experiment, Prediction, Samples
+from ldt_core.base.sentences import spoken
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.effects.words import change_of
-from ldt_core.errors import LdtError, OptionError
-from ldt_core.experiment import DiagnosisRecord, Experiment, Prediction, Samples
-from ldt_core.machine import Machine
+from ldt_core.effects.change_text import change_of
+from ldt_core.estimation.effect.free_run import ANGLE, Cause, Start
+from ldt_core.estimation.effect.learn_effect import Learned, Learner
+from ldt_core.estimation.effect.members import Member
+from ldt_core.estimation.effect.search import Search
+from ldt_core.estimation.effect.start_angle import Seen, believe
+from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
 from ldt_core.models.physics import PhysicsModel
-from ldt_core.words import spoken
 
 if TYPE_CHECKING:
-    from ldt_core.effects.base import Effect
+    from ldt_core.physics.effect import Effect
 
 AUTO = "auto"  # in place of an effect's name: the one that a diagnosis names
 MEMBER_STEP = 1e-3  # s, longest integration step of the spread; worst relative error 1e-3
@@ -43,10 +43,10 @@ _cached_effect = functools.lru_cache(maxsize=32)(get_effect)
 class DiagnosedModel(Model):
     """Free run of the whole physics with one effect, whose parameters are what is learned.
 
-    `fit` finds them by free runs from the start of each experiment (`ldt_core.cause`). The physics
-    stays as it is, so that few numbers have to be learned, one experiment is enough, and what was
-    learned says what has happened to the machine. If something else has happened, the model cannot
-    follow: then the adaptor's gate refuses it, or the residual stays.
+    `fit` finds them by free runs from the start of each experiment (`ldt_core.estimation.effect`).
+    The physics stays as it is, so that few numbers have to be learned, one experiment is
+    enough, and what was learned says what has happened to the machine. If something else has
+    happened, the model cannot follow: then the adaptor's gate refuses it, or the residual stays.
 
     The effect is named beforehand, or by the diagnoses of the running machine (`informed`): until
     one names it there is none, and nothing is learned; a later one may name another. Of effects

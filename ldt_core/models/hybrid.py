@@ -8,18 +8,18 @@ from typing import Any, Self
 
 import numpy as np
 
-from ldt_core.errors import LdtError, OptionError, did_you_mean
-from ldt_core.experiment import Experiment, Prediction
-from ldt_core.gaussian_process.compiled import INPUTS, compile_run
-from ldt_core.gaussian_process.free_run import spread
-from ldt_core.gaussian_process.kernel import Array, Kernel
-from ldt_core.gaussian_process.learn import Learned, learn, persistence
-from ldt_core.gaussian_process.observer import Run
-from ldt_core.gaussian_process.sparse import SparsePosterior
-from ldt_core.machine import Machine
+from ldt_core.base.errors import LdtError, OptionError, did_you_mean
+from ldt_core.base.experiment import Experiment, Prediction
+from ldt_core.base.threads import one_thread
+from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
+from ldt_core.models.gaussian_process.compiled import INPUTS, compile_run
+from ldt_core.models.gaussian_process.kernel import Array, Kernel
+from ldt_core.models.gaussian_process.learn import Learned, learn, persistence
+from ldt_core.models.gaussian_process.observer import Run
+from ldt_core.models.gaussian_process.sparse import SparsePosterior
+from ldt_core.models.gaussian_process.speed_run import spread
 from ldt_core.models.physics import PhysicsModel
-from ldt_core.threads import one_thread
 
 
 class HybridModel(Model):

@@ -8,14 +8,14 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.errors import OptionError
-from ldt_core.experiment import Experiment, Prediction
-from ldt_core.identification import StateSpace, identify
-from ldt_core.identification.alternatives import squared_distances
-from ldt_core.identification.estimate import MOST_ORDER
-from ldt_core.identification.start import Start
-from ldt_core.identification.state_space import discretise
-from ldt_core.machine import Machine
+from ldt_core.base.errors import OptionError
+from ldt_core.base.experiment import Experiment, Prediction
+from ldt_core.estimation.linear import StateSpace, identify
+from ldt_core.estimation.linear.alternatives import squared_distances
+from ldt_core.estimation.linear.estimate import MOST_ORDER
+from ldt_core.estimation.linear.start import Start
+from ldt_core.estimation.linear.state_space import discretise
+from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ class LinearModel(Model):
     """Free run of a continuous-time state space; the voltage is held between samples, exactly.
 
     Untrained it is the machine file's physics, for a rotor the motor without its eccentricity
-    (e = 0). `fit` identifies a new one from the experiments alone (`ldt_core.identification`):
+    (e = 0). `fit` identifies a new one from the experiments alone (`ldt_core.estimation.linear`):
     stable, with an offset, and free in its physical meaning.
 
     `parameters`: `A` (n × n) [1/s], `B` (n), `C` (n), `D`, `offset` [rad/s], `order`, `noise_std`

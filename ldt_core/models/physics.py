@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Self
 
-from ldt_core.errors import LdtError, did_you_mean
-from ldt_core.experiment import Experiment, Prediction
+from ldt_core.base.errors import LdtError, did_you_mean
+from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.models.base import Model
 
 

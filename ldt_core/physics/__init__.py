@@ -1,6 +1,6 @@
 """The machines' equations of motion, and their free run."""
 
-from ldt_core.registry import Registry
+from ldt_core.base.registry import Registry
 
 PHYSICS = Registry(
     "physics",

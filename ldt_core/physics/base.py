@@ -14,7 +14,7 @@ from ldt_core.physics.constants import MAX_STEP, NOT_TRACKED, Constants, Tracked
 from ldt_core.physics.parameter import Parameter
 
 if TYPE_CHECKING:
-    from ldt_core.effects.base import Effect
+    from ldt_core.physics.effect import Effect
 
 Values = Mapping[str, float]
 Array = NDArray[np.float64]

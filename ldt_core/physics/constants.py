@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,3 +31,21 @@ class Constants(NamedTuple):
     damping_x: float
     damping_y: float
     weight_torque: float  # m g e
+
+
+class Equations(Protocol):
+    """What the integrator asks of a physics; see `Physics` for each."""
+
+    @property
+    def name(self) -> str:
+        """In the registry."""
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the states."""
+
+    def constants(self, values: Mapping[str, float]) -> Constants:
+        """Numbers of the equations."""
+
+    def rate(self, values: Mapping[str, float], voltage: float) -> float:
+        """Fastest rate of change [1/s]."""

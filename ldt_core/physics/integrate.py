@@ -13,20 +13,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ldt_core.errors import BadInput, LdtError
-from ldt_core.physics.constants import MAX_STEP, NOT_TRACKED, Constants, Tracked
+from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.physics.constants import MAX_STEP, NOT_TRACKED, Constants, Equations, Tracked
+from ldt_core.physics.effect import Effect, gather
 from ldt_core.physics.rigid import PATIENCE, run_rigid
-from ldt_core.physics.terms import evaluate, forget, gather, is_quiet
-
-if TYPE_CHECKING:
-    from ldt_core.effects.base import Effect
-    from ldt_core.physics.base import Physics
+from ldt_core.physics.terms import evaluate, forget, is_quiet
 
 Array = NDArray[np.float64]
 
@@ -278,7 +275,7 @@ def _run_with_terms(
 
 
 def integrate(
-    physics: Physics,
+    physics: Equations,
     values: Mapping[str, float],
     times: Array,
     switches: tuple[Array, Array],

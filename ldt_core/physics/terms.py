@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
@@ -25,10 +25,7 @@ from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from ldt_core.errors import OptionError
-
-if TYPE_CHECKING:
-    from ldt_core.effects.base import Effect
+from ldt_core.base.errors import OptionError
 
 _F, _POINTER = types.float64, types.CPointer(types.float64)
 TERM = _F(_F, _F, _F, _F, _F, _POINTER)
@@ -70,42 +67,6 @@ def compile_term(where: str, function: Callable[..., float], stateful: bool) -> 
         raise OptionError(
             where, f"a function that numba compiles as {signature}", reason
         ) from error
-
-
-def gather(
-    terms: Sequence[tuple[Effect, Mapping[str, float]]],
-    values: Mapping[str, float],
-    watched: Sequence[bool] = (),
-    quiet: tuple[float, float] = (0.0, 0.0),
-) -> Terms:
-    """The terms of these effects, for a machine with these parameters.
-
-    Args:
-        terms: effects with all their values.
-        values: the machine's parameters.
-        watched: for each term whether it asks for shorter steps than the machine; none if empty.
-        quiet: change of a torque [N m] and of a voltage [V] that needs no shorter steps.
-    """
-    parameters: list[float] = []
-    first_parameter, first_state, states = [], [], 0
-    for effect, given in terms:
-        first_parameter.append(len(parameters))
-        first_state.append(states)
-        parameters += [given[p.name] for p in effect.parameters]
-        parameters += [values[name] for name in effect.needs]
-        states += len(effect.states)
-    return Terms(
-        np.array([effect.compiled.address for effect, _ in terms], dtype=np.int64),
-        np.array([effect.terminal is not None for effect, _ in terms]),
-        np.array([len(effect.states) > 0 for effect, _ in terms]),
-        np.array(first_parameter, dtype=np.int64),
-        np.array(first_state, dtype=np.int64),
-        np.array([*parameters, 0.0]),
-        np.array(watched or [False] * len(terms)),
-        np.zeros(len(terms)),
-        np.zeros(len(terms)),
-        np.array([quiet[effect.terminal is not None] for effect, _ in terms]),
-    )
 
 
 def _caller(pointers: int) -> Any:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import msgs_config
-from ldt_core.errors import BadInput, ExperimentError, RecordingError
-from ldt_core.experiment import (
+from ldt_core.base.errors import BadInput, ExperimentError, RecordingError
+from ldt_core.base.experiment import (
     Adaptation,
     AdviceRecord,
     DiagnosisRecord,
@@ -18,15 +18,15 @@ from ldt_core.experiment import (
     Prediction,
     Signal,
 )
+from ldt_core.base.sentences import counted, numbered
 from ldt_core.recording.codec import DECODERS, Record, decode
 from ldt_core.recording.messages import deserialize, quoted
 from ldt_core.recording.numbers import Numbers
 from ldt_core.recording.run_settings import KEY, Setting, parse_settings
 from ldt_core.recording.storage import Raw, Storage
-from ldt_core.words import counted, numbered
 
 if TYPE_CHECKING:
-    from ldt_core.machine import Machine
+    from ldt_core.machine.machine_file import Machine
 
 LISTED = 5  # stretches of numbers that a note names one by one
 

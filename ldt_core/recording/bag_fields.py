@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ldt_core.errors import OptionError, RecordingError, did_you_mean
+from ldt_core.base.errors import OptionError, RecordingError, did_you_mean
 from ldt_core.recording.messages import deserialize, quoted
-from ldt_core.recording.resampling import Series
 from ldt_core.recording.storage import Storage
+from ldt_core.segmenter.resampling import Series
 
 FIELD = re.compile(r"(?P<topic>/[^.\[\]]+)\.(?P<steps>.+)")
 STEP = re.compile(r"([A-Za-z]\w*)((?:\[\d+\])*)")

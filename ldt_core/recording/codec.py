@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from ldt_core.errors import RecordingError, did_you_mean
-from ldt_core.experiment import (
+from ldt_core.base.errors import RecordingError, did_you_mean
+from ldt_core.base.experiment import (
     Adaptation,
     AdviceRecord,
     DiagnosisRecord,

@@ -12,7 +12,7 @@ from typing import Any
 from mcap.records import Channel, Message, Schema
 
 import msgs_config
-from ldt_core.errors import LdtError, RecordingError
+from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.recording import run_settings
 from ldt_core.recording.finish import finish
 from ldt_core.recording.mcap_file import McapFile

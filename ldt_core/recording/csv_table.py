@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ldt_core.errors import RecordingError, did_you_mean
-from ldt_core.experiment import Samples
+from ldt_core.base.errors import RecordingError, did_you_mean
+from ldt_core.base.experiment import Samples
 from ldt_core.recording.messages import quoted
 
 GZIP_MAGIC = b"\x1f\x8b"

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ldt_core.bounded import forget_oldest
-from ldt_core.errors import LdtError, RecordingError
-from ldt_core.experiment import Adaptation, Experiment, ModelRecord, Prediction, Signal
+from ldt_core.base.bounded import forget_oldest
+from ldt_core.base.errors import LdtError, RecordingError
+from ldt_core.base.experiment import Adaptation, Experiment, ModelRecord, Prediction, Signal
+from ldt_core.base.sentences import Span
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.codec import DECODERS, decode
 from ldt_core.recording.lock import is_written
@@ -18,7 +19,6 @@ from ldt_core.recording.node_status import HEALTH_TOPIC, NodeStatus, node_status
 from ldt_core.recording.numbers import Numbers
 from ldt_core.recording.run_settings import Setting
 from ldt_core.recording.storage import Raw
-from ldt_core.words import Span
 
 _Key = tuple[int, float, int]  # of an experiment and its prediction: number, start, samples
 

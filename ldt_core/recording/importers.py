@@ -9,12 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ldt_core.errors import OptionError, RecordingError
-from ldt_core.experiment import Experiment
+from ldt_core.base.errors import OptionError, RecordingError
+from ldt_core.base.experiment import Experiment
 from ldt_core.recording.bag_fields import is_recording, parse_source, read_fields
 from ldt_core.recording.csv_table import Table
 from ldt_core.recording.recorded_stream import segmented
-from ldt_core.recording.resampling import (
+from ldt_core.recording.storage import Storage
+from ldt_core.recording.units import Field, parse_field
+from ldt_core.segmenter.resampling import (
     GAP_PERIODS,
     Series,
     check_times,
@@ -23,8 +25,6 @@ from ldt_core.recording.resampling import (
     resample,
     split_at_gaps,
 )
-from ldt_core.recording.storage import Storage
-from ldt_core.recording.units import Field, parse_field
 
 LEAST_SAMPLES = 2  # of an experiment: one sample has no dynamics
 ROUNDING = 1e-6  # of a period: what floating point loses in a length or an end time

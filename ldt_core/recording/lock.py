@@ -8,7 +8,7 @@ import os
 import time
 from pathlib import Path
 
-from ldt_core.errors import RecordingError
+from ldt_core.base.errors import RecordingError
 
 HELD = (errno.EWOULDBLOCK, errno.EACCES)
 PAUSE = 0.05  # s between two attempts

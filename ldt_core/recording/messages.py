@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 import msgs_config
-from ldt_core.errors import RecordingError
+from ldt_core.base.errors import RecordingError
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import yaml
 from mcap.records import Channel, Schema
 
-from ldt_core import kept
+from ldt_core.base import result_files
 from ldt_core.recording.messages import dump, load, offered_qos, schema
 from ldt_core.recording.storage import METADATA
 
@@ -147,7 +147,7 @@ def channel_entry(channel: Channel, described: Schema | None) -> dict[str, Any]:
 def write_metadata(folder: Path, text: str) -> None:
     """Write bag information as the folder's metadata.yaml; a reader never meets half a file."""
     whole = "rosbag2_bagfile_information:\n" + textwrap.indent(text, "  ")
-    kept.write(folder / METADATA, whole, sync=True)
+    result_files.write(folder / METADATA, whole, sync=True)
 
 
 def text_of(facts: Mapping[str, Any]) -> str:

@@ -11,8 +11,8 @@ import json
 import math
 from typing import Any
 
-from ldt_core.errors import ModelError
-from ldt_core.experiment import ModelRecord
+from ldt_core.base.errors import ModelError
+from ldt_core.base.experiment import ModelRecord
 from ldt_core.recording.messages import quoted
 
 DIGEST = "digest"

@@ -8,9 +8,9 @@ import struct
 from collections.abc import Iterable, Iterator
 from typing import Any, Self
 
+from ldt_core.base.sentences import Span
 from ldt_core.recording.codec import DECODERS
 from ldt_core.recording.messages import DIAGNOSTICS, LITTLE_ENDIAN, MULTI_ARRAY
-from ldt_core.words import Span
 
 EXACT = 2**53  # whole numbers up to here are exact in a float64
 _LENGTH = struct.Struct("<I")

@@ -17,8 +17,8 @@ from typing import IO, NamedTuple
 from mcap.opcode import Opcode
 from mcap.records import Message
 
-from ldt_core.errors import BadInput, RecordingError
-from ldt_core.experiment import Adaptation
+from ldt_core.base.errors import BadInput, RecordingError
+from ldt_core.base.experiment import Adaptation
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.mcap_file import McapFile
 from ldt_core.recording.mcap_records import (

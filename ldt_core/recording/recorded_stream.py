@@ -6,10 +6,10 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from ldt_core.errors import OptionError
-from ldt_core.experiment import Experiment
-from ldt_core.recording.resampling import GAP_PERIODS, Series
+from ldt_core.base.errors import OptionError
+from ldt_core.base.experiment import Experiment
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
+from ldt_core.segmenter.resampling import GAP_PERIODS, Series
 
 LEAST_GAP = 1.5  # periods of the experiments; a stream far faster than they are may not pause less
 

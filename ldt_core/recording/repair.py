@@ -19,7 +19,7 @@ from typing import Any
 import yaml
 from mcap.records import Channel, Schema
 
-from ldt_core.errors import LdtError, RecordingError
+from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.recording.lock import FolderLock
 from ldt_core.recording.mcap_file import McapFile, Summary
 from ldt_core.recording.mcap_records import LIBRARY

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Self
 
-from ldt_core.bounded import forget_oldest
+from ldt_core.base.bounded import forget_oldest
 from ldt_core.recording.messages import content
 from ldt_core.recording.numbers import Numbers, number_of
 from ldt_core.recording.storage import Storage

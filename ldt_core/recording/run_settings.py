@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from ldt_core.errors import RecordingError
+from ldt_core.base.errors import RecordingError
 from ldt_core.recording.messages import quoted
 
 KEY = "settings"  # of a recording's custom data

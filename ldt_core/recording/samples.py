@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ldt_core.errors import ExperimentError
-from ldt_core.experiment import Experiment, Prediction, Samples
+from ldt_core.base.errors import ExperimentError
+from ldt_core.base.experiment import Experiment, Prediction, Samples
 from ldt_core.recording.messages import Messages, quoted, serialize, standard
 
 SAMPLE = "sample"  # label of dim[0]

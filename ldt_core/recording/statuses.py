@@ -10,8 +10,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ldt_core.errors import ExperimentError, RecordingError, did_you_mean
-from ldt_core.experiment import (
+from ldt_core.base.errors import ExperimentError, RecordingError, did_you_mean
+from ldt_core.base.experiment import (
     Action,
     Adaptation,
     AdviceRecord,

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import yaml
 from mcap.records import Channel, Schema
 
-from ldt_core.errors import RecordingError
+from ldt_core.base.errors import RecordingError
 from ldt_core.recording.mcap_file import Described, McapFile
 from ldt_core.recording.mcap_records import (
     BROKEN,
@@ -30,6 +30,8 @@ from ldt_core.recording.mcap_records import (
 from ldt_core.recording.messages import load, quoted, schema
 
 METADATA = "metadata.yaml"
+#: Where recordings go that are not told where to.
+RECORDINGS = Path("ldt_recordings")
 PROFILE = "ros2"
 SQLITE_MAGIC = b"SQLite format 3\x00"
 ROS1_MAGIC = b"#ROSBAG V"

@@ -10,7 +10,7 @@ import math
 from collections.abc import Collection
 from typing import NamedTuple
 
-from ldt_core.errors import OptionError, did_you_mean
+from ldt_core.base.errors import OptionError, did_you_mean
 
 TURN = 2 * math.pi  # rad
 

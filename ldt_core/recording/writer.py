@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import msgs_config
-from ldt_core.errors import LdtError, RecordingError, did_you_mean
+from ldt_core.base.errors import LdtError, RecordingError, did_you_mean
 from ldt_core.recording import run_settings
 from ldt_core.recording.codec import Record, encode_cdr
 from ldt_core.recording.continued import continued
@@ -63,7 +63,7 @@ class BagWriter:
         once: leave out a message that was written before, byte for byte, and after `resume` one
             about an experiment that the topic is recorded of: somebody was started again, and says
             once more what may not have been heard.
-        key: of the run, for the folder's metadata (`ldt_core.resume`).
+        key: of the run, for the folder's metadata (`ldt_core.restart.run_key`).
 
     Raises:
         RecordingError: the folder exists or cannot be made; somebody is writing to it; or it is no

@@ -9,7 +9,7 @@ from __future__ import annotations
 import datetime
 from dataclasses import dataclass
 
-from ldt_core.errors import LdtError
+from ldt_core.base.errors import LdtError
 
 try:
     from cryptography import x509

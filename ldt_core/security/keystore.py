@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ldt_core.errors import BadInput, LdtError
+from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.security.permissions import (
     DOMAINS,
     Enclave,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from xml.etree import ElementTree as Xml
 
 import msgs_config
-from ldt_core.errors import BadInput
+from ldt_core.base.errors import BadInput
 
 #: Nodes of one machine's graph, an enclave each below the machine's namespace.
 NODES = (

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ldt_core.experiment import Experiment
-from ldt_core.recording.resampling import TOLERANCE, Series, fits_grid, resample
+from ldt_core.base.experiment import Experiment
+from ldt_core.segmenter.resampling import TOLERANCE, Series, fits_grid, resample
 
 LEAST_SAMPLES = 2  # of an experiment: one sample has no dynamics
 HALF = 0.5  # of a period: a row nearer to the end than this is the first of what follows

@@ -6,9 +6,9 @@ import abc
 from collections import Counter, deque
 from typing import ClassVar
 
-from ldt_core.errors import OptionError, did_you_mean
-from ldt_core.recording.resampling import TOLERANCE
+from ldt_core.base.errors import OptionError, did_you_mean
 from ldt_core.segmenter.collector import LEAST_SAMPLES, Collector, Cut, Row
+from ldt_core.segmenter.resampling import TOLERANCE
 
 
 class Rule(abc.ABC):

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ldt_core.errors import OptionError, did_you_mean
-from ldt_core.experiment import Experiment
-from ldt_core.recording.resampling import GAP_PERIODS, TOLERANCE
+from ldt_core.base.errors import OptionError, did_you_mean
+from ldt_core.base.experiment import Experiment
 from ldt_core.segmenter.collector import Cut
+from ldt_core.segmenter.resampling import GAP_PERIODS, TOLERANCE
 from ldt_core.segmenter.rules import Rule
 from ldt_core.segmenter.streams import Clash, Streams, TooLate
 

@@ -23,15 +23,15 @@ EAGER = 0.005  # s between the messages of the lone node
 
 def main(role: str) -> None:
     """Pass messages on."""
-    from ldt_ros.environment import prepare
+    from ldt_ros.graph.environment import prepare
 
     prepare()
     import rclpy
     from rclpy.experimental import EventsExecutor
 
-    from ldt_core.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal
-    from ldt_ros.convert import to_message
-    from ldt_ros.interfaces import message_type, qos
+    from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal
+    from ldt_ros.nodes.convert import to_message
+    from ldt_ros.nodes.interfaces import message_type, qos
 
     row = np.linspace(0.0, 1.0, SAMPLES)
     prediction = to_message(Prediction(1, 0.0, 0.01, 0, row))

@@ -9,13 +9,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.procedure import HOLDOUT, TOLERANCE, diagnose, library, split
+from ldt_core.diagnosis.diagnose import HOLDOUT, TOLERANCE, diagnose, library, split
 from ldt_core.diagnosis.search import fit
+from ldt_core.diagnosis.trials import Bench
 from ldt_core.effects import parse_effect
-from ldt_core.machine import load_machine
-from ldt_core.plant import Plant
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from tests.benchmarks.row import Row
 
 EXPERIMENTS, CANDIDATES = 20, 20

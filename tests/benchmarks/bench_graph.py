@@ -24,8 +24,8 @@ import psutil
 
 from ldt_core.cli import invoke
 from ldt_core.cli.replay import command
-from ldt_core.machine import load_machine
-from ldt_core.plant import Plant
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from tests.benchmarks.bare_node import ROLES
@@ -103,8 +103,8 @@ def cycles(folder: Path) -> list[Row]:
 
     The benchmark is the machine: it sends an experiment and waits for what comes of it.
     """
-    from ldt_ros.convert import to_message
-    from ldt_ros.interfaces import message_type, qos
+    from ldt_ros.nodes.convert import to_message
+    from ldt_ros.nodes.interfaces import message_type, qos
 
     messages = [to_message(e) for e in read_bag(stream(folder / "sent", CYCLES)).experiments()]
     bare = [[*BARE, role] for role in ROLES]
@@ -144,7 +144,7 @@ def _node(role: str, bag: Path) -> list[str | Path]:
     """A node of the graph by itself, of a machine that does not drift."""
     parameters = ("model:=physics", "threshold:=1000.0", f"bag:={bag}")
     given = [word for parameter in parameters for word in ("-p", parameter)]
-    return [sys.executable, "-m", "ldt_ros.process", "--node", role, "--ros-args", *given]
+    return [sys.executable, "-m", "ldt_ros.graph.process", "--node", role, "--ros-args", *given]
 
 
 def stream(recording: Path, count: int) -> Path:

@@ -9,9 +9,9 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from threadpoolctl import threadpool_limits
 
-from ldt_core.experiment import Experiment
-from ldt_core.gaussian_process.observer import Run, one_step
-from ldt_core.machine import Machine, load_machine
+from ldt_core.base.experiment import Experiment
+from ldt_core.machine.machine_file import Machine, load_machine
+from ldt_core.models.gaussian_process.observer import Run, one_step
 from ldt_core.models.hybrid import HybridModel
 from tests.benchmarks.row import Row, best_of
 

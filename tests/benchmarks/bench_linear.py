@@ -15,8 +15,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ldt_core.experiment import Experiment
-from ldt_core.identification import StateSpace, identify
+from ldt_core.base.experiment import Experiment
+from ldt_core.estimation.linear import StateSpace, identify
 from tests.benchmarks.row import Row, best_of
 
 PERIOD, SAMPLES, HOLD = 0.01, 2000, 50

@@ -22,7 +22,7 @@ from scipy.integrate import solve_ivp
 sys.path.insert(0, str(Path(__file__).parent))
 from row import Row, best_of
 
-from ldt_core.machine import load_machine
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics.integrate import MAX_STEP, integrate
 
 SECONDS, RATE = 20, 100

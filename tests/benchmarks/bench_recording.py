@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import CompressionType, IndexType, Writer
 
-from ldt_core.experiment import (
+from ldt_core.base.experiment import (
     Action,
     Adaptation,
     Experiment,

@@ -27,13 +27,13 @@ class Ear:
         self.heard: dict[str, list[float]] = {topic: [] for topic in topics}
 
     def __enter__(self) -> Self:
-        from ldt_ros.environment import prepare
+        from ldt_ros.graph.environment import prepare
 
         prepare()
         import rclpy
         from rclpy.experimental import EventsExecutor
 
-        from ldt_ros.interfaces import LISTENER_DEPTH, listener_qos, message_type
+        from ldt_ros.nodes.interfaces import LISTENER_DEPTH, listener_qos, message_type
 
         self._context: Any = rclpy.Context()
         rclpy.init(args=[], context=self._context)

@@ -17,8 +17,8 @@ from pathlib import Path
 import yaml
 
 import msgs_config
-from ldt_core.study.engine import conduct
-from ldt_core.study.plan import Plan
+from ldt_core.lab.study.engine import conduct
+from ldt_core.lab.study.plan import Plan
 from tests.benchmarks.__main__ import machine
 
 BASE = {"seeds": 1, "experiments": 100, "samples": 1000}

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal
 from ldt_core.doctor.recording import findings
-from ldt_core.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
 from ldt_core.recording.writer import BagWriter

@@ -21,14 +21,14 @@ from typing import Any
 
 import numpy as np
 
-from ldt_core.adaptor import Adaptor
-from ldt_core.checkpoint import Checkpoints
-from ldt_core.experiment import Action, Adaptation, Experiment, Prediction
-from ldt_core.machine import load_machine
-from ldt_core.past import END, past_of
+from ldt_core.base.experiment import Action, Adaptation, Experiment, Prediction
+from ldt_core.base.settings import resolve
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.writer import BagWriter
-from ldt_core.settings import resolve
-from ldt_core.twin import Judge, Twin
+from ldt_core.restart.checkpoint import Checkpoints
+from ldt_core.restart.recorded_steps import END, past_of
+from ldt_core.twin.adaptor import Adaptor
+from ldt_core.twin.loop import Judge, Twin
 from tests.benchmarks.__main__ import machine as computer
 
 COUNTS = (250, 2_050, 20_050)  # half-way between two checkpoints

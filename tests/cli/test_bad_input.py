@@ -18,8 +18,8 @@ import pytest
 import yaml
 
 import msgs_config
+from ldt_core.base.experiment import Experiment
 from ldt_core.cli import invoke, ldt
-from ldt_core.experiment import Experiment
 from ldt_core.recording.codec import encode
 from ldt_core.recording.writer import BagWriter
 

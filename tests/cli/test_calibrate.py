@@ -8,10 +8,10 @@ import sys
 import numpy as np
 import pytest
 
+from ldt_core.base.experiment import Experiment
 from ldt_core.cli import import_file, invoke, predict
 from ldt_core.cli.calibrate import command
-from ldt_core.experiment import Experiment
-from ldt_core.machine import load_machine
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.writer import BagWriter
 
 MOTOR = load_machine("dc_motor")

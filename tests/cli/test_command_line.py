@@ -132,7 +132,7 @@ def test_challenge_make_reports_the_key_and_says_its_digest_first(monkeypatch, c
         say("abc")
         return Path("cases.key.json")
 
-    monkeypatch.setattr("ldt_core.challenge.make.make_challenge", make)
+    monkeypatch.setattr("ldt_core.lab.challenge.make.make_challenge", make)
     arguments = ["challenge", "make", "--cases", "3", "--seed", "1", "--out", "cases", "--json"]
     assert invoke(ldt, arguments) == 0
     shown = capsys.readouterr()

@@ -7,12 +7,12 @@ import json
 import numpy as np
 import pytest
 
+from ldt_core.base.experiment import Experiment
 from ldt_core.cli import invoke, predict
 from ldt_core.cli.diagnose import command
 from ldt_core.cli.simulate import command as simulate
 from ldt_core.effects import EFFECTS, parse_effect
-from ldt_core.experiment import Experiment
-from ldt_core.machine import load_machine
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 
@@ -21,7 +21,7 @@ TRIED = ("coulomb_friction", "viscous_friction", "inertia", "constant_load", "qu
 BAD = 2
 
 CUBIC_DRAG = """
-from ldt_core.effects.base import Effect
+from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
 
 
@@ -80,7 +80,9 @@ class Case:
 @pytest.fixture(autouse=True)
 def undrawn(monkeypatch):
     """A page's figures, which take seconds, are drawn for this module's cases alone."""
-    monkeypatch.setattr("ldt_core.report.blocks.inline_svg", lambda drawing, layout: "<svg></svg>")
+    monkeypatch.setattr(
+        "ldt_core.views.page.blocks.inline_svg", lambda drawing, layout: "<svg></svg>"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -287,7 +289,7 @@ def test_each_recording_gets_the_answer_that_it_gets_alone(each, friction, nothi
 def test_each_goes_on_where_it_was_and_says_what_failed(each, capfd, monkeypatch):
     """Nothing is diagnosed again; the one that fails is one sentence on standard error."""
     _, bags, out = each
-    monkeypatch.setattr("ldt_core.diagnosis.procedure.diagnose", None)
+    monkeypatch.setattr("ldt_core.diagnosis.diagnose.diagnose", None)
     capfd.readouterr()
     code = call(*bags, "--each", "--jobs", "1", "--json", "--out", out, *without(*TRIED))
     text, err = capfd.readouterr()
@@ -314,7 +316,7 @@ def test_each_ends_with_a_table_of_verdicts(each, capfd):
 def test_each_diagnoses_again_what_would_come_out_differently(each, capfd, monkeypatch):
     """Another seed is another answer: what is on disk is not taken for it."""
     _, bags, out = each
-    monkeypatch.setattr("ldt_core.diagnosis.procedure.diagnose", None)
+    monkeypatch.setattr("ldt_core.diagnosis.diagnose.diagnose", None)
     about = ["--each", "--jobs", "1", "--seed", "1", *without(*TRIED)]
     assert call(bags[0], "--out", out / "friction", *about) == 1
     assert "TypeError" in capfd.readouterr().err

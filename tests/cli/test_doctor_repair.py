@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ldt_core.base.experiment import Experiment
 from ldt_core.cli import invoke, ldt
-from ldt_core.experiment import Experiment
 from ldt_core.recording.bag import experiments, read_bag
 from ldt_core.recording.writer import BagWriter
 

@@ -12,7 +12,7 @@ from ldt_core.effects import EFFECTS
 
 HEAD = """
 import math
-from ldt_core.effects.base import Effect
+from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
 
 C = (Parameter("c", "N m", 0.0, default=0.0, description="amount", scale=0.05),)

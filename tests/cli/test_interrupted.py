@@ -13,20 +13,20 @@ import numpy as np
 import pytest
 import zstandard
 
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.metrics import Summary
+from ldt_core.base.stopping import stop_on_signals
 from ldt_core.cli import invoke, ldt
 from ldt_core.doctor.check import Grade
 from ldt_core.doctor.recording import findings
-from ldt_core.errors import LdtError
-from ldt_core.experiment import Experiment
-from ldt_core.machine import load_machine
-from ldt_core.metrics import Summary
-from ldt_core.pace import paced
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
+from ldt_core.recording.pace import paced
 from ldt_core.recording.part import Part
 from ldt_core.recording.writer import BagWriter
-from ldt_core.session import recorded_summary
-from ldt_core.stopping import stop_on_signals
+from ldt_core.runs.offline import recorded_summary
 
 PROGRAM = (sys.executable, "-c", "from ldt_core.cli import main; main()")
 PATIENCE = 120  # s; a stalled machine is not what is tested

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from ldt_core import docs
-from ldt_core.checks import check_detector
+from ldt_core.base.registry import Registry
+from ldt_core.checks.detector import check_detector
 from ldt_core.cli import effects, invoke, ldt, simulate
 from ldt_core.effects import parse_effect
-from ldt_core.machine import load_machine
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
-from ldt_core.registry import Registry
 
 PAGES = docs.text("detector") + docs.text("effect")
 

@@ -8,16 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ldt_core.adaptor import ROLLED_BACK
+from ldt_core.base.experiment import Action
+from ldt_core.base.settings import resolve
 from ldt_core.cli import invoke, ldt
-from ldt_core.experiment import Action
-from ldt_core.machine import load_machine
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.models import restore_model
-from ldt_core.plant import Plant
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
-from ldt_core.session import run
-from ldt_core.settings import resolve
+from ldt_core.runs.offline import run
+from ldt_core.twin.adaptor import ROLLED_BACK
 
 ROTOR = load_machine("rotor")
 COUNT, ENDED = 12, 8

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from ldt_core.cli import invoke, ldt
-from ldt_core.study import engine, page
-from ldt_core.study.study import Study
+from ldt_core.lab.study import engine, page
+from ldt_core.lab.study.study import Study
 
 COLUMNS = "model,detector,seed,mme,mme_original,adaptations,precision,recall"
 

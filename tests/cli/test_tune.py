@@ -10,7 +10,7 @@ import pytest
 from ldt_core.cli import invoke, replay
 from ldt_core.cli import simulate as simulation
 from ldt_core.cli.tune import DETECTORS, command
-from ldt_core.tuning.setting import TUNED
+from ldt_core.lab.tuning.candidates import TUNED
 
 pytest.importorskip("matplotlib")
 

@@ -13,12 +13,12 @@ import pytest
 import yaml
 
 import msgs_config
-from ldt_core.machine import load_machine
-from ldt_core.plant import Plant
+from ldt_core.base.settings import resolve
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.messages import deserialize, typestore
 from ldt_core.recording.storage import Storage
-from ldt_core.session import run
-from ldt_core.settings import resolve
+from ldt_core.runs.offline import run
 
 LAYOUTS = Path(msgs_config.__file__).parent / "layouts"
 FOXGLOVE = json.loads((LAYOUTS / "foxglove.json").read_text())
@@ -115,7 +115,7 @@ def test_every_panel_of_the_foxglove_layout_has_its_place():
 
 def test_the_indicator_knows_every_word_of_the_signal():
     """With a colour and a label each."""
-    from ldt_core.experiment import Level
+    from ldt_core.base.experiment import Level
 
     rules = FOXGLOVE["configById"]["Indicator!signal"]["rules"]
     assert {rule["rawValue"] for rule in rules} == {level.word for level in Level}
@@ -135,7 +135,7 @@ def series(topic: str, message) -> set[str]:
 
 def test_every_curve_of_the_plotjuggler_layout_is_there(messages):
     """By PlotJuggler's names, for the machine that the layout was made for."""
-    from ldt_ros.process import ROLES
+    from ldt_ros.graph.process import ROLES
 
     known = {n for topic, all_ in messages.items() for m in all_ for n in series(topic, m)}
     known |= {f"/diagnostics/rotor/{role}/level" for role in ROLES}
@@ -157,7 +157,7 @@ def analyzers() -> dict[str, dict]:
 @pytest.mark.parametrize("namespace", ["", "machine_1/", "hall/press/"])
 def test_every_node_s_health_has_its_place_in_the_aggregator(namespace):
     """One analyzer each, in whatever namespace; nobody else's status is taken."""
-    from ldt_ros.process import ROLES
+    from ldt_ros.graph.process import ROLES
 
     def takers(name: str) -> list[str]:
         rules = ((n, r) for n, one in analyzers().items() for r in one["regex"])

@@ -14,7 +14,7 @@ from mcap.records import Chunk, Metadata
 from mcap.stream_reader import StreamReader
 
 import msgs_config
-from ldt_core.experiment import (
+from ldt_core.base.experiment import (
     Action,
     Adaptation,
     Experiment,

@@ -18,9 +18,9 @@ from ldt_core.diagnosis.result import (
     Verdict,
 )
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.machine import load_machine
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.models.physics import PhysicsModel
-from ldt_core.plant import Plant
 
 NOISE = 0.1  # rad/s
 KINDS = ("none", "effect", "ambiguous", "unknown")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ldt_core.experiment import (
+from ldt_core.base.experiment import (
     Action,
     Adaptation,
     DiagnosisRecord,

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ldt_core.experiment import Action, Level
-from ldt_core.metrics import drifts_of
-from ldt_core.study.baselines import baseline_cases
-from ldt_core.study.case import Case, Result
-from ldt_core.study.facts import Drift, Facts, energy_needed, stream_key
-from ldt_core.study.study import Entry, Study
+from ldt_core.base.experiment import Action, Level
+from ldt_core.base.metrics import drifts_of
+from ldt_core.lab.study.baselines import baseline_cases
+from ldt_core.lab.study.case import Case, Result
+from ldt_core.lab.study.facts import Drift, Facts, energy_needed, stream_key
+from ldt_core.lab.study.study import Entry, Study
 
 LITERAL = {"gate": "none"}
 #: Share of the original's error that a model leaves.

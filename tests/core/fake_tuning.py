@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ldt_core.experiment import Experiment, Prediction
+from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.models.base import Model
 
 NOISE = 0.1  # rad/s

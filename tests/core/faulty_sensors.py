@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ldt_core.experiment import Experiment
-from ldt_core.machine import Machine, load_machine
-from ldt_core.plant import Plant
-from ldt_core.settings import resolve
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.settings import resolve
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import Machine, load_machine
 
 SHORT = replace(load_machine("rotor"), duration=4.0)
 WORN = ("unbalance:e=0.004",)

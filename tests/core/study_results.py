@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ldt_core.study.case import Case, Result
+from ldt_core.lab.study.case import Case, Result
 
 
 def made_up(

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.adaptor import EARLIER, Adaptor
+from ldt_core.base.errors import LdtError, OptionError
+from ldt_core.base.experiment import Action, Experiment, Level, Prediction, Signal
 from ldt_core.detectors.window import Window
-from ldt_core.errors import LdtError, OptionError
-from ldt_core.experiment import Action, Experiment, Level, Prediction, Signal
-from ldt_core.gate import Trial
-from ldt_core.memory import Memory
 from ldt_core.models.base import Model
+from ldt_core.twin.adaptor import EARLIER, Adaptor
+from ldt_core.twin.gate import Trial
+from ldt_core.twin.memory import Memory
 
 LENGTH = 40  # samples of an experiment
 

@@ -11,24 +11,24 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import uniform_filter1d
 
-from ldt_core.advice import live
 from ldt_core.advice.bands import captured, in_doubt, voltage_bands, within
 from ldt_core.advice.belief import Belief, believe
-from ldt_core.advice.figure import PERIOD, heedless
-from ldt_core.advice.live import Advisor, advise
 from ldt_core.advice.margins import margins
 from ldt_core.advice.reach import way_to
+from ldt_core.advice.sentences import NO_FOUNDATION
 from ldt_core.advice.teach import lessons, most_instructive
-from ldt_core.advice.words import NO_FOUNDATION
-from ldt_core.errors import ModelError, OptionError, RecordingError
-from ldt_core.experiment import AdviceRecord, DiagnosisRecord, Experiment, ModelRecord
-from ldt_core.machine import load_machine
+from ldt_core.base.errors import ModelError, OptionError, RecordingError
+from ldt_core.base.experiment import AdviceRecord, DiagnosisRecord, Experiment, ModelRecord
+from ldt_core.base.settings import resolve
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics.steady_state import steady_voltage
-from ldt_core.plant import Plant
 from ldt_core.recording import codec
 from ldt_core.recording.bag import read_bag
-from ldt_core.session import roles, run
-from ldt_core.settings import resolve
+from ldt_core.runs.offline import roles, run
+from ldt_core.twin import advisor as advisor_module
+from ldt_core.twin.advisor import Advisor, advise
+from ldt_core.views.figures.advice_figure import PERIOD, heedless
 
 ROTOR = load_machine("rotor")
 SHORT = replace(ROTOR, duration=4.0, sample_period=0.02)
@@ -281,7 +281,9 @@ def test_a_machine_in_or_near_a_band_is_warned():
 def test_there_is_at_most_one_advice_in_so_many_experiments(numbers, every):
     """The first experiment has one, and none is closer to the last one than that."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(live, "advise", lambda m, b, e, *_: AdviceRecord(e[-1].number, 0, False, ""))
+        patch.setattr(
+            advisor_module, "advise", lambda m, b, e, *_: AdviceRecord(e[-1].number, 0, False, "")
+        )
         advisor = Advisor(SHORT, {"advice_every": every})
         rest = np.zeros(3)
         made = [advisor.step(measured(rest, rest, n), learned(0.01)) for n in sorted(numbers)]

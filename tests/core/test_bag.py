@@ -18,8 +18,8 @@ import pytest
 import zstandard
 from mcap.writer import CompressionType, IndexType, Writer
 
-from ldt_core.errors import BadInput, ExperimentError, LdtError, RecordingError
-from ldt_core.experiment import (
+from ldt_core.base.errors import BadInput, ExperimentError, LdtError, RecordingError
+from ldt_core.base.experiment import (
     Action,
     Adaptation,
     Experiment,
@@ -111,7 +111,7 @@ def test_a_killed_writer_loses_at_most_the_last_half_second(tmp_path, programs):
         """
         import sys, time
         from ldt_core.recording.writer import BagWriter
-        from ldt_core.experiment import Experiment
+        from ldt_core.base.experiment import Experiment
         bag = BagWriter(sys.argv[1], "rotor", topics=("experiment",))
         for number in range(1, 100_000):
             now = time.time()
@@ -186,9 +186,9 @@ def test_a_file_that_may_not_grow_stops_the_recording_and_keeps_what_is_there(tm
     program = textwrap.dedent(
         """
         import resource, sys
-        from ldt_core.errors import LdtError
+        from ldt_core.base.errors import LdtError
         from ldt_core.recording.writer import BagWriter
-        from ldt_core.experiment import Experiment
+        from ldt_core.base.experiment import Experiment
         import numpy as np
         resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
         bag = BagWriter(sys.argv[1], "rotor")

@@ -10,7 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from ldt_core.checks import check_detector
+from ldt_core.base.errors import OptionError
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.metrics import detection
+from ldt_core.checks.detector import check_detector
 from ldt_core.detectors import calibrated, control_chart
 from ldt_core.detectors.calibrated import (
     CARRIED,
@@ -22,13 +25,18 @@ from ldt_core.detectors.calibrated import (
 )
 from ldt_core.detectors.control_chart import ALLOWANCE, limits, warning_limits
 from ldt_core.detectors.reference import Reference
-from ldt_core.errors import OptionError
-from ldt_core.experiment import Experiment
-from ldt_core.machine import load_machine
-from ldt_core.metrics import detection
+from ldt_core.lab.study.false_alarms import (
+    EARLY,
+    KINDS,
+    Noise,
+    Rate,
+    RowsAgain,
+    count,
+    machine_rows,
+)
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.models.physics import PhysicsModel
-from ldt_core.plant import Plant
-from ldt_core.study.false_alarms import EARLY, KINDS, Noise, Rate, RowsAgain, count, machine_rows
 
 L = 400  # samples of an experiment
 WAVE = np.sin(np.linspace(0, 25, L))  # what a wrong model leaves, in units of the noise

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ldt_core.base.errors import ExperimentError, LdtError, OptionError
+from ldt_core.base.experiment import Experiment
 from ldt_core.calibration import calibrate
+from ldt_core.calibration.calibrate import split
+from ldt_core.calibration.fitted_file import machine_text
 from ldt_core.calibration.identifiability import examine, product
 from ldt_core.calibration.intervals import uncertainty
-from ldt_core.calibration.machine_file import machine_text
-from ldt_core.calibration.procedure import split
-from ldt_core.errors import ExperimentError, LdtError, OptionError
-from ldt_core.experiment import Experiment
-from ldt_core.machine import load_machine, parse_machine
+from ldt_core.machine.machine_file import load_machine, parse_machine
 
 MOTOR = load_machine("dc_motor")
 TRUE = MOTOR.with_parameters(J=0.0015, K_t=0.06, R=1.3, L=0.0015, b=0.00015)

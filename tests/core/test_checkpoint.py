@@ -11,19 +11,27 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies
 
-from ldt_core.adaptor import ROLLED_BACK
-from ldt_core.checkpoint import Checkpoints, _digest
+from ldt_core.base.errors import LdtError, RecordingError
+from ldt_core.base.experiment import (
+    Action,
+    Adaptation,
+    DiagnosisRecord,
+    Experiment,
+    Level,
+    Prediction,
+)
+from ldt_core.base.settings import resolve
 from ldt_core.detectors.lddm import LDDM
-from ldt_core.errors import LdtError, RecordingError
-from ldt_core.experiment import Action, Adaptation, DiagnosisRecord, Experiment, Level, Prediction
-from ldt_core.going_on import Kept
-from ldt_core.lookup import Lookup
-from ldt_core.machine import load_machine
-from ldt_core.past import END, Past, opened, past_of
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.writer import BagWriter
-from ldt_core.settings import resolve
-from ldt_core.twin import WINDOW, Judge, Twin
+from ldt_core.restart.checkpoint import Checkpoints, _digest
+from ldt_core.restart.checkpoints import Kept
+from ldt_core.restart.lookup import Lookup
+from ldt_core.restart.recorded_steps import END, opened, past_of
+from ldt_core.twin.adaptor import ROLLED_BACK
+from ldt_core.twin.loop import Judge, Twin
+from ldt_core.twin.recorded import WINDOW, RecordedStep
 
 MACHINE = load_machine("rotor")
 COUNT, EVERY, LENGTH = 640, 20, 8
@@ -61,7 +69,7 @@ def made_up():
         elif signal.level is Level.WARNING:
             action = Action.STORED
         told = Adaptation(number, action, version, "made up", {})
-        steps.append(Past(one, said, signal, told, model, verdict))
+        steps.append(RecordedStep(one, said, signal, told, model, verdict))
     levels = Counter(step.signal.level for step in steps)
     assert min(levels[level] for level in Level) > 10, levels
     return steps

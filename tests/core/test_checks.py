@@ -11,15 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import msgs_config
-from ldt_core import registry
-from ldt_core.checks import DETECTOR_CHECKS, check_detector
+from ldt_core.base import registry
+from ldt_core.base.errors import OptionError
+from ldt_core.base.experiment import Level
+from ldt_core.base.settings import resolve
+from ldt_core.checks.detector import DETECTOR_CHECKS, check_detector
 from ldt_core.detectors import DETECTORS, build_detector
 from ldt_core.detectors.base import Detector
 from ldt_core.detectors.lddm import LDDM
 from ldt_core.detectors.threshold import Threshold
-from ldt_core.errors import OptionError
-from ldt_core.experiment import Level
-from ldt_core.settings import resolve
 
 #: Detectors that are positive at zero residual, and why.
 NOT_QUIET = {
@@ -29,7 +29,7 @@ NOT_QUIET = {
 
 USER_DETECTOR = '''
 from ldt_core.detectors.base import Detector
-from ldt_core.experiment import Level
+from ldt_core.base.experiment import Level
 
 class Median(Detector):
     """Positive when the median error is above a limit twice running."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from ldt_core.checks_physics import check_physics
-from ldt_core.machine import Machine, load_machine
+from ldt_core.checks.physics import check_physics
+from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.physics import PHYSICS
 from ldt_core.physics.motor import Motor
 

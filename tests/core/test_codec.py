@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ldt_core.errors import BadInput, ExperimentError, ModelError, RecordingError
-from ldt_core.experiment import (
+from ldt_core.base.errors import BadInput, ExperimentError, ModelError, RecordingError
+from ldt_core.base.experiment import (
     Action,
     Adaptation,
     DiagnosisRecord,

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.errors import MachineFileError, OptionError
-from ldt_core.machine import load_machine
-from ldt_core.plant.degradation import KINDS, Schedule, schedule
+from ldt_core.base.errors import MachineFileError, OptionError
+from ldt_core.machine.degradation import KINDS, Schedule, schedule
+from ldt_core.machine.machine_file import load_machine
 
 ROTOR = load_machine("rotor")
 WEAR = dict(ROTOR.simulation["degradation"])

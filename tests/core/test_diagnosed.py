@@ -14,17 +14,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ldt_core.cause.angle import Seen, believe
-from ldt_core.cause.descent import correlation_time
-from ldt_core.cause.free_run import Cause
+from ldt_core.base.errors import LdtError, ModelError, OptionError
+from ldt_core.base.experiment import Experiment, ModelRecord
 from ldt_core.effects import get_effect, parse_effect
-from ldt_core.errors import LdtError, ModelError, OptionError
-from ldt_core.experiment import Experiment, ModelRecord
-from ldt_core.machine import load_machine
+from ldt_core.estimation.effect.descent import correlation_time
+from ldt_core.estimation.effect.free_run import Cause
+from ldt_core.estimation.effect.start_angle import Seen, believe
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.models import build_model
 from ldt_core.models.diagnosed import DiagnosedModel
 from ldt_core.models.physics import PhysicsModel
-from ldt_core.plant import Plant
 
 ROTOR = load_machine("rotor")
 SHORT = replace(ROTOR, duration=10.0)
@@ -332,8 +332,8 @@ def test_the_record_is_the_model_bit_for_bit():
 CHILD = """
 import json, sys
 from dataclasses import replace
-from ldt_core.experiment import Experiment
-from ldt_core.machine import load_machine
+from ldt_core.base.experiment import Experiment
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.models.diagnosed import DiagnosedModel
 given = json.loads(sys.stdin.read())
 e = Experiment(1, 0.0, 0.01, given["voltage"], given["speed"])

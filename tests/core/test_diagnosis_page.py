@@ -15,13 +15,13 @@ from fake_diagnosis import TRUTH, fake_diagnosis
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.diagnosis.page import picture, write_page
-from ldt_core.diagnosis.page.curves import binned, orders, spectrum, thinned
-from ldt_core.diagnosis.page.fits import fits
-from ldt_core.diagnosis.page.further import corners
-from ldt_core.diagnosis.page.words import amount, percent, value_of
+from ldt_core.base.errors import LdtError
 from ldt_core.diagnosis.result import Amount, Errors, Gap, Place
-from ldt_core.errors import LdtError
+from ldt_core.views.diagnosis_page import picture, write_page
+from ldt_core.views.diagnosis_page.curves import binned, orders, spectrum, thinned
+from ldt_core.views.diagnosis_page.fits import fits
+from ldt_core.views.diagnosis_page.further import corners
+from ldt_core.views.diagnosis_page.quantities import amount, percent, value_of
 
 LARGEST = 2_000_000  # bytes of a page
 HOSTILE = "<b>x</b>\"' $y^2$ {{ 7*7 }}"
@@ -76,7 +76,9 @@ def page(kind, diagnoses, tmp_path_factory):
 @pytest.fixture
 def undrawn(monkeypatch):
     """The figures' drawing, which is slow, is left out."""
-    monkeypatch.setattr("ldt_core.report.blocks.inline_svg", lambda drawing, layout: "<svg></svg>")
+    monkeypatch.setattr(
+        "ldt_core.views.page.blocks.inline_svg", lambda drawing, layout: "<svg></svg>"
+    )
 
 
 def test_the_answer_comes_first(page, kind, diagnoses):
@@ -369,7 +371,7 @@ def test_shares():
 
 def test_a_place_is_marked_in_its_panel(diagnoses):
     """One that holds all of the data marks nothing."""
-    from ldt_core.diagnosis.page.places import places
+    from ldt_core.views.diagnosis_page.places import places
 
     found = diagnoses["effect"]
     everywhere = Place("voltage", 0, 20, "V", 1.0, 1.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ldt_core.effects import EFFECTS, parse_effect
-from ldt_core.machine import load_machine
+from ldt_core.machine.machine_file import load_machine
 
 ROTOR, MOTOR = load_machine("rotor"), load_machine("dc_motor")
 PERIOD = 0.01

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from ldt_core.base.experiment import Level, Signal
+from ldt_core.base.metrics import Summary
 from ldt_core.cli.display import print_summaries
-from ldt_core.experiment import Level, Signal
-from ldt_core.metrics import Summary
 
 SETTINGS = {"model": "physics", "detector": "lddm"}
 COUNT = 1234  # experiments of each machine

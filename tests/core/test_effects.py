@@ -12,14 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from ldt_core.checks_effect import check_effect
+from ldt_core.base.errors import BadInput, OptionError
+from ldt_core.checks.effect import check_effect
 from ldt_core.effects import EFFECTS, parse_effect
-from ldt_core.effects.base import Effect
 from ldt_core.effects.drive import COPPER
 from ldt_core.effects.friction import STICK_SPEED
-from ldt_core.errors import BadInput, OptionError
-from ldt_core.machine import load_machine
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics import integrate
+from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
 
 ROTOR, MOTOR = load_machine("rotor"), load_machine("dc_motor")
@@ -307,7 +307,7 @@ def test_a_bare_name_means_typical_values_and_a_value_leaves_the_rest_neutral():
         ("unbalance:", "param=value"),
         ("unbalance:e=1,e=2", "expected one value, got two"),
         ("torsional_compliance:share=2", "at least 0 and at most 0.95"),
-        ("ldt_core/errors.py:BadInput", "expected an object of class Effect"),
+        ("ldt_core/base/errors.py:BadInput", "expected an object of class Effect"),
         ("nowhere.py:X", "a Python file at nowhere.py"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Claims about `ldt_core.gaussian_process`, without any model of the twin."""
+"""Claims about `ldt_core.models.gaussian_process`, without any model of the twin."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ldt_core.errors import LdtError
-from ldt_core.gaussian_process.compiled import compile_run, tabulate
-from ldt_core.gaussian_process.free_run import spread
-from ldt_core.gaussian_process.hyperparameters import (
+from ldt_core.base.errors import LdtError
+from ldt_core.models.gaussian_process.compiled import compile_run, tabulate
+from ldt_core.models.gaussian_process.hyperparameters import (
     cells,
     fit_hyperparameters,
     minus_log_likelihood,
 )
-from ldt_core.gaussian_process.kernel import Kernel
-from ldt_core.gaussian_process.observer import Run, estimate_noise, filter_columns, filtered
-from ldt_core.gaussian_process.sparse import SparsePosterior, choose_inducing, condition
+from ldt_core.models.gaussian_process.kernel import Kernel
+from ldt_core.models.gaussian_process.observer import Run, estimate_noise, filter_columns, filtered
+from ldt_core.models.gaussian_process.sparse import SparsePosterior, choose_inducing, condition
+from ldt_core.models.gaussian_process.speed_run import spread
 
 # A motor with a mechanical time constant of 0.2 s, sampled at 100 Hz.
 AD = np.array([[0.003, -0.28], [0.019, 0.95]])

@@ -17,13 +17,13 @@ import yaml
 from fake_run import fake_run
 from rich.table import Table
 
+from ldt_core.base.experiment import Action, Adaptation, Level, Signal
+from ldt_core.base.metrics import Summary
+from ldt_core.base.printable import one_line, printable
 from ldt_core.cli import invoke, ldt
 from ldt_core.cli.console import Console
 from ldt_core.cli.display import RunProgress, print_summaries
 from ldt_core.cli.terminal import echo
-from ldt_core.experiment import Action, Adaptation, Level, Signal
-from ldt_core.metrics import Summary
-from ldt_core.printable import one_line, printable
 from ldt_core.recording.writer import BagWriter
 
 #: Clears the screen, writes a title, hides what follows, goes up a line, rings, turns the writing

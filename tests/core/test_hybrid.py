@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from ldt_core.errors import LdtError, ModelError, OptionError
-from ldt_core.experiment import Experiment, ModelRecord
-from ldt_core.machine import load_machine
+from ldt_core.base.errors import LdtError, ModelError, OptionError
+from ldt_core.base.experiment import Experiment, ModelRecord
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.models.hybrid import HybridModel
 from ldt_core.models.physics import PhysicsModel
 
@@ -215,8 +215,8 @@ def test_the_record_stays_small_with_many_inducing_points():
 CHILD = """
 import json, sys
 import numpy as np
-from ldt_core.experiment import Experiment, ModelRecord
-from ldt_core.machine import load_machine
+from ldt_core.base.experiment import Experiment, ModelRecord
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.models.hybrid import HybridModel
 machine = load_machine("rotor")
 given = json.loads(sys.stdin.read())

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ldt_core.errors import LdtError
-from ldt_core.experiment import Experiment
-from ldt_core.identification import Identified, StateSpace, identify, schwarz
-from ldt_core.identification.output_error import OutputError
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Experiment
+from ldt_core.estimation.linear import Identified, StateSpace, identify, schwarz
+from ldt_core.estimation.linear.output_error import OutputError
 
 PERIOD = 0.01  # s
 REST = np.zeros(2)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ldt_core.errors import ExperimentError, LdtError, OptionError
-from ldt_core.experiment import Experiment
-from ldt_core.identification import identify
+from ldt_core.base.errors import ExperimentError, LdtError, OptionError
+from ldt_core.base.experiment import Experiment
+from ldt_core.estimation.linear import identify
 
 PERIOD = 0.01  # s
 

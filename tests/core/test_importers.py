@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ldt_core.errors import BadInput, OptionError, RecordingError
+from ldt_core.base.errors import BadInput, OptionError, RecordingError
 from ldt_core.recording.bag import experiments
 from ldt_core.recording.importers import import_file
 from ldt_core.recording.messages import typestore
-from ldt_core.recording.resampling import Series, resample
 from ldt_core.recording.units import UNITS, parse_field
 from ldt_core.recording.writer import BagWriter
+from ldt_core.segmenter.resampling import Series, resample
 
 
 def table(path: Path, text: str, encoding: str = "utf-8") -> Path:

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.effects import parse_effect
-from ldt_core.errors import BadInput, LdtError
-from ldt_core.machine import load_machine
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics.integrate import MAX_STEP, NOT_TRACKED, SMALL_TURN, _turned, integrate
 from ldt_core.physics.motor import MOTOR
 from ldt_core.physics.rotor import ROTOR

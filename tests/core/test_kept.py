@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from ldt_core.kept import digest, keep, recall, write
+from ldt_core.base.result_files import digest, keep, recall, write
 
 ORIGIN = {"code": "abc", "options": {"seed": 0}, "left_out": None}
 
@@ -52,7 +52,7 @@ def test_an_interrupted_second_writing_leaves_no_answer(kept, monkeypatch):
             raise KeyboardInterrupt
         write(path, text)
 
-    monkeypatch.setattr("ldt_core.kept.write", fails)
+    monkeypatch.setattr("ldt_core.base.result_files.write", fails)
     with pytest.raises(KeyboardInterrupt):
         keep(record, found, '{"a": 1}\n', "one-1", ORIGIN, beside={page: "<b>"})
     assert recall(record, found, "one-1", ORIGIN) is None

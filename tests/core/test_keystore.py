@@ -15,8 +15,8 @@ from xml.etree import ElementTree
 import pytest
 
 import msgs_config
+from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.cli import invoke, ldt
-from ldt_core.errors import BadInput, LdtError
 
 pytest.importorskip("cryptography")
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ldt_core.base.errors import OptionError
 from ldt_core.detectors.lddm import LDDM
-from ldt_core.errors import OptionError
 
 bits = st.lists(st.booleans(), min_size=1, max_size=12)
 

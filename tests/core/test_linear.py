@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from ldt_core.errors import ExperimentError, LdtError, ModelError, OptionError
-from ldt_core.experiment import Experiment, ModelRecord
-from ldt_core.machine import Machine, load_machine
+from ldt_core.base.errors import ExperimentError, LdtError, ModelError, OptionError
+from ldt_core.base.experiment import Experiment, ModelRecord
+from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.models import build_model, restore_model
 from ldt_core.models.linear import LinearModel
 from ldt_core.models.physics import PhysicsModel

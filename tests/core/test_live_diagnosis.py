@@ -9,17 +9,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ldt_core.diagnosis.live import Diagnoser
+from ldt_core.base.errors import LdtError, OptionError
+from ldt_core.base.experiment import Action, Adaptation, Level, Prediction, Signal
+from ldt_core.base.settings import resolve
 from ldt_core.diagnosis.result import Diagnosis, Errors, Gap, Ranked, Remainder, Verdict
 from ldt_core.effects import get_effect, parse_effect
-from ldt_core.errors import LdtError, OptionError
-from ldt_core.experiment import Action, Adaptation, Level, Prediction, Signal
-from ldt_core.machine import load_machine
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.models import build_model
-from ldt_core.past import Past
-from ldt_core.plant import Plant
-from ldt_core.settings import resolve
-from ldt_core.twin import Twin, build_adaptor
+from ldt_core.twin.diagnoser import Diagnoser
+from ldt_core.twin.loop import Twin, build_adaptor
+from ldt_core.twin.recorded import RecordedStep
 
 SHORT = replace(load_machine("rotor"), duration=4.0)
 LEVELS = {"-": Level.NEGATIVE, "0": Level.WARNING, "+": Level.POSITIVE}
@@ -340,7 +340,7 @@ def test_a_named_cause_is_not_changed_by_a_verdict():
 )
 def test_changes_are_said_in_words(effect, before, after, words):
     """Whether it has grown or fallen, and lengths in mm."""
-    from ldt_core.effects.words import change_of
+    from ldt_core.effects.change_text import change_of
 
     assert change_of(get_effect(effect), before, after) == words
 
@@ -382,7 +382,7 @@ def test_it_goes_on_from_what_was_recorded():
         diagnoser = Diagnoser(SHORT, {"diagnosis_every": 3}, make)
         for e, s, answer in zip(experiments[:end], signals, answers, strict=False):
             told = Prediction(e.number, e.start, e.period, 7, e.speed)
-            diagnoser.recall(Past(e, told, s, kept, None, answer))
+            diagnoser.recall(RecordedStep(e, told, s, kept, None, answer))
         after = [
             diagnoser.step(*pair) for pair in zip(experiments[end:], signals[end:], strict=True)
         ]
@@ -395,7 +395,7 @@ def test_a_recorded_verdict_names_no_file_to_run(tmp_path):
     (tmp_path / "own.py").write_text("raise SystemExit('executed')")
     _, answers, _ = fed([0.008], "+")
     values = {f"amount.{tmp_path}/own.py:Own.x": 1.0, **answers[0].values}
-    step = Past(
+    step = RecordedStep(
         worn(0.008, 1),
         Prediction(1, 1e9, SHORT.sample_period, 7, worn(0.008, 1).speed),
         Signal(1, Level.POSITIVE, "threshold", 7, 1.0),

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.errors import OptionError
-from ldt_core.experiment import Experiment
-from ldt_core.memory import Memory
+from ldt_core.base.errors import OptionError
+from ldt_core.base.experiment import Experiment
+from ldt_core.twin.memory import Memory
 
 samples = st.lists(st.floats(-1e300, 1e300), min_size=1, max_size=5)
 

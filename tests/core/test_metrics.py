@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core import metrics
-from ldt_core.experiment import (
+from ldt_core.base import metrics
+from ldt_core.base.experiment import (
     Action,
     Adaptation,
     Experiment,
@@ -17,7 +17,7 @@ from ldt_core.experiment import (
     Signal,
     Step,
 )
-from ldt_core.metrics import (
+from ldt_core.base.metrics import (
     FreeRunError,
     Summary,
     detection,

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.errors import ModelError
-from ldt_core.experiment import ModelRecord
+from ldt_core.base.errors import ModelError
+from ldt_core.base.experiment import ModelRecord
 from ldt_core.recording import model_text as module
 from ldt_core.recording.model_text import digest, model_text, parse_model
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from ldt_core.machine import load_machine
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics import PHYSICS
 from ldt_core.physics.motor import MOTOR
 from ldt_core.physics.rotor import ROTOR

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mcap.records import Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
-from ldt_core.experiment import (
+from ldt_core.base.experiment import (
     Action,
     Adaptation,
     Experiment,

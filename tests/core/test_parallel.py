@@ -18,11 +18,11 @@ from pathlib import Path
 import pytest
 from programs import Programs
 
-from ldt_core.errors import BadInput, OptionError
-from ldt_core.parallel import Workers
-from ldt_core.study.case import Case
-from ldt_core.study.run import run_case
-from ldt_core.study.stamp import stamp
+from ldt_core.base.code_version import SHOWING, code_version
+from ldt_core.base.errors import BadInput, OptionError
+from ldt_core.base.parallel import Workers
+from ldt_core.lab.study.case import Case
+from ldt_core.lab.study.run_case import run_case
 
 PATIENCE = 60  # s; a stalled machine is not what is tested
 
@@ -60,7 +60,7 @@ def test_a_failure_is_raised_here(jobs):
 
 PROGRAM = """
     import os, sys, time
-    from ldt_core.parallel import Workers
+    from ldt_core.base.parallel import Workers
     with Workers(2) as workers:
         for item, pid in workers.map(SLEEPER, [0.0, 0.0, 60.0, 60.0]):
             print(pid, flush=True)
@@ -172,20 +172,20 @@ def test_a_scheduler_without_workers_is_refused(scheduler):
             "m.version = lambda name: (_ for _ in ()).throw(m.PackageNotFoundError(name))",
             "one with",
         ),
-        ("s.stamp.__wrapped__.__code__ = (lambda: {'ldt': '0.0'}).__code__", "'0.0'"),
+        ("s.code_version.__wrapped__.__code__ = (lambda: {'ldt': '0.0'}).__code__", "'0.0'"),
     ],
 )
 def test_workers_without_this_ldt_are_refused(scheduler, tmp_path, preload, words):
     """None at all, or another version."""
     file = tmp_path / "preload.py"
     file.write_text(
-        f"import importlib.metadata as m\nimport ldt_core.study.stamp as s\n{preload}\n"
+        f"import importlib.metadata as m\nimport ldt_core.base.code_version as s\n{preload}\n"
     )
     with workers_at(scheduler.scheduler.address, 1, "--preload", str(file)):
         address = wait_for(scheduler, 1)
         with (
             pytest.raises(BadInput, match=words) as caught,
-            Workers(scheduler=address, identity=stamp),
+            Workers(scheduler=address, identity=code_version),
         ):
             pass
         assert "\n" not in str(caught.value)
@@ -196,7 +196,7 @@ def test_workers_without_this_ldt_are_refused(scheduler, tmp_path, preload, word
 def test_a_scheduler_that_cannot_be_reached_is_refused(monkeypatch, address):
     """In one sentence with its address."""
     pytest.importorskip("distributed")
-    monkeypatch.setattr("ldt_core.parallel.PATIENCE", 0.5)
+    monkeypatch.setattr("ldt_core.base.parallel.PATIENCE", 0.5)
     with pytest.raises(BadInput, match=address), Workers(scheduler=address):
         pass
 
@@ -208,8 +208,19 @@ def test_without_dask_the_extra_is_named(monkeypatch):
         pass
 
 
-def test_the_stamp_names_code_and_libraries():
+def test_the_version_names_code_and_libraries():
     """So that a result is never taken for another version's."""
-    assert stamp()["ldt"] == importlib.metadata.version("ldt")
-    assert len(stamp()["code"]) == 12
-    assert {"numba", "numpy", "scikit-learn", "scipy"} < set(stamp())
+    assert code_version()["ldt"] == importlib.metadata.version("ldt")
+    assert len(code_version()["code"]) == 12
+    assert {"numba", "numpy", "scikit-learn", "scipy"} < set(code_version())
+
+
+def test_what_computes_a_diagnosis_counts():
+    """An answer by other code is never taken for one of this."""
+    code = "import sys, ldt_core.diagnosis.diagnose\nprint(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    modules = [m.split(".")[1:] for m in done.stdout.split() if m.startswith("ldt_core.")]
+    assert len(modules) > 20
+    for module in modules:
+        prefixes = {"/".join(module[:k]) for k in range(1, len(module) + 1)}
+        assert not prefixes & SHOWING, module

@@ -8,19 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ldt_core.errors import ModelError, RecordingError
-from ldt_core.experiment import Action
-from ldt_core.lookup import Lookup
-from ldt_core.machine import load_machine
-from ldt_core.past import past
-from ldt_core.plant import Plant
+from ldt_core.base.errors import ModelError, RecordingError
+from ldt_core.base.experiment import Action
+from ldt_core.base.settings import resolve
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.messages import standard
 from ldt_core.recording.places import Places
 from ldt_core.recording.writer import BagWriter
-from ldt_core.session import run, write_step
-from ldt_core.settings import resolve
-from ldt_core.twin import WINDOW, Twin
+from ldt_core.restart.lookup import Lookup
+from ldt_core.restart.recorded_steps import past
+from ldt_core.runs.offline import run, write_step
+from ldt_core.twin.loop import Twin
+from ldt_core.twin.recorded import WINDOW
 
 SHORT = replace(load_machine("rotor"), duration=4.0)
 

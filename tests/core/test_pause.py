@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ldt_core.base.experiment import PAUSED, Action
+from ldt_core.base.settings import resolve
 from ldt_core.doctor.recording import findings
-from ldt_core.experiment import PAUSED, Action
-from ldt_core.machine import load_machine
-from ldt_core.past import past
-from ldt_core.pause import NAME, Pause
-from ldt_core.plant import Plant
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
 from ldt_core.recording.writer import BagWriter
-from ldt_core.session import run, write_step
-from ldt_core.settings import resolve
-from ldt_core.twin import Twin
+from ldt_core.restart.learning_switch import NAME, Pause
+from ldt_core.restart.recorded_steps import past
+from ldt_core.runs.offline import run, write_step
+from ldt_core.twin.loop import Twin
 
 SHORT = replace(load_machine("rotor"), duration=4.0)
 OFF = range(12, 16)  # experiments

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ldt_core.errors import LdtError, ModelError
-from ldt_core.experiment import Experiment, ModelRecord
-from ldt_core.machine import load_machine
+from ldt_core.base.errors import LdtError, ModelError
+from ldt_core.base.experiment import Experiment, ModelRecord
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.models.physics import PhysicsModel
-from ldt_core.plant import Plant
 
 ROTOR = load_machine("rotor")
 

@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ldt_core.base.errors import BadInput
+from ldt_core.base.settings import resolve
 from ldt_core.effects import parse_effect
-from ldt_core.errors import BadInput
-from ldt_core.machine import load_machine
-from ldt_core.plant import Plant
-from ldt_core.settings import resolve
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 
 ROTOR, MOTOR = load_machine("rotor"), load_machine("dc_motor")
 
@@ -37,8 +37,8 @@ def test_a_plant_that_is_restarted_goes_on_with_the_same_numbers(start):
 def test_another_process_gives_the_same_numbers():
     """Bit by bit, compiled code and random streams included."""
     code = (
-        "from ldt_core.machine import load_machine\n"
-        "from ldt_core.plant import Plant\n"
+        "from ldt_core.machine.machine_file import load_machine\n"
+        "from ldt_core.machine import Plant\n"
         "import hashlib\n"
         "e = Plant(load_machine('rotor'), experiments=9, seed=4).experiment(8)\n"
         "print(hashlib.sha256(e.speed.tobytes() + e.voltage.tobytes()).hexdigest())"

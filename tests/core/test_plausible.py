@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from faulty_sensors import FAULTS, SHORT, broken, made
 
-from ldt_core.adaptor import FAULTY
+from ldt_core.base.errors import OptionError
+from ldt_core.base.experiment import Action
+from ldt_core.base.settings import resolve
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.errors import OptionError
-from ldt_core.experiment import Action
-from ldt_core.past import past
-from ldt_core.plausible import fault, sound
+from ldt_core.machine.sensor_check import fault, sound
 from ldt_core.recording.bag import read_bag
-from ldt_core.session import run
-from ldt_core.settings import resolve
-from ldt_core.twin import Twin
+from ldt_core.restart.recorded_steps import past
+from ldt_core.runs.offline import run
+from ldt_core.twin.adaptor import FAULTY
+from ldt_core.twin.loop import Twin
 
 BOTH_WAYS = {"voltage": {"kind": "steps", "low": -16, "high": 16, "hold": 1}, "noise": 0.1}
 

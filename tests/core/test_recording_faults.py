@@ -23,8 +23,8 @@ import pytest
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 
-from ldt_core.errors import BadInput, LdtError, RecordingError
-from ldt_core.experiment import Experiment, Level, Signal
+from ldt_core.base.errors import BadInput, LdtError, RecordingError
+from ldt_core.base.experiment import Experiment, Level, Signal
 from ldt_core.recording.bag import experiments, read_bag
 from ldt_core.recording.health import inspect
 from ldt_core.recording.mcap_file import Found, McapFile

@@ -10,9 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ldt_core.doctor.check import Grade
-from ldt_core.doctor.recording import findings
-from ldt_core.experiment import (
+from ldt_core.base.experiment import (
     Action,
     Adaptation,
     Experiment,
@@ -21,6 +19,8 @@ from ldt_core.experiment import (
     Prediction,
     Signal,
 )
+from ldt_core.doctor.check import Grade
+from ldt_core.doctor.recording import findings
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.codec import encode
 from ldt_core.recording.health import Health

@@ -22,8 +22,9 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.records import Channel
 
-from ldt_core.errors import LdtError, RecordingError
-from ldt_core.experiment import Action, Adaptation, Experiment, Level, ModelRecord, Signal
+from ldt_core.base.errors import LdtError, RecordingError
+from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, ModelRecord, Signal
+from ldt_core.base.sentences import gaps, spans
 from ldt_core.recording import finish as finish_module
 from ldt_core.recording import mcap_file, mcap_records
 from ldt_core.recording.bag import experiments, read_bag
@@ -38,7 +39,6 @@ from ldt_core.recording.numbers import Numbers, number_of, numbers_text, parse_n
 from ldt_core.recording.repair import repair
 from ldt_core.recording.storage import Storage
 from ldt_core.recording.writer import BagWriter
-from ldt_core.words import gaps, spans
 
 SMALL = 0.02  # MB; a few experiments of 200 samples, a chunk each
 SETTINGS = {"threshold": 3.0, "model": "linear", "split_size": 5.0}

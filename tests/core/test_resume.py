@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import msgs_config
-from ldt_core.errors import BadInput
-from ldt_core.experiment import Experiment
+from ldt_core.base.errors import BadInput
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.settings import resolve
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
-from ldt_core.resume import resumed
-from ldt_core.settings import resolve
+from ldt_core.restart.run_key import resumed
 
 
 def of_run(**given):

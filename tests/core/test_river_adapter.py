@@ -6,9 +6,9 @@ import sys
 import numpy as np
 import pytest
 
+from ldt_core.base.errors import OptionError
 from ldt_core.detectors import build_detector, river_adapter
 from ldt_core.detectors.river_adapter import River
-from ldt_core.errors import OptionError
 
 drift = pytest.importorskip("river.drift")
 

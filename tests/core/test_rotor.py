@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.machine import load_machine
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics.steady_state import folds, steady_voltage, unbalance_torque
 
 MACHINE = load_machine("rotor")

@@ -17,14 +17,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ldt_core.errors import RecordingError
-from ldt_core.experiment import Experiment, Level, Prediction, Signal
+from ldt_core.base.errors import RecordingError
+from ldt_core.base.experiment import Experiment, Level, Prediction, Signal
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
-from ldt_core.run_page import page, read_run
-from ldt_core.run_page.health import remarks
-from ldt_core.run_page.samples import FEWEST, LEVELS, ROOM, extremes, pack, room, unpack
-from ldt_core.run_page.statistic import statistic
+from ldt_core.views.report import page, read_run
+from ldt_core.views.report.health import remarks
+from ldt_core.views.report.samples import FEWEST, LEVELS, ROOM, extremes, pack, room, unpack
+from ldt_core.views.report.statistic import statistic
 
 SAMPLE = Path(__file__).resolve().parents[2] / "bags" / "rotor_drift"
 LARGEST = 5_000_000  # bytes of the page of 200 experiments of 2000 samples
@@ -215,7 +215,7 @@ def test_without_room_the_worst_keep_their_samples(tmp_path, monkeypatch):
     """And the page says that the others have none."""
     assert room(1, 6)[0] > room(200, 6)[0] > room(10**6, 6)[0] >= FEWEST
     path = fake_run(tmp_path / "run")
-    monkeypatch.setattr("ldt_core.run_page.samples.ROOM", ROOM * 3 // room(10**6, 6)[1])
+    monkeypatch.setattr("ldt_core.views.report.samples.ROOM", ROOM * 3 // room(10**6, 6)[1])
     run = read_run(path)
     drawn = [run.turns[i].samples is not None for i in run.worst_first]
     assert drawn == [True, True, True, False, False, False]

@@ -13,16 +13,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import msgs_config
+from ldt_core.base.errors import RecordingError
+from ldt_core.base.settings import as_options, resolve
 from ldt_core.cli import invoke, ldt
 from ldt_core.doctor.check import Grade
 from ldt_core.doctor.recording import findings
-from ldt_core.errors import RecordingError
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
 from ldt_core.recording.run_settings import FORMAT, LONGEST, parse_settings, settings_text
 from ldt_core.recording.writer import BagWriter
-from ldt_core.run_page import page, read_run
-from ldt_core.settings import as_options, resolve
+from ldt_core.views.report import page, read_run
 
 LINE = st.text(st.characters(categories=["L", "N", "P", "S"]), max_size=20)
 NUMBER = st.floats(allow_nan=False, allow_infinity=False) | st.integers(-(2**63) + 1, 2**63 - 1)

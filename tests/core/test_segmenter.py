@@ -9,10 +9,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ldt_core.errors import OptionError
-from ldt_core.experiment import Experiment
-from ldt_core.machine import load_machine
-from ldt_core.plant import Plant
+from ldt_core.base.errors import OptionError
+from ldt_core.base.experiment import Experiment
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
 from ldt_core.segmenter.streams import Streams
 

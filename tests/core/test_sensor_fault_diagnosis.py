@@ -6,7 +6,7 @@ import faulty_sensors as sensors
 import pytest
 from faulty_sensors import FAULTS, SHORT, broken, made, shown
 
-from ldt_core.diagnosis.procedure import diagnose
+from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.effects import get_effect
 
 FEW = [get_effect(n) for n in ("sensor_bias", "viscous_friction", "motor_constant", "unbalance")]

@@ -9,9 +9,9 @@ import json
 import pytest
 from study_results import made_up
 
-from ldt_core.study.claims import aims, claim, claims, thresholds
-from ldt_core.study.facts import Drift, Facts, stream_key
-from ldt_core.study.study import Entry, Study
+from ldt_core.lab.study.claims import aims, claim, claims, thresholds
+from ldt_core.lab.study.facts import Drift, Facts, stream_key
+from ldt_core.lab.study.study import Entry, Study
 
 SEEDS = range(6)
 ROWS = 40

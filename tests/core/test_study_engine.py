@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ldt_core.errors import BadInput, LdtError
-from ldt_core.machine import load_machine
-from ldt_core.study import engine
-from ldt_core.study.engine import conduct, load_study
-from ldt_core.study.facts import stream_key
-from ldt_core.study.plan import Plan
+from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.lab.study import engine
+from ldt_core.lab.study.engine import conduct, load_study
+from ldt_core.lab.study.facts import stream_key
+from ldt_core.lab.study.plan import Plan
+from ldt_core.machine.machine_file import load_machine
 
 
 def plan(rotor: str, **other) -> Plan:

@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from ldt_core.machine import load_machine
-from ldt_core.plant import Plant
-from ldt_core.study import facts
-from ldt_core.study.case import Case
-from ldt_core.study.facts import (
+from ldt_core.lab.study import facts
+from ldt_core.lab.study.case import Case
+from ldt_core.lab.study.facts import (
     Facts,
     energy_needed,
     examine,
@@ -22,6 +20,8 @@ from ldt_core.study.facts import (
     noise_peak,
     stream_key,
 )
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 
 SHORT = dataclasses.replace(load_machine("rotor"), duration=4.0)
 

@@ -12,14 +12,14 @@ from xml.etree import ElementTree
 import pytest
 from fake_study import fake_study
 
-from ldt_core.errors import LdtError
-from ldt_core.report import style
-from ldt_core.study.figures import FIGURES, drawings
-from ldt_core.study.figures.reading import Reading
-from ldt_core.study.page import write_figures, write_page
-from ldt_core.study.sections import lead
-from ldt_core.study.sections.summary import what_was_run
-from ldt_core.study.study import Study
+from ldt_core.base.errors import LdtError
+from ldt_core.lab.study.figures import FIGURES, drawings
+from ldt_core.lab.study.figures.reading import Reading
+from ldt_core.lab.study.page import write_figures, write_page
+from ldt_core.lab.study.sections import lead
+from ldt_core.lab.study.sections.summary import what_was_run
+from ldt_core.lab.study.study import Study
+from ldt_core.views.page import style
 
 HOSTILE = "</code><script>alert(1)</script>\"' $x^2 & {{ 7*7 }}.yaml"
 LARGEST = 5_000_000  # bytes of a page
@@ -59,7 +59,7 @@ def undrawn(monkeypatch):
     def draw(drawing, layout):
         return "<svg></svg>" if drawing.name in names else style.inline_svg(drawing, layout)
 
-    monkeypatch.setattr("ldt_core.report.blocks.inline_svg", draw)
+    monkeypatch.setattr("ldt_core.views.page.blocks.inline_svg", draw)
     return names
 
 
@@ -205,7 +205,7 @@ def test_captions_have_the_figures_of_this_study(study):
 def test_files_of_the_figures_are_written_and_readable(study, tmp_path, monkeypatch):
     """PNG and SVG of each; no letter below 9 points."""
     some = ("sommerfeld", "thresholds", "shares")
-    monkeypatch.setattr("ldt_core.study.figures.FIGURES", {n: FIGURES[n] for n in some})
+    monkeypatch.setattr("ldt_core.lab.study.figures.FIGURES", {n: FIGURES[n] for n in some})
     files = write_figures(study, tmp_path)
     assert {f.name for f in files} == {f"{n}.{k}" for n in some for k in ("png", "svg")}
     assert {f.parent for f in files} == {tmp_path / "figures"}

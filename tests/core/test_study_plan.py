@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from study_results import made_up
 
-from ldt_core.study.baselines import baseline_cases, periodic, random
-from ldt_core.study.facts import stream_key
-from ldt_core.study.plan import OTHER_DRIFTS, THRESHOLDS, Plan, at_threshold
+from ldt_core.lab.study.baselines import baseline_cases, periodic, random
+from ldt_core.lab.study.facts import stream_key
+from ldt_core.lab.study.plan import OTHER_DRIFTS, THRESHOLDS, Plan, at_threshold
 
 
 def in_group(plan: Plan, group: str):

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.machine import load_machine
+from ldt_core.lab.study import region
+from ldt_core.lab.study.region import in_region, intervals, region_rmse, speed_bands
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics.steady_state import bands, folds, steady_voltage
-from ldt_core.study import region
-from ldt_core.study.region import in_region, intervals, region_rmse, speed_bands
 
 MACHINE = load_machine("rotor")
 HIGHEST = 70.0

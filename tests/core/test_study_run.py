@@ -11,15 +11,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ldt_core import session
-from ldt_core.errors import OptionError
-from ldt_core.machine import load_machine
-from ldt_core.plant import Plant
-from ldt_core.settings import resolve
-from ldt_core.study.baselines import never
-from ldt_core.study.case import Case
-from ldt_core.study.run import run_case
-from ldt_core.study.stream import stream
+from ldt_core.base.errors import OptionError
+from ldt_core.base.settings import resolve
+from ldt_core.lab.study.baselines import never
+from ldt_core.lab.study.case import Case
+from ldt_core.lab.study.run_case import run_case
+from ldt_core.lab.study.stream import stream
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
+from ldt_core.runs import offline
 
 LITERAL = {"gate": "none", "data": "warning-set"}
 
@@ -54,7 +54,7 @@ def test_a_run_is_what_the_loop_gives(short_rotor, detector):
     """`ldt run` sums the same experiments up to the same figures."""
     one = case(short_rotor, detector=detector)
     result = run_case(one)
-    summary = session.run(
+    summary = offline.run(
         load_machine(short_rotor), one.resolved, stream(one).experiments, bag=None
     ).as_dict()
     assert summary["mme"] == pytest.approx(np.mean(result.max_error), rel=1e-12)
@@ -107,8 +107,8 @@ def test_a_run_is_the_same_in_another_process(short_rotor):
     """Bit by bit."""
     result = run_case(case(short_rotor))
     program = (
-        "import json, sys; from ldt_core.study.case import Case;"
-        "from ldt_core.study.run import run_case;"
+        "import json, sys; from ldt_core.lab.study.case import Case;"
+        "from ldt_core.lab.study.run_case import run_case;"
         f"r = run_case(Case('hybrid', 'lddm', 3, 10, {short_rotor!r}, {LITERAL!r}));"
         "print(json.dumps([r.max_error, r.rmse, r.level, r.region_rmse]))"
     )

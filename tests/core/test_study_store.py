@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 from study_results import made_up
 
-from ldt_core.machine import load_machine
-from ldt_core.study.store import Store
+from ldt_core.lab.study.store import Store
+from ldt_core.machine.machine_file import load_machine
 
 STAMP = {"ldt": "1", "code": "abc"}
 ROTOR = load_machine("rotor")

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ldt_core.base.errors import OptionError
 from ldt_core.detectors.threshold import Threshold
-from ldt_core.errors import OptionError
 
 residuals = st.lists(st.floats(-10, 10), min_size=1, max_size=20)
 

@@ -11,23 +11,24 @@ import numpy as np
 import pytest
 from fake_tuning import NOISE, STEPS, Level, recording
 
+from ldt_core.base.errors import BadInput, OptionError, RecordingError
+from ldt_core.base.settings import resolve
 from ldt_core.detectors.calibrated import Calibrated
 from ldt_core.detectors.lddm import LDDM
 from ldt_core.detectors.threshold import Threshold
 from ldt_core.detectors.window import Window
-from ldt_core.errors import BadInput, OptionError, RecordingError
-from ldt_core.machine import load_machine
-from ldt_core.settings import resolve
-from ldt_core.tuning import alarms, procedure
-from ldt_core.tuning.alarms import FalseAlarms, false_alarms, limit_of, most, needed
-from ldt_core.tuning.choice import Budget, choose, pareto
-from ldt_core.tuning.control import chosen, control, judged, parse_ranges, row
-from ldt_core.tuning.procedure import tune
-from ldt_core.tuning.result import FILE, TABLE, as_dict, settings, write_results
-from ldt_core.tuning.setting import NEVER, Setting, first_round, parse_try, second_round
-from ldt_core.tuning.trial import Tried
-from ldt_core.tuning.words import sentence, why
-from ldt_core.twin import Twin
+from ldt_core.lab.tuning import alarms
+from ldt_core.lab.tuning import tune as tune_module
+from ldt_core.lab.tuning.alarms import FalseAlarms, false_alarms, limit_of, most, needed
+from ldt_core.lab.tuning.candidates import NEVER, Setting, first_round, parse_try, second_round
+from ldt_core.lab.tuning.choice import Budget, choose, pareto
+from ldt_core.lab.tuning.control import chosen, control, judged, parse_ranges, row
+from ldt_core.lab.tuning.reasons import sentence, why
+from ldt_core.lab.tuning.trial import Tried
+from ldt_core.lab.tuning.tune import tune
+from ldt_core.lab.tuning.tune_files import FILE, TABLE, as_dict, settings, write_results
+from ldt_core.machine.machine_file import load_machine
+from ldt_core.twin.loop import Twin
 
 FAKE = Path(__file__).with_name("fake_tuning.py")
 MACHINE = load_machine("dc_motor")
@@ -115,7 +116,7 @@ def test_it_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     def never_again(task):
         raise AssertionError("tried again")
 
-    monkeypatch.setattr(procedure, "try_setting", never_again)
+    monkeypatch.setattr(tune_module, "try_setting", never_again)
     again = tuned(tmp_path, Budget(adaptations=4), values=3, detectors=("window",))
     assert sentence(again) == sentence(first)
     with pytest.raises(AssertionError, match="tried again"):
@@ -379,7 +380,7 @@ def test_a_choice_that_stands_alone_is_called_lucky(tmp_path):
 
 def test_the_picture_is_drawn(tmp_path):
     pytest.importorskip("matplotlib")
-    from ldt_core.tuning.figure import write_figure
+    from ldt_core.lab.tuning.tuning_figure import write_figure
 
     few = {"values": 3, "detectors": ("threshold", "window")}
     found = tuned(tmp_path, Budget(adaptations=4, every=50), **few)

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.errors import MachineFileError
-from ldt_core.machine import load_machine
-from ldt_core.plant.voltage import KINDS, excitation
+from ldt_core.base.errors import MachineFileError
+from ldt_core.machine.excitation import KINDS, excitation
+from ldt_core.machine.machine_file import load_machine
 
 ROTOR = load_machine("rotor")
 

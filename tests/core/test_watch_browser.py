@@ -14,16 +14,16 @@ import numpy as np
 import pytest
 from watched import HOSTILE, feed, health, measured, predicted
 
-from ldt_core.experiment import Experiment, Level
-from ldt_core.watch.fleet import Fleet
-from ldt_core.watch.page import assets
+from ldt_core.base.experiment import Experiment, Level
+from ldt_core.views.watch.fleet import Fleet
+from ldt_core.views.watch.page import assets
 
 pytest.importorskip("aiohttp")
 playwright = pytest.importorskip("playwright.sync_api")
 
 from aiohttp import web  # noqa: E402
 
-from ldt_core.watch.server import Pages  # noqa: E402
+from ldt_core.views.watch.server import Pages  # noqa: E402
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 PATIENCE = 60.0  # s; a stalled machine is not what is tested

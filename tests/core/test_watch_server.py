@@ -14,18 +14,18 @@ from typing import Any
 import pytest
 from watched import HOSTILE, feed, measured
 
-from ldt_core.errors import BadInput
-from ldt_core.experiment import Level
-from ldt_core.watch.fleet import Fleet
-from ldt_core.watch.machine import KEPT
-from ldt_core.watch.page import assets
+from ldt_core.base.errors import BadInput
+from ldt_core.base.experiment import Level
+from ldt_core.views.watch.fleet import Fleet
+from ldt_core.views.watch.machine import KEPT
+from ldt_core.views.watch.page import assets
 
 aiohttp = pytest.importorskip("aiohttp")
 
 from aiohttp import ClientSession, test_utils  # noqa: E402
 
-from ldt_core.watch import server  # noqa: E402
-from ldt_core.watch.server import Pages, names_of  # noqa: E402
+from ldt_core.views.watch import server  # noqa: E402
+from ldt_core.views.watch.server import Pages, names_of  # noqa: E402
 
 COUNT = 600
 PATIENCE = 60.0  # s; a stalled machine is not what is tested

@@ -12,15 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from watched import HOSTILE, LENGTH, feed, health, measured, predicted
 
-from ldt_core.errors import OptionError, RecordingError
-from ldt_core.experiment import Level, ModelRecord, Prediction, Signal
+from ldt_core.base.errors import OptionError, RecordingError
+from ldt_core.base.experiment import Level, ModelRecord, Prediction, Signal
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
-from ldt_core.run_page.samples import Channel, Packed, unpack
-from ldt_core.watch.fleet import MACHINES, Fleet
-from ldt_core.watch.machine import EVENTS, GREATEST, KEPT, LONGEST, MODELS, MOST, SHOWN, WHOLE
-from ldt_core.watch.nodes import NODES, SILENT
-from ldt_core.watch.playback import Playback
+from ldt_core.views.report.samples import Channel, Packed, unpack
+from ldt_core.views.watch.fleet import MACHINES, Fleet
+from ldt_core.views.watch.machine import EVENTS, GREATEST, KEPT, LONGEST, MODELS, MOST, SHOWN, WHOLE
+from ldt_core.views.watch.nodes import NODES, SILENT
+from ldt_core.views.watch.playback import Playback
 
 
 class Clock:

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ldt_core.base.errors import OptionError
 from ldt_core.detectors.window import Window
-from ldt_core.errors import OptionError
 
 
 @given(st.integers(1, 20), st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=60))

@@ -7,13 +7,13 @@ import doctest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core import words
-from ldt_core.words import gaps, ranges, spans
+from ldt_core.base import sentences
+from ldt_core.base.sentences import gaps, ranges, spans
 
 
 def test_the_examples_in_its_docstrings_hold():
     """As written."""
-    result = doctest.testmod(words)
+    result = doctest.testmod(sentences)
     assert result.attempted
     assert not result.failed
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ldt_core.experiment import (
+from ldt_core.base.experiment import (
     Action,
     Adaptation,
     DiagnosisRecord,
@@ -17,7 +17,7 @@ from ldt_core.experiment import (
     Signal,
 )
 from ldt_core.recording.messages import standard
-from ldt_core.watch.fleet import Fleet
+from ldt_core.views.watch.fleet import Fleet
 
 PERIOD, LENGTH, START = 0.01, 60, 1.7e9
 HOSTILE = "</script><img src=x onerror=alert(1)>\"' {{ 7*7 }} <!-- \u2028"

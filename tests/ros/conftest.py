@@ -25,8 +25,8 @@ def stranger(domain):
 @pytest.fixture
 def monitor(stranger):
     """The launching process's ear, and the steps that it hears of."""
-    from ldt_ros.monitor import Monitor
-    from ldt_ros.statements import hear
+    from ldt_ros.nodes.monitor import Monitor
+    from ldt_ros.nodes.statements import hear
 
     steps: list[Any] = []
     node = Monitor("", lambda *step: steps.append(step), context=stranger.context)

@@ -63,7 +63,7 @@ def run_cut(
     nodes = []
     for host, roles in zip(hosts, (ROLES[-1:], ROLES[:-1]), strict=True):
         own = [word for role in roles for word in ("--node", role)]
-        command = [*host, sys.executable, "-m", "ldt_ros.process", *own, "--ros-args", *ros]
+        command = [*host, sys.executable, "-m", "ldt_ros.graph.process", *own, "--ros-args", *ros]
         nodes.append(start(command, env=env, cwd=folder, **NULL))
     for after, seconds in cuts:
         wait(folder / "rough", after)

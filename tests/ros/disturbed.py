@@ -32,7 +32,7 @@ def nodes(launcher: int) -> dict[str, psutil.Process]:
         for process in psutil.Process(launcher).children():
             with contextlib.suppress(psutil.Error, ValueError, IndexError):
                 line = process.cmdline()
-                if "ldt_ros.process" in line and process.status() != psutil.STATUS_ZOMBIE:
+                if "ldt_ros.graph.process" in line and process.status() != psutil.STATUS_ZOMBIE:
                     found[line[line.index("--node") + 1]] = process
     return found
 

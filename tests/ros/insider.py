@@ -13,8 +13,8 @@ import os
 import sys
 import time
 
-from ldt_core.past import LOOP
-from ldt_ros.environment import prepare
+from ldt_core.restart.recorded_steps import LOOP
+from ldt_ros.graph.environment import prepare
 
 
 def main(name: str, seconds: float) -> None:
@@ -22,7 +22,7 @@ def main(name: str, seconds: float) -> None:
     prepare()
     import rclpy
 
-    from ldt_ros.interfaces import message_type, qos
+    from ldt_ros.nodes.interfaces import message_type, qos
 
     rclpy.init()
     node = rclpy.create_node(name)

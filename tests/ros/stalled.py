@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import time
 
-from ldt_ros.environment import prepare
+from ldt_ros.graph.environment import prepare
 
 prepare()
 
 import rclpy  # noqa: E402
 
 import msgs_config  # noqa: E402
-from ldt_ros.interfaces import message_type, qos  # noqa: E402
+from ldt_ros.nodes.interfaces import message_type, qos  # noqa: E402
 
 rclpy.init()
 node = rclpy.create_node("stalled")

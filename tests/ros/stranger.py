@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import msgs_config
-from ldt_core.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal
+from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal
 from ldt_core.recording.writer import BagWriter
 
 # Every field of every message is checked; the message classes read this when they are imported.
@@ -75,7 +75,7 @@ class Stranger:
 
     def listen(self, *topics: str, profile: Any = None) -> None:
         """Collect what comes, decoded where it is a record, from now on (or from the start on)."""
-        from ldt_ros.interfaces import message_type, qos
+        from ldt_ros.nodes.interfaces import message_type, qos
 
         for topic in topics:
             self.node.create_subscription(
@@ -88,14 +88,14 @@ class Stranger:
             self.until(lambda: all(map(self.node.count_publishers, topics)), f"topics {topics}")
 
     def _hear(self, topic: str, message: Any) -> None:
-        from ldt_ros.convert import from_message
+        from ldt_ros.nodes.convert import from_message
 
         record = message if topic == "/diagnostics" else from_message(topic, message)
         self.heard[topic].append(record)
 
     def publisher(self, topic: str) -> Any:
         """A publisher that everyone who listens has met."""
-        from ldt_ros.interfaces import message_type, qos
+        from ldt_ros.nodes.interfaces import message_type, qos
 
         kind = declared(topic)
         publisher = self.node.create_publisher(message_type(kind), topic, qos(kind))
@@ -108,7 +108,7 @@ class Stranger:
 
     def send(self, topic: str, *messages: Any) -> None:
         """Publish messages, or records."""
-        from ldt_ros.convert import to_message
+        from ldt_ros.nodes.convert import to_message
 
         if topic not in self._publishers:
             self._publishers[topic] = self.publisher(topic)

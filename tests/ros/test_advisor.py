@@ -5,18 +5,18 @@ from __future__ import annotations
 import pytest
 
 import msgs_config
-from ldt_core.experiment import ModelRecord
-from ldt_core.machine import load_machine
-from ldt_core.plant import Plant
+from ldt_core.base.experiment import ModelRecord
+from ldt_core.base.settings import resolve
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
-from ldt_core.session import run
-from ldt_core.settings import resolve
+from ldt_core.runs.offline import run
 
 pytest.importorskip("rclpy")
 
 from stranger import adaptation, experiment
 
-from ldt_ros.advisor_node import AdvisorNode
+from ldt_ros.nodes.advisor_node import AdvisorNode
 
 
 def model(version: int, e: float = 0.01) -> ModelRecord:

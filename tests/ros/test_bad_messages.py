@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ldt_core.experiment import Prediction
-from ldt_core.machine import load_machine
+from ldt_core.base.experiment import Prediction
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.model_text import model_text
 
 rclpy = pytest.importorskip("rclpy")
@@ -30,11 +30,11 @@ from stranger import (  # noqa: E402
     written,
 )
 
-from ldt_ros.adaptor_node import AdaptorNode  # noqa: E402
-from ldt_ros.convert import to_message  # noqa: E402
-from ldt_ros.detector_node import DetectorNode  # noqa: E402
-from ldt_ros.player_node import PlayerNode  # noqa: E402
-from ldt_ros.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.nodes.adaptor_node import AdaptorNode  # noqa: E402
+from ldt_ros.nodes.convert import to_message  # noqa: E402
+from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
+from ldt_ros.nodes.player_node import PlayerNode  # noqa: E402
+from ldt_ros.nodes.twin_node import PredictorNode  # noqa: E402
 
 PHYSICS = {"model": "physics"}
 WRONG_NUMBERS = {  # place in data → values that cannot be

@@ -8,20 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ldt_core.machine import load_machine
-from ldt_core.session import run
-from ldt_core.settings import resolve
-from ldt_core.twin import WINDOW, Twin
+from ldt_core.base.settings import resolve
+from ldt_core.machine.machine_file import load_machine
+from ldt_core.runs.offline import run
+from ldt_core.twin.loop import Twin
+from ldt_core.twin.recorded import WINDOW
 
 rclpy = pytest.importorskip("rclpy")
 
 from stranger import answer, experiment, prediction  # noqa: E402
 
-from ldt_ros.adaptor_node import AdaptorNode  # noqa: E402
-from ldt_ros.advisor_node import AdvisorNode  # noqa: E402
-from ldt_ros.detector_node import DetectorNode  # noqa: E402
-from ldt_ros.plant_node import PlantNode  # noqa: E402
-from ldt_ros.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.nodes.adaptor_node import AdaptorNode  # noqa: E402
+from ldt_ros.nodes.advisor_node import AdvisorNode  # noqa: E402
+from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
+from ldt_ros.nodes.plant_node import PlantNode  # noqa: E402
+from ldt_ros.nodes.twin_node import PredictorNode  # noqa: E402
 
 EVERY, COUNT, SAMPLES = 10, 345, 1000
 GIVEN = {

@@ -11,19 +11,19 @@ import pytest
 import yaml
 
 import msgs_config
-from ldt_core.experiment import Level
-from ldt_core.machine import load_machine
-from ldt_core.plant import Plant
+from ldt_core.base.experiment import Level
+from ldt_core.base.settings import resolve
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
-from ldt_core.session import run
-from ldt_core.settings import resolve
+from ldt_core.runs.offline import run
 
 pytest.importorskip("rclpy")
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from stranger import adaptation, answer, experiment
 
-from ldt_ros.diagnoser_node import DiagnoserNode
+from ldt_ros.nodes.diagnoser_node import DiagnoserNode
 
 TOPICS = ("experiment", "prediction", "original_prediction", "signal", "diagnosis", "model")
 WORN = {

@@ -12,7 +12,8 @@ from types import SimpleNamespace
 import pytest
 
 from ldt_core.doctor.check import Grade
-from ldt_ros import doctor, leftovers
+from ldt_ros import doctor
+from ldt_ros.graph import leftovers
 
 OK, WARNING, PROBLEM = Grade.OK, Grade.WARNING, Grade.PROBLEM
 

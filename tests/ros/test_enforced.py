@@ -17,11 +17,11 @@ pytest.importorskip("cryptography")
 
 from disturbed import PATIENCE, RUN, differences, finished, killed
 
-from ldt_core.past import LOOP
 from ldt_core.recording.bag import read_bag
+from ldt_core.restart.recorded_steps import LOOP
 from ldt_core.security.keystore import make_keystore
-from ldt_ros import secure
-from ldt_ros.probe import _middleware
+from ldt_ros.graph import secure
+from ldt_ros.graph.probe import _middleware
 
 pytestmark = pytest.mark.skipif(
     not secure.has_security(_middleware()), reason="this Fast DDS is built without DDS-Security"

@@ -11,13 +11,13 @@ import time
 import psutil
 import pytest
 
-from ldt_core.errors import LdtError
+from ldt_core.base.errors import LdtError
 
 pytest.importorskip("rclpy")
 
-from ldt_ros.environment import prepare
-from ldt_ros.parentage import adopting
-from ldt_ros.supervisor import Supervisor
+from ldt_ros.graph.environment import prepare
+from ldt_ros.graph.parentage import adopting
+from ldt_ros.graph.supervisor import Supervisor
 
 SETTINGS = {"machine": "rotor", "model": "physics", "detector": "threshold"}
 TWIN = ("--node", "twin", "--ros-args", "-p", "model:=physics")
@@ -60,8 +60,8 @@ def test_what_is_forked_is_a_process_of_its_own_and_needs_the_server_no_more(
         )
         process = psutil.Process(twin.process.pid)
         line = process.cmdline()
-        assert line[line.index("ldt_ros.process") :] == ["ldt_ros.process", *TWIN]
-        assert "ldt_ros.fork_server" in server.cmdline()
+        assert line[line.index("ldt_ros.graph.process") :] == ["ldt_ros.graph.process", *TWIN]
+        assert "ldt_ros.graph.fork_server" in server.cmdline()
         assert process.environ()["ROS_DOMAIN_ID"] == environment["ROS_DOMAIN_ID"]
         assert process.ppid() == os.getpid()
         assert os.getsid(process.pid) == process.pid

@@ -16,8 +16,8 @@ pytest.importorskip("rclpy")
 
 from disturbed import differences, nodes, recorded
 
-from ldt_ros.detector_node import DetectorNode
-from ldt_ros.watchdog import alive
+from ldt_ros.nodes.detector_node import DetectorNode
+from ldt_ros.nodes.watchdog import alive
 
 LDT = str(Path(sys.executable).with_name("ldt"))
 PATIENCE = 240  # s

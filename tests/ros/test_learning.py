@@ -15,13 +15,13 @@ from lifecycle_msgs.msg import Transition  # noqa: E402
 from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
 from stranger import answer, experiment  # noqa: E402
 
+from ldt_core.base.experiment import PAUSED, Action, Level  # noqa: E402
 from ldt_core.cli import invoke  # noqa: E402
 from ldt_core.cli import ldt as commands  # noqa: E402
-from ldt_core.experiment import PAUSED, Action, Level  # noqa: E402
-from ldt_core.pause import NAME  # noqa: E402
 from ldt_core.recording.bag import read_bag  # noqa: E402
 from ldt_core.recording.writer import BagWriter  # noqa: E402
-from ldt_ros.adaptor_node import AdaptorNode  # noqa: E402
+from ldt_core.restart.learning_switch import NAME  # noqa: E402
+from ldt_ros.nodes.adaptor_node import AdaptorNode  # noqa: E402
 
 LINEAR = {"model": "linear", "order": 1}
 

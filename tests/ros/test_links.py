@@ -14,11 +14,11 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 from stranger import adaptation, experiment, log_of  # noqa: E402
 
-from ldt_ros.arrivals import Arrivals  # noqa: E402
-from ldt_ros.convert import to_message  # noqa: E402
-from ldt_ros.detector_node import DetectorNode  # noqa: E402
-from ldt_ros.interfaces import qos  # noqa: E402
-from ldt_ros.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.nodes.arrivals import Arrivals  # noqa: E402
+from ldt_ros.nodes.convert import to_message  # noqa: E402
+from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
+from ldt_ros.nodes.interfaces import qos  # noqa: E402
+from ldt_ros.nodes.twin_node import PredictorNode  # noqa: E402
 
 PHYSICS = {"model": "physics"}
 OK, WARN = 0, 1
@@ -116,7 +116,7 @@ def test_a_publisher_that_is_stopped_is_told_of_until_it_goes_on(stranger, progr
     """A process of the graph; the same for one that was killed or cut off."""
     graph = ["twin", "detector"]
     names = ["--ros-args", "-p", "model:=physics", "-p", f"graph:=[{','.join(graph)}]"]
-    other = [sys.executable, "-m", "ldt_ros.process", "--node", "twin"]
+    other = [sys.executable, "-m", "ldt_ros.graph.process", "--node", "twin"]
     process = programs.start([*other, *names], env=dict(os.environ))
     node = stranger.start(DetectorNode, graph=graph)
     stranger.listen("/diagnostics")

@@ -31,7 +31,7 @@ NULL = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 INTRUDER = """
     import json, os, sys, time
     name, seconds = sys.argv[1], float(sys.argv[2])
-    from ldt_ros.environment import prepare
+    from ldt_ros.graph.environment import prepare
     prepare()
     import rclpy
     from std_msgs.msg import Float64MultiArray, String
@@ -209,7 +209,7 @@ def graph_of(host, programs, folder: Path, roles: tuple[str, ...]) -> subprocess
     given = ("bag:=run", "model:=physics", "rate:='200'", "experiments:=100000", graph)
     nodes = [word for role in roles for word in ("--node", role)]
     ros = ["--ros-args", *(word for text in given for word in ("-p", text))]
-    command = [*host, sys.executable, "-m", "ldt_ros.process", *nodes, *ros]
+    command = [*host, sys.executable, "-m", "ldt_ros.graph.process", *nodes, *ros]
     return programs.start(command, cwd=folder, **NULL)
 
 

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ldt_core.errors import RecordingError
-from ldt_core.experiment import Action, Level, ModelRecord
-from ldt_core.machine import load_machine
-from ldt_core.past import past_of
-from ldt_core.plant import Plant
+from ldt_core.base.errors import RecordingError
+from ldt_core.base.experiment import Action, Level, ModelRecord
+from ldt_core.base.settings import resolve
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.writer import BagWriter
-from ldt_core.session import run
-from ldt_core.settings import resolve
-from ldt_core.twin import build_judge
+from ldt_core.restart.recorded_steps import past_of
+from ldt_core.runs.offline import run
+from ldt_core.twin.loop import build_judge
 
 rclpy = pytest.importorskip("rclpy")
 
@@ -26,15 +26,15 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E
 from std_msgs.msg import String  # noqa: E402
 from stranger import TOPICS, adaptation, answer, experiment, log_of, written  # noqa: E402
 
-from ldt_ros import node as node_module  # noqa: E402
-from ldt_ros.adaptor_node import AdaptorNode  # noqa: E402
-from ldt_ros.advisor_node import AdvisorNode  # noqa: E402
-from ldt_ros.convert import to_message  # noqa: E402
-from ldt_ros.detector_node import DetectorNode  # noqa: E402
-from ldt_ros.plant_node import PlantNode  # noqa: E402
-from ldt_ros.player_node import PlayerNode  # noqa: E402
-from ldt_ros.recorder_node import RecorderNode  # noqa: E402
-from ldt_ros.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.nodes import node as node_module  # noqa: E402
+from ldt_ros.nodes.adaptor_node import AdaptorNode  # noqa: E402
+from ldt_ros.nodes.advisor_node import AdvisorNode  # noqa: E402
+from ldt_ros.nodes.convert import to_message  # noqa: E402
+from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
+from ldt_ros.nodes.plant_node import PlantNode  # noqa: E402
+from ldt_ros.nodes.player_node import PlayerNode  # noqa: E402
+from ldt_ros.nodes.recorder_node import RecorderNode  # noqa: E402
+from ldt_ros.nodes.twin_node import PredictorNode  # noqa: E402
 
 PHYSICS = {"model": "physics"}
 
@@ -110,7 +110,7 @@ def test_a_machine_that_is_faster_than_the_queue_does_not_outrun_the_time_out(
     stranger, monkeypatch
 ):
     """Its turn passes from an experiment that was dropped to the next."""
-    monkeypatch.setattr("ldt_ros.twin_node.QUEUE", 2)
+    monkeypatch.setattr("ldt_ros.nodes.twin_node.QUEUE", 2)
     stranger.start(PredictorNode, **PHYSICS, adaptation_timeout=1.0)
     stranger.listen("prediction", "/diagnostics")
     for number in range(1, 41):  # none waits for a second in the queue
@@ -124,7 +124,7 @@ def test_a_machine_that_is_faster_than_the_queue_does_not_outrun_the_time_out(
 
 def test_a_twin_that_joins_late_has_the_model_in_force(stranger):
     """The models are latched; the last of them predicts the first experiment that it sees."""
-    from ldt_ros.interfaces import qos
+    from ldt_ros.nodes.interfaces import qos
 
     early = stranger.node.create_publisher(String, "model", qos("model"))
     for version in (1, 2):
@@ -364,7 +364,7 @@ def test_a_recording_that_breaks_while_it_is_played_ends_the_player(stranger, tm
     stranger.until(lambda: stranger.numbers("experiment") == [1])
 
     def broken():
-        from ldt_core.errors import RecordingError
+        from ldt_core.base.errors import RecordingError
 
         raise RecordingError("bag", "an experiment", "rubbish")
 
@@ -422,7 +422,7 @@ def test_stock_tools_can_listen_to_every_topic(durability, stranger, tmp_path, s
     streaming = {"stream": "beside", "measure_current": True}
     stranger.start(PlantNode, experiments=3, seed=1, **streaming, **shared)
     # The adaptor comes last: the first model is sent when it does.
-    from ldt_ros.interfaces import message_type
+    from ldt_ros.nodes.interfaces import message_type
 
     for topic in (*TOPICS, "/diagnostics"):
         stranger.node.create_subscription(
@@ -444,6 +444,6 @@ def test_stock_tools_can_listen_to_every_topic(durability, stranger, tmp_path, s
 
 
 def _declared(topic: str) -> QoSProfile:
-    from ldt_ros.interfaces import qos
+    from ldt_ros.nodes.interfaces import qos
 
     return qos(topic)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
 
-from ldt_ros.pairing import Pairing
+from ldt_ros.nodes.pairing import Pairing
 
 SIDES = st.lists(st.tuples(st.booleans(), st.integers(1, 12)), max_size=60)
 

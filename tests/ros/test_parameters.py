@@ -10,9 +10,9 @@ import pytest
 import yaml
 
 import msgs_config
+from ldt_core.base.errors import OptionError
 from ldt_core.cli import invoke
 from ldt_core.cli.options import parameters
-from ldt_core.errors import OptionError
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 
@@ -23,10 +23,10 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
 from stranger import experiment  # noqa: E402
 
-from ldt_ros.detector_node import DetectorNode  # noqa: E402
-from ldt_ros.interfaces import declare  # noqa: E402
-from ldt_ros.plant_node import PlantNode  # noqa: E402
-from ldt_ros.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
+from ldt_ros.nodes.interfaces import declare  # noqa: E402
+from ldt_ros.nodes.plant_node import PlantNode  # noqa: E402
+from ldt_ros.nodes.twin_node import PredictorNode  # noqa: E402
 
 RANGED = {n: d for n, d in msgs_config.parameters().items() if "range" in d}
 CHOSEN = {n: d for n, d in msgs_config.parameters().items() if "choices" in d}
@@ -184,7 +184,7 @@ def test_a_wrong_type_is_refused_in_one_sentence(argument, sentence, stranger):
 def test_a_node_process_that_cannot_start_says_why_and_exits_2(arguments, sentence, domain):
     """One sentence of ours, whatever ROS logs besides; no traceback."""
     done = subprocess.run(
-        [sys.executable, "-m", "ldt_ros.process", "--node", "detector", *arguments],
+        [sys.executable, "-m", "ldt_ros.graph.process", "--node", "detector", *arguments],
         capture_output=True,
         text=True,
         timeout=60,

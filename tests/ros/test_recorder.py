@@ -17,7 +17,7 @@ rclpy = pytest.importorskip("rclpy")
 
 from stranger import LENGTH, PERIOD, experiment  # noqa: E402
 
-from ldt_ros.convert import to_message  # noqa: E402
+from ldt_ros.nodes.convert import to_message  # noqa: E402
 
 LIMIT = 200_000  # bytes; the disk is full then
 
@@ -29,7 +29,7 @@ def recorder(programs, tmp_path):
     def start(*more: str, before=None) -> subprocess.Popen[str]:
         ros = ["--ros-args", "-p", f"bag:={tmp_path / 'bag'}", *more]
         return programs.start(
-            [sys.executable, "-m", "ldt_ros.process", "--node", "recorder", *ros],
+            [sys.executable, "-m", "ldt_ros.graph.process", "--node", "recorder", *ros],
             text=True,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -12,13 +12,13 @@ rclpy = pytest.importorskip("rclpy")
 from std_msgs.msg import String  # noqa: E402
 from stranger import experiment, log_of  # noqa: E402
 
-from ldt_core.experiment import ModelRecord  # noqa: E402
-from ldt_core.metrics import Summary  # noqa: E402
+from ldt_core.base.experiment import ModelRecord  # noqa: E402
+from ldt_core.base.metrics import Summary  # noqa: E402
 from ldt_core.recording.model_text import model_text  # noqa: E402
-from ldt_ros import rivals as module  # noqa: E402
-from ldt_ros.graph import Graph  # noqa: E402
-from ldt_ros.interfaces import message_type, qos  # noqa: E402
-from ldt_ros.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.graph.node_graph import Graph  # noqa: E402
+from ldt_ros.nodes import rivals as module  # noqa: E402
+from ldt_ros.nodes.interfaces import message_type, qos  # noqa: E402
+from ldt_ros.nodes.twin_node import PredictorNode  # noqa: E402
 
 OK, WARN, ERROR = 0, 1, 2
 PHYSICS = {"model": "physics"}

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ldt_core.experiment import Experiment
-from ldt_core.machine import load_machine
-from ldt_core.plant import Plant
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.settings import resolve
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
-from ldt_core.session import run
-from ldt_core.settings import resolve
+from ldt_core.runs.offline import run
 
 pytest.importorskip("rclpy")
 

@@ -13,17 +13,18 @@ pytest.importorskip("cryptography")
 
 from stranger import written
 
+from ldt_core.base.errors import BadInput
 from ldt_core.cli import invoke
 from ldt_core.doctor.check import Grade
-from ldt_core.errors import BadInput
 from ldt_core.security.keystore import make_keystore
 from ldt_core.security.permissions import NODES, enclaves
-from ldt_core.watch.fleet import Fleet
-from ldt_ros import doctor, secure
-from ldt_ros.environment import prepare
-from ldt_ros.process import ROLES, node_class
+from ldt_core.views.watch.fleet import Fleet
+from ldt_ros import doctor
+from ldt_ros.graph import secure
+from ldt_ros.graph.environment import prepare
+from ldt_ros.graph.process import ROLES, node_class
+from ldt_ros.nodes.watch_node import WatchNode
 from ldt_ros.up import command, launch
-from ldt_ros.watch_node import WatchNode
 
 ALONE = {"secure": "", "machines": 1, "namespace": ""}
 GRAPH = ["recorder", "adaptor", "detector", "twin", "plant"]
@@ -115,7 +116,7 @@ def test_what_cannot_be_secured_does_not_start(keystore, monkeypatch, capfd, tmp
 
 
 def _library() -> str | None:
-    from ldt_ros.probe import _middleware
+    from ldt_ros.graph.probe import _middleware
 
     return _middleware()
 

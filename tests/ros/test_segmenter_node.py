@@ -9,12 +9,12 @@ import time
 import numpy as np
 import pytest
 
-from ldt_core.experiment import Experiment
-from ldt_core.machine import load_machine
-from ldt_core.plant import Plant
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.settings import resolve
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
-from ldt_core.session import run
-from ldt_core.settings import resolve
+from ldt_core.runs.offline import run
 
 rclpy = pytest.importorskip("rclpy")
 
@@ -24,12 +24,12 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64, String  # noqa: E402
 from stranger import adaptation, log_of, written  # noqa: E402
 
-from ldt_core.errors import OptionError  # noqa: E402
-from ldt_ros.feed import Feed  # noqa: E402
-from ldt_ros.plant_node import PlantNode  # noqa: E402
-from ldt_ros.player_node import PlayerNode  # noqa: E402
-from ldt_ros.samples import exact_stamp  # noqa: E402
-from ldt_ros.segmenter_node import SegmenterNode  # noqa: E402
+from ldt_core.base.errors import OptionError  # noqa: E402
+from ldt_ros.nodes.feed import Feed  # noqa: E402
+from ldt_ros.nodes.plant_node import PlantNode  # noqa: E402
+from ldt_ros.nodes.player_node import PlayerNode  # noqa: E402
+from ldt_ros.nodes.samples import exact_stamp  # noqa: E402
+from ldt_ros.nodes.segmenter_node import SegmenterNode  # noqa: E402
 
 PERIOD, SIZE = 0.02, 25  # s, samples: half a second of a machine in real time
 START = 1.7e9 + 0.123456789  # s
@@ -104,7 +104,15 @@ def test_the_graph_learns_from_a_stream_what_it_learns_offline(
     given += ["stream:=only", "rate:=10", "graph:=[segmenter]"]
     arguments = [part for text in given for part in ("-p", text)]
     process = programs.start(
-        [sys.executable, "-m", "ldt_ros.process", "--node", "plant", "--ros-args", *arguments],
+        [
+            sys.executable,
+            "-m",
+            "ldt_ros.graph.process",
+            "--node",
+            "plant",
+            "--ros-args",
+            *arguments,
+        ],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

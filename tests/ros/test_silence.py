@@ -6,9 +6,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from ldt_ros import silence
-from ldt_ros.silence import Silence
-from ldt_ros.statements import concerns
+from ldt_ros.nodes import silence
+from ldt_ros.nodes.silence import Silence
+from ldt_ros.nodes.statements import concerns
 
 AFTER = 4.0  # s
 

@@ -20,7 +20,7 @@ pytest.importorskip("rclpy")
 PATIENCE = 20  # s
 TALK = f"""
     import sys, time
-    from ldt_ros.environment import prepare
+    from ldt_ros.graph.environment import prepare
     prepare()
     import rclpy
     from std_msgs.msg import String

@@ -23,10 +23,10 @@ from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 
-from ldt_ros.interfaces import qos  # noqa: E402
+from ldt_ros.nodes.interfaces import qos  # noqa: E402
 
 SHARED_MEMORY = Path("/dev/shm")
-PROGRAMS = {"ldt_ros.process", "ldt_ros.fork_server"}
+PROGRAMS = {"ldt_ros.graph.process", "ldt_ros.graph.fork_server"}
 PATIENCE = 180  # s; a stalled machine is not what is tested
 
 
@@ -209,7 +209,7 @@ def test_a_fleet_s_process_that_somebody_ends_does_not_end_the_run_well(start, d
     endless = ("--experiments", "100000", "--rate", "200", "--bag", "fleet")
     process = start("--machines", "2", "--processes", "1", *endless)
     wait_for(lambda: recorded(tmp_path / "fleet" / "machine_2") > 1, "experiments")
-    (victim,) = [p for p in graph_processes(domain) if "ldt_ros.process" in p.cmdline()]
+    (victim,) = [p for p in graph_processes(domain) if "ldt_ros.graph.process" in p.cmdline()]
     victim.terminate()
     code, _, errors = finish(process)
     assert code == 1
@@ -278,9 +278,9 @@ def test_the_caller_keeps_its_own_ros_and_its_environment(domain, tmp_path):
 
 def test_the_settings_of_a_run_that_goes_on_are_read_once(tmp_path, monkeypatch, capsys):
     """Of a long recording that takes a while; whoever calls `launch` gets them as well."""
-    from ldt_core import resume
+    from ldt_core.base.errors import LdtError
     from ldt_core.cli import invoke
-    from ldt_core.errors import LdtError
+    from ldt_core.restart import run_key
     from ldt_ros import up
 
     read = []
@@ -292,7 +292,7 @@ def test_the_settings_of_a_run_that_goes_on_are_read_once(tmp_path, monkeypatch,
     def secured(settings, *_):
         raise LdtError(f"seed {settings['seed']}")
 
-    monkeypatch.setattr(resume, "resumed", resumed)
+    monkeypatch.setattr(run_key, "resumed", resumed)
     monkeypatch.setattr(up, "secured", secured)
     monkeypatch.setattr(up, "prepare", lambda folder: {})
     assert invoke(up.command, ["--resume", "run"]) == 1

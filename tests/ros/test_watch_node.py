@@ -13,18 +13,18 @@ from typing import Any
 
 import pytest
 
-from ldt_core.errors import BadInput
-from ldt_core.watch.fleet import Fleet
-from ldt_core.watch.source import graph
+from ldt_core.base.errors import BadInput
+from ldt_core.views.watch.fleet import Fleet
+from ldt_core.views.watch.source import graph
 
 rclpy = pytest.importorskip("rclpy")
 
 from std_msgs.msg import Float64MultiArray, String  # noqa: E402
 from stranger import PATIENCE, answer, experiment, prediction  # noqa: E402
 
-from ldt_ros.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.nodes.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.nodes.watch_node import WatchNode  # noqa: E402
 from ldt_ros.watch import GraphSource  # noqa: E402
-from ldt_ros.watch_node import WatchNode  # noqa: E402
 
 
 @pytest.fixture

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ldt_core.challenge.score.answer import Answer, Further
-from ldt_core.challenge.score.judge import Judged, judge
-from ldt_core.challenge.score.key import Truth
+from ldt_core.lab.challenge.score.answer import Answer, Further
+from ldt_core.lab.challenge.score.judge import Judged, judge
+from ldt_core.lab.challenge.score.key import Truth
 
 NOISE, SAMPLES = 0.1, 1000
 

@@ -7,15 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from ldt_core.challenge.bench import Bench
-from ldt_core.challenge.case import EXPLAINED, make_case, plan_case
-from ldt_core.challenge.excitation import KINDS, draw_excitation
-from ldt_core.challenge.laws import LAWS, OUTSIDE
-from ldt_core.challenge.plant import STATES, ideal
-from ldt_core.challenge.simulation import Drive, simulate
+from ldt_core.base.experiment import rms
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.experiment import rms
-from ldt_core.machine import load_machine, machine_from_dict
+from ldt_core.lab.challenge.case import EXPLAINED, make_case, plan_case
+from ldt_core.lab.challenge.excitation import KINDS, draw_excitation
+from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
+from ldt_core.lab.challenge.plant import STATES, ideal
+from ldt_core.lab.challenge.rig import Bench
+from ldt_core.lab.challenge.simulation import Drive, simulate
+from ldt_core.machine.machine_file import load_machine, machine_from_dict
 
 ROTOR = load_machine("rotor")
 RANDOM = np.random.default_rng(0)

@@ -13,15 +13,15 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.challenge.bench import ALIKE, OTHER, SHOWN, Bench
-from ldt_core.challenge.case import FURTHER, KINDS, MEMBERS, make_case, plan_case
-from ldt_core.challenge.laws import LAWS, OUTSIDE
-from ldt_core.challenge.make import make_challenge
-from ldt_core.challenge.mix import SHARES, orders
+from ldt_core.base.errors import OptionError
+from ldt_core.base.experiment import rms
 from ldt_core.cli.challenge import command
-from ldt_core.errors import OptionError
-from ldt_core.experiment import rms
-from ldt_core.machine import load_machine
+from ldt_core.lab.challenge.case import FURTHER, KINDS, MEMBERS, make_case, plan_case
+from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
+from ldt_core.lab.challenge.make import make_challenge
+from ldt_core.lab.challenge.mix import SHARES, orders
+from ldt_core.lab.challenge.rig import ALIKE, OTHER, SHOWN, Bench
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import experiments, read_bag
 
 CASES, SAMPLES = 6, 200

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ldt_core.challenge.case import make_case
-from ldt_core.challenge.comparators import COMPARATORS, WORDS, compare
-from ldt_core.challenge.comparators.held_out import block_errors, improves
-from ldt_core.challenge.comparators.sparse_regression import TERMS
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.machine import machine_from_dict
+from ldt_core.lab.challenge.case import make_case
+from ldt_core.lab.challenge.comparators import COMPARATORS, WORDS, compare
+from ldt_core.lab.challenge.comparators.held_out import block_errors, improves
+from ldt_core.lab.challenge.comparators.sparse_regression import TERMS
+from ldt_core.machine.machine_file import machine_from_dict
 
 FEW = ("coulomb_friction", "inertia", "sensor_bias", "quadratic_drag")
 

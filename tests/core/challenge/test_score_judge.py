@@ -9,8 +9,8 @@ from fake_answers import NOISE, SAMPLES, answer, further, judged, truth
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.challenge.score.answer import Answer, Further, realised
-from ldt_core.challenge.score.judge import matched, overlap
+from ldt_core.lab.challenge.score.answer import Answer, Further, realised
+from ldt_core.lab.challenge.score.judge import matched, overlap
 
 FAILED = Answer("diagnosis", None, error="ZeroDivisionError: division by zero")
 

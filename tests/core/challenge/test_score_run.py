@@ -6,23 +6,21 @@ import hashlib
 import importlib
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 from fake_answers import answer
 
-from ldt_core.challenge.comparators import COMPARATORS
-from ldt_core.challenge.make import make_challenge
-from ldt_core.challenge.score import procedure, run
-from ldt_core.challenge.score.answer import Answers
-from ldt_core.challenge.score.key import left_out, read_keys
+from ldt_core.base.errors import BadInput
 from ldt_core.cli import main
 from ldt_core.cli.challenge import command
 from ldt_core.effects import get_effect
-from ldt_core.errors import BadInput
+from ldt_core.lab.challenge.comparators import COMPARATORS
+from ldt_core.lab.challenge.make import make_challenge
+from ldt_core.lab.challenge.score import answer_case, score
+from ldt_core.lab.challenge.score.answer import Answers
+from ldt_core.lab.challenge.score.key import left_out, read_keys
 
 
 @pytest.fixture(scope="module")
@@ -39,13 +37,13 @@ def counted(monkeypatch):
 
     def fake(task):
         asked.append((task.name, task.who, task.left_out))
-        seen = run.read_sealed(task.folder).seen()
+        seen = answer_case.read_sealed(task.folder).seen()
         return [
             type(a)(a.who, a.found, seen=seen)
             for a in (answer("none", who=who) for who in task.who)
         ]
 
-    monkeypatch.setattr(procedure, "answer", fake)
+    monkeypatch.setattr(score, "answer", fake)
     return asked
 
 
@@ -62,12 +60,12 @@ def test_what_is_answered_is_not_asked_again_unless_the_case_changes(made, tmp_p
     out, key = made
     cases = shutil.copytree(out, tmp_path / "cases")
     for _ in range(2):
-        procedure.score_challenge(cases, [key], tmp_path / "score", jobs=1)
+        score.score_challenge(cases, [key], tmp_path / "score", jobs=1)
     assert [name for name, _, _ in counted] == ["case_0001", "case_0002"]
     (tmp_path / "score" / "case_0001" / "diagnosis.json").write_text("{}")
     machine = cases / "case_0002" / "machine.yaml"
     machine.write_text(machine.read_text() + "\n")
-    procedure.score_challenge(cases, [key], tmp_path / "score", jobs=1)
+    score.score_challenge(cases, [key], tmp_path / "score", jobs=1)
     assert [name for name, _, _ in counted[2:]] == ["case_0001", "case_0002"]
 
 
@@ -85,8 +83,8 @@ def test_before_the_answers_are_written_the_key_tells_only_what_to_leave_out(
         there.extend((tmp_path / "score").glob("*/diagnosis.json"))
         return read_keys(files)
 
-    monkeypatch.setattr(procedure, "read_keys", spied)
-    procedure.score_challenge(out, [sealed], tmp_path / "score", jobs=1)
+    monkeypatch.setattr(score, "read_keys", spied)
+    score.score_challenge(out, [sealed], tmp_path / "score", jobs=1)
     assert len(there) == 2
     assert [left for _, _, left in counted] == ["inertia", None]
 
@@ -97,10 +95,10 @@ def test_comparators_answer_a_subset_and_are_set_beside_the_diagnosis_on_it(
     """A note says so."""
     out, key = made
     options = {"comparators": True, "subset": 1, "jobs": 1}
-    score = procedure.score_challenge(out, [key], tmp_path / "score", **options)
-    assert len(score.judged["diagnosis"]) == 2
-    assert len(score.judged["greedy"]) == len(score.judged[procedure.SAME_CASES]) == 1
-    assert "first 1 of 2 cases" in score.notes[0]
+    found = score.score_challenge(out, [key], tmp_path / "score", **options)
+    assert len(found.judged["diagnosis"]) == 2
+    assert len(found.judged["greedy"]) == len(found.judged[score.SAME_CASES]) == 1
+    assert "first 1 of 2 cases" in found.notes[0]
     assert counted[2][0] == "case_0001"
     assert set(counted[2][1]) <= set(COMPARATORS)
 
@@ -125,7 +123,7 @@ def test_a_key_that_does_not_match_is_refused(made, tmp_path, counted, changes, 
     """In one sentence."""
     out, key = made
     with pytest.raises(BadInput, match=sentence):
-        procedure.score_challenge(
+        score.score_challenge(
             out, [edited(key, tmp_path / "key", **changes)], tmp_path / "score", jobs=1
         )
 
@@ -136,7 +134,7 @@ def test_a_recording_with_current_is_not_that_of_a_key_without(made, tmp_path, c
     noise = None if json.loads(key.read_text())[0]["current_noise"] else 0.02
     other = edited(key, tmp_path / "key", current_noise=noise)
     with pytest.raises(BadInput, match="current, as the key says"):
-        procedure.score_challenge(out, [other], tmp_path / "score", jobs=1)
+        score.score_challenge(out, [other], tmp_path / "score", jobs=1)
 
 
 @pytest.mark.parametrize("what", ["no folder", "none", "missing case", "half a case", "no key"])
@@ -165,31 +163,19 @@ def test_a_crash_is_an_answer_and_the_others_are_kept(made, tmp_path, monkeypatc
     def crash(*_, **__):
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr(run, "diagnose", crash)
+    monkeypatch.setattr(answer_case, "diagnose", crash)
     out, key = made
-    score = procedure.score_challenge(out, [key], tmp_path / "score", jobs=1)
-    assert [j.outcome for j in score.judged["diagnosis"]] == ["failed"] * 2
-    assert score.judged["diagnosis"][0].answer.error == "ZeroDivisionError: division by zero"
-    assert score.table.get("diagnosis", "failed").value == 1.0
-
-
-def test_every_module_that_a_diagnosis_runs_through_is_in_its_stamp():
-    """An answer by other code is never taken for one of this."""
-    code = "import sys, ldt_core.diagnosis.procedure\nprint(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    modules = [m.split(".")[1:] for m in done.stdout.split() if m.startswith("ldt_core.")]
-    stamped = {part.removesuffix(".py").replace("/__init__", "") for part in run.DECIDING}
-    for module in modules:
-        prefixes = {"/".join(module[:k]) for k in range(1, len(module) + 1)}
-        assert prefixes & stamped, module
-        assert not {f"{p}.py" for p in prefixes} & set(run.SHOWING)
+    found = score.score_challenge(out, [key], tmp_path / "score", jobs=1)
+    assert [j.outcome for j in found.judged["diagnosis"]] == ["failed"] * 2
+    assert found.judged["diagnosis"][0].answer.error == "ZeroDivisionError: division by zero"
+    assert found.table.get("diagnosis", "failed").value == 1.0
 
 
 @pytest.mark.timeout(120)
 def test_the_command_diagnoses_scores_and_prints_the_hash_first(made, tmp_path, monkeypatch):
     """Two cases from end to end; what is kept is what `ldt predict --with` takes."""
     few = [get_effect(name) for name in ("coulomb_friction", "inertia", "sensor_gain")]
-    monkeypatch.setattr(run, "library", lambda machine, without: few)
+    monkeypatch.setattr(answer_case, "library", lambda machine, without: few)
     out, key = made
     options = ["score", out, key, "--out", tmp_path / "score", "--jobs", "1"]
     done = CliRunner().invoke(command, [str(o) for o in options], catch_exceptions=False)
@@ -203,8 +189,8 @@ def test_the_command_diagnoses_scores_and_prints_the_hash_first(made, tmp_path, 
     for case in ("case_0001", "case_0002"):
         found = json.loads((tmp_path / "score" / case / "diagnosis.json").read_text())
         assert {"verdict", "gap", "where", "candidates", "effects"} < set(found)
-        about = {"case": procedure.digest(out / case), "left_out": None}
-        assert kept.read(case, "diagnosis", {**run.stamp(), **about}).seconds > 0
+        about = {"case": score.digest(out / case), "left_out": None}
+        assert kept.read(case, "diagnosis", {**answer_case.stamp(), **about}).seconds > 0
 
 
 def test_a_command_works_after_the_command_run_was_imported(capsys):

@@ -7,11 +7,11 @@ import json
 import pytest
 from fake_answers import answer, further, judged, truth
 
-from ldt_core.challenge.score.estimates import resampled, share
-from ldt_core.challenge.score.files import write_files
-from ldt_core.challenge.score.pictures import confusion
-from ldt_core.challenge.score.procedure import Score
-from ldt_core.challenge.score.table import Table
+from ldt_core.lab.challenge.score.estimates import resampled, share
+from ldt_core.lab.challenge.score.files import write_files
+from ldt_core.lab.challenge.score.pictures import confusion
+from ldt_core.lab.challenge.score.score import Score
+from ldt_core.lab.challenge.score.table import Table
 
 
 def some(who="diagnosis"):

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from recorded_machines import MOTOR, NOISE, PERIOD, ROTOR, candidates, record, uses
 from scipy.stats import chi2
 
-from ldt_core.diagnosis.bench import AT_REST, Bench, channel_noise
 from ldt_core.diagnosis.search import fit
+from ldt_core.diagnosis.trials import AT_REST, Bench, channel_noise
 
 FASTER = (6.0, 16.0)  # V: through the resonance of the foundation
 UNBALANCED = ROTOR.with_parameters(e=0.006)

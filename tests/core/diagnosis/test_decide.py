@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from recorded_machines import MOTOR, NOISE, ROTOR, candidates, record, uses
 
-from ldt_core.diagnosis.bench import Bench
+from ldt_core.base.errors import BadInput, OptionError
 from ldt_core.diagnosis.closing import closed, errors, free_run, noise_there, regimes
 from ldt_core.diagnosis.decide import is_gap
+from ldt_core.diagnosis.diagnose import TOLERANCE, diagnose, library, split
 from ldt_core.diagnosis.explain import Search
-from ldt_core.diagnosis.own import own_effects
-from ldt_core.diagnosis.procedure import TOLERANCE, diagnose, library, split
+from ldt_core.diagnosis.own_effects import own_effects
+from ldt_core.diagnosis.trials import Bench
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.effects.base import Effect
-from ldt_core.errors import BadInput, OptionError
+from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
 
 FEW = (

@@ -6,8 +6,8 @@ import pytest
 from recorded_machines import NOISE, ROTOR, candidates, record
 
 from ldt_core.diagnosis.amounts import amounts
-from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.search import best_alone, fit, simulate_all
+from ldt_core.diagnosis.trials import Bench
 from ldt_core.effects import EFFECTS, get_effect
 
 WIDER = 3.0  # times its interval that a parameter may be off

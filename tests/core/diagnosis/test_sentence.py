@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from ldt_core.diagnosis.result import Errors, Gap, Place
-from ldt_core.diagnosis.words import sentence
+from ldt_core.diagnosis.sentence import sentence
 
 GAP = Gap(0.1, Errors(2.0, 5.0), Errors(2.0, 5.0), None, None, [])
 

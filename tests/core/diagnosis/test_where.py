@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from recorded_machines import NOISE, ROTOR, record, steps
 
-from ldt_core.diagnosis.bench import Bench
+from ldt_core.diagnosis.trials import Bench
 from ldt_core.diagnosis.where import LIFT, MOST, change, places, residual, steady_places
 from ldt_core.effects import get_effect
-from ldt_core.effects.base import Effect
+from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
 
 SIZE = 0.4  # N m, a twelfth of the rotor's stall torque

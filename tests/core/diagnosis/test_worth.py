@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 from recorded_machines import MOTOR, NOISE, ROTOR, candidates, record
 
-from ldt_core.diagnosis.bench import Bench
 from ldt_core.diagnosis.decide import _plainest
+from ldt_core.diagnosis.diagnose import TOLERANCE, diagnose
 from ldt_core.diagnosis.explain import Search
-from ldt_core.diagnosis.procedure import TOLERANCE, diagnose
-from ldt_core.diagnosis.search import Fit, fit
-from ldt_core.diagnosis.shares import shapley
-from ldt_core.diagnosis.worth import (
+from ldt_core.diagnosis.model_selection import (
     HALF,
     KIN,
     LAWS,
@@ -26,6 +23,9 @@ from ldt_core.diagnosis.worth import (
     kin,
     plain_enough,
 )
+from ldt_core.diagnosis.search import Fit, fit
+from ldt_core.diagnosis.shares import shapley
+from ldt_core.diagnosis.trials import Bench
 from ldt_core.effects import EFFECTS, get_effect
 
 GAP = 1000.0

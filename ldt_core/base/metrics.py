@@ -1,0 +1,324 @@
+"""Figures of a run: the paper's MME, what was signalled and done, recall and precision."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ldt_core.base.experiment import (
+    PAUSED,
+    Action,
+    Adaptation,
+    AdviceRecord,
+    DiagnosisRecord,
+    Level,
+    Samples,
+    Signal,
+    Step,
+)
+
+#: "Within the next five experiments after the drift" (paper, section 4). A drift at i means that
+#: experiment i is the first with the new value, so the drift took place before it, and the five are
+#: i, i+1, …, i+4: its own experiment counts.
+DETECTION_WINDOW = 5
+
+
+class Summary:
+    """Figures of a run, fed step by step, or record by record as a recording gives them.
+
+    A quantity of which nothing is known yet is None. The mean over experiments of max_k |y_k - ŷ_k|
+    is the paper's MME.
+    """
+
+    def __init__(self) -> None:
+        self._sums = {"learning": 0.0, "original": 0.0}
+        self._terms: Counter[str] = Counter()
+        self._signals: Counter[Level] = Counter()
+        self._actions: Counter[Action] = Counter()
+        self.model_version = 0
+        self.rejected = 0
+        #: Experiments that came again, and were left out.
+        self.repeated = 0
+        #: Verdicts of the diagnoses that were made, in their order.
+        self.diagnoses: list[DiagnosisRecord] = []
+        #: What people were advised last.
+        self.advice: AdviceRecord | None = None
+        #: What a person should know beside the figures, a sentence each.
+        self.notes: list[str] = []
+
+    def note(self, *sentences: str) -> None:
+        """Add what a person should know."""
+        self.notes += [s for s in sentences if s not in self.notes]
+
+    def reject(self, sentence: str) -> None:
+        """Count an experiment that could not be used; the first says why."""
+        if not self.rejected:
+            self.note(f"rejected {sentence}")
+        self.rejected += 1
+
+    def add(self, step: Step) -> None:
+        """Take in one turn of the loop."""
+        self.add_signal(step.signal)
+        self.add_original(step.original.max_error(step.experiment))
+        self.add_adaptation(step.adaptation)
+        if step.diagnosis is not None:
+            self.add_diagnosis(step.diagnosis)
+        if step.advice is not None:
+            self.add_advice(step.advice)
+
+    def add_signal(self, signal: Signal) -> None:
+        """Take in the signal, and with it the learning twin's error, of one experiment."""
+        self._signals[Level(signal.level)] += 1
+        self._add("learning", signal.max_error)
+
+    def add_original(self, max_error: float) -> None:
+        """Take in the maximum error of the original model in one experiment [rad/s]."""
+        self._add("original", max_error)
+
+    def add_adaptation(self, adaptation: Adaptation) -> None:
+        """Take in what the adaptor did with one experiment."""
+        self._actions[Action(adaptation.action)] += 1
+        if adaptation.details.get(PAUSED):
+            self.note("learning was switched off for a while")
+        self.model_version = adaptation.model_version
+
+    def add_diagnosis(self, diagnosis: DiagnosisRecord) -> None:
+        """Take in a verdict."""
+        self.diagnoses.append(diagnosis)
+
+    def add_advice(self, advice: AdviceRecord) -> None:
+        """Take in an advice, which takes the place of the one before."""
+        self.advice = advice
+
+    def _add(self, whose: str, error: float) -> None:
+        self._sums[whose] += error
+        self._terms[whose] += 1
+
+    def _mean(self, whose: str) -> float | None:
+        return self._sums[whose] / self._terms[whose] if self._terms[whose] else None
+
+    @property
+    def experiments(self) -> int:
+        """Experiments that were judged."""
+        return self._signals.total()
+
+    @property
+    def mme(self) -> float | None:
+        """MME of the learning twin [rad/s]."""
+        return self._mean("learning")
+
+    @property
+    def mme_original(self) -> float | None:
+        """MME of the model that never learns [rad/s]."""
+        return self._mean("original")
+
+    @property
+    def positives(self) -> int:
+        """Positive signals."""
+        return self._signals[Level.POSITIVE]
+
+    @property
+    def warnings(self) -> int:
+        """Warnings."""
+        return self._signals[Level.WARNING]
+
+    @property
+    def negatives(self) -> int:
+        """Negative signals."""
+        return self._signals[Level.NEGATIVE]
+
+    @property
+    def adaptations(self) -> int:
+        """New models that the twin went on with."""
+        return self._actions[Action.ADAPTED]
+
+    @property
+    def refusals(self) -> int:
+        """Positives without a new model."""
+        return self._actions[Action.REFUSED]
+
+    def as_dict(self) -> dict[str, Any]:
+        """All figures and notes by name."""
+        return {
+            "experiments": self.experiments,
+            "mme": self.mme,
+            "mme_original": self.mme_original,
+            "positives": self.positives,
+            "warnings": self.warnings,
+            "negatives": self.negatives,
+            "adaptations": self.adaptations,
+            "refusals": self.refusals,
+            "model_version": self.model_version,
+            "rejected": self.rejected,
+            "repeated": self.repeated,
+            "diagnoses": [
+                {
+                    "experiment": d.experiment,
+                    "kind": d.kind,
+                    "effects": list(d.effects),
+                    "sentence": d.sentence,
+                }
+                for d in self.diagnoses
+            ],
+            "advice": self.advice
+            and {"experiment": self.advice.experiment, "sentence": self.advice.sentence},
+            "notes": list(self.notes),
+        }
+
+    def rows(self) -> list[tuple[str, str]]:
+        """(label, figure) for a table, in the order in which to show them."""
+        return [
+            ("experiments", str(self.experiments)),
+            ("MME of the learning twin [rad/s]", _figure(self.mme)),
+            ("MME of the original model [rad/s]", _figure(self.mme_original)),
+            ("signals: negative", str(self.negatives)),
+            ("signals: warning", str(self.warnings)),
+            ("signals: positive", str(self.positives)),
+            ("adaptations", str(self.adaptations)),
+            ("re-trained models refused", str(self.refusals)),
+            ("experiments rejected", str(self.rejected)),
+            *([("experiments repeated", str(self.repeated))] if self.repeated else []),
+        ]
+
+    def cells(self) -> dict[str, str]:
+        """Short label → figure, for a table of many machines, one a row."""
+        return {
+            "exp.": str(self.experiments),
+            "MME twin": _figure(self.mme),
+            "original": _figure(self.mme_original),
+            "neg/warn/pos": f"{self.negatives}/{self.warnings}/{self.positives}",
+            "adapted": str(self.adaptations),
+            "refused": str(self.refusals),
+            "rejected": str(self.rejected),
+        }
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+class FreeRunError:
+    """Errors of free runs over several experiments.
+
+    Attributes:
+        experiments: how many.
+    """
+
+    def __init__(self) -> None:
+        self.experiments = 0
+        self._squares = 0.0
+        self._samples = 0
+        self._maxima = 0.0
+
+    def add(self, residual: Samples) -> None:
+        """Take in the residual of one experiment, (L,) [rad/s]."""
+        self.experiments += 1
+        self._squares += float(np.sum(residual**2))
+        self._samples += residual.size
+        self._maxima += float(np.abs(residual).max())
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square over all samples [rad/s]."""
+        return math.sqrt(self._squares / self._samples)
+
+    @property
+    def mean_max_error(self) -> float:
+        """Mean over experiments of the maximum error [rad/s]."""
+        return self._maxima / self.experiments
+
+    def as_dict(self) -> dict[str, float]:
+        """All figures by name."""
+        return {
+            "experiments": self.experiments,
+            "rmse": self.rmse,
+            "mean_max_error": self.mean_max_error,
+        }
+
+
+def summarise(steps: Iterable[Step]) -> Summary:
+    """The summary of a run."""
+    summary = Summary()
+    for step in steps:
+        summary.add(step)
+    return summary
+
+
+@dataclass(frozen=True)
+class Detection:
+    """How the positives of a run meet the true drifts, by the paper's rule.
+
+    Attributes:
+        drifts: number of drifts.
+        detected: drifts with a positive within the window.
+        positives: number of positives.
+        revealing: positives that were the first within the window of a drift.
+    """
+
+    drifts: int
+    detected: int
+    positives: int
+    revealing: int
+
+    @property
+    def recall(self) -> float | None:
+        """Share of drifts detected; None without drifts."""
+        return self.detected / self.drifts if self.drifts else None
+
+    @property
+    def precision(self) -> float | None:
+        """Share of positives that reveal a drift; None without positives."""
+        return self.revealing / self.positives if self.positives else None
+
+
+def detection(
+    drifts: Iterable[int], positives: Iterable[int], window: int = DETECTION_WINDOW
+) -> Detection:
+    """Match positives with drifts.
+
+    A drift at i is detected by a positive in i, …, i + window - 1. The first of these reveals it;
+    a later one tells nothing new and counts as an alarm like any other, so that a detector cannot
+    buy precision by repeating itself. Windows that overlap may share a positive.
+
+    Args:
+        drifts: numbers of the experiments that are the first with a new value (`drifts_of`).
+        positives: numbers of the experiments whose signal was positive.
+        window: experiments, the drift's own included.
+
+    >>> detection(drifts=[10, 50], positives=[14, 30, 55])
+    Detection(drifts=2, detected=1, positives=3, revealing=1)
+    """
+    true, alarms = sorted(set(drifts)), sorted(set(positives))
+    first = [next((a for a in alarms if i <= a < i + window), None) for i in true]
+    found = [a for a in first if a is not None]
+    return Detection(len(true), len(found), len(alarms), len(set(found)))
+
+
+def recall(drifts: Iterable[int], positives: Iterable[int]) -> float | None:
+    """Share of drifts detected (see `detection`); None without drifts."""
+    return detection(drifts, positives).recall
+
+
+def precision(drifts: Iterable[int], positives: Iterable[int]) -> float | None:
+    """Share of positives that reveal a drift (see `detection`); None without positives."""
+    return detection(drifts, positives).precision
+
+
+def drifts_of(values: Sequence[float], first: int = 1) -> list[int]:
+    """Numbers of the experiments whose value differs from that of the one before.
+
+    Args:
+        values: the wearing parameter in each experiment.
+        first: number of the first experiment.
+
+    >>> drifts_of([0.0, 0.0, 0.1, 0.1, 0.3])
+    [3, 5]
+    """
+    pairs = enumerate(itertools.pairwise(values), start=first + 1)
+    return [number for number, (old, new) in pairs if new != old]

@@ -1,0 +1,76 @@
+"""Names that users choose from: models, detectors, effects, physics.
+
+Ours are listed in a table, resolved only when they are asked for (an import of scikit-learn takes a
+second). A user's own come by entry point, group `ldt.model`, `ldt.detector` or `ldt.effect`, or as
+`path/to/file.py:Name`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ldt_core.base.entry_points import entry_points
+from ldt_core.base.errors import OptionError, did_you_mean
+
+
+class Registry:
+    """Name → object, lazily.
+
+    Args:
+        what: what a member is called in messages ("model").
+        builtin: name → "module:attribute".
+        group: entry-point group for members from other packages.
+    """
+
+    def __init__(self, what: str, builtin: Mapping[str, str], group: str) -> None:
+        self.what, self.builtin, self.group = what, dict(builtin), group
+
+    def names(self) -> list[str]:
+        """All known names, sorted."""
+        return sorted(set(self.builtin) | {e.name for e in entry_points(self.group)})
+
+    def require(self, name: str) -> None:
+        """Check that there is a member of that name, without importing it.
+
+        Raises:
+            OptionError: nothing of that name.
+        """
+        if name not in self.names() and ".py:" not in name:
+            raise OptionError(self.what, did_you_mean(name, self.names()), repr(name))
+
+    def get(self, name: str) -> Any:
+        """The member of that name, or the attribute of a file for `path/to/file.py:Name`.
+
+        Raises:
+            OptionError: nothing of that name.
+        """
+        if name in self.builtin:
+            module, _, attribute = self.builtin[name].partition(":")
+            return getattr(importlib.import_module(module), attribute)
+        for entry in entry_points(self.group):
+            if entry.name == name:
+                return entry.load()
+        self.require(name)
+        return self._from_file(name)
+
+    def _from_file(self, name: str) -> Any:
+        path, _, attribute = name.rpartition(":")
+        if not Path(path).is_file():
+            raise OptionError(self.what, f"a Python file at {path}", "no such file")
+        spec = importlib.util.spec_from_file_location(Path(path).stem, path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        try:
+            spec.loader.exec_module(module)
+        except Exception as error:  # whatever the user's file does
+            got = f"{type(error).__name__}: {error}"
+            raise OptionError(path, "a Python file that can be imported", got) from error
+        if not hasattr(module, attribute):
+            public = [n for n in vars(module) if not n.startswith("_")]
+            raise OptionError(name, did_you_mean(attribute, public), repr(attribute))
+        return getattr(module, attribute)

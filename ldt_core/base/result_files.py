@@ -1,0 +1,136 @@
+"""Results kept in files: whole or not at all, and used again only where the same would come out.
+
+Beside a result lies a record in JSON that says of what format and origin the result is, and by its
+SHA-256 that it is this one. Nothing is unpickled.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ldt_core.base.errors import OptionError
+from ldt_core.base.sentences import listed
+
+OWN = ("format", "origin", "found")  # keys of a record that are ours; the rest is its writer's
+
+
+class Kept(NamedTuple):
+    """A result, and what its writer noted beside it."""
+
+    text: str
+    about: dict[str, Any]
+
+
+def check_target(file: str | Path, option: str = "--out", endings: Sequence[str] = ()) -> None:
+    """Refuse a file that cannot be made, before any work is done.
+
+    Args:
+        file: to be written.
+        option: by which the user named it.
+        endings: of which it must have one.
+
+    Raises:
+        OptionError: it is a folder, in none, or has another ending.
+    """
+    path = Path(file)
+    if path.is_dir():
+        raise OptionError(option, "a file", f"the folder {path}")
+    if endings and path.suffix.lower() not in endings:
+        raise OptionError(option, f"a file ending in {listed(endings, 'or')}", str(path))
+    if not path.parent.is_dir():
+        raise OptionError(option, "a file in a folder that exists", str(path))
+
+
+def write(path: Path, text: str, sync: bool = False) -> None:
+    """Write a file as a whole: a reader, or an interruption, never meets half of it.
+
+    Args:
+        path: of the file, in a folder that exists.
+        text: of it.
+        sync: have it on the medium first, so that a power cut does not leave an empty file either.
+
+    Raises:
+        OSError: it cannot be written; what was there before is there still.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with part.open("w", encoding="utf-8") as stream:
+            stream.write(text)
+            if sync:
+                stream.flush()
+                os.fsync(stream.fileno())
+        part.replace(path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise
+
+
+def digest(place: Path) -> str:
+    """SHA-256 of all bytes of a file, or of the files in a folder and of their names.
+
+    Where there is nothing, it is that of nothing.
+    """
+    total = hashlib.sha256()
+    files = {place.name: place} if place.is_file() else _files(place)
+    for name, file in files.items():
+        total.update(f"{name}\n".encode())
+        with file.open("rb") as stream:
+            total.update(hashlib.file_digest(stream, "sha256").digest())
+    return total.hexdigest()
+
+
+def keep(
+    record: Path,
+    found: Path,
+    text: str,
+    format: str,
+    origin: Mapping[str, Any],
+    about: Mapping[str, Any] | None = None,
+    beside: Mapping[Path, str] | None = None,
+) -> None:
+    """Write a result and its record; their folder is made if need be.
+
+    Args:
+        record: file of the record.
+        found: file of the result.
+        text: the result.
+        format: of the record.
+        origin: all that decides the result, in JSON types.
+        about: what else to note.
+        beside: further files of the result, and their texts.
+    """
+    known = {"format": format, "origin": dict(origin), "found": _sha256(text.encode())}
+    # Last what makes a result of the others: after an interruption there is none.
+    files = {found: text, **(beside or {})}
+    files[record] = json.dumps({**known, **(about or {})}, allow_nan=False, indent=1) + "\n"
+    for file, content in files.items():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write(file, content)
+
+
+def recall(record: Path, found: Path, format: str, origin: Mapping[str, Any]) -> Kept | None:
+    """A result of this format and origin; None if there is none that can be used."""
+    try:
+        about = json.loads(record.read_text(encoding="utf-8"))
+        data = found.read_bytes()
+        if [about.pop(key) for key in OWN] != [format, dict(origin), _sha256(data)]:
+            return None
+        return Kept(data.decode(), about)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def _files(folder: Path) -> dict[str, Path]:
+    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    return {file.relative_to(folder).as_posix(): file for file in files}
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,92 @@
+"""Parameters as declared in `msgs_config/parameters.yaml`, checked once for nodes and commands."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Mapping
+from typing import Any
+
+import msgs_config
+from ldt_core.base.errors import OptionError, did_you_mean
+
+FROM_FILE = -1.0  # of a numerical option: take the machine file's value
+#: Defaults that mean "take it from elsewhere", not worth showing.
+UNSET: tuple[Any, ...] = ("", FROM_FILE, [])
+
+
+def resolve(given: Mapping[str, Any], *groups: str) -> dict[str, Any]:
+    """All parameters of the groups: those given, checked, and the declared defaults.
+
+    Args:
+        given: parameter → value.
+        groups: groups of `parameters.yaml`; none means all.
+
+    Raises:
+        OptionError: an unknown name, a wrong type, or a value outside its range or choices.
+    """
+    declared = msgs_config.parameters(*groups)
+    for name in given:
+        if name not in declared:
+            raise OptionError("parameter", did_you_mean(name, declared), repr(name))
+    return {n: check(n, given[n], d) if n in given else d["default"] for n, d in declared.items()}
+
+
+def check(name: str, value: Any, declaration: Mapping[str, Any]) -> Any:
+    """The value in its declared type.
+
+    Raises:
+        OptionError: a wrong type, or a value outside its range or choices.
+    """
+    kind = declaration["type"]
+    if kind == "string_array":
+        if isinstance(value, str) or not all(isinstance(v, str) for v in value):
+            raise OptionError(name, "a list of words", repr(value))
+        value = list(value)
+    elif kind == "string":
+        if not isinstance(value, str):
+            raise OptionError(name, "a word", repr(value))
+    elif kind == "bool":
+        if not isinstance(value, bool):
+            raise OptionError(name, "true or false", repr(value))
+    else:
+        value = _number(name, value, kind)
+        low, high = declaration.get("range", (-math.inf, math.inf))
+        if not low <= value <= high:
+            unit = declaration.get("unit", "")
+            raise OptionError(name, f"{low:g} to {high:g} {unit}".rstrip(), value)
+    choices = declaration.get("choices")
+    for word in value if isinstance(value, list) else [value]:
+        if choices and word not in choices:
+            raise OptionError(name, did_you_mean(str(word), filter(None, choices)), repr(word))
+    return value
+
+
+def as_options(settings: Mapping[str, Any]) -> str:
+    """Options of the command line that give these parameters; those at their defaults left out.
+
+    >>> as_options({"model": "hybrid", "seed": 3, "offset": False, "effect": ["unbalance:e=0.005"]})
+    '--seed 3 --no-offset --effect unbalance:e=0.005'
+    """
+    declared = msgs_config.parameters()
+    words: list[str] = []
+    for name, value in settings.items():
+        if name in declared and value == declared[name]["default"]:
+            continue
+        flag = name.replace("_", "-")
+        if isinstance(value, bool):
+            words.append(f"--{flag}" if value else f"--no-{flag}")
+            continue
+        for one in value if isinstance(value, list) else [value]:
+            words += [f"--{flag}", shlex.quote(str(one))]
+    return " ".join(words)
+
+
+def _number(name: str, value: Any, kind: str) -> int | float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise OptionError(name, "a finite number", repr(value))
+    if kind == "double":
+        return float(value)
+    if not float(value).is_integer():
+        raise OptionError(name, "a whole number", repr(value))
+    return int(value)

@@ -1,0 +1,307 @@
+"""`calibrate`: which parameters to fit, the fit, and what may be said of the result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ldt_core.base.errors import ExperimentError, LdtError, OptionError, did_you_mean
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.metrics import FreeRunError
+from ldt_core.calibration import notes
+from ldt_core.calibration.calibration import Calibration, Estimate, free_run_error, rounded
+from ldt_core.calibration.coordinates import Array, Coordinates
+from ldt_core.calibration.fit import Fit, coordinate, fit, starts
+from ldt_core.calibration.free_runs import FreeRuns
+from ldt_core.calibration.identifiability import WELL, Identifiability, examine
+from ldt_core.calibration.intervals import Uncertainty, uncertainty
+from ldt_core.machine.machine_file import Machine
+
+HOLDOUT = 0.25  # of the experiments
+LEAST_TO_HOLD_OUT = 4  # experiments; fewer are all needed for the fit
+SHORTEST = 10  # samples of an experiment: fewer do not even show its start state
+PASSES = 6  # fits with another set of free parameters, should one not hold at its own solution
+WORSE = 1.001  # times the error before: a fit that ends above it has failed
+SAME = 0.99  # times the error before: above it the file's values were as good
+
+
+def calibrate(
+    machine: Machine,
+    experiments: Sequence[Experiment],
+    *,
+    free: Sequence[str] = (),
+    fixed: Sequence[str] = (),
+    holdout: float | None = None,
+    tick: Callable[[str], None] = lambda doing: None,
+) -> Calibration:
+    """Fit a machine's parameters to experiments, in free run.
+
+    The largest set that the experiments determine is fitted, the rest stays at the machine file's
+    values. Of parameters named in `free`, those whose values hang on others' have no interval;
+    without names, intervals hold for the values of what was kept.
+
+    Args:
+        machine: nominal values, bounds from its physics.
+        experiments: measured; each a free run of its own.
+        free: names to fit.
+        fixed: names that stay; not together with `free`.
+        holdout: share of the experiments to judge by, None for a quarter when there are at least 4.
+        tick: called often with what is being done, for a progress display.
+
+    Raises:
+        OptionError: an unknown name, both lists, or nothing left to fit.
+        ExperimentError: an experiment outside the machine's limits or too short.
+        LdtError: the experiments determine nothing, or the fit failed.
+    """
+    check_names(machine, free, fixed)
+    for e in experiments:
+        machine.check(e)
+        if len(e) < SHORTEST:
+            raise ExperimentError(f"experiment {e.number}", f"{SHORTEST} samples or more", len(e))
+    kept, held_out = split(experiments, holdout)
+    with threadpool_limits(1):  # sums in one order: the same numbers on every run
+        return _Work(machine, kept, list(free), list(fixed), tick).result(held_out)
+
+
+def split(
+    experiments: Sequence[Experiment], holdout: float | None
+) -> tuple[list[Experiment], list[Experiment]]:
+    """Experiments to fit, and those held out: every so many-th, so that both cover all."""
+    count = len(experiments)
+    if not count:
+        raise OptionError("calibration", "one experiment or more", "none")
+    if holdout is None:
+        holdout = HOLDOUT if count >= LEAST_TO_HOLD_OUT else 0.0
+    if not 0 <= holdout < 1:
+        raise OptionError("--holdout", "a share from 0 to below 1", f"{holdout:g}")
+    number = math.ceil(holdout * count)
+    if number >= count:
+        raise OptionError("--holdout", f"a share that leaves one of {count} to fit", f"{holdout:g}")
+    chosen = {int((i + 0.5) * count / number) for i in range(number)}
+    return (
+        [e for i, e in enumerate(experiments) if i not in chosen],
+        [e for i, e in enumerate(experiments) if i in chosen],
+    )
+
+
+def check_names(machine: Machine, free: Sequence[str], fixed: Sequence[str]) -> None:
+    """Refuse names that the machine does not have, and both lists at once.
+
+    Raises:
+        OptionError: as said.
+    """
+    if free and fixed:
+        raise OptionError("--free", "either the free parameters or the fixed ones", "both")
+    known = [p.name for p in machine.model.parameters]
+    for option, names in (("--free", free), ("--fixed", fixed)):
+        for name in names:
+            if name not in known:
+                raise OptionError(option, did_you_mean(name, known), repr(name))
+    if set(known) <= set(fixed):
+        raise OptionError("--fixed", "a list that leaves a parameter free", "all of them")
+
+
+@dataclass
+class _State:
+    """One fit and what was found at it."""
+
+    whole: Coordinates
+    coordinates: Coordinates
+    runs: FreeRuns
+    fit: Fit
+    seen: Identifiability
+    uncertainty: Uncertainty
+
+    @property
+    def values(self) -> dict[str, float]:
+        return self.coordinates.values(self.fit.z)
+
+
+class _Work:
+    """The steps of one calibration."""
+
+    def __init__(
+        self,
+        machine: Machine,
+        experiments: list[Experiment],
+        free: list[str],
+        fixed: list[str],
+        tick: Callable[[str], None],
+    ) -> None:
+        self.machine, self.physics, self.experiments = machine, machine.model, experiments
+        self.named = free
+        self.values: Mapping[str, float] = machine.parameters
+        self.reasons: dict[str, str] = {}
+        for p in self.physics.parameters:
+            if free and p.name not in free:
+                self.reasons[p.name] = notes.NOT_NAMED
+            elif p.name in fixed:
+                self.reasons[p.name] = notes.AS_ASKED
+            elif not free and (p.default is not None or self.values[p.name] == 0):
+                self.reasons[p.name] = notes.OPTIONAL
+        self._doing = "looking at what the recording determines"
+        self._tick = tick
+
+    def tick(self) -> None:
+        self._tick(self._doing)
+
+    def result(self, held_out: list[Experiment]) -> Calibration:
+        state = self._fitted()
+        estimates, machine = self._estimates(state)
+        if not state.seen.determined:
+            nominal = free_run_error(self.machine, self.experiments)
+            if free_run_error(machine, self.experiments).rmse < SAME * nominal.rmse:
+                raise LdtError(notes.nothing_determined(self.experiments))
+            estimates = [replace(e, value=e.nominal) for e in estimates]
+            machine = self.machine
+        fixed = dict(self.reasons)
+        for name in state.seen.names:
+            if name not in state.coordinates.names and not self.named:
+                fixed[name] = notes.SILENT if name in state.seen.silent else notes.GROUPED
+        order = [p.name for p in self.physics.parameters if p.name in fixed]
+        errors: dict[str, tuple[FreeRunError, FreeRunError]] = {}
+        numbers: dict[str, list[int]] = {}
+        for part, experiments in (("fit", self.experiments), ("held_out", held_out)):
+            if experiments:
+                before = free_run_error(self.machine, experiments)
+                errors[part] = (before, free_run_error(machine, experiments))
+                numbers[part] = [e.number for e in experiments]
+        before, after = errors["fit"]
+        if after.rmse > WORSE * before.rmse and not self._start_explains(state):
+            raise LdtError(
+                f"calibration failed: the free-run error did not go down ({before.rmse:.4g} rad/s "
+                f"before, {after.rmse:.4g} rad/s after); {notes.SUGGEST_FREE}"
+            )
+        vague = [[n] for n, reason in self.reasons.items() if reason == notes.VAGUE]
+        noise = {"speed": state.runs.noise[0]}
+        if state.runs.has_current:
+            noise["current"] = state.runs.noise[1]
+        calibration = Calibration(
+            nominal=self.machine,
+            machine=machine,
+            estimates=tuple(estimates),
+            fixed={n: fixed[n] for n in order},
+            undetermined=state.seen.clusters + vague,
+            noise=noise,
+            intervals=state.uncertainty.method,
+            errors=errors,
+            experiments=numbers,
+            notes=(),
+        )
+        told = notes.notes(calibration, state.seen, state.runs.white, SAME)
+        told += notes.bounds(state.coordinates, state.fit.z)
+        told += notes.excitation(self.experiments)
+        if not state.fit.converged:
+            told.append(notes.NOT_CONVERGED)
+        return replace(calibration, notes=tuple(told)).with_recordings(())
+
+    def _start_explains(self, state: _State) -> bool:
+        """Whether the fit went down and only the noise of the first samples says otherwise."""
+        nominal = FreeRuns(self.physics, self.machine.parameters, self.experiments)
+        nominal.noise = list(state.runs.noise)
+        nominal.settle(self.machine.parameters)
+        before = np.concatenate(nominal.residuals(self.machine.parameters))
+        after = np.concatenate(state.runs.residuals(state.values))
+        return float(after @ after) <= float(before @ before)
+
+    def _fitted(self) -> _State:
+        """Fit, and again with other parameters free until the set holds at its own solution."""
+        prefer: tuple[str, ...] = ()
+        values: Mapping[str, float] = self.values
+        for last in (False,) * (PASSES - 1) + (True,):
+            state = self._fit_once(values, prefer)
+            if not state.seen.determined:
+                return state
+            if set(state.seen.determined) != set(state.coordinates.names) and not last:
+                prefer, values = state.seen.determined, {**self.values, **_only(state)}
+                continue
+            errors = state.uncertainty.errors / state.coordinates.sizes(state.fit.z)
+            worst = int(np.argmax(errors))
+            if self.named or errors[worst] <= WELL or last:
+                return state
+            self.reasons[state.coordinates.names[worst]] = notes.VAGUE
+            prefer, values = (), self.values
+        raise AssertionError  # the last pass returns
+
+    def _fit_once(self, values: Mapping[str, float], prefer: tuple[str, ...]) -> _State:
+        self._doing = "looking at what the recording determines"
+        parameters = [p for p in self.physics.parameters if p.name not in self.reasons]
+        if not parameters:
+            raise LdtError(notes.nothing_determined(self.experiments))
+        whole = Coordinates(
+            [coordinate(self.physics, self.values, p, self.experiments) for p in parameters],
+            self.values,
+        )
+        if values is self.values:
+            runs = FreeRuns(self.physics, self.values, self.experiments, self.tick)
+            candidates = starts(self.physics, whole, runs)
+        else:
+            candidates = [whole.at(values)]
+        at = whole.values(whole.inside(candidates[0]))
+        runs = FreeRuns(self.physics, at, self.experiments, self.tick)
+        runs.settle(at, estimate=False)
+        seen, _ = self._examine(runs, whole, candidates[0], prefer)
+        if not seen.determined:
+            raise LdtError(notes.nothing_determined(self.experiments))
+        inner = Coordinates([c for c in whole.free if c.name in seen.determined], self.values)
+        picked = [whole.names.index(n) for n in inner.names]
+        best: tuple[Fit, FreeRuns] | None = None
+        for number, start in enumerate(candidates, start=1):
+            self._doing = "fitting " + ", ".join(inner.names)
+            if len(candidates) > 1:
+                self._doing += f" (start {number} of {len(candidates)})"
+            fresh = FreeRuns(self.physics, at, self.experiments, self.tick)
+            done = fit(fresh, inner, start[picked])
+            if best is None or math.prod(fresh.noise) < math.prod(best[1].noise):
+                best = done, fresh
+        assert best is not None
+        done, runs = best
+        self._doing = "estimating the intervals"
+        solution = whole.at(inner.values(done.z))
+        seen, sensitivities = self._examine(runs, whole, solution, tuple(inner.names))
+        bound = {c.name for c in inner.on_bound(done.z)}
+        seen = seen.with_settled(bound)
+        free = [j for j, name in zip(picked, inner.names, strict=True) if name not in bound]
+        spread = uncertainty(
+            [s[:, free] for s in sensitivities],
+            runs.residuals(inner.values(done.z)),
+            [len(e) for e in self.experiments],
+            runs.unknowns,
+        ).among([name not in bound for name in inner.names])
+        return _State(whole, inner, runs, done, seen, spread)
+
+    def _examine(
+        self, runs: FreeRuns, whole: Coordinates, z: Array, prefer: tuple[str, ...]
+    ) -> tuple[Identifiability, list[Array]]:
+        sensitivities = runs.sensitivities(whole, whole.inside(z))
+        exact = self.physics.is_linear(whole.values(z))
+        rows = np.vstack(sensitivities) * whole.sizes(z)
+        return examine(whole.names, rows, exact, prefer), sensitivities
+
+    def _estimates(self, state: _State) -> tuple[list[Estimate], Machine]:
+        estimates = []
+        found = dict(zip(state.coordinates.names, state.fit.z, strict=True))
+        half = dict(zip(state.coordinates.names, state.uncertainty.half_widths, strict=True))
+        unsure = state.seen.unsure if self.named else set()
+        unsure |= {c.name for c in state.coordinates.on_bound(state.fit.z)}
+        for c in state.whole.free:
+            if c.name not in found:
+                if self.named:
+                    estimates.append(Estimate(c.name, c.parameter.unit, c.nominal, c.nominal, None))
+                continue
+            z, width, (low, high) = float(found[c.name]), float(half[c.name]), c.bounds
+            interval = None
+            if c.name not in unsure and width < high - low:
+                ends = max(z - width, low), min(z + width, high)
+                interval = (rounded(c.value(ends[0])), rounded(c.value(ends[1])))
+            value = rounded(c.value(z))
+            estimates.append(Estimate(c.name, c.parameter.unit, c.nominal, value, interval))
+        return estimates, self.machine.with_parameters(**{e.name: e.value for e in estimates})
+
+
+def _only(state: _State) -> dict[str, float]:
+    return {n: state.values[n] for n in state.coordinates.names}

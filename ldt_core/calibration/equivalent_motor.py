@@ -1,0 +1,287 @@
+"""`identify`: a machine file for a machine of which no physics is known.
+
+Voltage in and speed out of a DC motor with a rigid load have three numbers: steady gain G, and two
+time constants tau_m and tau_e of
+
+    tau_m tau_e speed'' + tau_m speed' + speed = G voltage
+
+Any motor with the same three behaves the same, whatever its resistance. The EQUIVALENT motor is the
+one with R = 1 Ohm and b = 0:
+
+    K_t = 1 / G,    J = tau_m K_t^2 / R,    L = R tau_e
+
+Its torques and currents are equivalents too: ratios of them mean something, single values do not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ldt_core.base.errors import LdtError, OptionError
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.metrics import FreeRunError
+from ldt_core.base.threads import one_thread
+from ldt_core.calibration.calibrate import split
+from ldt_core.calibration.calibration import free_run_error, rounded
+from ldt_core.calibration.second_order import MotorForm, fit_form
+from ldt_core.estimation.linear import Identified, identify
+from ldt_core.machine.machine_file import Machine
+
+PHYSICS = "dc_motor"
+RESISTANCE, FRICTION = 1.0, 0.0  # Ohm, N m s: by convention, since speed and voltage say nothing
+WIDENED = 0.2  # of the recorded range of voltage, beyond either end: a limit must not be too tight
+# Times the longest experiment: of a slower motion it shows the beginning only, which any gain fits.
+SLOWEST = 3.0
+# A motor is refused where it explains less than this of the speed [%], and leaves more than WORSE
+# times what the best linear model of any order leaves.
+LEAST_FIT, WORSE = 90.0, 2.0
+LACKING = 1.2  # times what the best linear model leaves: worth a note
+
+
+@dataclass(frozen=True)
+class Equivalent:
+    """The equivalent motor and how far it explains the recording.
+
+    Attributes:
+        machine: with the equivalent parameters; its `calibration` is `as_dict()`.
+        form: gain, time constants and offset.
+        linear: the linear model of free form that the recording shows.
+        errors: "fit" and, when experiments were held out, "held_out" → free runs of the machine
+            from the first measured sample, as `ldt predict` makes them [rad/s].
+        linear_errors: the same for the linear model of free form, offset included.
+        experiments: numbers of the experiments by the same keys.
+        notes: sentences for a person.
+        recordings: the files.
+    """
+
+    machine: Machine
+    form: MotorForm
+    linear: Identified
+    errors: dict[str, FreeRunError]
+    linear_errors: dict[str, FreeRunError]
+    experiments: dict[str, list[int]]
+    notes: tuple[str, ...]
+    recordings: tuple[str, ...] = ()
+
+    def with_recordings(self, recordings: Sequence[str]) -> Equivalent:
+        """The same, with the names of the files it was made from."""
+        named = replace(self, recordings=tuple(recordings))
+        return replace(named, machine=replace(self.machine, calibration=named.as_dict()))
+
+    def as_dict(self) -> dict[str, Any]:
+        """The machine file's key `calibration`, in JSON types."""
+        form = self.form
+        record: dict[str, Any] = {
+            "recordings": list(self.recordings),
+            "equivalent": True,
+            "gain": rounded(form.gain),
+            "time_constants": [rounded(t) for t in form.time_constants],
+            "oscillates": form.oscillates,
+            "offset": rounded(form.offset),
+            "noise": {"speed": rounded(form.noise_std)},
+            "fit_percent": rounded(form.fit_percent),
+            "linear_order": self.linear.order,
+            "linear_poles": [[rounded(p.real), rounded(p.imag)] for p in self.linear.poles],
+            "experiments": self.experiments["fit"],
+            "rmse": rounded(self.errors["fit"].rmse),
+            "linear_rmse": rounded(self.linear_errors["fit"].rmse),
+        }
+        if "held_out" in self.errors:
+            record["held_out"] = {
+                "experiments": self.experiments["held_out"],
+                "rmse": rounded(self.errors["held_out"].rmse),
+                "mean_max_error": rounded(self.errors["held_out"].mean_max_error),
+                "linear_rmse": rounded(self.linear_errors["held_out"].rmse),
+            }
+        record["notes"] = list(self.notes)
+        return record
+
+
+def identify_machine(
+    experiments: Sequence[Experiment],
+    name: str,
+    *,
+    order: int = 0,
+    offset: bool = True,
+    limits: tuple[float, float] | None = None,
+    holdout: float | None = None,
+    tick: Callable[[str], None] = lambda doing: None,
+) -> Equivalent:
+    """The motor that is equivalent to an unknown machine, from voltage and speed.
+
+    Args:
+        experiments: measured, of one sample period; each a free run of its own.
+        name: of the machine.
+        order: number of time constants, 1 or 2; 0 for as many as the recording shows.
+        offset: fit an offset of the steady speed where the recording shows one, so that it does not
+            distort the gain; the machine file has no place for it.
+        limits: lowest and highest voltage that the machine may get [V]; None takes the recorded
+            range with 0 V, widened a little.
+        holdout: share of the experiments to judge by, None for a quarter when there are at least 4.
+        tick: called with what is being done, for a progress display.
+
+    Raises:
+        OptionError: a name, order, range or share that is none.
+        ExperimentError: experiments of different sample periods, or outside the limits.
+        LdtError: the experiments determine no linear model, or one that is no motor's.
+    """
+    if not name:
+        raise OptionError("--name", "a name", repr(name))
+    if order not in (0, 1, 2):
+        raise OptionError("--order", "1 or 2, or 0 to choose", repr(order))
+    if limits is not None and not (-math.inf < limits[0] < limits[1] < math.inf):
+        raise OptionError("--limits", "LOWEST,HIGHEST in V", f"{limits[0]:g},{limits[1]:g}")
+    kept, held_out = split(experiments, holdout)
+    tick("identifying a linear model")
+    linear = identify(kept)
+    tick("fitting the equivalent motor")
+    with one_thread():
+        form = fit_form(kept, linear, order, offset)
+    _refuse(form, linear, kept)
+    errors, linear_errors, numbers = {}, {}, {}
+    machine = _machine(form, name, experiments, limits)
+    for e in experiments:
+        machine.check(e)
+    for part, some in (("fit", kept), ("held_out", held_out)):
+        if some:
+            errors[part] = free_run_error(machine, some)
+            linear_errors[part] = _linear_error(linear, some)
+            numbers[part] = [e.number for e in some]
+    notes = _notes(form, linear, kept)
+    found = Equivalent(machine, form, linear, errors, linear_errors, numbers, tuple(notes))
+    return found.with_recordings(())
+
+
+def _refuse(form: MotorForm, linear: Identified, experiments: list[Experiment]) -> None:
+    """Refuse what is no motor.
+
+    Raises:
+        LdtError: as said, with what was found.
+    """
+    shown = _described(linear)
+    longest = max(e.duration for e in experiments)
+    if form.gain <= 0:
+        raise LdtError(
+            f"the recording shows no motor but {shown}: the speed falls as the voltage rises, so "
+            "that one of the two has the wrong sign or the speed hardly depends on the voltage"
+        )
+    if form.slowest > SLOWEST * longest:
+        raise LdtError(
+            f"the recording shows no motor but {shown}: a time constant of {form.slowest:.3g} s, "
+            f"of which experiments of {longest:.3g} s show the beginning only (longer ones would "
+            "settle it, unless the speed is unstable)"
+        )
+    if form.fit_percent < LEAST_FIT and form.noise_std > WORSE * linear.noise_std:
+        raise LdtError(
+            f"the recording shows no motor but {shown}, which leaves {linear.noise_std:.3g} rad/s "
+            f"where a motor leaves {form.noise_std:.3g} rad/s: a machine with more than two time "
+            "constants needs a physics of its own"
+        )
+
+
+def _described(linear: Identified) -> str:
+    poles = []
+    for pole in linear.poles:
+        if pole.imag > 0:
+            poles.append(f"{pole.real:.3g} ± {pole.imag:.3g} i")
+        elif pole.imag == 0:
+            poles.append(f"{pole.real:.3g}")
+    return (
+        f"a linear model of order {linear.order} with gain {linear.dc_gain:.3g} rad/s per V and "
+        f"pole{'s' if linear.order > 1 else ''} {', '.join(poles)} 1/s"
+    )
+
+
+def _machine(
+    form: MotorForm,
+    name: str,
+    experiments: Sequence[Experiment],
+    limits: tuple[float, float] | None,
+) -> Machine:
+    constant = 1.0 / form.gain
+    parameters = {
+        "J": form.tau_m * constant**2 / RESISTANCE,
+        "K_t": constant,
+        "R": RESISTANCE,
+        "L": RESISTANCE * form.tau_e,
+        "b": FRICTION,
+    }
+    low = min(float(e.voltage.min()) for e in experiments)
+    high = max(float(e.voltage.max()) for e in experiments)
+    lengths = [len(e) for e in experiments]
+    samples = max(set(lengths), key=lambda n: (lengths.count(n), n))
+    period = experiments[0].period
+    return Machine(
+        name=name,
+        physics=PHYSICS,
+        parameters={n: rounded(v) for n, v in parameters.items()},
+        voltage_limits=limits or _widened(low, high),
+        duration=rounded(samples * period),
+        sample_period=rounded(period),
+        simulation={
+            "voltage": {"kind": "steps", "low": rounded(low), "high": rounded(high)},
+            "noise": rounded(form.noise_std),
+        },
+    )
+
+
+def _widened(low: float, high: float) -> tuple[float, float]:
+    """The recorded range and 0 V, widened, to one digit behind that of the width."""
+    low, high = min(low, 0.0), max(high, 0.0)
+    wider = WIDENED * (high - low)
+    digit = 10.0 ** math.floor(math.log10(wider))
+    return (
+        rounded(math.floor((low - wider) / digit) * digit),
+        rounded(math.ceil((high + wider) / digit) * digit),
+    )
+
+
+def _linear_error(linear: Identified, experiments: Sequence[Experiment]) -> FreeRunError:
+    """Free runs of the linear model, begun as `ldt run --model linear` begins them."""
+    error = FreeRunError()
+    assert linear.start is not None
+    for e in experiments:
+        start = linear.start.at(float(e.speed[0]))
+        error.add(e.speed - linear.simulate(e.voltage, e.period, start))
+    return error
+
+
+def _notes(form: MotorForm, linear: Identified, experiments: list[Experiment]) -> list[str]:
+    notes = [
+        f"Equivalent motor: R = {RESISTANCE:g} Ohm and b = {FRICTION:g} by convention; torques and "
+        "currents are equivalents, of which only ratios mean something."
+    ]
+    if form.order == 1:
+        notes.append(
+            "The recording shows one time constant; L is a hundredth of a sample period, too small "
+            "to matter."
+        )
+    if form.oscillates:
+        notes.append(
+            "The time constants are complex, as of a motor whose inductance is large (4 L / R > "
+            "tau_m): an elastic shaft or a slow sensor may look like it."
+        )
+    if form.offset:
+        notes.append(
+            f"The steady speed is {form.offset:+.3g} rad/s off gain times voltage, as by a load, "
+            "dry friction or a sensor's bias: no dc_motor has that, and the file leaves it out."
+        )
+    if form.fit_percent < LEAST_FIT:
+        notes.append(
+            f"This motor explains {form.fit_percent:.0f} % of the speed, and no linear model does "
+            "much better: what is missing is nonlinear, or the recording is mostly noise."
+        )
+    if form.noise_std > LACKING * linear.noise_std:
+        notes.append(
+            f"The motor leaves {form.noise_std:.3g} rad/s, {_described(linear)} leaves "
+            f"{linear.noise_std:.3g}: this machine has something that a motor lacks."
+        )
+    if any(e.current is not None for e in experiments):
+        notes.append(
+            "The recording has the current, which was not used: `ldt calibrate` with this file "
+            "turns equivalents into the motor's own values."
+        )
+    return notes

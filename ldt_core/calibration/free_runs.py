@@ -1,0 +1,237 @@
+"""Free runs of several experiments, with their unknown start states eliminated.
+
+An experiment is measured from some moment on; what speed and current (and, with an eccentric rotor,
+what angle and motion of the foundation) the machine had then is known only through noise, or not at
+all. These start states are estimated with the parameters and projected out of every residual and
+sensitivity, so that they cost the parameters the information that they should. For a linear machine
+they enter linearly and this is exact (variable projection: Golub and Pereyra, "The differentiation
+of pseudo-inverses and nonlinear least squares problems whose variables separate", SIAM J. Numer.
+Anal. 10, 1973); otherwise it is linear about the latest estimate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Experiment
+from ldt_core.calibration.coordinates import Coordinates
+from ldt_core.physics.base import Physics
+
+Array = NDArray[np.float64]
+
+STEP_LINEAR = 1e-4  # of a coordinate: difference quotients of the exact solution, good to 1e-8
+STEP_INTEGRATED = 5e-4  # wider, since the integrator's own error (5e-6) enters the difference
+START_STEP = 1e-3  # of a start state's spread, for its difference quotient
+START_ROUNDS = 4  # Gauss-Newton steps for the start states; a linear machine needs one
+ANGLE_SPREAD = math.pi / math.sqrt(3)  # rad, standard deviation of an angle nobody knows
+NOISE_FLOOR = 1e-6  # of a channel's size: noise-free simulations must not divide by 0
+DIVERGED = 1e6  # noise deviations: a residual that no fit will accept
+THIRD_DIFFERENCE = math.sqrt(20)  # of white noise with deviation 1
+
+
+class FreeRuns:
+    """Measured experiments beside the free runs of a machine.
+
+    Args:
+        physics: the equations.
+        values: the machine file's parameters, about which start states are guessed.
+        experiments: measured; the current is used where it was.
+        tick: called before each simulation of all experiments, to show that work goes on.
+    """
+
+    def __init__(
+        self,
+        physics: Physics,
+        values: Mapping[str, float],
+        experiments: Sequence[Experiment],
+        tick: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.physics, self.experiments, self.tick = physics, list(experiments), tick
+        speed = np.concatenate([e.speed for e in self.experiments])
+        current = [e.current for e in self.experiments if e.current is not None]
+        self.has_current = bool(current)
+        self._sizes = [_size(speed), _size(np.concatenate(current)) if current else 1.0]
+        #: Standard deviation of what is left in speed [rad/s] and current [A].
+        self.noise = [
+            max(_white(e.speed for e in self.experiments), NOISE_FLOOR * self._sizes[0]),
+            max(_white(current), NOISE_FLOOR * self._sizes[1]) if current else 1.0,
+        ]
+        #: White part of the speed's noise, judged from the measurement alone [rad/s].
+        self.white = self.noise[0]
+        self._guess = [_guess(physics, values, e) for e in self.experiments]
+        self.starts = [g.copy() for g in self._guess]
+        self._spread = [
+            _spread(physics, values, e, g)
+            for e, g in zip(self.experiments, self._guess, strict=True)
+        ]
+        self._unknown = [np.flatnonzero(s > 0) for s in self._spread]
+        self._bases: list[Array] = []
+
+    @property
+    def unknowns(self) -> int:
+        """Start states that are estimated, of all experiments together."""
+        return sum(len(u) for u in self._unknown)
+
+    def residuals(self, values: Mapping[str, float]) -> list[Array]:
+        """What is left of each experiment in noise deviations: (rows,) a piece.
+
+        Rows: speed, current if measured, then one that holds each start state to its guess.
+        """
+        self.tick()
+        return [
+            self._eliminate(
+                i, self._measured(i) - self._run(i, values, self.starts[i]), self._pull(i)
+            )
+            for i in range(len(self.experiments))
+        ]
+
+    def sensitivities(self, coordinates: Coordinates, z: Array) -> list[Array]:
+        """Change of each experiment's free run per coordinate: (rows, p), as in `residuals`."""
+        linear = self.physics.is_linear(coordinates.values(z))
+        step = STEP_LINEAR if linear else STEP_INTEGRATED
+        low, high = coordinates.bounds
+        columns: list[list[Array]] = [[] for _ in self.experiments]
+        for j in range(len(coordinates)):
+            self.tick()
+            a, b = z.copy(), z.copy()
+            a[j], b[j] = max(z[j] - step, low[j]), min(z[j] + step, high[j])
+            below, above = coordinates.values(a), coordinates.values(b)
+            for i, start in enumerate(self.starts):
+                change = self._run(i, above, start) - self._run(i, below, start)
+                columns[i].append(change / (b[j] - a[j]))
+        return [self._eliminate(i, np.column_stack(c)) for i, c in enumerate(columns)]
+
+    def settle(self, values: Mapping[str, float], estimate: bool = True) -> None:
+        """Estimate the start states for these parameters, and how they move the free runs.
+
+        Args:
+            values: all parameters.
+            estimate: False leaves the start states: with parameters that are far off, they would
+                have to make up for them.
+        """
+        self._bases = []
+        for i in range(len(self.experiments)):
+            linear = self.physics.is_linear(values)
+            best = self._loss(i, values, self.starts[i])
+            for _ in range((1 if linear else START_ROUNDS) if estimate else 0):
+                step = self._start_step(i, values)
+                tried = self.starts[i].copy()
+                tried[self._unknown[i]] += step
+                loss = self._loss(i, values, tried)
+                if not loss < best:
+                    break
+                done = best - loss < 1e-6 * best
+                self.starts[i], best = tried, loss
+                if done:
+                    break
+            stacked = self._stacked(i, self._start_sensitivities(i, values))
+            self._bases.append(np.linalg.qr(stacked)[0])
+
+    def weigh(self, values: Mapping[str, float]) -> None:
+        """Take what is left in each channel as its noise, so that both count by their precision."""
+        squares, counts = [0.0, 0.0], [0, 0]
+        for i, rest in enumerate(self.residuals(values)):
+            length = len(self.experiments[i])
+            for channel in range(2 if self.experiments[i].current is not None else 1):
+                part = rest[channel * length : (channel + 1) * length] * self.noise[channel]
+                squares[channel] += float(part @ part)
+                counts[channel] += length - (len(self._unknown[i]) if channel == 0 else 0)
+        for channel in range(2 if self.has_current else 1):
+            found = math.sqrt(squares[channel] / max(counts[channel], 1))
+            self.noise[channel] = max(found, NOISE_FLOOR * self._sizes[channel])
+
+    def loss(self, values: Mapping[str, float]) -> float:
+        """Sum of squares from the present start states, in noise deviations."""
+        self.tick()
+        return sum(self._loss(i, values, s) for i, s in enumerate(self.starts))
+
+    def _loss(self, i: int, values: Mapping[str, float], start: Array) -> float:
+        rest = self._measured(i) - self._run(i, values, start)
+        unknown = self._unknown[i]
+        pull = (start - self._guess[i])[unknown] / self._spread[i][unknown]
+        return float(rest @ rest + pull @ pull)
+
+    def _start_step(self, i: int, values: Mapping[str, float]) -> Array:
+        rest = self._measured(i) - self._run(i, values, self.starts[i])
+        stacked = self._stacked(i, self._start_sensitivities(i, values))
+        size = np.linalg.norm(stacked, axis=0)
+        size[size == 0] = 1.0
+        right = np.concatenate([rest, self._pull(i)])
+        return np.linalg.lstsq(stacked / size, right, rcond=None)[0] / size
+
+    def _start_sensitivities(self, i: int, values: Mapping[str, float]) -> Array:
+        base = self._run(i, values, self.starts[i])
+        columns = np.empty((base.size, len(self._unknown[i])))
+        for column, state in enumerate(self._unknown[i]):
+            spread = self._spread[i][state]
+            step = START_STEP * (spread if math.isfinite(spread) else self._sizes[0])
+            moved = self.starts[i].copy()
+            moved[state] += step
+            columns[:, column] = (self._run(i, values, moved) - base) / step
+        return columns
+
+    def _stacked(self, i: int, columns: Array) -> Array:
+        return np.vstack([columns, np.diag(1 / self._spread[i][self._unknown[i]])])
+
+    def _pull(self, i: int) -> Array:
+        unknown = self._unknown[i]
+        return -(self.starts[i] - self._guess[i])[unknown] / self._spread[i][unknown]
+
+    def _eliminate(self, i: int, rows: Array, below: Array | None = None) -> Array:
+        extra = np.zeros((len(self._unknown[i]), *rows.shape[1:])) if below is None else below
+        full = np.concatenate([rows, extra])
+        basis = self._bases[i]
+        return full - basis @ (basis.T @ full)
+
+    def _measured(self, i: int) -> Array:
+        e = self.experiments[i]
+        speed = e.speed / self.noise[0]
+        return speed if e.current is None else np.concatenate([speed, e.current / self.noise[1]])
+
+    def _run(self, i: int, values: Mapping[str, float], start: Array) -> Array:
+        e = self.experiments[i]
+        try:
+            states = self.physics.simulate(values, e.voltage, e.period, start)
+        except LdtError:
+            return np.full(len(e) * (1 if e.current is None else 2), DIVERGED)
+        speed = self.physics.measure(states, e.period) / self.noise[0]
+        return speed if e.current is None else np.concatenate([speed, states[:, 2] / self.noise[1]])
+
+
+def _size(samples: Array) -> float:
+    return float(np.sqrt(np.mean(samples**2))) or 1.0
+
+
+def _white(parts: object) -> float:
+    """Deviation of white noise on a smooth signal, from its third differences (median, so that
+    steps of the signal do not count)."""
+    differences = [np.abs(np.diff(p, 3)) for p in parts]  # type: ignore[attr-defined]
+    return float(np.median(np.concatenate(differences))) / 0.6745 / THIRD_DIFFERENCE
+
+
+def _guess(physics: Physics, values: Mapping[str, float], e: Experiment) -> Array:
+    current = None if e.current is None else float(e.current[0])
+    return physics.initial_state(values, float(e.speed[0]), current)
+
+
+def _spread(physics: Physics, values: Mapping[str, float], e: Experiment, guess: Array) -> Array:
+    """(n,) how far each start state may be from its guess; 0 where it is known or does not matter.
+
+    The speed is free; the current within what the voltage can drive. States of the foundation may
+    be as large as in the run when the machine starts at full speed; at rest they are 0.
+    """
+    spread = np.zeros(guess.size)
+    spread[1] = math.inf
+    spread[2] = max(float(np.abs(e.voltage).max()), 1e-3) / values["R"]
+    if physics.is_linear(values):
+        return spread
+    spread[0] = ANGLE_SPREAD
+    states = physics.simulate(values, e.voltage, e.period, guess)
+    running = min(1.0, abs(float(e.speed[0])) / _size(e.speed))
+    spread[3:] = running * np.sqrt(np.mean(states[:, 3:] ** 2, axis=0))
+    return spread

@@ -1,0 +1,1 @@
+"""Checks for detectors, effects and physics of users."""

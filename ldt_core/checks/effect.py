@@ -1,0 +1,210 @@
+"""Generic suite for whoever writes an effect of their own.
+
+    from ldt_core.checks.effect import check_effect
+    check_effect(MY_EFFECT)
+
+raises AssertionError with a sentence at the first promise that is not kept, and returns what it
+checked. On the command line: `ldt effects my_file.py:MY_EFFECT`. The effects that ship with LDT go
+through the same suite.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from ldt_core.base.errors import BadInput, OptionError
+from ldt_core.effects.base import Values
+from ldt_core.machine.machine_file import Machine, load_machine
+from ldt_core.physics.constants import MAX_STEP
+from ldt_core.physics.effect import Effect
+from ldt_core.physics.integrate import MAX_STEP_RATE
+from ldt_core.physics.parameter import Parameter
+
+# rad/s, for a neutral effect: an effect on the equations takes the integrator where the machine
+# alone may be solved exactly, and the two agree to 1e-7 here.
+NEUTRAL_TOLERANCE = 1e-6
+# rad/s, between a step and a quarter of it: a fifth of the rotor's noise. A law that jumps, or is
+# stiffer than `fastest` says, makes the speed chatter by more.
+STEP_TOLERANCE = 0.02
+VISIBLE = 1e-3  # rad/s; typical values that do less, on every machine, are no typical values
+ECCENTRICITY = 0.004  # m; enough that an effect on the foundation can be seen
+SECONDS, HOLD, PERIOD = 6.0, 1.0, 0.01
+SEED = 20240604
+BEYOND = 8  # numbers behind the parameters that a term must not read
+# (t [s], theta [rad], omega [rad/s], current [A], voltage [V]) at which a term is called by itself.
+PLACES = ((0.0, 0.0, 0.0, 0.0, 0.0), (1.5, 2.0, 30.0, 3.0, 10.0), (0.5, -4.0, -9.0, -2.0, -6.0))
+
+
+def check_effect(effect: Effect, machines: list[Machine] | None = None) -> list[str]:
+    """Check that an effect keeps the promises of `ldt_core.effects.base.Effect`.
+
+    Args:
+        effect: to check.
+        machines: to try it on; None takes those that ship with LDT, the rotor with some unbalance.
+
+    Returns:
+        What was checked, a sentence each.
+
+    Raises:
+        AssertionError: with a sentence, at the first promise that is not kept.
+        BadInput: a function that cannot be compiled.
+    """
+    if machines is None:
+        rotor = load_machine("rotor").with_parameters(e=ECCENTRICITY)
+        machines = [rotor, load_machine("dc_motor")]
+    suited = [m for m in machines if _suits(effect, m)]
+    name = effect.name
+    assert suited, f"{name}: none of the machines {[m.name for m in machines]} has {effect.needs}"
+    assert effect.description, f"{name}: no description"
+    assert effect.equation, f"{name}: no equation"
+    assert effect.parameters, f"{name}: no parameter"
+    _check_bounds(effect)
+    largest = furthest = 0.0
+    for machine in suited:
+        where = f"{name} on {machine.name}"
+        if effect.torque or effect.terminal:
+            _check_reading(effect, machine)
+        plain = _speed(machine)
+        neutral = np.abs(_speed(machine, effect, effect.neutral) - plain).max()
+        assert neutral <= NEUTRAL_TOLERANCE, (
+            f"{where}: the neutral values change the speed by {neutral:.3g} rad/s"
+        )
+        typical = effect.check(effect.typical)
+        first, again = _speed(machine, effect, typical), _speed(machine, effect, typical)
+        assert np.array_equal(first, again), f"{where}: two runs differ"
+        assert np.isfinite(first).all(), f"{where}: speeds that are not finite"
+        largest = max(largest, float(np.abs(first - plain).max()))
+        if effect.torque or effect.terminal:
+            furthest = max(furthest, _check_step(effect, machine, first))
+        _check_extremes(effect, machine)
+    assert largest >= VISIBLE, f"{name}: its typical values change the speed by {largest:.3g} rad/s"
+    on = "on " + " and ".join(m.name for m in suited)
+    count = len(effect.parameters)
+    done = [
+        "description and equation are there",
+        f"{count} parameter{'s' if count > 1 else ''}, described; values beyond the bounds and "
+        "such as are no numbers are refused",
+        f"{on}: the neutral values change nothing, two runs are the same to the last bit, and no "
+        "bound of a parameter gives a speed that is not finite",
+        f"the typical values change the speed by up to {largest:.3g} rad/s",
+    ]
+    if effect.torque or effect.terminal:
+        done += [
+            "the function is compiled and reads no further than its parameters",
+            f"a quarter of the step changes the speed by {furthest:.1g} rad/s at most",
+        ]
+    return done
+
+
+def _suits(effect: Effect, machine: Machine) -> bool:
+    try:
+        effect.require(machine.model)
+    except OptionError:
+        return False
+    return True
+
+
+def _check_bounds(effect: Effect) -> None:
+    for parameter in effect.parameters:
+        assert parameter.description, f"{effect.name}, {parameter.name}: no description"
+        for value in (*_outside(parameter), math.nan, math.inf):
+            try:
+                effect.check({parameter.name: value})
+            except OptionError:
+                continue
+            raise AssertionError(f"{effect.name}: {parameter.name} = {value:g} is not refused")
+
+
+def _outside(parameter: Parameter) -> list[float]:
+    below = [parameter.low] if parameter.open_low else [math.nextafter(parameter.low, -math.inf)]
+    return [*below, math.nextafter(parameter.high, math.inf)]
+
+
+def _check_reading(effect: Effect, machine: Machine) -> None:
+    """Whatever lies behind the parameters in memory, the term gives the same."""
+    typical = effect.check(effect.typical)
+    known = [typical[p.name] for p in effect.parameters]
+    known += [machine.parameters[name] for name in effect.needs]
+    count = len(effect.states)
+    for place in PLACES:
+        given = []
+        for behind in (0.0, 1.0e3, math.nan):
+            p = np.array([*known, *[behind] * BEYOND])
+            state, rate = np.array([0.0] * count + [behind] * BEYOND), np.zeros(count + BEYOND)
+            arrays = (p, state, rate) if count else (p,)
+            value = _c_function(effect)(*place, *(a.ctypes.data for a in arrays))
+            assert not rate[count:].any(), f"{effect.name}: writes more rates than it has states"
+            given.append([value, *rate])
+        assert np.isfinite(given[0]).all(), (
+            f"{effect.name}: gives {value} at (t, theta, omega, current, voltage) = {place}"
+        )
+        assert all(np.array_equal(given[0], other) for other in given[1:]), (
+            f"{effect.name}: reads numbers beyond the {len(known)} in p (its parameters, then what "
+            f"it needs of the machine) and its {count} states"
+        )
+
+
+def _c_function(effect: Effect) -> Callable[..., float]:
+    pointers: list[Any] = [ctypes.c_void_p] * (3 if effect.states else 1)
+    kind = ctypes.CFUNCTYPE(ctypes.c_double, *[ctypes.c_double] * 5, *pointers)
+    return kind(effect.compiled.address)
+
+
+def _check_step(effect: Effect, machine: Machine, speed: np.ndarray) -> float:
+    """How much a quarter of the step changes the speed [rad/s], which must be little."""
+    typical, limit = effect.check(effect.typical), max(map(abs, machine.voltage_limits))
+    values = effect.change_parameters(machine.model, machine.parameters, typical)
+    rate = max(machine.model.rate(values, limit), effect.rate(values, limit, typical))
+    step = min(MAX_STEP, MAX_STEP_RATE / rate) / 4
+    change = float(np.abs(_speed(machine, effect, typical, step) - speed).max())
+    assert change <= STEP_TOLERANCE, (
+        f"{effect.name} on {machine.name}: a quarter of the integration step changes the speed by "
+        f"{change:.3g} rad/s: the function jumps, or changes faster than `fastest` says"
+    )
+    return change
+
+
+def _check_extremes(effect: Effect, machine: Machine) -> None:
+    """Each finite bound, the others typical: finite speeds, or a sentence that refuses."""
+    for parameter in effect.parameters:
+        for value in (parameter.low, parameter.high):
+            if not parameter.accepts(value):
+                continue
+            given = effect.check({**effect.typical, parameter.name: value})
+            try:
+                speed = _speed(machine, effect, given)
+            except BadInput:
+                continue
+            assert np.isfinite(speed).all(), (
+                f"{effect.name} on {machine.name}: {parameter.name} = {value:g} gives speeds that "
+                "are not finite"
+            )
+
+
+def _speed(
+    machine: Machine,
+    effect: Effect | None = None,
+    given: Values | None = None,
+    max_step: float = MAX_STEP,
+) -> np.ndarray:
+    """Measured speed [rad/s] under steps of voltage, both signs of it, from rest."""
+    low, high = machine.voltage_limits
+    levels = np.random.default_rng(SEED).uniform(low, high, round(SECONDS / HOLD))
+    volts = np.repeat(levels, round(HOLD / PERIOD))
+    physics, values = machine.model, machine.parameters
+    effects: list[tuple[Effect, Mapping[str, float]]] = []
+    if effect is not None and given is not None:
+        effects = [(effect, given)]
+    initial = physics.initial_state(values, 0.0)
+    states = physics.simulate(values, volts, PERIOD, initial, effects, max_step)
+    speed = np.asarray(physics.measure(states, PERIOD, effects))
+    assert speed.shape == volts.shape, (
+        f"{effect.name if effect else machine.name}: expected {volts.size} measured speeds, got "
+        f"shape {speed.shape}"
+    )
+    return speed

@@ -1,0 +1,123 @@
+"""Suite for whoever writes a physics of their own.
+
+    from ldt_core.checks.physics import check_physics
+    check_physics(load_machine("my_machine.yaml"))
+
+raises AssertionError with a sentence at the first promise that is not kept, and returns what it
+checked. The physics that ship with LDT go through the same suite.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ldt_core.base.errors import MachineFileError
+from ldt_core.machine.machine_file import Machine
+from ldt_core.physics.base import Array
+from ldt_core.physics.effect import Effect
+from ldt_core.physics.integrate import STATES
+from ldt_core.physics.parameter import Parameter
+
+FIRST = ("theta", "omega", "current")
+SOLVED = (len(FIRST), STATES)  # states of the equations that the integrator is compiled for
+NEEDED = ("J", "K_t", "R", "L", "b")  # of a motor: effects and start states find them by name
+# rad/s between the exact solution and Runge-Kutta steps of the same machine, which agree to 1e-7.
+TOLERANCE = 1e-6
+SECONDS, HOLD, PERIOD = 4.0, 1.0, 0.01
+SEED = 20240604
+
+
+def check_physics(machine: Machine) -> list[str]:
+    """Check that a machine's physics keeps the promises of `ldt_core.physics.base.Physics`.
+
+    Args:
+        machine: of that physics; its parameters are those that are tried.
+
+    Returns:
+        What was checked, a sentence each.
+
+    Raises:
+        AssertionError: with a sentence, at the first promise that is not kept.
+        BadInput: a machine that cannot be simulated.
+    """
+    physics, values = machine.model, machine.parameters
+    name, names = physics.name, [p.name for p in physics.parameters]
+    missing = [n for n in NEEDED if n not in names]
+    assert not missing, f"{name}: no parameter {', '.join(missing)}, which effects rely on"
+    assert physics.states[:3] == FIRST, f"{name}: states must begin with {', '.join(FIRST)}"
+    for parameter in physics.parameters:
+        assert parameter.description, f"{name}, {parameter.name}: no description"
+        _check_refusal(machine, parameter)
+    done = [f"{' '.join(names)}: described, a bound each that is refused beyond"]
+    state = physics.initial_state(values, 10.0)
+    count = len(physics.states)
+    assert state.shape == (count,), f"{name}: {count} states, but a first state of {state.shape}"
+    assert state[1] == 10.0, f"{name}: the first state does not have the speed that was measured"
+    first, again = _speed(machine), _speed(machine)
+    assert np.array_equal(first, again), f"{name}: two runs differ"
+    assert np.isfinite(first).all(), f"{name}: speeds that are not finite"
+    done.append("two runs are the same to the last bit, and finite")
+    fastest = physics.rate(values, max(map(abs, machine.voltage_limits)))
+    assert math.isfinite(fastest), f"{name}: rate is not finite"
+    assert fastest > 0, f"{name}: rate is {fastest:g}, expected above 0"
+    if count not in SOLVED:
+        return [
+            *done,
+            f"{count} states: no effect on torque or terminals can act on it, so it cannot be "
+            "diagnosed",
+        ]
+    if physics.is_linear(values):
+        a, b = physics.system(values)
+        assert a.shape == (count, count), f"{name}: system gives A of shape {a.shape}"
+        assert b.shape == (count,), f"{name}: system gives B of shape {b.shape}"
+        off = float(np.abs(_speed(machine, NEUTRAL) - first).max())
+        assert off <= TOLERANCE, (
+            f"{name}: `system` and `constants` tell of different machines, by up to {off:.3g} rad/s"
+        )
+        done.append(f"solved exactly and in steps, the speeds agree to {off:.1g} rad/s")
+        motor = np.abs(np.linalg.eigvals(physics.state_space(values)[0])).max()
+        assert fastest >= motor * (1 - TOLERANCE), (
+            f"{name}: `rate` is {fastest:.3g} 1/s, the motor's fastest mode {motor:.3g}"
+        )
+        done.append("rate is that of the fastest mode, or above it")
+    return done
+
+
+def _check_refusal(machine: Machine, parameter: Parameter) -> None:
+    for value in (
+        math.nextafter(parameter.low, -math.inf),
+        math.nextafter(parameter.high, math.inf),
+    ):
+        if not math.isfinite(value):
+            continue
+        try:
+            machine.with_parameters(**{parameter.name: value})
+        except MachineFileError:
+            continue
+        raise AssertionError(f"{machine.physics}: {parameter.name} = {value:g} is not refused")
+
+
+def _nothing(t, theta, omega, current, voltage, p):  # type: ignore[no-untyped-def] # compiled
+    return 0.0 * p[0]
+
+
+NEUTRAL = Effect(
+    name="nothing",
+    description="no torque, which keeps the exact solution from being taken",
+    equation="torque = 0",
+    parameters=(Parameter("size", "", default=0.0, description="unused"),),
+    torque=_nothing,
+)
+
+
+def _speed(machine: Machine, *effects: Effect) -> Array:
+    """(L,) speed [rad/s] under steps of voltage, from rest."""
+    low, high = machine.voltage_limits
+    levels = np.random.default_rng(SEED).uniform(low, high, round(SECONDS / HOLD))
+    volts = np.repeat(levels, round(HOLD / PERIOD))
+    physics, values = machine.model, machine.parameters
+    initial = physics.initial_state(values, 0.0)
+    states = physics.simulate(values, volts, PERIOD, initial, [(e, e.neutral) for e in effects])
+    return states[:, 1]

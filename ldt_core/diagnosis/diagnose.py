@@ -1,0 +1,382 @@
+"""The diagnosis from end to end."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.base.errors import BadInput, OptionError
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.threads import one_thread
+from ldt_core.diagnosis.amounts import amounts
+from ldt_core.diagnosis.candidate import Candidate
+from ldt_core.diagnosis.closing import closed, errors, free_run, noise_there, regimes
+from ldt_core.diagnosis.decide import Decision, decide
+from ldt_core.diagnosis.explain import Search
+from ldt_core.diagnosis.isolability import EXPERIMENTS, ambiguities, undetectable
+from ldt_core.diagnosis.next_experiment import next_experiment
+from ldt_core.diagnosis.own_effects import own_effects
+from ldt_core.diagnosis.remainder import depends_on
+from ldt_core.diagnosis.result import (
+    Amount,
+    Diagnosis,
+    Gap,
+    NextExperiment,
+    Place,
+    Ranked,
+    Remainder,
+    Shown,
+    Verdict,
+)
+from ldt_core.diagnosis.scale import factors
+from ldt_core.diagnosis.sentence import not_measured, sentence
+from ldt_core.diagnosis.shares import shapley
+from ldt_core.diagnosis.torque import Torque
+from ldt_core.diagnosis.trials import Bench
+from ldt_core.diagnosis.where import change, places, residual, steady_places
+from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.machine.machine_file import Machine
+from ldt_core.machine.sensor_check import sound
+from ldt_core.physics.effect import Effect
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 0.03  # of the gap, by which a law may be off
+HOLDOUT = 0.25  # of the experiments, unless the user says otherwise
+PARTS = 4  # of a single experiment
+SAMPLES = 200  # of a part of an experiment, at least
+
+
+def library(
+    machine: Machine, more: Sequence[str] = (), without: Sequence[str] = ()
+) -> list[Effect]:
+    """The effects that may explain a gap of this machine.
+
+    Args:
+        machine: those that it cannot have are left out.
+        more: further effects, by name or `path/to/file.py:NAME`.
+        without: names to leave out.
+
+    Raises:
+        OptionError: a name that is not known, or an own effect that this machine cannot have.
+    """
+    known = EFFECTS.names()
+    for name in without:
+        EFFECTS.require(name)
+    found = []
+    for name in known:
+        effect = get_effect(name)
+        try:
+            effect.require(machine.model)
+        except OptionError:
+            continue
+        if name not in without:
+            found.append(effect)
+    for name in more:
+        effect = get_effect(name)
+        effect.require(machine.model)
+        if effect.name not in [e.name for e in found]:
+            found.append(effect)
+    return found
+
+
+def split(
+    experiments: Sequence[Experiment], holdout: float, seed: int
+) -> tuple[list[Experiment], list[Experiment]]:
+    """(to fit, held out); a few experiments are cut into parts first.
+
+    Raises:
+        BadInput: too few samples, or a share outside 0..1.
+    """
+    if not 0 < holdout < 1:
+        raise BadInput("holdout", "a share between 0 and 1", f"{holdout:g}")
+    whole = list(experiments)
+    if len(whole) < PARTS:
+        whole = [part for e in whole for part in _parts(e)]
+    if len(whole) < 2:
+        samples = sum(len(e) for e in experiments)
+        raise BadInput("the recording", f"at least {2 * SAMPLES} samples", str(samples))
+    count = min(max(round(holdout * len(whole)), 1), len(whole) - 1)
+    # Evenly spread over the recording, so that what changes in its course is in both parts.
+    random = np.random.default_rng(seed)
+    edges = np.linspace(0, len(whole), count + 1)
+    held = {
+        int(random.integers(int(a), max(int(b), int(a) + 1))) for a, b in itertools.pairwise(edges)
+    }
+    fit = [e for i, e in enumerate(whole) if i not in held]
+    return fit, [e for i, e in enumerate(whole) if i in held]
+
+
+def _parts(e: Experiment) -> list[Experiment]:
+    count = max(1, min(PARTS, len(e) // SAMPLES))
+    edges = np.linspace(0, len(e), count + 1).astype(int)
+    return [e.part(a, b) for a, b in itertools.pairwise(edges)]
+
+
+def diagnose(
+    machine: Machine,
+    experiments: Sequence[Experiment],
+    *,
+    recordings: Sequence[str] = (),
+    effects: Sequence[Effect] | None = None,
+    refit: Sequence[str] | None = None,
+    holdout: float = HOLDOUT,
+    seed: int = 0,
+    workers: int | None = None,
+    tick: Callable[[str], None] = lambda doing: None,
+) -> Diagnosis:
+    """Where the gap between a machine and its file lies, what causes it, how far that closes it.
+
+    From the first experiment on whose speed no such machine can have (`plausible`) nothing is gone
+    by. Where fewer than `PARTS` came before it the verdict is "unknown": what a faulty sensor shows
+    is no effect of the machine.
+
+    Args:
+        machine: as its file knows it.
+        experiments: measured.
+        recordings: where they are from, for the record.
+        effects: candidates; None takes the library.
+        refit: parameters of the machine to fit with every set, see `own.own_effects`.
+        holdout: share of the experiments that closure is measured on.
+        seed: of what is drawn at random.
+        workers: threads; None takes one for each processor.
+        tick: called with what is being done.
+
+    Raises:
+        BadInput: too little to go by.
+    """
+    workers = workers or os.cpu_count() or 1
+    trusted, fault = sound(machine, experiments)
+    only = len(trusted) < PARTS
+    if fault and not only:
+        experiments = trusted
+    fitted, held = split(experiments, holdout, seed)
+    most = max(float(np.abs(e.voltage).max()) for e in fitted)
+    sizes = factors(machine.parameters, most or 1.0)
+    own = [Candidate(e, most or 1.0, sizes) for e in own_effects(machine, refit)]
+    mine = [c.name for c in own]
+    candidates = [
+        Candidate(e, most or 1.0, sizes)
+        for e in (library(machine) if effects is None else effects)
+        if e.name not in mine
+    ]
+    with one_thread():  # matrices are small: more threads wait for each other, and round otherwise
+        bench = Bench(machine, fitted, workers=workers, tolerance=TOLERANCE)
+        search = Search(bench, candidates, tick, own)
+        tick("what this recording can tell apart")
+        silent, groups = isolability(search)
+        search.twins = {
+            n: {o for g in groups if n in g for o in g} - {n} for g in groups for n in g
+        }
+        decision = decide(search, seed, bool(fault) and only)
+        report = _Report(machine, search, decision, fitted, held, recordings, seed, tick, fault)
+        return report.diagnosis(silent, groups)
+
+
+def isolability(search: Search) -> tuple[list[str], list[list[str]]]:
+    """(effects that do not show, groups that look alike), by the recording's input alone."""
+    few = search.scout
+    small = few.part(range(min(EXPERIMENTS, len(few.pieces))))
+    scale = search.bench.size / small.size
+    silent = undetectable(small, search.candidates, scale)
+    return silent, ambiguities(small, search.found.responses, silent, scale)
+
+
+class _Report:
+    """Puts the diagnosis together from what was decided."""
+
+    def __init__(
+        self,
+        machine: Machine,
+        search: Search,
+        decision: Decision,
+        fitted: Sequence[Experiment],
+        held: Sequence[Experiment],
+        recordings: Sequence[str],
+        seed: int,
+        tick: Callable[[str], None],
+        fault: str = "",
+    ) -> None:
+        self.fault = fault
+        #: Whether nothing was sought, for no experiment can be trusted.
+        self.faulty = bool(fault) and decision.kind == "unknown" and decision.best is None
+        self.machine, self.search, self.decision = machine, search, decision
+        self.fitted, self.held, self.recordings = list(fitted), list(held), list(recordings)
+        self.seed, self.tick = seed, tick
+        self.bench = decision.bench
+        self.named = decision.best if decision.kind in ("effect", "ambiguous") else None
+        self.use = self.named.use if self.named else []
+
+    def diagnosis(self, silent: list[str], groups: list[list[str]]) -> Diagnosis:
+        """All of it.
+
+        Args:
+            silent: effects that the recording could not have shown.
+            groups: those that it cannot tell apart, by its input alone.
+        """
+        d = self.decision
+        self.tick("measuring what is left")
+        before = [free_run(self.machine, e) for e in self.held]
+        after = [free_run(self.machine, e, self.use) for e in self.held] if self.use else before
+        band = self.search.found.band.limit
+        noise = noise_there(self.held, after, self.bench.noise[0], band)
+        part, interval = closed(self.held, before, after, noise, self.seed)
+        if d.kind == "none":
+            part, interval = None, None
+        by = regimes(self.held, before, after, noise) if d.kind != "none" else []
+        was, now = errors(self.held, before), errors(self.held, after)
+        gap = Gap(noise, was, now, part, interval, by)
+        where = self._where()
+        found = amounts(self.named, d.left, d.excess) if self.named else {}
+        left = d.left / d.excess if d.kind != "none" and d.excess > 0 else None
+        acting = d.acting if self.named else []
+        effects = list(dict.fromkeys(n for group in acting for n in group))
+        words = sentence(self.machine.name, d.kind, acting, found, gap, where, left)
+        if self.fault:
+            words = not_measured(self.fault, "" if self.faulty else words)
+        best = d.best.use if d.best else []
+        depends = (
+            depends_on(self.bench, residual(self.bench, best, d.best.starts if d.best else None))
+            if d.structured
+            else []
+        )
+        return Diagnosis(
+            machine=self.machine.name,
+            recordings=self.recordings,
+            experiments={
+                "fit": sorted({e.number for e in self.fitted}),
+                "held_out": sorted({e.number for e in self.held}),
+            },
+            verdict=Verdict(d.kind, effects, acting, d.confidence, words),
+            gap=gap,
+            where=where,
+            candidates=self._ranked(found, before, noise),
+            remainder=Remainder(left and max(left, 0.0), d.structured, depends),
+            undetectable=silent,
+            ambiguities=self._all_groups(groups, acting),
+            next_experiment=self._next(),
+            notes=self._notes(),
+            effects=[
+                {"effect": effect.name, "parameters": dict(given)} for effect, given in self.use
+            ],
+            shown=self._shown(before, after),
+        )
+
+    def _where(self) -> list[Place]:
+        """By what was named, free of noise, or else by all that is wrong."""
+        if self.decision.kind == "none" or self.faulty:
+            return []
+        none = self.search.found.fits[frozenset()].use
+        if self.named is None:
+            return places(residual(self.bench, none))
+        found = change(self.bench, none, self.use, self.named.starts)
+        return [*places(found), *steady_places(found, self.use)]
+
+    def _notes(self) -> list[str]:
+        if {e.number for e in self.fitted} & {e.number for e in self.held}:
+            return [
+                f"fewer than {PARTS} experiments: each was cut into parts, some of them held out"
+            ]
+        return []
+
+    def _all_groups(
+        self, computed: Sequence[Sequence[str]], acting: Sequence[Sequence[str]]
+    ) -> list[list[str]]:
+        found = [sorted(group) for group in acting if len(group) > 1]
+        found += [list(g) for g in computed if not any(set(g) <= set(f) for f in found)]
+        return found
+
+    def _next(self) -> NextExperiment | None:
+        if len(self.decision.alike) < 2:
+            return None
+        self.tick("looking for the experiment that settles it")
+        return next_experiment(self.bench, self.decision.alike, self.seed)
+
+    def _ranked(
+        self, found: Mapping[str, Mapping[str, Amount]], before: Sequence[Array], noise: float
+    ) -> list[Ranked]:
+        d, explained = self.decision, self.search.found
+        shares = shapley(self.search, self.named) if self.named else {}
+        ranked = []
+        for c in self.search.candidates:
+            alone = explained.fits.get(frozenset([c.name])) or explained.scouted.get(
+                frozenset([c.name])
+            )
+            rmse = part = score = None
+            parameters = found.get(c.name, {})
+            if alone is not None:
+                after = [free_run(self.machine, e, alone.use) for e in self.held]
+                part, _ = closed(self.held, before, after, noise)
+                rmse = errors(self.held, after).rmse
+                whole = alone.rest.size == self.bench.size
+                base = explained.base if whole else explained.responses.base
+                band = explained.band if whole else self.search.band
+                power = max(band.excess(base), float(base @ base) - alone.loss)
+                score = 1 - band.excess(alone.rest) / power if power > 0 else None
+                if not parameters:
+                    left = max(band.excess(alone.rest), 0.0)
+                    parameters = amounts(alone, left, max(power, 0.0))[c.name]
+            ranked.append(
+                Ranked(
+                    c.name,
+                    parameters,
+                    rmse,
+                    None if d.kind == "none" else part,
+                    shares.get(c.name),
+                    score,
+                    self._why_not(c.name, score),
+                )
+            )
+        effects = [n for group in (d.acting if self.named else []) for n in group]
+
+        def order(r: Ranked) -> tuple[int, float]:
+            place = effects.index(r.effect) if r.effect in effects else len(effects)
+            return place, -(r.score if r.score is not None else -np.inf)
+
+        return sorted(ranked, key=order)
+
+    def _why_not(self, name: str, score: float | None) -> str | None:
+        d = self.decision
+        if d.kind == "none":
+            return "there is no gap to explain"
+        if self.named and any(name in group for group in d.acting):
+            return None
+        if self.faulty:
+            return "not tried: the sensor is faulty"
+        if score is None or score < 0.01:
+            return "explains nothing of the gap"
+        if d.kind == "unknown":
+            return f"leaves {1 - score:.0%} of the gap"
+        best = " and ".join(d.best.names) if d.best else ""
+        return f"leaves {1 - score:.1%} of the gap, {best} {self._left():.1%}"
+
+    def _left(self) -> float:
+        return max(self.decision.left / self.decision.excess, 0.0)
+
+    def _shown(self, before: Sequence[Array], after: Sequence[Array]) -> list[Shown]:
+        """All experiments for the page, from the free runs of those held out."""
+        was = [free_run(self.machine, e) for e in self.fitted]
+        now = [free_run(self.machine, e, self.use) for e in self.fitted] if self.use else was
+        held = zip(self.held, before, after, strict=True)
+        fitted = zip(self.fitted, was, now, strict=True)
+        return [
+            *(self._drawn(e, True, a, b) for e, a, b in held),
+            *(self._drawn(e, False, a, b) for e, a, b in fitted),
+        ]
+
+    def _drawn(self, e: Experiment, held_out: bool, before: Array, after: Array) -> Shown:
+        turn = Torque(self.bench.values["J"], self.bench.memory, e.period, len(e))
+        return Shown(
+            e,
+            held_out,
+            before,
+            after,
+            turn.of(np.nan_to_num(e.speed - before)),
+            turn.of(np.nan_to_num(e.speed - after)),
+            turn.smooth(e.speed),
+            turn.smooth(e.speed, 1),
+        )

@@ -1,0 +1,57 @@
+"""The machine's own parameters that its file does not know for certain.
+
+A file that was fitted to measured data has a gap of its own: its parameters have made up for what
+the machine has and the file lacks. So they are fitted again with every set of effects, and a change
+of theirs is never the diagnosis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ldt_core.base.errors import OptionError, did_you_mean
+from ldt_core.effects import get_effect
+from ldt_core.machine.machine_file import Machine
+from ldt_core.physics.effect import Effect
+
+#: Parameter to the effect that changes it.
+EFFECT = {
+    "J": "inertia",
+    "K_t": "motor_constant",
+    "R": "armature_resistance",
+    "L": "armature_inductance",
+    "b": "viscous_friction",
+    "K_x": "foundation_stiffness",
+    "K_y": "foundation_stiffness",
+    "R_x": "foundation_damping",
+    "R_y": "foundation_damping",
+    "e": "unbalance",
+}
+EQUIVALENT = ("J", "K_t", "L")  # of an identified motor; its R and b are convention
+NONE = "none"
+
+
+def uncertain(machine: Machine) -> list[str]:
+    """Parameters that the machine file says were fitted, which it then knows about itself."""
+    if machine.calibration.get("equivalent"):
+        return list(EQUIVALENT)
+    free = machine.calibration.get("free", {})
+    return [name for name in free if name in EFFECT] if isinstance(free, dict) else []
+
+
+def own_effects(machine: Machine, refit: Sequence[str] | None = None) -> list[Effect]:
+    """The effects that change the uncertain parameters.
+
+    Args:
+        machine: whose file says which were fitted.
+        refit: names instead; ["none"] for no parameter; None takes the file's.
+
+    Raises:
+        OptionError: a name that is no parameter of this machine.
+    """
+    names = uncertain(machine) if refit is None else [n for n in refit if n != NONE]
+    known = [n for n in EFFECT if n in machine.parameters]
+    for name in names:
+        if name not in known:
+            raise OptionError("--refit", did_you_mean(name, [*known, NONE]), repr(name))
+    return [get_effect(e) for e in dict.fromkeys(EFFECT[n] for n in names)]

@@ -1,0 +1,128 @@
+"""The verdict in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from ldt_core.base.sentences import spoken
+from ldt_core.diagnosis.result import Amount, Gap, Place
+
+ALIKE = 0.5  # of two ranges together, that both hold: they need not be said both
+MOST = 0.9  # of the gap: with less in a place, its share is said
+
+
+def sentence(
+    machine: str,
+    kind: str,
+    acting: Sequence[Sequence[str]],
+    amounts: Mapping[str, Mapping[str, Amount]],
+    gap: Gap,
+    where: Sequence[Place],
+    left: float | None,
+) -> str:
+    """One or two sentences for a person.
+
+    Args:
+        machine: its name.
+        kind: of the verdict.
+        acting: for each effect that acts, the names that it may have.
+        amounts: effect to parameters.
+        gap: errors before and after.
+        where: places, the clearest first.
+        left: part of the gap that the best set leaves.
+    """
+    if kind == "none":
+        return (
+            f"No gap: on held-out experiments the machine file of {machine} predicts the speed to "
+            f"{gap.before.rmse:.3g} rad/s, which is the noise ({gap.noise_std:.3g} rad/s)."
+        )
+    place = f", {_lies(where)}," if where and where[0].share_of_data < 1 else ""
+    if kind == "unknown":
+        much = "" if left is None else f" (the best set of them leaves {left:.0%} of it)"
+        return (
+            f"Unknown: the gap of {gap.before.rmse:.3g} rad/s on held-out experiments{place} has "
+            f"a cause that none of the known effects explains{much}."
+        )
+    that = "it" if len(acting) == 1 else "them"
+    what = " and ".join(_one(group, amounts) for group in acting)
+    verb, part = "explains" if len(acting) == 1 else "explain", gap.closed_fraction
+    closed = "" if part is None else f" {verb} {part:.0%} of the gap"
+    return (
+        f"{what[0].upper()}{what[1:]}{closed}{place.rstrip(',')}; adding {that} cuts the error on "
+        f"held-out experiments from {gap.before.rmse:.3g} to {gap.after.rmse:.3g} rad/s, noise is "
+        f"{gap.noise_std:.3g}."
+    )
+
+
+def not_measured(fault: str, verdict: str) -> str:
+    """The sentence where a sensor is at fault.
+
+    Args:
+        fault: what it shows, and where.
+        verdict: on the experiments before; "" where there are too few.
+    """
+    if not verdict:
+        return f"Sensor fault: {fault}. No cause is sought in a speed that was not measured."
+    return f"{verdict} That is by the experiments before a sensor fault: {fault}."
+
+
+def _one(group: Sequence[str], amounts: Mapping[str, Mapping[str, Amount]]) -> str:
+    named = f"{spoken(group[0])} ({values(amounts[group[0]])})"
+    if len(group) == 1:
+        return named
+    others = " or ".join(spoken(n) for n in group[1:])
+    return f"{named} or, not to be told apart here, {others}"
+
+
+def values(parameters: Mapping[str, Amount]) -> str:
+    """Parameters with their intervals: "e = 4.9 ± 0.2 mm"."""
+    parts = []
+    for name, a in parameters.items():
+        unit, scale = ("mm", 1e3) if a.unit == "m" else (a.unit, 1.0)
+        if a.ci95 is None:
+            parts.append(f"{name} not determined")
+            continue
+        spread = max(a.ci95[1] - a.value, a.value - a.ci95[0]) * scale
+        digits = max(0, 1 - _exponent(spread)) if spread > 0 else 3
+        shown = f"{a.value * scale:.{min(digits, 9)}f}" if digits < 6 else f"{a.value * scale:.3g}"
+        parts.append(f"{name} = {shown} ± {spread:.2g} {unit}".rstrip())
+    return ", ".join(parts)
+
+
+def _exponent(value: float) -> int:
+    return int(f"{value:e}".split("e")[1])
+
+
+def _lies(where: Sequence[Place]) -> str:
+    """Where the clearest place is, both directions together if it is the same in both."""
+    place, share = where[0], where[0].share_of_gap
+    both = [p for p in where[1:] if (p.begin, p.end) == (-place.end, -place.begin)]
+    if both and place.quantity == both[0].quantity:
+        share += both[0].share_of_gap
+        place = max(place, both[0], key=lambda p: p.end)
+    part = "which lies" if share >= MOST else f"{share:.0%} of which lies"
+    return f"{part} {_place(place)}{' in both directions' if both else ''}{_steady(place, where)}"
+
+
+def _steady(place: Place, where: Sequence[Place]) -> str:
+    """Where else the effect acts when the machine turns steadily, if that is not the same."""
+    steady = next((p for p in where if p.steady), None)
+    if steady is None or place.steady:
+        return ""
+    if place.quantity == steady.quantity:
+        both = min(place.end, steady.end) - max(place.begin, steady.begin)
+        if both >= ALIKE * (max(place.end, steady.end) - min(place.begin, steady.begin)):
+            return ""
+    return f" (at steady speeds it acts from {steady.begin:.3g} to {steady.end:.3g} {steady.unit})"
+
+
+def _place(place: Place) -> str:
+    unit = f" {place.unit}" if place.unit else ""
+    if place.quantity == "experiment":
+        first, last = round(place.begin), round(place.end)
+        return f"in experiment {first}" if first == last else f"in experiments {first} to {last}"
+    words = {"speed": "at speeds", "voltage": "at voltages", "time": "in the time"}
+    word = words.get(
+        place.quantity, {"frequency": "at frequencies"}.get(place.quantity, f"at {place.quantity}s")
+    )
+    return f"{word} from {place.begin:.3g} to {place.end:.3g}{unit}"

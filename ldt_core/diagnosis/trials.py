@@ -1,0 +1,320 @@
+"""Recorded experiments beside simulations of the machine with any set of effects.
+
+Residuals are measured minus simulated, in deviations of the noise, speed and (where it was
+recorded) current of all experiments in one row, from start states that are projected out where the
+machine was not at rest. They are those of a free run, with one exception: a rotor near capture
+turns from one state of motion to another within a per cent of its eccentricity, and a free run on
+the wrong side says nothing about what else is wrong. There the simulation follows the measured
+speed through an observer, whose corrections are then taken back out by the linear motor: what
+remains is a free run linearised about the measured motion, the same as the free run wherever that
+is linear, and smooth in every parameter where it is not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.threads import spread
+from ldt_core.diagnosis.starts import NO_OFFSET, Starts, basis_of, settle, settled
+from ldt_core.estimation.effect.free_run import white_noise
+from ldt_core.physics.constants import NOT_TRACKED
+from ldt_core.physics.integrate import propagate
+from ldt_core.physics.motor import memory
+
+if TYPE_CHECKING:
+    from ldt_core.machine.machine_file import Machine
+    from ldt_core.physics.effect import Effect
+
+Array = NDArray[np.float64]
+Values = Mapping[str, float]
+Used = tuple["Effect", Values]
+Use = Sequence[Used]
+
+DIVERGED = 1e4  # rad/s, in place of a free run that grows for ever
+AT_REST = 4.0  # noise deviations: a first sample nearer to 0 than this is a machine at rest
+NOISE_FLOOR = 1e-4  # of a channel's size: noise-free simulations must not divide by 0
+ANGULAR = 1e-3  # noise deviations by which a typical size of an effect shows another start angle
+COARSE = 2e-3  # s, integration step of a search
+LEAST = 0.5e-3  # s, shortest step, whatever the search tries
+ANGLE, SPEED, CURRENT = range(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One experiment of the bench.
+
+    Attributes:
+        experiment: measured.
+        rest: whether the machine stood still at the first sample.
+        rows: where its residuals lie in the row of all.
+        columns: (rows, s) change of the residuals per unknown first speed and current.
+    """
+
+    experiment: Experiment
+    rest: bool
+    rows: slice
+    columns: Array
+
+
+class Bench:
+    """Experiments and the machine that is thought to have made them.
+
+    Args:
+        machine: as its file knows it.
+        experiments: measured.
+        noise: standard deviations of speed [rad/s] and current [A]; None takes the white part of
+            the measured signals.
+        tolerance: part of each channel's gap, as root mean square, that counts as noise as well: no
+            law is exactly a machine's, and a channel measured very well must not count for more.
+        workers: threads among which the experiments are spread.
+    """
+
+    #: Integration step of a search [s].
+    coarse = COARSE
+
+    def __init__(
+        self,
+        machine: Machine,
+        experiments: Sequence[Experiment],
+        noise: tuple[float, float] | None = None,
+        workers: int = 1,
+        tolerance: float = 0.0,
+    ) -> None:
+        self.machine, self.experiments = machine, list(experiments)
+        self.physics, self.values = machine.model, dict(machine.parameters)
+        self.noise = noise or channel_noise(self.experiments)
+        #: Noise of each channel in the deviations by which residuals are divided.
+        self.level = (1.0, 1.0)
+        self.workers = workers
+        #: Time constant with which the motor forgets its speed [s].
+        self.memory = memory(self.values)
+        self.pieces: list[Piece] = []
+        at = 0
+        for e in self.experiments:
+            rows = len(e) * (1 if e.current is None else 2)
+            rest = abs(float(e.speed[0])) <= AT_REST * self.noise[0]
+            columns = np.zeros((rows, 0)) if rest else self._motor_columns(e)
+            self.pieces.append(Piece(e, rest, slice(at, at + rows), columns))
+            at += rows
+        #: Residuals in all.
+        self.size = at
+        #: Start states as they are known before any effect is.
+        self.starts = Starts(
+            np.zeros(len(self.pieces)),
+            tuple(basis_of(p.columns) for p in self.pieces),
+            (NO_OFFSET,) * len(self.pieces),
+        )
+        self._angles: dict[str, bool] = {}
+        #: Whether the machine shakes a foundation as its file knows it.
+        self.shaking = not self.physics.is_linear(self.values)
+        if self.shaking:
+            self.starts = settled(self, (), True, 0, True, True, COARSE)
+        if tolerance > 0:
+            self._tolerate(tolerance)
+
+    def _tolerate(self, tolerance: float) -> None:
+        """Take the noise to be as large as the laws' own errors are likely to be."""
+        rest, gap, count = self.rest(), [0.0, 0.0], [0, 0]
+        for piece in self.pieces:
+            length = len(piece.experiment)
+            for channel, begin in enumerate(range(piece.rows.start, piece.rows.stop, length)):
+                part = rest[begin : begin + length]
+                gap[channel] += float(part @ part) - length
+                count[channel] += length
+        speed, current = (max(g / max(n, 1), 0.0) for g, n in zip(gap, count, strict=True))
+        wider = [math.sqrt(1.0 + tolerance**2 * power) for power in (speed, current)]
+        # The speed is what is to be predicted: a current measured well adds to what is known of
+        # it, but its gap does not outweigh the speed's.
+        wider[1] = max(wider[1], math.sqrt(current / max(speed / wider[0] ** 2, 1.0)))
+        self.noise = self.noise[0] * wider[0], self.noise[1] * wider[1]
+        self.level = 1.0 / wider[0], 1.0 / wider[1]
+        for piece in self.pieces:  # the columns' channels are weighed by the noise
+            length = len(piece.experiment)
+            piece.columns[:length] /= wider[0]
+            piece.columns[length:] /= wider[1]
+        bases = tuple(basis_of(p.columns) for p in self.pieces)
+        self.starts = Starts(self.starts.angles, bases, self.starts.offsets)
+        if self.shaking:
+            self.starts = settled(self, (), True, 0, True, True, COARSE)
+
+    def part(self, numbers: Sequence[int], workers: int | None = None) -> Bench:
+        """The bench with some of the experiments only, by their place in the list."""
+        chosen = [self.experiments[i] for i in numbers]
+        part = Bench(self.machine, chosen, self.noise, workers or self.workers)
+        part.level = self.level
+        return part
+
+    def rest(self, use: Use = (), step: float = COARSE, starts: Starts | None = None) -> Array:
+        """(size,) residuals with these effects, in noise deviations, start states projected out.
+
+        Args:
+            use: effects with all their values.
+            step: longest integration step [s].
+            starts: as `settle` found them for such effects; None takes the bench's.
+        """
+        begun = self.starts if starts is None else starts
+        row = np.empty(self.size)
+
+        def fill(i: int) -> None:
+            rest = self.difference(i, use, step, float(begun.angles[i]), begun.offsets[i])
+            row[self.pieces[i].rows] = rest - begun.bases[i] @ (begun.bases[i].T @ rest)
+
+        self.each(fill)
+        return row
+
+    def settle(
+        self, use: Use, free: bool = False, step: float = COARSE, near: Starts | None = None
+    ) -> Starts:
+        """Start states for these effects; see `starts.settle`."""
+        return settle(self, use, free, step, near)
+
+    def changed(self, use: Use) -> Values | None:
+        """The machine's parameters with these effects; None where they are impossible."""
+        values: Values = self.values
+        try:
+            for effect, given in use:
+                values = effect.change_parameters(self.physics, values, given)
+        except LdtError:
+            return None
+        return values
+
+    def each(self, work: Callable[[int], None]) -> None:
+        """Do something with every experiment, by its place."""
+        for _ in spread(work, len(self.pieces), self.workers):
+            pass
+
+    def difference(
+        self, i: int, use: Use, step: float, angle: float, offset: Array = NO_OFFSET
+    ) -> Array:
+        """(rows,) measured minus simulated of one experiment, in noise deviations."""
+        e = self.experiments[i]
+        speed, current = self.outputs(i, use, step, angle, offset=offset)
+        rest = (e.speed - speed) / self.noise[0]
+        if e.current is not None:
+            rest = np.concatenate([rest, (e.current - current) / self.noise[1]])
+        limit = DIVERGED / self.noise[0]
+        return np.clip(np.nan_to_num(rest, nan=limit, posinf=limit, neginf=-limit), -limit, limit)
+
+    def outputs(
+        self,
+        i: int,
+        use: Use,
+        step: float = COARSE,
+        angle: float = 0.0,
+        follow: bool = True,
+        offset: Array = NO_OFFSET,
+    ) -> tuple[Array, Array]:
+        """(L,) speed as the sensor shows it [rad/s] and (L,) current [A] of experiment i.
+
+        Args:
+            i: place of the experiment in the list.
+            use: effects with all their values.
+            step: longest integration step [s].
+            angle: at the first sample [rad].
+            follow: False makes it a free run whatever the machine is.
+            offset: (states,) change of the states at the first sample, or none.
+        """
+        piece = self.pieces[i]
+        e, physics = piece.experiment, self.physics
+        wild = np.full(len(e), DIVERGED)
+        values = self.changed(use)
+        if values is None:
+            return wild, wild
+        try:
+            seen = physics.behind_sensor(e.speed, e.period, use)
+            first = 0.0 if piece.rest else float(seen[0])
+            known = None if e.current is None else float(e.current[0])
+            start = physics.initial_state(values, first, known)
+            if not piece.rest and not physics.is_linear(values):
+                start = physics.running_state(values, first, angle, known)
+            start[ANGLE] = angle
+            terms = [(x, p) for x, p in use if x.torque is not None or x.terminal is not None]
+            own = [v for x, p in terms for v in x.first_states(start, p)]
+            start = np.concatenate([start, own])
+            if offset.size:
+                start[: offset.size] += offset[: start.size]
+            about = e.voltage, e.period, start, use, step
+            if not (
+                follow
+                and (not physics.is_linear(values) or self.angular(effect for effect, _ in use))
+            ):
+                states = physics.simulate(self.values, *about, least_step=LEAST)
+            else:
+                gain = -math.expm1(-e.period / self.memory)
+                states = physics.simulate(self.values, *about, (seen, gain), LEAST)
+                states = states.copy()
+                states[:, : CURRENT + 1] -= self._corrections(values, e, states, seen, gain)
+        except LdtError:
+            return wild, wild
+        return physics.measure(states, e.period, use), states[:, CURRENT]
+
+    def angular(self, effects: Iterable[Effect]) -> bool:
+        """Whether what one of the effects does depends on the angle.
+
+        A free run's angle leaves the machine's within a few turns of a small error in speed.
+        """
+        for effect in effects:
+            if effect.name not in self._angles:
+                given = [(effect, effect.check(effect.typical))]
+                one, other = (self.outputs(0, given, angle=a, follow=False)[0] for a in (0.0, 1.0))
+                moved = float(np.max(np.abs(one - other)))
+                self._angles[effect.name] = moved > ANGULAR * self.noise[0]
+            if self._angles[effect.name]:
+                return True
+        return False
+
+    def _corrections(
+        self, values: Values, e: Experiment, states: Array, seen: Array, gain: float
+    ) -> Array:
+        """(L, 3) what the observer has added to angle, speed and current so far."""
+        ad, _ = _motor(values, e.period)
+        pushed = gain * (seen - states[:, SPEED])
+        moved = propagate(ad, np.ascontiguousarray(ad[:, SPEED]), pushed, np.zeros(3), *NOT_TRACKED)
+        moved[:, ANGLE] = 0.0
+        return moved
+
+    def _motor_columns(self, e: Experiment) -> Array:
+        """(rows, 2) change of the residuals per unknown first speed and current."""
+        ad, bd = _motor(self.values, e.period)
+        columns = []
+        for state in (SPEED, CURRENT):
+            first = np.zeros(3)
+            first[state] = 1.0
+            moved = propagate(ad, bd, np.zeros(len(e)), first, *NOT_TRACKED)
+            column = moved[:, SPEED] / self.noise[0]
+            if e.current is not None:
+                column = np.concatenate([column, moved[:, CURRENT] / self.noise[1]])
+            columns.append(column)
+        return np.column_stack(columns)
+
+
+def _motor(values: Values, period: float) -> tuple[Array, Array]:
+    from ldt_core.physics.base import _discretise
+    from ldt_core.physics.motor import MOTOR
+
+    return _discretise(MOTOR, tuple(values[p.name] for p in MOTOR.parameters), period)
+
+
+def channel_noise(experiments: Sequence[Experiment]) -> tuple[float, float]:
+    """Deviations of the white noise on speed [rad/s] and current [A], as measured."""
+    speed = np.concatenate([e.speed for e in experiments])
+    floor = NOISE_FLOOR * max(float(np.abs(speed).max()), 1e-6)
+    noise = max(white_noise(experiments), floor)
+    current = [e.current for e in experiments if e.current is not None]
+    if not current:
+        return noise, 1.0
+    as_speed = [
+        Experiment(e.number, e.start, e.period, e.voltage, e.current)
+        for e in experiments
+        if e.current is not None
+    ]
+    floor = NOISE_FLOOR * max(float(np.abs(np.concatenate(current)).max()), 1e-6)
+    return noise, max(white_noise(as_speed), floor)

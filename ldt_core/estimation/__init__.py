@@ -1,0 +1,1 @@
+"""Parameters from measured experiments, by least squares in free run."""

@@ -1,0 +1,243 @@
+"""Least squares from a good start: effect and start states of several experiments together.
+
+Levenberg-Marquardt with difference quotients. Experiments share the effect's parameters, and the
+start angle where the machine is held to start at the same one every time; all other unknown start
+states are each experiment's own.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ldt_core.base.experiment import Experiment
+from ldt_core.estimation.effect.free_run import ANGLE, Array, Cause, Start
+
+STEP = 0.5e-3  # s, longest integration step: worst relative error 8e-5
+DIFFERENCE = 1e-4  # of a scale or of a start state's spread, for difference quotients
+ROUNDS = 12
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8
+LONGEST = 0.05  # scales, and
+WIDEST = 0.5  # spreads of a start state, of one step: beyond, the free run is not linear at all
+DONE = 0.1  # noise deviations that a step changes all samples together: nothing more to gain
+WEAK = 2.0  # scales: width of the prior that stands in where the data say nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """An experiment to fit: what was measured, what is known of its start, which samples count."""
+
+    experiment: Experiment
+    start: Start
+    keep: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Where a descent ended.
+
+    Attributes:
+        q: (p,) effect's coordinates, shared angle if any, then each experiment's own start.
+        covariance: (p, p) of q, for residuals as large and as long-lived as those found.
+        rests: residual of each experiment [rad/s], held samples left out.
+        rms: of them all, corrected for the number of parameters [rad/s].
+        memory: samples in which the residual forgets itself; 1 for white noise.
+    """
+
+    q: Array
+    covariance: Array
+    rests: list[Array]
+    rms: float
+    memory: float
+
+
+class Descent:
+    """The fit of one effect to several experiments.
+
+    Args:
+        cause: machine and effect.
+        seen: experiments.
+        noise: standard deviation of the speed [rad/s], against which start states count.
+        shared: the experiments start at the same angle.
+        known: (angle, deviation) of that angle from earlier experiments.
+        memory: free runs that were made already.
+    """
+
+    def __init__(
+        self,
+        cause: Cause,
+        seen: Sequence[Seen],
+        noise: float,
+        shared: bool = False,
+        known: tuple[float, float] | None = None,
+        memory: dict[Any, Array] | None = None,
+    ) -> None:
+        self.cause, self.seen, self.noise = cause, list(seen), noise
+        self.shared, self.known = shared and cause.turn > 0, known
+        self._runs = {} if memory is None else memory
+        self._d = len(cause.names)
+        own = [np.flatnonzero(s.start.spread > 0) for s in seen]
+        self._own = [u[u != ANGLE] if self.shared else u for u in own]
+        first = self._d + (1 if self.shared else 0)
+        ends = first + np.cumsum([0, *(len(u) for u in self._own)])
+        self._places = [slice(a, b) for a, b in itertools.pairwise(ends.tolist())]
+        self.size = int(ends[-1])
+        spreads = [s.start.spread[u] for s, u in zip(seen, self._own, strict=True)]
+        angle = [cause.turn / math.sqrt(12)] if self.shared else []
+        self.spread = np.concatenate([np.full(self._d, WEAK), angle, *spreads])
+        # What a start state's guess is worth; the angle is nobody's guess.
+        pulled = np.concatenate([np.zeros(first), *(u != ANGLE for u in self._own)])
+        self._pulled = np.flatnonzero(pulled)
+        # All others keep their spread where the data say nothing; it does not draw the fit.
+        self._unpulled = 1.0 - pulled
+
+    def point(self, z: Array, angles: Sequence[float]) -> Array:
+        """(p,) coordinates with these start angles and otherwise nominal starts."""
+        q = np.zeros(self.size)
+        q[: self._d] = z
+        if self.shared:
+            q[self._d] = angles[0]
+            return q
+        for angle, own, place in zip(angles, self._own, self._places, strict=True):
+            q[place] = np.where(own == ANGLE, angle, 0.0)
+        return q
+
+    def offset(self, q: Array, i: int) -> Array:
+        """(n,) change of experiment i's nominal start."""
+        offset = self.cause.offset(float(q[self._d]) if self.shared else 0.0)
+        offset[self._own[i]] = q[self._places[i]]
+        return offset
+
+    def angle(self, i: int) -> int | None:
+        """Place of experiment i's start angle in q."""
+        if self.shared:
+            return self._d
+        at = np.flatnonzero(self._own[i] == ANGLE)
+        return self._places[i].start + int(at[0]) if at.size else None
+
+    def rest(self, q: Array, i: int) -> Array:
+        """(L,) residual of experiment i [rad/s], held samples included."""
+        z, offset, seen = q[: self._d], self.offset(q, i), self.seen[i]
+        e = seen.experiment
+        key = e.number, e.start, len(e), z.tobytes(), offset.tobytes()
+        if key not in self._runs:
+            run = self.cause.speed(seen.experiment, z, offset, seen.start.rest, STEP)
+            self._runs[key] = run
+        return seen.experiment.speed - self._runs[key]
+
+    def run(self, start: Array) -> Minimum:
+        """Descend from these coordinates."""
+        q = self._inside(start)
+        rows = self._rows(q)
+        damping = FIRST_DAMPING
+        for _ in range(ROUNDS):
+            slopes = self._slopes(q)
+            normal, slope = slopes.T @ slopes, slopes.T @ rows
+            scale = np.diag(normal) + 1e-12 * max(float(np.diag(normal).max()), 1e-300)
+            loss = float(rows @ rows)
+            moved, better = q, rows
+            while damping < MOST_DAMPING:
+                step: Array = np.asarray(
+                    np.linalg.solve(normal + damping * np.diag(scale), -slope), dtype=np.float64
+                )
+                moved = self._inside(q + self._short(step))
+                better = self._rows(moved)
+                if float(better @ better) < loss:
+                    break
+                damping *= 10
+            else:
+                break
+            change = slopes @ (moved - q)
+            damping = max(damping / 10, LEAST_DAMPING)
+            q, rows = moved, better
+            if float(change @ change) < DONE**2 * loss / max(rows.size, 1):
+                break
+        return self._minimum(q)
+
+    def loss(self, q: Array, minimum: Minimum) -> float:
+        """Sum of squares about a minimum, in deviations of what is left there."""
+        rows = self._rows(q)
+        measured = rows[: rows.size - self._prior(q).size]
+        prior = rows[measured.size :]
+        ratio = self._ratio(minimum.rms, minimum.memory)
+        return ratio**2 * float(measured @ measured) + float(prior @ prior)
+
+    def _ratio(self, rms: float, memory: float) -> float:
+        # Of so many samples that hang together, only one in `memory` counts.
+        return self.noise / max(rms * math.sqrt(memory), 1e-6 * self.noise)
+
+    def _minimum(self, q: Array) -> Minimum:
+        rests = [self.rest(q, i)[s.keep] for i, s in enumerate(self.seen)]
+        together = np.concatenate(rests)
+        rms = math.sqrt(float(together @ together) / max(together.size - self.size, 1))
+        memory = float(np.mean([correlation_time(r) for r in rests]))
+        ratio = self._ratio(rms, memory)
+        slopes = self._slopes(q) * self.spread
+        measured, prior = slopes[: together.size], slopes[together.size :]
+        precision = ratio**2 * measured.T @ measured + prior.T @ prior
+        precision[np.diag_indices(self.size)] += self._unpulled
+        covariance = np.linalg.inv(precision) * np.outer(self.spread, self.spread)
+        return Minimum(q, covariance, rests, rms, memory)
+
+    def _rows(self, q: Array) -> Array:
+        measured = [self.rest(q, i)[s.keep] / self.noise for i, s in enumerate(self.seen)]
+        return np.concatenate([*measured, self._prior(q)])
+
+    def _prior(self, q: Array) -> Array:
+        rows = q[self._pulled] / self.spread[self._pulled]
+        if self.shared and self.known is not None:
+            rows = np.append(rows, (q[self._d] - self.known[0]) / self.known[1])
+        return rows
+
+    def _slopes(self, q: Array) -> Array:
+        """(rows, p) change of the rows by each coordinate."""
+        lengths = [int(np.count_nonzero(s.keep)) for s in self.seen]
+        ends = np.cumsum([0, *lengths])
+        prior = self._prior(q)
+        slopes = np.zeros((ends[-1] + prior.size, self.size))
+        for j in range(self.size):
+            step = DIFFERENCE * (1.0 if j < self._d else self.spread[j])
+            if j < self._d and q[j] + step > self.cause.high[j]:
+                step = -step
+            moved = q.copy()
+            moved[j] += step
+            shared = j < self._d + (1 if self.shared else 0)
+            for i, place in enumerate(self._places):
+                if shared or place.start <= j < place.stop:
+                    change = self.rest(moved, i) - self.rest(q, i)
+                    rows = slice(ends[i], ends[i + 1])
+                    slopes[rows, j] = change[self.seen[i].keep] / (step * self.noise)
+            slopes[ends[-1] :, j] = (self._prior(moved) - prior) / step
+        return slopes
+
+    def _short(self, step: Array) -> Array:
+        most = np.where(np.arange(self.size) < self._d, LONGEST, WIDEST * self.spread)
+        return step / max(1.0, float(np.max(np.abs(step) / most)))
+
+    def _inside(self, q: Array) -> Array:
+        q = q.copy()
+        q[: self._d] = np.clip(q[: self._d], self.cause.low, self.cause.high)
+        return q
+
+
+def correlation_time(rest: Array) -> float:
+    """Samples of white noise that tell as much as one of these: 1 + 2 sum of autocorrelations.
+
+    Summed while sums of neighbouring pairs are positive: Geyer, "Practical Markov chain Monte
+    Carlo", Statistical Science 7 (1992).
+    """
+    length = rest.size
+    if length < 4:
+        return 1.0
+    spectrum = np.abs(np.fft.rfft(rest, 2 * length)) ** 2
+    correlation = np.fft.irfft(spectrum)[: length // 4 * 2]
+    if correlation[0] <= 0:
+        return 1.0
+    pairs = correlation.reshape(-1, 2).sum(axis=1) / correlation[0]
+    ends = np.flatnonzero(pairs <= 0)
+    return max(1.0, 2 * float(pairs[: ends[0] if ends.size else pairs.size].sum()) - 1.0)

@@ -1,0 +1,200 @@
+"""Free runs of a machine with one effect, from a start state that is only partly known."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Experiment
+
+if TYPE_CHECKING:
+    from ldt_core.machine.machine_file import Machine
+    from ldt_core.physics.effect import Effect
+
+Array = NDArray[np.float64]
+
+DIVERGED = 1e6  # rad/s, a speed that no fit accepts, in place of a free run that grows for ever
+AT_REST = 4.0  # noise deviations: a first sample nearer to 0 than this is a machine at rest
+SENSOR_ROUNDS = 20  # to find the speed behind a first sample that went through the sensor's effect
+PROBE = 2.0  # s, run that shows whether the start angle matters
+ALIKE = 1e-6  # of the largest speed: two free runs that differ by rounding alone
+THIRD_DIFFERENCE = math.sqrt(20)  # of white noise with deviation 1
+NORMAL_MEDIAN = 0.6745  # of the size of a standard normal number
+LIVELY_STEP = 1e-3  # s, longest integration step where only the size of a motion is asked for
+ANGLE, SPEED, CURRENT = range(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """What is known of the state at an experiment's first sample.
+
+    Attributes:
+        rest: whether the machine stood still.
+        spread: (n,) deviation of each state about the nominal one; 0 where it is known.
+    """
+
+    rest: bool
+    spread: Array
+
+
+class Cause:
+    """A machine and the one effect that is to explain its changes.
+
+    The effect's parameters are handled as coordinates z = (value - neutral value) / scale.
+
+    Args:
+        machine: as it is known beforehand.
+        values: the machine's parameters.
+        effect: of `ldt_core.effects`, one that the machine can have.
+    """
+
+    def __init__(self, machine: Machine, values: Mapping[str, float], effect: Effect) -> None:
+        self.machine, self.values, self.effect = machine, dict(values), effect
+        self.physics = machine.model
+        self.names = [p.name for p in effect.parameters]
+        self.neutral = np.array([effect.neutral[n] for n in self.names])
+        self.scale = np.array([p.scale or 1.0 for p in effect.parameters])
+        low = [p.low + (1e-6 * (p.scale or 1.0) if p.open_low else 0.0) for p in effect.parameters]
+        high = [p.high for p in effect.parameters]
+        self.low = (np.array(low) - self.neutral) / self.scale
+        self.high = (np.array(high) - self.neutral) / self.scale
+        #: Coordinates of the effect at its typical size.
+        self.typical = self.coordinates({**effect.neutral, **effect.typical})
+
+    def given(self, z: Array) -> dict[str, float]:
+        """The effect's parameters at these coordinates, within their bounds."""
+        values = self.neutral + np.clip(z, self.low, self.high) * self.scale
+        return dict(zip(self.names, values.tolist(), strict=True))
+
+    def coordinates(self, given: Mapping[str, float]) -> Array:
+        """(d,) coordinates of these parameters."""
+        return (np.array([given[n] for n in self.names]) - self.neutral) / self.scale
+
+    @functools.cached_property
+    def turn(self) -> float:
+        """Angle [rad] by which a start may differ without any difference in speed.
+
+        0 where the start angle does not matter, half a turn for a vertical shaft on a symmetrical
+        foundation, else a whole turn. Found by free runs of the effect at its typical size.
+        """
+        high = max(abs(v) for v in self.machine.voltage_limits)
+        period = self.machine.sample_period
+        rest = np.zeros(max(3, round(PROBE / period)))
+        probe = Experiment(1, 0.0, period, rest + high, rest)
+        z = self.typical
+        nominal, *turned = (
+            self.speed(probe, z, self.offset(angle)) for angle in (0.0, 1.0, math.pi)
+        )
+        limit = ALIKE * max(1.0, float(np.abs(nominal).max()))
+        other, half = (float(np.abs(t - nominal).max()) <= limit for t in turned)
+        return 0.0 if other and half else math.pi if half else 2 * math.pi
+
+    def offset(self, angle: float) -> Array:
+        """(n,) change of the nominal start state: at this angle [rad]."""
+        offset = np.zeros(len(self.physics.states))
+        offset[ANGLE] = angle
+        return offset
+
+    def start(
+        self, experiment: Experiment, noise: float, z: Array, lively: Array | None = None
+    ) -> Start:
+        """What is known of the start.
+
+        A first sample within the noise of 0 means a machine at rest: then only the angle is
+        unknown. Otherwise the speed is known to the noise, the current (unless it was measured)
+        within what the voltage can drive, and the foundation within the motion that it has in the
+        run. The nominal state of a running machine is that of one which has run so for long.
+
+        Args:
+            experiment: whose first samples count.
+            noise: standard deviation of the measured speed [rad/s].
+            z: the effect's coordinates, for what the sensor makes of the speed.
+            lively: coordinates for the foundation's motion; None takes the effect's typical size.
+        """
+        spread = np.zeros(len(self.physics.states))
+        spread[ANGLE] = self.turn / math.sqrt(12)
+        rest = abs(self._first_speed(experiment, z)) <= AT_REST * noise
+        if not rest:
+            spread[SPEED] = noise
+            if experiment.current is None:
+                spread[CURRENT] = float(np.abs(experiment.voltage).max()) / self.values["R"]
+            lively = self.typical if lively is None else lively
+            if self.turn > 0 and spread.size > CURRENT + 1:
+                states = self._states(experiment, lively, self.offset(0.0), rest, LIVELY_STEP)
+                moved = states[:, CURRENT + 1 : spread.size]
+                spread[CURRENT + 1 :] = np.sqrt(np.mean(moved**2, axis=0))
+        return Start(rest, spread)
+
+    def speed(
+        self,
+        experiment: Experiment,
+        z: Array,
+        offset: Array,
+        rest: bool = False,
+        max_step: float | None = None,
+    ) -> Array:
+        """(L,) speed of the free run [rad/s].
+
+        Args:
+            experiment: its voltage, its first speed and its first current.
+            z: the effect's coordinates.
+            offset: (n,) change of the nominal start state.
+            rest: the machine stood still, whatever the first sample says.
+            max_step: of the integration [s]; None is as exact as the physics model.
+        """
+        states = self._states(experiment, z, offset, rest, max_step)
+        given = [(self.effect, self.given(z))]
+        speed = self.physics.measure(states, experiment.period, given)
+        return np.nan_to_num(speed, nan=DIVERGED, posinf=DIVERGED, neginf=-DIVERGED)
+
+    def _states(
+        self,
+        experiment: Experiment,
+        z: Array,
+        offset: Array,
+        rest: bool,
+        max_step: float | None,
+    ) -> Array:
+        given = self.given(z)
+        speed = 0.0 if rest else self._first_speed(experiment, z)
+        current = None if experiment.current is None else float(experiment.current[0])
+        step: dict[str, Any] = {} if max_step is None else {"max_step": max_step}
+        try:
+            worn = self.effect.change_parameters(self.physics, self.values, given)
+            initial = self.physics.running_state(worn, speed, float(offset[ANGLE]), current)
+            initial[SPEED:] += offset[SPEED:]
+            about = experiment.voltage, experiment.period, initial, [(self.effect, given)]
+            return self.physics.simulate(self.values, *about, **step)
+        except LdtError:
+            return np.full((len(experiment), len(self.physics.states)), DIVERGED)
+
+    def _first_speed(self, experiment: Experiment, z: Array) -> float:
+        """The shaft's speed when a settled sensor, with the effect, shows the first sample."""
+        shown = float(experiment.speed[0])
+        if self.effect.on_measurement is None:
+            return shown
+        given, speed = [(self.effect, self.given(z))], shown
+        for _ in range(SENSOR_ROUNDS):
+            states = np.zeros((2, len(self.physics.states)))
+            states[:, SPEED] = speed
+            seen = float(self.physics.measure(states, experiment.period, given)[0])
+            speed += shown - seen
+        return speed if math.isfinite(speed) else shown
+
+
+def white_noise(experiments: Sequence[Experiment]) -> float:
+    """Deviation of white noise on smooth speeds [rad/s], from third differences.
+
+    Their median, so that steps of the speed do not count; 0 with fewer than 4 samples.
+    """
+    parts = [np.abs(np.diff(e.speed, 3)) for e in experiments if len(e) > 3]
+    if not parts:
+        return 0.0
+    return float(np.median(np.concatenate(parts))) / NORMAL_MEDIAN / THIRD_DIFFERENCE

@@ -1,0 +1,176 @@
+"""From experiments to a cause: which of them count, what they say together, how sure it is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ldt_core.base.experiment import Experiment
+from ldt_core.estimation.effect.descent import Descent, Minimum, Seen
+from ldt_core.estimation.effect.free_run import ANGLE, Array, Start
+from ldt_core.estimation.effect.members import Member, spread_out
+from ldt_core.estimation.effect.search import Search
+from ldt_core.estimation.effect.start_angle import Belief, believe, together
+from ldt_core.estimation.effect.start_angle import Seen as SeenAngle
+
+AGREEING = 1.5  # times the newest experiment's residual: an older one below this still holds
+CONTRADICTION = 25.0  # squared deviations by which a common start angle may fit less well
+TURNED = 4  # parts of a turn in which the start angle of an older experiment is looked for
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What the experiments say.
+
+    Attributes:
+        z: (d,) the effect's coordinates.
+        members: the same with what is uncertain about it, see `members.py`; the best first.
+        noise: standard deviation of what is left [rad/s].
+        memory: samples in which it forgets itself, 1 for white noise.
+        angles: start angles found, those of earlier experiments included.
+        belief: whether the machine always starts at the same angle.
+        used: experiments that it is learned from.
+    """
+
+    z: Array
+    members: list[Member]
+    noise: float
+    memory: float
+    angles: list[SeenAngle]
+    belief: Belief
+    used: list[Experiment]
+
+
+class Learner:
+    """Learns one cause from the same experiments, whole or with blocks held back.
+
+    The newest experiment is the machine's present: the effect is searched for in that one alone. Of
+    the older ones those join which the same machine can have made.
+
+    Args:
+        search: of the newest experiment.
+        experiments: to learn from, in any order, the newest among them.
+        angles: start angles found in earlier experiments.
+    """
+
+    def __init__(
+        self, search: Search, experiments: Sequence[Experiment], angles: Sequence[SeenAngle] = ()
+    ) -> None:
+        self.search, self.cause = search, search.cause
+        self.experiments = list(experiments)
+        self._angles = list(angles)
+        best = search.best.q[: len(self.cause.names)]
+        self._starts = [self._start(e, best) for e in experiments]
+        self._used = [i for i, e in enumerate(experiments) if self._holds(e, self._starts[i])]
+        numbers = {experiments[i].number for i in self._used}
+        self._before = [a for a in angles if a.number not in numbers]
+
+    def learn(self, held: Sequence[slice] | None = None) -> Learned:
+        """The effect's parameters, and how sure they are.
+
+        Args:
+            held: of each experiment the samples that are not looked at; the uncertainty is left
+                out then.
+        """
+        masks = [np.ones(len(e), dtype=bool) for e in self.experiments]
+        for mask, block in zip(masks, held or [], strict=held is not None):
+            mask[block] = False
+        newest = next(i for i in self._used if self.experiments[i] is self.search.experiment)
+        minimum = self.search.part(masks[newest])
+        d = len(self.cause.names)
+        seen = [Seen(self.experiments[i], self._starts[i], masks[i]) for i in self._used]
+        descent = self._descent(seen)
+        if len(seen) > 1:
+            z = minimum.q[:d]
+            minimum = descent.run(descent.point(z, [self._turned(s, z) for s in seen]))
+        belief, angles = self._weigh(descent, minimum)
+        if belief.angle is not None and self._alike(belief, seen):
+            known = believe(self._before, self.cause.turn) if self._before else None
+            prior = (known.angle, known.std) if known and known.angle is not None else None
+            alike = self._descent(seen, True, prior)
+            same = alike.run(alike.point(self._z_at(descent, minimum, belief), [belief.angle]))
+            # One angle for all must not cost what chance cannot explain.
+            worse = sum(r.size for r in same.rests) * (same.rms**2 / minimum.rms**2 - 1)
+            if worse < CONTRADICTION * minimum.memory:
+                descent, minimum = alike, same
+        members = spread_out(descent, minimum, belief, held is None)
+        used = [s.experiment for s in seen]
+        return Learned(minimum.q[:d], members, minimum.rms, minimum.memory, angles, belief, used)
+
+    def _start(self, e: Experiment, z: Array) -> Start:
+        if e is self.search.experiment:
+            return self.search.start
+        return self.cause.start(e, self.search.noise, z)
+
+    def _descent(
+        self, seen: Sequence[Seen], same: bool = False, prior: tuple[float, float] | None = None
+    ) -> Descent:
+        return Descent(self.cause, seen, self.search.noise, same, prior, self.search.runs)
+
+    def _turned(self, seen: Seen, z: Array) -> float:
+        """The start angle at which a descent of this experiment begins."""
+        newest = self.search.descent(np.ones(len(self.search.experiment), dtype=bool))
+        place = newest.angle(0)
+        angle = 0.0 if place is None else float(self.search.best.q[place])
+        if seen.start.spread[ANGLE] == 0 or seen.experiment is self.search.experiment:
+            return angle
+        known = believe(self._angles, self.cause.turn).angle
+        likely = [angle] if known is None else [angle, known]
+        parts = [self.cause.turn * (k + 0.5) / TURNED for k in range(TURNED)]
+        limit = AGREEING * self.search.best.rms
+        best, least = angle, math.inf
+        for tried in [*likely, *parts]:
+            rms = self._rms(seen, z, tried)
+            if rms < least:
+                best, least = tried, rms
+            if rms < limit:
+                break
+        return best
+
+    def _rms(self, seen: Seen, z: Array, angle: float) -> float:
+        descent = self._descent([seen])
+        rest = descent.rest(descent.point(z, [angle]), 0)[seen.keep]
+        return float(np.sqrt(np.mean(rest**2)))
+
+    def _holds(self, e: Experiment, start: Start) -> bool:
+        """Whether the newest experiment's machine can have made this one."""
+        if e is self.search.experiment:
+            return True
+        seen = Seen(e, start, np.ones(len(e), dtype=bool))
+        best, d = self.search.best, len(self.cause.names)
+        z, std = best.q[:d], np.sqrt(np.diag(best.covariance))[:d]
+        angle = self._turned(seen, z)
+        shifts = [np.zeros(d), *(np.diag(std)[j] * s for j in range(d) for s in (2.0, -2.0))]
+        near = (np.clip(z + s, self.cause.low, self.cause.high) for s in shifts)
+        return any(self._rms(seen, n, angle) < AGREEING * best.rms for n in near)
+
+    def _weigh(self, descent: Descent, minimum: Minimum) -> tuple[Belief, list[SeenAngle]]:
+        if self.cause.turn == 0:
+            return Belief(1.0, None, 0.0), []
+        new = []
+        for i, seen in enumerate(descent.seen):
+            place = descent.angle(i)
+            if place is not None and seen.start.rest:
+                std = math.sqrt(minimum.covariance[place, place])
+                new.append(SeenAngle(seen.experiment.number, float(minimum.q[place]), std))
+        angles = together(self._angles, new, self.cause.turn)
+        return believe(angles, self.cause.turn), angles
+
+    def _z_at(self, descent: Descent, minimum: Minimum, belief: Belief) -> Array:
+        """The coordinates that go with the common start angle: the two make up for each other."""
+        d = len(self.cause.names)
+        places = [p for p in map(descent.angle, range(len(descent.seen))) if p is not None]
+        off = (belief.angle or 0.0) - minimum.q[places]
+        off -= self.cause.turn * np.round(off / self.cause.turn)
+        cross = minimum.covariance[:d][:, places]
+        move = cross @ np.linalg.solve(minimum.covariance[np.ix_(places, places)], off)
+        return np.clip(minimum.q[:d] + move, self.cause.low, self.cause.high)
+
+    def _alike(self, belief: Belief, seen: Sequence[Seen]) -> bool:
+        """Whether the experiments are to be fitted with one start angle for all."""
+        if belief.same < 0.5 or not all(s.start.rest for s in seen):
+            return False
+        return len(seen) > 1 or bool(self._before)

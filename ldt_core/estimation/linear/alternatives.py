@@ -1,0 +1,161 @@
+"""What else the data allow: other models, whose runs show how far a prediction may be off.
+
+The parameters' covariance is that of the linearised least squares, s² τ (JᵀJ)⁻¹. s is the
+residual's deviation, and τ the number of samples that carry as much as one independent one, the
+residual's autocorrelation time: neighbours that err alike say less. It falls into two parts,
+
+- θ, the poles, with everything linear refitted: two models for each principal direction, one
+  deviation to either side. They are refitted exactly, and moved until the loss itself says one
+  deviation, not its curvature: poles that the data hardly determine lie far apart, on one side;
+- the linear parameters at given θ: one model for each direction, since the run is linear in them;
+
+and with each, the start states that go with it. To these come the errors of the start of a new run:
+the noise of its first speed, and the states that one speed leaves open. The variance of a predicted
+speed is the sum of the squared distances of their runs, and that of the residual. It grows where
+the data are left: a gain seen over half a volt says little of ten.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ldt_core.estimation.linear import schwarz
+from ldt_core.estimation.linear.output_error import Linear, OutputError
+
+Array = NDArray[np.float64]
+
+#: [logarithm] A component of θ is moved by so much at most: a factor of 7 is unknown enough.
+FARTHEST = 2.0
+#: One deviation away the sum of squares is larger by s² τ, if the loss is a parabola. Where it has
+#: become larger than so many times that, the step is shortened, at most so often and so much.
+MOST_LOST = 1.5
+SHORTENINGS = 6
+SHORTEST = 0.1
+#: Relative size of the least curvature that is not rounding.
+ROUNDING = 1e-12
+#: Share of the samples that the unknowns use up at most: beyond, the residual says nothing.
+MOST_USED = 0.75
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Parameters of another model.
+
+    Args:
+        theta: its poles, see `schwarz`.
+        linear: all else.
+        weight: of its squared distance from the best model, in the variance.
+    """
+
+    theta: Array
+    linear: Linear
+    weight: float
+
+
+def correlation_time(residuals: list[Array]) -> float:
+    """Samples that carry as much as one independent one, at least 1.
+
+    Sum of the autocorrelations over all lags, up to where two neighbours together are no longer
+    positive (C. Geyer, "Practical Markov chain Monte Carlo", Statistical Science 7 (1992)).
+    """
+    longest = max(r.size for r in residuals)
+    size = 2 ** int(np.ceil(np.log2(2 * longest)))
+    power = sum(np.abs(np.fft.rfft(r, size)) ** 2 for r in residuals)
+    covariance = np.fft.irfft(power, size)[:longest]
+    if not covariance[0] > 0:
+        return 1.0
+    correlation = covariance / covariance[0]
+    pairs = correlation[: longest // 2 * 2].reshape(-1, 2).sum(axis=1)
+    negative = np.flatnonzero(pairs <= 0)
+    return max(1.0, 2 * float(pairs[: negative[0] if negative.size else None].sum()) - 1.0)
+
+
+def residual_deviation(squares: float, samples: int, unknowns: int, time: float) -> float:
+    """Standard deviation of a residual, what the unknowns took of it given back."""
+    used = min(unknowns * time / samples, MOST_USED)
+    return float(np.sqrt(squares / (samples * (1 - used))))
+
+
+def alternatives(
+    search: OutputError, theta: Array, linear: Linear, deviation: float
+) -> list[Alternative]:
+    """The other models.
+
+    Args:
+        search: the data.
+        theta: the best model's.
+        linear: likewise.
+        deviation: s √τ, in the unit of the outputs.
+    """
+    found: list[Alternative] = []
+    if not deviation > 0:
+        return found  # exact data
+    low, high = schwarz.bounds(theta.size, search.sigma)
+    curvature, products, states = search.information(theta)
+    least = search.loss(theta) * search.count
+    for direction in _deviations(curvature, deviation):
+        for side in (1.0, -1.0):
+            share = 1.0
+            for _ in range(SHORTENINGS):
+                moved = np.clip(side * share * direction, -FARTHEST, FARTHEST)
+                there = np.clip(theta + moved, low, high)
+                lost = (search.loss(there) * search.count - least) / deviation**2
+                if lost <= MOST_LOST:
+                    break
+                share *= max(1 / np.sqrt(lost), SHORTEST)
+            found.append(Alternative(there, search.solve_quickly(there), 0.5))
+    for direction in _deviations(products, deviation):
+        c, others = direction[: theta.size], direction[theta.size :]
+        moved = Linear(
+            linear.c + c,
+            linear.D + (others[0] if search.feedthrough else 0.0),
+            linear.v - states @ direction,
+            linear.offset + (others[-1] if search.offset else 0.0),
+        )
+        found.append(Alternative(theta, moved, 1.0))
+    return found
+
+
+def _deviations(information: Array, deviation: float) -> Array:
+    """(directions, parameters): one standard deviation along each principal axis."""
+    most = float(np.diag(information).max())
+    if not most > 0:
+        return np.zeros((0, len(information)))
+    # what the data say nothing of is known as little as rounding lets one tell
+    size = np.sqrt(np.maximum(np.diag(information), ROUNDING * most))
+    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    return (vectors * (deviation / np.sqrt(np.maximum(values, ROUNDING)))).T / size
+
+
+@njit(cache=True, fastmath=False)
+def squared_distances(steps, drives, offsets, starts, weights, voltage):
+    """(L,) weighted sum of the squared distances of runs from the first one.
+
+    Args:
+        steps: (models, n, n) discrete models whose output is the first state plus an offset.
+        drives: (models, n).
+        offsets: (models,).
+        starts: (models, n), which are overwritten.
+        weights: (models,); that of the first model has no effect.
+        voltage: (L,).
+    """
+    models, order = drives.shape
+    distances = np.zeros(voltage.size)
+    following = np.empty(order)
+    for k in range(voltage.size):
+        best = starts[0, 0] + offsets[0]
+        for m in range(models):
+            state = starts[m]
+            distances[k] += weights[m] * (state[0] + offsets[m] - best) ** 2
+            for i in range(order):
+                moved = drives[m, i] * voltage[k]
+                for j in range(order):
+                    moved += steps[m, i, j] * state[j]
+                following[i] = moved
+            for i in range(order):
+                state[i] = following[i]
+    return distances

@@ -1,0 +1,293 @@
+"""Experiments in, continuous-time model out: what MATLAB's ssest does with its simulation focus."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.base.errors import ExperimentError, LdtError, OptionError
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.threads import one_thread
+from ldt_core.estimation.linear import order as order_choice
+from ldt_core.estimation.linear import schwarz
+from ldt_core.estimation.linear.alternatives import (
+    alternatives,
+    correlation_time,
+    residual_deviation,
+)
+from ldt_core.estimation.linear.minima import minima
+from ldt_core.estimation.linear.output_error import Linear, OutputError
+from ldt_core.estimation.linear.start import Start, misses, principal_deviations, settled, usual
+from ldt_core.estimation.linear.state_space import StateSpace
+
+Array = NDArray[np.float64]
+
+MOST_ORDER = 10  # parameters.yaml, `order`
+#: Tried when the order is to be chosen. A motor has 2 states; a soft shaft or foundation adds 2.
+TRIED_ORDERS = range(1, 5)
+#: Fewer samples per unknown make a fit that says little of the next experiment.
+SAMPLES_PER_UNKNOWN = 4
+#: A voltage that varies by less than this, relative to its size, is constant up to rounding.
+CONSTANT = 1e-9
+#: Relative effect of the input below which it is rounding (a random voltage has 1e-3 to 1).
+LEAST_EXCITATION = 1e-7
+#: F statistic below which the voltage explains no more than chance: 1e-4 of all noise passes 10 at
+#: order 1, far less at higher orders.
+LEAST_F = 10.0
+#: Recorded periods are rounded; a model over 1000 time constants does not feel a millionth.
+PERIOD_TOLERANCE = 1e-6
+#: Poles and order are first sought on so many samples, then the chosen model is fitted to all.
+ROUGH_SAMPLES = 6_000
+
+
+@dataclass(frozen=True, eq=False)
+class Identified(StateSpace):
+    """A model with what its identification knows of it.
+
+    Args:
+        starts: (experiments, n) estimated state at the first sample of each experiment.
+        start: in which state a new run starts, see `start`.
+        others: (model, start, weight) of other models that the data allow, see `alternatives`.
+        period: sample period of the data [s].
+        noise_std: standard deviation of the free run's residual [rad/s], the unknowns deducted.
+        correlation_time: of that residual [s], one sample period if it is white.
+        fit_percent: 100 (1 − |y − ŷ| / |y − ȳ|) over all samples, as MATLAB's `compare`.
+        held_out: order → root mean square error on samples left out [rad/s]; empty when the order
+            was given.
+    """
+
+    starts: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    start: Start | None = None
+    others: list[tuple[StateSpace, Start, float]] = field(default_factory=list)
+    period: float = float("nan")
+    noise_std: float = float("nan")
+    correlation_time: float = float("nan")
+    fit_percent: float = float("nan")
+    held_out: dict[int, float] = field(default_factory=dict)
+
+
+def identify(
+    experiments: Sequence[Experiment],
+    order: int | None = None,
+    *,
+    feedthrough: bool = False,
+    offset: bool = True,
+) -> Identified:
+    """The linear model whose free run from the voltage is nearest to the measured speed.
+
+    Continuous time; stable by construction; the start state of each experiment is estimated, and
+    the output's offset. State 1 is the speed without the offset: C = [1, 0, …]. The result is the
+    same to the last bit for the same experiments on the same machine.
+
+    Args:
+        experiments: one or more, of one sample period; lengths may differ.
+        order: number of states; None or 0 chooses from 1 to 4 on held-out samples (see `order`), or
+            takes 1 where no experiment is long enough for that.
+        feedthrough: whether the speed may follow the voltage at once (D ≠ 0). A motor's cannot.
+        offset: whether the speed may have an offset, that of a constant load or sensor bias.
+
+    Raises:
+        OptionError: an order that is none.
+        ExperimentError: no experiments, or of different sample periods.
+        LdtError: the experiments do not determine a model; the sentence says why.
+    """
+    if order is not None and (int(order) != order or not 0 <= order <= MOST_ORDER):
+        raise OptionError("order", f"a whole number from 0 to {MOST_ORDER}", repr(order))
+    orders = range(1, int(order) + 1) if order else TRIED_ORDERS
+    experiments = list(experiments)
+    _check(experiments, orders[-1] if order else orders[0], feedthrough, offset)
+    scale = _Scale(experiments, offset)
+    inputs = [(e.voltage - scale.voltage_mean) / scale.voltage for e in experiments]
+    outputs = [(e.speed - scale.speed_mean) / scale.speed for e in experiments]
+    sigma = schwarz.slowest(max(len(e) for e in experiments))
+    flags = {"feedthrough": feedthrough, "offset": offset}
+    search = rough = OutputError(inputs, outputs, sigma, **flags)
+    few = _spread(search.lengths)
+    if len(few) < len(experiments):
+        rough = OutputError([inputs[i] for i in few], [outputs[i] for i in few], sigma, **flags)
+    with one_thread():
+        try:
+            orders = _possible(orders, rough, experiments)
+        except LdtError:  # these few may say nothing where all together do
+            if rough is search:
+                raise
+            rough, orders = search, _possible(orders, search, experiments)
+        theta, held_out = _fit(rough, orders, choosing=not order)
+        if not order or rough is not search:
+            theta, _ = search.minimise(theta)
+        _refuse_chance(experiments, search, theta)
+        return _model(search, theta, scale, experiments, held_out)
+
+
+def _fit(search: OutputError, orders: range, choosing: bool) -> tuple[Array, dict[int, float]]:
+    """θ, of the last order or of the one chosen, and held-out error of each order tried."""
+    scored = choosing and len(orders) > 1 and search.longest >= order_choice.LEAST_LENGTH
+    fits: dict[int, Array] = {}
+    scores: dict[int, Array] = {}
+    chosen = orders[0] if choosing else orders[-1]
+    for n, theta in minima(search, orders if scored or not choosing else orders[:1], choosing):
+        fits[n] = theta
+        if scored:
+            scores[n] = order_choice.scores(search, theta)
+            chosen = order_choice.choose(scores)
+            if n - chosen >= order_choice.PATIENCE:
+                break
+    return fits[chosen], {n: float(np.sqrt(s.mean())) for n, s in scores.items()}
+
+
+def _spread(lengths: list[int]) -> list[int]:
+    """Indices of experiments, evenly spread, that hold about `ROUGH_SAMPLES` samples."""
+    count = max(1, min(len(lengths), round(ROUGH_SAMPLES / np.mean(lengths))))
+    return sorted({int(i) for i in np.linspace(0, len(lengths) - 1, count).round()})
+
+
+class _Scale:
+    """Centre and size of input and output: a fit in units of its own data is free of units."""
+
+    def __init__(self, experiments: list[Experiment], offset: bool) -> None:
+        voltage = np.concatenate([e.voltage for e in experiments])
+        speed = np.concatenate([e.speed for e in experiments])
+        self.voltage_mean, self.voltage = float(voltage.mean()), float(voltage.std())
+        self.speed_mean, self.speed = float(speed.mean()), float(speed.std())
+        if not offset:  # zero is where the machine's is
+            self.voltage_mean = self.speed_mean = 0.0
+
+
+def _check(experiments: list[Experiment], order: int, feedthrough: bool, offset: bool) -> None:
+    """Refuse what cannot be identified before any work is done."""
+    if not experiments:
+        raise ExperimentError("identification", "at least one experiment", "none")
+    first = experiments[0]
+    for e in experiments[1:]:
+        if abs(e.period - first.period) > PERIOD_TOLERANCE * first.period:
+            raise ExperimentError(
+                f"experiment {e.number}, sample period",
+                f"{first.period:g} s as in experiment {first.number} (one model, one period)",
+                f"{e.period:g} s",
+            )
+    unknowns = _unknowns(order, len(experiments), feedthrough + offset)
+    samples = sum(len(e) for e in experiments)
+    if samples < SAMPLES_PER_UNKNOWN * unknowns:
+        raise LdtError(
+            f"{_named(experiments)} cannot determine a linear model of order {order}: "
+            f"{samples} samples for {unknowns} unknowns, "
+            f"{SAMPLES_PER_UNKNOWN * unknowns} are needed"
+        )
+    for name, unit in (("voltage", "V"), ("speed", "rad/s")):
+        values = np.concatenate([getattr(e, name) for e in experiments])
+        if np.ptp(values) <= CONSTANT * np.abs(values).max():
+            raise LdtError(
+                f"{_named(experiments)} cannot determine a linear model: "
+                f"the {name} is {values[0]:g} {unit} throughout"
+            )
+
+
+def _unknowns(order: int, experiments: int, others: int) -> int:
+    """Poles, c, perhaps offset and D, and a start state for each experiment."""
+    return 2 * order + others + order * experiments
+
+
+def _possible(orders: range, search: OutputError, experiments: list[Experiment]) -> range:
+    """The orders that the samples are enough for and that the voltage excites.
+
+    Raises:
+        LdtError: none, or not the one that was asked for.
+    """
+    asked, most = orders[-1] if orders is not TRIED_ORDERS else orders[0], 0
+    for n in orders:
+        unknowns = _unknowns(n, len(search.lengths), search.feedthrough + search.offset)
+        if search.count < SAMPLES_PER_UNKNOWN * unknowns or search.excitation(n) < LEAST_EXCITATION:
+            break
+        most = n
+    if most < asked:
+        raise LdtError(
+            f"{_named(experiments)} cannot determine a linear model of order {asked}: "
+            "the voltage varies too little or too simply"
+        )
+    return range(1, most + 1)
+
+
+def _named(experiments: list[Experiment]) -> str:
+    if len(experiments) == 1:
+        return f"experiment {experiments[0].number}"
+    return f"{len(experiments)} experiments ({experiments[0].number} to {experiments[-1].number})"
+
+
+def _refuse_chance(experiments: list[Experiment], search: OutputError, theta: Array) -> None:
+    """An F test of the model against one in which the voltage does nothing."""
+    with_input, without = search.loss(theta), search.without_input(theta)
+    n = theta.size
+    rest = search.count - _unknowns(n, len(search.lengths), search.feedthrough + search.offset)
+    gained, left = (without - with_input) / n, with_input / rest
+    if gained < LEAST_F * left:
+        raise LdtError(
+            f"{_named(experiments)} cannot determine a linear model: "
+            "the voltage explains no more of the speed than chance would"
+        )
+
+
+def _model(
+    search: OutputError,
+    theta: Array,
+    scale: _Scale,
+    experiments: list[Experiment],
+    held_out: dict[int, float],
+) -> Identified:
+    period, linear = experiments[0].period, search.solve(theta)
+    residual = search.y - search.outputs(theta, linear)
+    squares = float(residual @ residual)
+    time = correlation_time(np.split(residual, search.begins[1:-1]))
+    unknowns = _unknowns(theta.size, len(search.lengths), search.feedthrough + search.offset)
+    deviation = residual_deviation(squares, search.count, unknowns, time)
+    around = float(((search.y - search.y.mean()) ** 2).sum())
+    model, starts = _physical(search, theta, linear, scale, period)
+    few = _spread(search.lengths)
+    seen = [experiments[i] for i in few]
+    rules = [usual(model, starts[few], seen), settled(model)]
+    start = min((r for r in rules if r), key=lambda r: misses(model, r, seen))
+    others = []
+    for a in alternatives(search, theta, linear, deviation * np.sqrt(time)):
+        other, begins = _physical(search, a.theta, a.linear, scale, period)
+        rule = settled(other) if start is rules[1] else usual(other, begins[few], seen)
+        if rule is not None:
+            others.append((other, rule, a.weight))
+    noise_std = scale.speed * deviation
+    moved = [start.per_speed * noise_std, *principal_deviations(start.spread)]
+    others += [(model, replace(start, state=start.state + m), 1.0) for m in moved]
+    return Identified(
+        **_fields(model),
+        starts=starts,
+        start=start,
+        others=others,
+        period=period,
+        noise_std=noise_std,
+        correlation_time=time * period,
+        fit_percent=100 * (1 - float(np.sqrt(squares / around))),
+        held_out={n: scale.speed * error for n, error in held_out.items()},
+    )
+
+
+def _physical(
+    search: OutputError, theta: Array, linear: Linear, scale: _Scale, period: float
+) -> tuple[StateSpace, Array]:
+    """Model and start states in SI units, in the dual (observer) form: state 1 is the output."""
+    A, b = schwarz.matrices(theta, search.sigma)
+    # the dual system has the same output: cᵀ exp(A t) b = bᵀ exp(Aᵀ t) c, and v is its start state
+    gain = b[0] * scale.speed
+    A = A.T / period
+    B = linear.c * gain / scale.voltage / period
+    C = np.eye(theta.size)[0]
+    D = linear.D * scale.speed / scale.voltage
+    # the fit saw voltage − mean: the steady state of the mean goes from the offset to the states
+    steady = -np.linalg.solve(A, B) * scale.voltage_mean
+    offset = linear.offset * scale.speed + scale.speed_mean
+    offset -= float(C @ steady) + D * scale.voltage_mean
+    return StateSpace(A, B, C, D, offset), linear.v * gain + steady
+
+
+def _fields(model: StateSpace) -> dict[str, Any]:
+    return {name: getattr(model, name) for name in ("A", "B", "C", "D", "offset")}

@@ -1,0 +1,1 @@
+"""What surrounds the product: study, challenge, tuning."""

@@ -1,0 +1,95 @@
+"""The library's parameters that are nearest to laws which are not the library's.
+
+The laws are put back to the library's own form (`odd` = 0), still in this simulator's words, and
+their parameters fitted in free run to the true motion, without noise, by Gauss-Newton steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.lab.challenge.rig import PROBES, Acting, Bench
+from ldt_core.lab.challenge.simulation import Unsteady
+
+Array = NDArray[np.float64]
+
+STEPS = 2
+CHECKS = (3, 7)  # experiments that are not fitted, and count in what is explained all the same
+DIFFERENCE = 1e-3  # relative change of a parameter in a finite difference
+INSENSITIVE = 1e-2  # of the largest singular value: such directions keep their value
+LARGEST = 0.5  # relative change in one step
+SETTLED = 0.05  # relative change in a step after which another one tells nothing new
+ANGLE_SCALE = 1.0  # rad; an angle has no size of its own
+WIDEST = 0.98  # of what a share may be
+
+
+class Nearest(NamedTuple):
+    """Laws in the library's form, and the share of the gap's energy that they explain.
+
+    The share is over the experiments fitted and some that were not: near capture by a resonance a
+    fit may be good where it was made and nowhere else.
+    """
+
+    acting: tuple[Acting, ...]
+    explained: float
+
+
+def nearest(bench: Bench, acting: Sequence[Acting], numbers: Sequence[int] = PROBES) -> Nearest:
+    """Fit the library's forms to the true motion.
+
+    Args:
+        bench: of the case.
+        acting: the laws that act.
+        numbers: experiments to fit.
+
+    Raises:
+        Unsteady: numbers that make no machine.
+    """
+    true, gap = bench.speeds(acting, numbers), bench.gap(acting, numbers)
+    plain = [replace(a, odd=0.0) for a in acting]
+    free = [(k, n) for k, a in enumerate(plain) for n in a.law.units if n not in a.law.kept]
+    best, error = plain, true - bench.speeds(plain, numbers)
+    for _ in range(STEPS):
+        scales = np.array([_scale(best[k], n) for k, n in free])
+        columns = []
+        for (k, name), scale in zip(free, scales, strict=True):
+            moved = _moved(best, [(k, name)], np.array([DIFFERENCE * scale]))
+            columns.append(((true - bench.speeds(moved, numbers)) - error).ravel() / DIFFERENCE)
+        step = np.linalg.lstsq(np.array(columns).T, -error.ravel(), rcond=INSENSITIVE)[0]
+        step *= min(1.0, LARGEST / max(np.abs(step).max(), 1e-12))
+        tried = _moved(best, free, step * scales)
+        try:
+            new = true - bench.speeds(tried, numbers)
+        except Unsteady:
+            break
+        gain = 1.0 - float(np.mean(new**2)) / max(float(np.mean(error**2)), 1e-30)
+        if gain > 0:
+            best, error = tried, new
+        if gain <= 0 or np.abs(step).max() < SETTLED:
+            break
+    left = np.concatenate([error, bench.speeds(acting, CHECKS) - bench.speeds(best, CHECKS)])
+    gap = np.concatenate([gap, bench.gap(acting, CHECKS)])
+    return Nearest(tuple(best), float(1.0 - np.mean(left**2) / np.mean(gap**2)))
+
+
+def _scale(acting: Acting, name: str) -> float:
+    if acting.law.units[name] == "rad":
+        return ANGLE_SCALE
+    return max(abs(acting.values[name]), 1e-9)
+
+
+def _moved(
+    acting: Sequence[Acting], free: Sequence[tuple[int, str]], change: Array
+) -> list[Acting]:
+    values = [dict(a.values) for a in acting]
+    for (k, name), by in zip(free, change, strict=True):
+        moved = values[k][name] + float(by)
+        if name == "share":
+            moved = min(moved, WIDEST)
+        values[k][name] = moved
+    return [replace(a, values=v) for a, v in zip(acting, values, strict=True)]

@@ -1,0 +1,188 @@
+"""A sealed case's test bench: its known machine, its excitation, its sensors; and the gap on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.base.experiment import Experiment, rms
+from ldt_core.lab.challenge.excitation import Excitation
+from ldt_core.lab.challenge.law import Law
+from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
+from ldt_core.lab.challenge.plant import ideal
+from ldt_core.lab.challenge.simulation import Drive, Motion, free_run, simulate
+
+Array = NDArray[np.float64]
+
+SHOWN, ALIKE, OTHER = 10, 4, 3  # experiments: of the case, and further of its kind and another
+PROBES = (1, 5, 9)  # experiments on which sizes are found
+STARTS = ("rest", "angle", "running")  # at rest at angle 0, at rest at any angle, cut from a run
+VOLTAGE, ANGLE, NOISE, EACH, CHANCE = range(5)  # independent random streams of an experiment
+FOUNDATION = 7  # states of the machine as its file knows it
+
+
+@dataclass(frozen=True)
+class Acting:
+    """A law that acts in a case.
+
+    Args:
+        name: of the law.
+        values: parameters of the library (of the law itself if it is outside).
+        shape: the law's own numbers.
+        odd: scale of its departures from the library's law.
+    """
+
+    name: str
+    values: Mapping[str, float]
+    shape: Mapping[str, float]
+    odd: float = 1.0
+
+    @property
+    def law(self) -> Law:
+        """The law of this name."""
+        return LAWS[self.name] if self.name in LAWS else OUTSIDE[self.name]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """All of a case but what acts in it.
+
+    Args:
+        physics: kind of machine, as in the machine file.
+        known: the machine file's parameters.
+        excitation: of the case, and of the first of its further experiments.
+        other: excitation of the last of its further experiments.
+        start: see STARTS.
+        warm: samples that run before the first one is recorded, with start "running".
+        noise: deviation on the speed [rad/s].
+        current_noise: deviation on the current [A]; None when it is not recorded.
+        seed: of everything random in the experiments.
+        samples: in an experiment.
+        period: of the samples [s].
+    """
+
+    physics: str
+    known: Mapping[str, float]
+    excitation: Excitation
+    other: Excitation
+    start: str
+    warm: int
+    noise: float
+    current_noise: float | None
+    seed: tuple[int, ...]
+    samples: int = 2000
+    period: float = 0.01
+
+    def random(self, number: int, stream: int) -> np.random.Generator:
+        """The stream of random numbers of an experiment."""
+        return np.random.default_rng(np.random.SeedSequence([*self.seed, number, stream]))
+
+
+class Bench:
+    """Simulates a setting's experiments with laws that act.
+
+    Args:
+        setting: of the case.
+    """
+
+    def __init__(self, setting: Setting) -> None:
+        self.setting = setting
+        self._drives: dict[int, Drive] = {}
+        self._ideal: dict[int, Array] = {}
+        # The laws are kept with their motions, so that no other ones can take their place.
+        self._motions: dict[tuple[int, ...], tuple[Sequence[Acting], Motion]] = {}
+
+    def drive(self, number: int) -> Drive:
+        """How experiment `number` (from 1) is driven."""
+        if number not in self._drives:
+            s = self.setting
+            warm = s.warm if s.start == "running" else 0
+            used = s.other if number > SHOWN + ALIKE else s.excitation
+            volts = used.voltage(warm + s.samples, s.period, s.random(number, VOLTAGE))
+            angle = 0.0
+            if s.start == "angle":
+                angle = float(s.random(number, ANGLE).uniform(0, 2 * np.pi))
+            self._drives[number] = Drive(volts, warm, s.period, angle)
+        return self._drives[number]
+
+    def plant(self, acting: Sequence[Acting], number: int) -> Any:
+        """The record of the machine in an experiment."""
+        p = ideal(self.setting.known)
+        for a in acting:
+            a.law.put(p, a.values, a.shape, a.odd)
+            if a.law.each is not None:
+                a.law.each(p, a.shape, number, self.setting.random(number, EACH))
+        return p
+
+    def run(self, acting: Sequence[Acting], number: int) -> Motion:
+        """The motion in an experiment.
+
+        Raises:
+            Unsteady: numbers that make no machine.
+        """
+        key = (number, *map(id, acting))
+        if key not in self._motions:
+            chance = self.setting.random(number, CHANCE)
+            motion = simulate(self.plant(acting, number), self.drive(number), chance)
+            self._motions[key] = tuple(acting), motion
+        return self._motions[key][1]
+
+    def ideal_speed(self, number: int, first: Array) -> Array:
+        """(L,) speed of the machine as its file has it, from a first state (n,) [rad/s]."""
+        if number in self._ideal:
+            return self._ideal[number]
+        state = np.zeros_like(first)
+        state[:FOUNDATION] = first[:FOUNDATION]
+        speed = free_run(self.plant((), number), self.drive(number), state).speed
+        if self.setting.start != "running":  # the same first state, whatever acts
+            self._ideal[number] = speed
+        return speed
+
+    def gap(self, acting: Sequence[Acting], numbers: Sequence[int]) -> Array:
+        """(len(numbers), L) speed as the sensor shows it, without noise, minus the file's.
+
+        Both from the same state at the first sample.
+
+        Raises:
+            Unsteady: numbers that make no machine.
+        """
+        rows = []
+        for number in numbers:
+            motion = self.run(acting, number)
+            rows.append(motion.speed - self.ideal_speed(number, motion.states[0]))
+        return np.array(rows)
+
+    def speeds(self, acting: Sequence[Acting], numbers: Sequence[int]) -> Array:
+        """(len(numbers), L) speed as the sensor shows it, without noise [rad/s].
+
+        Raises:
+            Unsteady: numbers that make no machine.
+        """
+        return np.array([self.run(acting, number).speed for number in numbers])
+
+    def gap_rms(self, acting: Sequence[Acting], numbers: Sequence[int] = PROBES) -> float:
+        """Root mean square of the gap [rad/s]."""
+        return rms(self.gap(acting, numbers).ravel())
+
+    def experiment(self, acting: Sequence[Acting], number: int) -> Experiment:
+        """An experiment as it is recorded, with noise."""
+        s, motion = self.setting, self.run(acting, number)
+        random = s.random(number, NOISE)
+        speed = motion.speed + self._noise(random)
+        current = None
+        if s.current_noise is not None:
+            current = motion.current + random.normal(0.0, s.current_noise, s.samples)
+        volts = self.drive(number).volts[-s.samples :]
+        start = (number - 1) * s.samples * s.period
+        return Experiment(number, start, s.period, volts, speed, current)
+
+    def noise(self, number: int) -> float:
+        """Root mean square of the noise as it fell out on an experiment's speed [rad/s]."""
+        return rms(self._noise(self.setting.random(number, NOISE)))
+
+    def _noise(self, random: np.random.Generator) -> Array:
+        return random.normal(0.0, self.setting.noise, self.setting.samples)

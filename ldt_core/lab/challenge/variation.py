@@ -1,0 +1,114 @@
+"""What a stranger varies from one recording to the next: machine, voltage, start, sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import yaml
+
+import msgs_config
+from ldt_core.base.errors import OptionError, did_you_mean
+from ldt_core.lab.challenge.excitation import KINDS, REVERSING, draw_excitation
+from ldt_core.lab.challenge.law import Law
+from ldt_core.lab.challenge.rig import STARTS, Setting
+
+ROTOR, MOTOR = "dc_motor_rotor", "dc_motor"
+MOTORS = 0.2  # share of machines without a foundation
+OWN_VALUES = 0.5  # share of machines with other numbers than the rotor's file
+SPREAD, MOST = 0.15, 0.35  # of the logarithm of each number, and how far it may go
+KNOWN_UNBALANCE = 0.1  # share of rotors whose file knows of some unbalance, whatever acts
+ECCENTRICITY = (0.003, 0.006)  # m, of those
+SHARES = (0.4, 0.25, 0.1, 0.1, 0.1, 0.05)  # of the kinds of excitation, in their order
+STARTING = (0.55, 0.15, 0.3)  # shares of STARTS
+WARM = (2.0, 4.0)  # s, that a machine runs before the recording is cut
+NOISE = (0.05, 0.2)  # rad/s
+CURRENT_NOISE = 0.02  # A
+
+
+def draw_setting(
+    laws: Sequence[Law],
+    random: np.random.Generator,
+    seed: tuple[int, ...],
+    *,
+    physics: str = "",
+    excitation: str = "",
+    start: str = "",
+    noise: float | None = None,
+    current: bool | None = None,
+    samples: int = 2000,
+) -> Setting:
+    """A setting in which these laws can act and show; what is not given is drawn.
+
+    Args:
+        laws: that will act.
+        random: to draw from.
+        seed: of the experiments.
+        physics: kind of machine.
+        excitation: kind, of the case itself.
+        start: rest, angle or running.
+        noise: deviation on the speed [rad/s].
+        current: whether it is recorded.
+        samples: in an experiment.
+
+    Raises:
+        OptionError: a kind that does not exist or that the laws cannot have.
+    """
+    needs = {law.needs for law in laws}
+    for given, known, what in (
+        (physics, (ROTOR, MOTOR), "physics"),
+        (excitation, KINDS, "excitation"),
+        (start, STARTS, "start"),
+    ):
+        if given and given not in known:
+            raise OptionError(what, did_you_mean(given, known), repr(given))
+    if physics == MOTOR and needs - {""}:
+        raise OptionError("physics", f"{ROTOR} for {', '.join(x.name for x in laws)}", physics)
+    alone = random.random() < MOTORS
+    if not physics:
+        physics = MOTOR if alone and not needs - {""} else ROTOR
+    machine = _machine(physics, "eccentric" in needs, random)
+    both_ways = any(law.reversing for law in laws)
+    drawn = _kind(random, REVERSING if both_ways else KINDS)
+    kind = excitation or drawn
+    other = _kind(random, tuple(k for k in KINDS if k != kind))
+    voltages = draw_excitation(kind, random), draw_excitation(other, random)
+    drawn_start = STARTS[random.choice(len(STARTS), p=STARTING)]
+    period = 0.01
+    warm = round(random.uniform(*WARM) / period)
+    drawn_noise = float(np.round(random.uniform(*NOISE), 3))
+    with_current = random.random() < 0.5
+    return Setting(
+        physics=physics,
+        known=machine,
+        excitation=voltages[0],
+        other=voltages[1],
+        start=start or drawn_start,
+        warm=warm,
+        noise=drawn_noise if noise is None else noise,
+        current_noise=CURRENT_NOISE if (with_current if current is None else current) else None,
+        seed=seed,
+        samples=samples,
+        period=period,
+    )
+
+
+def _machine(physics: str, eccentric: bool, random: np.random.Generator) -> Mapping[str, float]:
+    """Parameters of a machine file: the rotor's own or others like them."""
+    rotor: dict[str, Any] = yaml.safe_load(msgs_config.machine_text("rotor"))["parameters"]
+    names = ("J", "K_t", "R", "L", "b") if physics == MOTOR else tuple(rotor)
+    known = {name: float(rotor[name]) for name in names}
+    own, unbalanced = random.random() < OWN_VALUES, random.random() < KNOWN_UNBALANCE
+    moved = np.exp(np.clip(random.normal(0.0, SPREAD, len(names)), -MOST, MOST))
+    if own:
+        known = {n: float(f"{known[n] * m:.3g}") for n, m in zip(names, moved, strict=True)}
+    e = float(np.round(random.uniform(*ECCENTRICITY), 4))
+    if physics == ROTOR and (eccentric or unbalanced):
+        known["e"] = e
+    return known
+
+
+def _kind(random: np.random.Generator, kinds: Sequence[str]) -> str:
+    shares = np.array([SHARES[KINDS.index(k)] for k in kinds])
+    return str(random.choice(kinds, p=shares / shares.sum()))

@@ -1,0 +1,71 @@
+"""What every detector's score is compared with: never, periodic and random alarms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ldt_core.base.experiment import Action, Level
+from ldt_core.lab.study.case import Case, Result
+
+STREAM = (0, 4)  # of random numbers, apart from the plant's (`ldt_core.machine`)
+
+
+def never(result: Result) -> Result:
+    """The run on the same stream whose detector never says anything: the original model's."""
+    count = len(result.number)
+    return replace(
+        result,
+        case=replace(result.case, detector="never", alarms=()),
+        max_error=result.original,
+        rmse=result.rmse_original,
+        level=[int(Level.NEGATIVE)] * count,
+        action=[str(Action.KEPT)] * count,
+        learned_from=[0] * count,
+        region_rmse=result.region_rmse_original,
+        kept={},
+        seconds=0.0,
+        estimate=[],
+    )
+
+
+def baseline_cases(result: Result) -> list[Case]:
+    """The periodic and the random run that raise as many alarms as this one adapted.
+
+    All else is as in the run: its model, its stream, its way to learn.
+    """
+    case, count = result.case, len(result.adaptations)
+    alarms = {
+        "periodic": periodic(count, case.experiments),
+        "random": random(count, case.experiments, case.seed),
+    }
+    plain = {n: v for n, v in case.settings.items() if n not in _detector_parameters()}
+    return [
+        replace(case, detector=name, alarms=when, settings=plain, keep=())
+        for name, when in alarms.items()
+        if when
+    ]
+
+
+def periodic(count: int, experiments: int) -> tuple[int, ...]:
+    """One alarm in the middle of each of `count` equal parts of the stream.
+
+    >>> periodic(4, 200)
+    (26, 76, 126, 176)
+    """
+    return tuple(math.floor((i + 0.5) * experiments / count) + 1 for i in range(count))
+
+
+def random(count: int, experiments: int, seed: int) -> tuple[int, ...]:
+    """`count` different experiments drawn with the seed, in order."""
+    generator = np.random.default_rng(np.random.SeedSequence([seed, *STREAM]))
+    drawn = generator.choice(np.arange(1, experiments + 1), size=count, replace=False)
+    return tuple(sorted(drawn.tolist()))
+
+
+def _detector_parameters() -> set[str]:
+    import msgs_config
+
+    return set(msgs_config.parameters("detector"))

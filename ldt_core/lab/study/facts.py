@@ -1,0 +1,265 @@
+"""What is true of a stream whatever learns on it: its drifts, which of them show, and the floors.
+
+A drift can be found only by what it does to the measured speed. Let Dy be the speed with the new
+value minus the speed with the old one, under the same voltage: (L,). With white noise of deviation
+sigma, and nothing known of the shape of Dy, the energy of the residual is the test to take:
+
+    |r|^2 / sigma^2 > c,   c the 1 - 1/N quantile of chi^2 with L degrees of freedom
+
+is a false alarm once in N experiments, and finds the drift with the probability that a noncentral
+chi^2 with |Dy|^2 / sigma^2 lies above c. An observer who knew the shape (the matched filter) would
+need less: |Dy| / sigma = z(1 - 1/N) + z(power). S. M. Kay, "Fundamentals of Statistical Signal
+Processing: Detection Theory", 1998, chapters 4 and 7.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import itertools
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy import integrate, optimize, stats
+
+import msgs_config
+from ldt_core.base.experiment import Experiment, Samples
+from ldt_core.base.metrics import DETECTION_WINDOW, drifts_of
+from ldt_core.lab.study.case import Case
+from ldt_core.lab.study.stream import GROUPS, stream
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import Machine, load_machine
+from ldt_core.machine.plant import EffectUse
+
+FALSE_ALARM = 1e-3  # of the test that decides what is detectable, per experiment: one in 1000
+POWER = 0.9  # probability with which it has to find a drift in one experiment
+QUICK = 2  # experiments within which a drift of twice the detectable size is to be found
+
+
+@dataclass(frozen=True)
+class Drift:
+    """One drift of a stream.
+
+    Attributes:
+        number: of the first experiment with the new value.
+        last: of its window: five experiments, fewer when the value changes again or the run ends.
+        before: value of what wears, before it.
+        after: the new value.
+        energy: largest |Dy|^2 / sigma^2 of an experiment in the window; infinite without noise.
+        largest: largest |Dy| in the window [rad/s], what a threshold would see of it.
+        detectable: whether the energy test finds it in at least one experiment of the window.
+        ideal: whether an observer who knows the shape of Dy would.
+        twice: whether half of it were still detectable in one of its first two experiments.
+    """
+
+    number: int
+    last: int
+    before: float
+    after: float
+    energy: float
+    largest: float
+    detectable: bool
+    ideal: bool
+    twice: bool
+
+
+@dataclass(frozen=True)
+class Facts:
+    """The truth about a stream; rows have one entry an experiment, from number 1.
+
+    Attributes:
+        seed: of the stream.
+        noise: its deviation on the measured speed [rad/s].
+        truth: value of what wears.
+        floor: maximum error of the true model with the true value, in free run from the first
+            measured sample as every twin's [rad/s].
+        late: the same one experiment late: with what was true in the experiment before, the best
+            that can be reached by who knows everything after the fact; the machine file in the
+            first.
+        noise_floor: mean maximum of the noise alone [rad/s]; the floor above it is what the
+            unknown start makes of a sensitive machine.
+        drifts: all of them.
+    """
+
+    seed: int
+    noise: float
+    truth: tuple[float, ...]
+    floor: tuple[float, ...]
+    late: tuple[float, ...]
+    noise_floor: float
+    drifts: tuple[Drift, ...]
+
+    @property
+    def mme_floor(self) -> float:
+        """MME of the true model [rad/s]."""
+        return float(np.mean(self.floor))
+
+    @property
+    def mme_late(self) -> float:
+        """MME of the true model one experiment late [rad/s]."""
+        return float(np.mean(self.late))
+
+    @property
+    def detectable(self) -> list[int]:
+        """Numbers of the drifts that can be found."""
+        return [d.number for d in self.drifts if d.detectable]
+
+    @property
+    def twice(self) -> list[int]:
+        """Numbers of the drifts of at least twice the detectable size."""
+        return [d.number for d in self.drifts if d.twice]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON, which knows no infinity."""
+        plain = asdict(self)
+        for drift in plain["drifts"]:
+            drift["energy"] = drift["energy"] if math.isfinite(drift["energy"]) else None
+        return plain
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> Facts:
+        """The facts that `to_dict` gave, JSON in between or not."""
+        rows = {n: tuple(plain[n]) for n in ("truth", "floor", "late")}
+        drifts = []
+        for drift in plain["drifts"]:
+            energy = math.inf if drift["energy"] is None else drift["energy"]
+            drifts.append(Drift(**{**drift, "energy": energy}))
+        return cls(**{**plain, **rows, "drifts": tuple(drifts)})
+
+
+def facts_of(case: Case, machine: Machine | None = None) -> Facts:
+    """The facts of the stream that a case runs on.
+
+    Args:
+        case: whose seed, experiments and parameters of the plant count.
+        machine: that of the case, for a process that may not have the file.
+
+    Raises:
+        BadInput: a machine or settings that cannot be used.
+    """
+    machine = machine or load_machine(case.machine)
+    plant = Plant.from_settings(machine, case.resolved)
+    return examine(plant, stream(case, machine).experiments, case.seed)
+
+
+def stream_key(case: Case) -> str:
+    """Name of the stream of a case: the same for all cases whose facts are the same."""
+    resolved = case.resolved
+    decisive = {name: resolved[name] for name in ("machine", *msgs_config.parameters(*GROUPS))}
+    del decisive["start_time"]
+    plain = json.dumps(decisive, sort_keys=True)
+    return hashlib.sha256(plain.encode()).hexdigest()[:20]
+
+
+def examine(plant: Plant, experiments: Sequence[Experiment], seed: int) -> Facts:
+    """The facts of a plant's stream.
+
+    Args:
+        plant: that made the stream.
+        experiments: all of them from number 1 on, as measured.
+        seed: of the stream.
+    """
+    truth = [plant.schedule.value(e.number) for e in experiments]
+    numbers = drifts_of(truth)
+    speeds = [free_run(plant, e, plant.acting(e.number)) for e in experiments]
+    floor = [_max_error(e, y) for e, y in zip(experiments, speeds, strict=True)]
+    drifts, late = [], list(floor)
+    late[0] = _max_error(experiments[0], free_run(plant, experiments[0], []))
+    for number, following in itertools.pairwise([*numbers, len(truth) + 1]):
+        last = min(number + DETECTION_WINDOW, following) - 1
+        window = range(number - 1, last)  # places in the rows
+        before = [free_run(plant, experiments[i], plant.acting(number - 1)) for i in window]
+        late[number - 1] = _max_error(experiments[number - 1], before[0])
+        changes = [speeds[i] - old for i, old in zip(window, before, strict=True)]
+        middle = (truth[number - 2] + truth[number - 1]) / 2
+        halves = (
+            free_run(plant, experiments[i], _with_value(plant, number, middle)) - old
+            for i, old in zip(window[:QUICK], before, strict=False)
+        )
+        samples = len(experiments[number - 1])
+        energy = max(_energy(change, plant.noise) for change in changes)
+        detectable = energy >= energy_needed(samples)
+        drifts.append(
+            Drift(
+                number=number,
+                last=last,
+                before=truth[number - 2],
+                after=truth[number - 1],
+                energy=energy,
+                largest=max(float(np.abs(change).max()) for change in changes),
+                detectable=detectable,
+                ideal=energy >= energy_needed_knowing_the_shape(),
+                twice=detectable
+                and any(_energy(h, plant.noise) >= energy_needed(samples) for h in halves),
+            )
+        )
+    peak = noise_peak(plant.noise, len(experiments[0]))
+    rows = (tuple(truth), tuple(floor), tuple(late))
+    return Facts(seed, plant.noise, *rows, peak, tuple(drifts))
+
+
+def free_run(plant: Plant, experiment: Experiment, effects: Sequence[EffectUse]) -> Samples:
+    """(L,) speed by the machine file and these effects, from the first measured sample [rad/s]."""
+    physics, values = plant.physics, plant.machine.parameters
+    current = None if experiment.current is None else float(experiment.current[0])
+    initial = physics.initial_state(values, float(experiment.speed[0]), current)
+    states = physics.simulate(values, experiment.voltage, experiment.period, initial, effects)
+    return physics.measure(states, experiment.period, effects)
+
+
+@functools.lru_cache(maxsize=64)
+def energy_needed(samples: int, false_alarm: float = FALSE_ALARM, power: float = POWER) -> float:
+    """|Dy|^2 / sigma^2 from which the energy test finds a change in an experiment of `samples`.
+
+    >>> round(energy_needed(2000))
+    293
+    """
+    limit = stats.chi2.isf(false_alarm, samples)
+    return float(
+        optimize.brentq(lambda nc: stats.ncx2.sf(limit, samples, nc) - power, 1e-6, 100 * limit)
+    )
+
+
+def energy_needed_knowing_the_shape(
+    false_alarm: float = FALSE_ALARM, power: float = POWER
+) -> float:
+    """|Dy|^2 / sigma^2 from which a matched filter finds a change of known shape.
+
+    >>> round(energy_needed_knowing_the_shape(), 1)
+    19.1
+    """
+    return float((stats.norm.isf(false_alarm) + stats.norm.isf(1 - power)) ** 2)
+
+
+def noise_peak(noise: float, samples: int) -> float:
+    """Mean of max_k |n_k| over `samples` values of normal noise.
+
+    >>> round(noise_peak(0.1, 2000), 3)
+    0.362
+    """
+
+    def above(z: float) -> float:
+        return float(-np.expm1(samples * np.log1p(-2 * stats.norm.sf(z)))) if z else 1.0
+
+    return noise * float(integrate.quad(above, 0.0, 12.0, points=[1.0, 3.0, 5.0])[0])
+
+
+def _with_value(plant: Plant, number: int, value: float) -> list[EffectUse]:
+    worn = plant.schedule
+    return [
+        (e, {**given, worn.parameter: value} if e.name == worn.effect else given)
+        for e, given in plant.acting(number)
+    ]
+
+
+def _energy(change: Samples, noise: float) -> float:
+    square = float(np.sum(change**2))
+    return square / noise**2 if noise else math.inf if square else 0.0
+
+
+def _max_error(experiment: Experiment, speed: Samples) -> float:
+    return float(np.abs(experiment.speed - speed).max())

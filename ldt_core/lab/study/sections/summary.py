@@ -1,0 +1,133 @@
+"""What was run, and what the study says to each claim and aim."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from ldt_core.base.code_version import code_version
+from ldt_core.base.number_text import number
+from ldt_core.lab.study.claims import Claim, Verdict, aims, claims
+from ldt_core.lab.study.claims.claim import percent
+from ldt_core.lab.study.figures.reading import Reading
+from ldt_core.lab.study.sections.method import in_words
+from ldt_core.lab.study.study import Study
+from ldt_core.views.page.blocks import Item, Items, Mark, Pairs, Section, Table, Text
+from ldt_core.views.page.style import Drawing
+
+TONES = {
+    Verdict.CONFIRMED: "good",
+    Verdict.MET: "good",
+    Verdict.NOT_CONFIRMED: "bad",
+    Verdict.MISSED: "bad",
+}
+BEST = ("diagnosed", "hybrid", "linear")
+
+
+def summary(reading: Reading, drawings: Mapping[str, Drawing | None]) -> Section:
+    """The head of the page."""
+    section = Section("summary", "Summary")
+    of_paper, of_ours = claims(reading.study), aims(reading.study)
+    section.blocks += [
+        Items([Item(line) for line in _lines(reading, of_paper, of_ours)]),
+        Pairs(what_was_run(reading)),
+    ]
+    section.blocks += [Text(note, "missing") for note in reading.study.notes]
+    section.blocks += [
+        Text("What the paper claims", "heading"),
+        _verdicts("Claims of the paper, examined on our rotor", "claim", of_paper),
+        Text("What was aimed at beyond it", "heading"),
+        _verdicts("Aims beyond the paper", "aim", of_ours),
+        Text(
+            "A verdict is the interval's: with the whole 95 % interval over the seeds on the "
+            "claim's side of its bound it is confirmed (an aim: met), with the whole interval on "
+            "the other side not (missed), else undecided."
+        ),
+    ]
+    return section
+
+
+def what_was_run(reading: Reading) -> list[tuple[str, str]]:
+    """Names and values of the study as a whole."""
+    study = reading.study
+    results = study.results()
+    seeds = streams(study)
+    missing = f", {study.missing} planned are missing" if study.missing else ""
+    pairs = [
+        ("seeds", f"{len(seeds)} ({seeds[0]} to {seeds[-1]})" if seeds else "0"),
+        ("experiments a run", ", ".join(map(str, sorted({r.case.experiments for r in results})))),
+        ("machine", ", ".join(sorted({r.case.machine for r in results}))),
+        ("runs", f"{len(results)}{missing}"),
+        ("computing time", duration(sum(r.seconds for r in results))),
+        ("version", ", ".join(f"{name} {version}" for name, version in code_version().items())),
+    ]
+    known = {"seeds", "experiments", "machine", "groups", "first_seed"}
+    return pairs + [(n, in_words(v)) for n, v in study.settings.items() if n not in known]
+
+
+def streams(study: Study) -> list[int]:
+    """Seeds of the streams that wear; those of the machine in control are others, and more."""
+    worn = {e.result.case.seed for e in study.entries if set(e.groups) != {"control"}}
+    return sorted(worn or {e.result.case.seed for e in study.entries})
+
+
+def duration(seconds: float) -> str:
+    """Of the loops alone, over all processes.
+
+    >>> duration(7384)
+    '123 min'
+    """
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
+
+
+def _lines(reading: Reading, of_paper: Sequence[Claim], of_ours: Sequence[Claim]) -> list[str]:
+    """Five at most."""
+    lines = []
+    if of_paper:
+        lines.append(f"Of {len(of_paper)} claims of the paper: {_counted(of_paper)}.")
+    for group, words in (("paper", "As in the paper"), ("better", "Beyond the paper")):
+        found = []
+        for model, detector in reading.study.pairs(group):
+            results = reading.study.results(group, model=model, detector=detector)
+            share, count = (reading.of(results, f) for f in ("share", "adaptations"))
+            if share.value is not None and count.value is not None:
+                low, high = percent(share.low), percent(share.high)
+                range_ = f"{low} to {high}" if share.count > 1 else "one seed"
+                text = (
+                    f"{words}, the {model} model with the {detector} detector leaves the least of "
+                    f"the original model's MME: {percent(share.value)} ({range_}), with "
+                    f"{number(count.value)} adaptations a run."
+                )
+                found.append((share.value, text))
+        lines += [min(found)[1]] if found else []
+    lines += _floor(reading)
+    if of_ours:
+        lines.append(f"Of {len(of_ours)} aims beyond the paper: {_counted(of_ours)}.")
+    return lines[:5] or ["The study has no runs."]
+
+
+def _floor(reading: Reading) -> list[str]:
+    floors = [f for r in reading.study.results("better") if (f := reading.study.facts_of(r))]
+    if not floors:
+        return []
+    visible = sum(len(f.detectable) for f in floors)
+    drifts = sum(len(f.drifts) for f in floors)
+    least = sum(f.mme_floor for f in floors) / len(floors)
+    return [
+        f"The floor, the true model with the true wear, has an MME of {number(least)} rad/s; "
+        f"{number(100 * visible / drifts) if drifts else 0} % of the drifts show above the noise."
+    ]
+
+
+def _counted(found: Sequence[Claim]) -> str:
+    verdicts = [c.verdict for c in found]
+    return ", ".join(f"{verdicts.count(v)} {v}" for v in Verdict if v in verdicts)
+
+
+def _verdicts(caption: str, name: str, found: Sequence[Claim]) -> Table | Text:
+    if not found:
+        return Text("The study has no runs for these.", "missing")
+    rows = [
+        (f"{c.text} ({c.where})", Mark(str(c.verdict), TONES.get(c.verdict, "open")), c.evidence)
+        for c in found
+    ]
+    return Table(caption, (name, "verdict", "evidence"), rows, cards=True)

@@ -1,0 +1,133 @@
+"""A study as tables: one row a run for other programs, and the paper's Table 1 for people."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ldt_core.base.result_files import write
+from ldt_core.lab.study.scores import Score, score
+from ldt_core.lab.study.statistics import mean
+from ldt_core.lab.study.study import Entry, Study
+
+TABLE = "table.csv"
+RUNS = "runs.csv"
+COLUMNS = (
+    *("model", "detector", "seed", "mme", "mme_original"),
+    *("adaptations", "precision", "recall"),
+)
+#: Groups whose runs are in the table.
+TABULATED = ("paper", "better")
+#: Parameters that tell the runs of a study apart.
+SETTINGS = (
+    *("gate", "data", "threshold", "warning_threshold", "error_threshold"),
+    *("window", "degradation", "start"),
+)
+PAPER_ORIGINAL = 10.09  # rad/s, MME of the original model in the paper
+#: Table 1 of the paper: one run of each model, under a detector that it does not name.
+PAPER = {
+    model: {
+        "mme": mme,
+        "mme_original": PAPER_ORIGINAL,
+        "share": mme / PAPER_ORIGINAL,
+        "adaptations": adaptations,
+        "precision": precision,
+        "recall": recall,
+    }
+    for model, mme, adaptations, precision, recall in (
+        ("linear", 8.86, 44, 0.06, 0.33),
+        ("hybrid", 6.86, 25, 0.12, 0.33),
+    )
+}
+FIGURES = ("mme", "mme_original", "share", "adaptations", "precision", "recall")
+
+
+def table_rows(study: Study) -> list[dict[str, Any]]:
+    """The rows of `table.csv`: one for each run of the groups paper and better."""
+    runs = [e for e in study.entries if set(TABULATED) & set(e.groups)]
+    return [{n: getattr(_score(study, e), n) for n in COLUMNS} for e in runs]
+
+
+def run_rows(study: Study) -> list[dict[str, Any]]:
+    """The rows of `runs.csv`: all figures of all runs, and of the original model by itself."""
+    rows = []
+    for entry in study.entries:
+        resolved = entry.result.case.resolved
+        scripted = entry.result.case.alarms is not None
+        silent = ("threshold", "warning_threshold", "error_threshold", "window") if scripted else ()
+        rows.append(
+            {
+                "groups": " ".join(entry.groups),
+                **_score(study, entry).as_dict(),
+                **{n: None if n in silent else resolved[n] for n in SETTINGS},
+                "seconds": entry.result.seconds,
+                "beside": " ".join(entry.beside),
+                "key": entry.result.case.key,
+            }
+        )
+    return rows + _never_rows(study)
+
+
+def summary(study: Study) -> list[dict[str, Any]]:
+    """For each model and detector of the groups paper and better: figures with their intervals.
+
+    Each row has `group`, `model`, `detector`, `seeds`, the `FIGURES` as {value, low, high, count}
+    (see `statistics.Estimate`), and `paper`, that model's row of the paper's Table 1 or None.
+    """
+    rows = []
+    for group in TABULATED:
+        for model, detector in study.pairs(group):
+            results = study.results(group, model=model, detector=detector)
+            scores = [score(r, study.facts_of(r)) for r in results]
+            estimates = {n: mean(getattr(s, n) for s in scores).as_dict() for n in FIGURES}
+            rows.append(
+                {
+                    "group": group,
+                    "model": model,
+                    "detector": detector,
+                    "seeds": len(results),
+                    **estimates,
+                    "paper": PAPER.get(model) if group == "paper" else None,
+                }
+            )
+    return rows
+
+
+def write_tables(out: Path | str, study: Study) -> None:
+    """Write `table.csv` and `runs.csv` into the folder of a study; undefined figures are empty."""
+    out = Path(out)
+    write(out / TABLE, _csv(COLUMNS, table_rows(study)))
+    rows = run_rows(study)
+    write(out / RUNS, _csv(list(rows[0]) if rows else ["groups"], rows))
+
+
+def _score(study: Study, entry: Entry) -> Score:
+    return score(entry.result, study.facts_of(entry.result))
+
+
+def _never_rows(study: Study) -> list[dict[str, Any]]:
+    """One row for each stream: what the original model does without learning."""
+    streams: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for entry in study.entries:
+        case = entry.result.case
+        resolved = case.resolved
+        where = (case.seed, resolved["degradation"], resolved["start"])
+        if where not in streams:
+            never = study.baselines(entry.result)["never"]
+            figures = score(never, study.facts_of(never)).as_dict()
+            settings = {n: None for n in SETTINGS}
+            settings |= {n: resolved[n] for n in ("degradation", "start")}
+            row = {"groups": "baseline", **figures, "model": "original", **settings}
+            streams[where] = {**row, "seconds": None, "beside": "", "key": ""}
+    return list(streams.values())
+
+
+def _csv(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()

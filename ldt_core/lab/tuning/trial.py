@@ -1,0 +1,130 @@
+"""One setting tried: the recording through the loop, and streams in control past its detector."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from ldt_core.base.errors import BadInput, ExperimentError, LdtError
+from ldt_core.base.experiment import Action, Experiment, Level
+from ldt_core.detectors import build_detector
+from ldt_core.lab.tuning.alarms import FalseAlarms, false_alarms
+from ldt_core.lab.tuning.candidates import Setting
+from ldt_core.lab.tuning.control import Row
+from ldt_core.machine.machine_file import Machine
+from ldt_core.twin.loop import Twin
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is the same for all settings.
+
+    Attributes:
+        machine: as the twin knows it.
+        settings: all parameters, those of the detector by default.
+        experiments: of the recording.
+        rows: of the experiments in control; empty without any.
+    """
+
+    machine: Machine
+    settings: Mapping[str, Any]
+    experiments: Sequence[Experiment]
+    rows: Sequence[Row]
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What came of a setting; rows have one entry an experiment, in order.
+
+    Attributes:
+        setting: that was tried.
+        max_error: of the learning twin [rad/s].
+        level: of the signal, 1, 0 or -1.
+        action: of the adaptor.
+        false_alarms: in control; None where nothing is known to be in control.
+        seconds: that the loop took.
+    """
+
+    setting: Setting
+    max_error: tuple[float, ...]
+    level: tuple[int, ...]
+    action: tuple[str, ...]
+    false_alarms: FalseAlarms | None
+    seconds: float
+
+    @property
+    def mme(self) -> float:
+        """Mean maximum error [rad/s]."""
+        return float(np.mean(self.max_error))
+
+    @property
+    def adaptations(self) -> int:
+        """New models that came into force."""
+        return self.action.count(Action.ADAPTED)
+
+    @property
+    def refusals(self) -> int:
+        """Positives after which the model stayed."""
+        return self.action.count(Action.REFUSED)
+
+    @property
+    def positives(self) -> int:
+        """Positive signals."""
+        return self.level.count(Level.POSITIVE)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any], setting: Setting) -> Self:
+        """What `as_dict` gave.
+
+        Raises:
+            KeyError, TypeError: it did not.
+        """
+        rows = {name: tuple(plain[name]) for name in ("max_error", "level", "action")}
+        alarms = plain["false_alarms"]
+        found = None if alarms is None else FalseAlarms(**alarms)
+        return cls(setting, **rows, false_alarms=found, seconds=float(plain["seconds"]))
+
+
+def try_setting(task: tuple[Setting, Job]) -> Tried:
+    """What a worker does.
+
+    Raises:
+        BadInput: a setting that the detector refuses.
+        LdtError: the run failed; the sentence says with which setting.
+    """
+    setting, job = task
+    try:
+        return _try(setting, job)
+    except BadInput:
+        raise
+    except Exception as error:
+        reason = str(error) if isinstance(error, LdtError) else f"{type(error).__name__}: {error}"
+        raise LdtError(f"{setting}: {reason}") from error
+
+
+def _try(setting: Setting, job: Job) -> Tried:
+    settings = {**job.settings, **setting.settings}
+    begin = time.perf_counter()
+    steps = list(Twin(job.machine, settings).steps(job.experiments, _refuse))
+    seconds = time.perf_counter() - begin
+    detector = build_detector(setting.detector, settings)
+    return Tried(
+        setting=setting,
+        max_error=tuple(s.signal.max_error for s in steps),
+        level=tuple(int(s.signal.level) for s in steps),
+        action=tuple(str(s.adaptation.action) for s in steps),
+        false_alarms=false_alarms(detector, job.rows) if job.rows else None,
+        seconds=round(seconds, 3),
+    )
+
+
+def _refuse(error: ExperimentError) -> None:
+    raise error

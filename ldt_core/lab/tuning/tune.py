@@ -1,0 +1,252 @@
+"""Tuning: what there is to choose from is tried on a recording, in parallel, and one is chosen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ldt_core.base.code_version import code_version
+from ldt_core.base.errors import ExperimentError, OptionError, RecordingError, did_you_mean
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.parallel import Workers
+from ldt_core.detectors import build_detector
+from ldt_core.lab.tuning.alarms import limit_of
+from ldt_core.lab.tuning.candidates import (
+    DIGITS,
+    NEVER,
+    TUNED,
+    Setting,
+    first_round,
+    second_round,
+    settings_of,
+)
+from ldt_core.lab.tuning.choice import Budget, Choice, best_of, choose, count
+from ldt_core.lab.tuning.control import (
+    LEAST,
+    Control,
+    Row,
+    chosen,
+    control,
+    judged,
+    parse_ranges,
+    row,
+)
+from ldt_core.lab.tuning.store import Store, check_folder
+from ldt_core.lab.tuning.trial import Job, Tried, try_setting
+from ldt_core.machine.machine_file import Machine
+from ldt_core.models import build_model
+from ldt_core.models.base import Model
+from ldt_core.twin.loop import Predictor
+
+#: Fewer experiments than this are no recording to choose from.
+LEAST_EXPERIMENTS = 10
+#: Sum of the squares of the coefficients of a third difference.
+THIRD_DIFFERENCE = 20.0
+#: Told of progress: settings tried, settings to try as far as is known.
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What was found.
+
+    Attributes:
+        machine: as the twin knows it.
+        settings: parameters of machine, model and adaptor.
+        budget: stated.
+        numbers: of the experiments.
+        control: experiments in control; None where none are known.
+        tried: every setting.
+        never: the run without learning.
+        choice: which setting.
+        notes: what is odd about the recording, a sentence each.
+    """
+
+    machine: Machine
+    settings: Mapping[str, Any]
+    budget: Budget
+    numbers: tuple[int, ...]
+    control: Control | None
+    tried: tuple[Tried, ...]
+    never: Tried
+    choice: Choice
+    notes: tuple[str, ...]
+
+
+def tune(
+    machine: Machine,
+    settings: Mapping[str, Any],
+    experiments: Iterable[Experiment],
+    budget: Budget,
+    out: Path | str,
+    *,
+    in_control: str = "",
+    detectors: Sequence[str] = tuple(TUNED),
+    extra: Sequence[Setting] = (),
+    values: int = 8,
+    jobs: int = 0,
+    scheduler: str = "",
+    fresh: bool = False,
+    source: str = "recording",
+    progress: Progress = lambda done, total: None,
+) -> Tuning:
+    """Choose a detector and its threshold.
+
+    Args:
+        machine: as the twin knows it.
+        settings: all parameters; those of the detector as they are kept beside the tuned one.
+        experiments: of the recording.
+        budget: what is allowed.
+        out: folder for what was tried, an earlier one's is used.
+        in_control: numbers of the experiments in which the machine had not changed, as
+            "1:20,60:80"; "" judges which they are.
+        detectors: to try, each of `TUNED`.
+        extra: settings to try beside them.
+        values: of each detector in the first round.
+        jobs: processes; 0 takes one a core.
+        scheduler: address of a Dask scheduler to compute on instead.
+        fresh: try everything anew.
+        source: what the recording is called in messages.
+        progress: told before the first and after each setting.
+
+    Raises:
+        BadInput: a recording, options or a folder that cannot be used.
+        LdtError: a run failed.
+    """
+    for name in detectors:
+        if name not in TUNED:
+            raise OptionError("detector to tune", did_you_mean(name, TUNED), repr(name))
+    for setting in extra:
+        build_detector(setting.detector, {**settings, **setting.settings})
+    check_folder(Path(out))
+    wanted = parse_ranges(in_control)
+    model = build_model(settings["model"], machine, settings)
+    usable, rows, notes = _usable(machine, model, experiments)
+    if len(usable) < LEAST_EXPERIMENTS:
+        expected = f"at least {LEAST_EXPERIMENTS} experiments to choose from"
+        raise RecordingError(source, expected, "; ".join([str(len(usable)), *notes]))
+    numbers = tuple(e.number for e in usable)
+    indices = chosen(wanted, numbers) if wanted else judged(rows)
+    if not indices and budget.every is not None:
+        expected = f"{LEAST} experiments in control, for a rate of false alarms"
+        got = "no stretch of so many in which nothing changes (--in-control 1:20 says which)"
+        raise OptionError("in-control", expected, got)
+    known = control(usable, rows, indices, model, bool(wanted)) if indices else None
+    job = Job(machine, settings, usable, known.rows if known else ())
+    errors = [float(np.abs(residual).max()) for residual, _ in rows]
+    first = [*first_round(detectors, errors, noise_reach(rows), values), *extra]
+    first += _by_budget(detectors, budget, known, len(usable))
+    with Workers(jobs, scheduler, code_version) as workers:
+        bench = _Bench(workers, Store(out, job, fresh), job, progress)
+        bench.try_all([NEVER, *first])
+        bench.try_all(_refined(bench.tried, detectors, budget))
+    tried = sorted(bench.tried.values(), key=lambda t: _order(t.setting, detectors))
+    never = bench.tried[NEVER]
+    choice = choose(tried, budget)
+    return Tuning(
+        machine, settings, budget, numbers, known, tuple(tried), never, choice, tuple(notes)
+    )
+
+
+def noise_reach(rows: Sequence[Row]) -> float:
+    """Maximum error that noise alone makes in an experiment, roughly [rad/s].
+
+    That of white noise of the median deviation which the third differences of the residuals show.
+    """
+    deviations = [
+        math.sqrt(float(np.mean(np.diff(residual, 3) ** 2)) / THIRD_DIFFERENCE)
+        for residual, _ in rows
+        if residual.size > 3
+    ]
+    longest = max(residual.size for residual, _ in rows)
+    return float(np.median(deviations or [0.0])) * math.sqrt(2 * math.log(2 * longest))
+
+
+class _Bench:
+    """Tries settings, each once."""
+
+    def __init__(self, workers: Workers, store: Store, job: Job, progress: Progress) -> None:
+        self.workers, self.store, self.job, self.progress = workers, store, job, progress
+        self.tried: dict[Setting, Tried] = {}
+
+    def try_all(self, settings: Iterable[Setting]) -> None:
+        """Try what has not been tried yet, and keep what came of it."""
+        missing = []
+        for setting in dict.fromkeys(s for s in settings if s not in self.tried):
+            if (known := self.store.recall(setting)) is not None:
+                self.tried[setting] = known
+            else:
+                missing.append(setting)
+        # What learns most takes longest, and begins first.
+        missing.sort(key=lambda s: (s == NEVER, s.value))
+        before = len(self.tried)
+        total = before + len(missing)
+        self.progress(before, total)
+        tasks = [(setting, self.job) for setting in missing]
+        for number, (_, found) in enumerate(self.workers.map(try_setting, tasks), start=1):
+            self.tried[found.setting] = found
+            self.store.keep(found)
+            self.progress(before + number, total)
+
+
+def _usable(
+    machine: Machine, model: Model, experiments: Iterable[Experiment]
+) -> tuple[list[Experiment], list[Row], list[str]]:
+    """Experiments that the loop would accept, how far off the untrained model is, and notes."""
+    predictor = Predictor(machine, model)
+    usable, rows, rejected = [], [], []
+    for experiment in experiments:
+        try:
+            predictor.predict(experiment)
+        except ExperimentError as error:
+            rejected.append(str(error))
+            continue
+        usable.append(experiment)
+        rows.append(row(model, experiment))
+    notes = []
+    if rejected:
+        notes.append(f"{count(len(rejected), 'experiment')} left out, the first: {rejected[0]}")
+    return usable, rows, notes
+
+
+def _by_budget(
+    detectors: Sequence[str], budget: Budget, known: Control | None, experiments: int
+) -> list[Setting]:
+    """The settings that the budget itself suggests."""
+    found = []
+    if budget.adaptations is not None and "window" in detectors:
+        found += settings_of("window", "window", [max(1, experiments // budget.adaptations)])
+    if budget.every is not None:
+        if "window" in detectors:
+            found += settings_of("window", "window", [math.ceil(budget.every)])
+        if "calibrated" in detectors:
+            found.append(Setting("calibrated", "false_alarm_every", float(max(budget.every, 10))))
+        if "threshold" in detectors and known is not None:
+            limit = limit_of(known.rows, budget.every)
+            unit = 10.0 ** (math.floor(math.log10(limit)) - DIGITS + 1)  # of the last digit
+            found += settings_of("threshold", "threshold", [math.ceil(limit / unit) * unit])
+    return found
+
+
+def _refined(
+    tried: Mapping[Setting, Tried], detectors: Sequence[str], budget: Budget
+) -> list[Setting]:
+    """Round the best setting of each detector, or the nearest to the budget."""
+    found = []
+    for name in detectors:
+        own = [t for s, t in tried.items() if s.detector == name and s.parameter == TUNED[name]]
+        best = best_of(own, budget.kept)
+        best = best or min(own, key=lambda t: (budget.excess(t), t.mme))
+        found += second_round(best.setting, tried)
+    return found
+
+
+def _order(setting: Setting, detectors: Sequence[str]) -> tuple[int, str, str, float]:
+    known = [*detectors, setting.detector]
+    value = setting.value if setting.parameter else 0.0
+    return known.index(setting.detector), setting.detector, setting.parameter, value

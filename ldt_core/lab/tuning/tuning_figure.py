@@ -1,0 +1,240 @@
+"""The trade-off as a picture: error against adaptations, false alarms, and thresholds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgs_config
+from ldt_core.lab.tuning.candidates import NEVER
+from ldt_core.lab.tuning.choice import pareto
+from ldt_core.lab.tuning.reasons import sentence
+from ldt_core.lab.tuning.trial import Tried
+from ldt_core.lab.tuning.tune import Tuning
+from ldt_core.views.page import style
+from ldt_core.views.page.style import Drawing, Layout, look
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+NAME = "tradeoff"
+HEIGHT = 2.7  # of a row [inches]
+MARGIN = 0.08  # of the range of the error, above and below it
+FEW = 1.0  # adaptations up to which the axis is linear
+LINEAR = 1.0  # false alarms in 100 experiments below which the axis is linear, to reach none
+Quantity = Callable[[Tried], float]
+
+
+def write_figure(found: Tuning, out: Path | str) -> list[Path]:
+    """Write tradeoff.png and tradeoff.svg.
+
+    Returns:
+        The files.
+    """
+    return style.save(drawing(found), Path(out))
+
+
+def drawing(found: Tuning) -> Drawing:
+    """The figure and its words."""
+
+    def draw(layout: Layout) -> Figure:
+        figure, axes = style.panels(layout, HEIGHT, columns=2, count=6)
+        _tradeoff(axes[0], found)
+        _false_alarms(axes[1], found)
+        for column, unit in enumerate(("rad/s", "experiments")):
+            _against(axes[2 + column], found, unit, _mme)
+            _against(axes[4 + column], found, unit, _adaptations)
+        for letter, one in zip("abcdef", axes, strict=True):
+            one.set_title(f"({letter}) {one.get_title(loc='left')}")
+        style.legend(figure, axes, layout, columns=4)
+        return figure
+
+    alt = (
+        "Six panels: mean maximum error against adaptations and against the rate of false alarms, "
+        "then error and adaptations against the limit and against the rarity of each detector."
+    )
+    return Drawing(NAME, "The choice and what else was tried", sentence(found), alt, draw)
+
+
+def _mme(tried: Tried) -> float:
+    return tried.mme
+
+
+def _adaptations(tried: Tried) -> float:
+    return float(tried.adaptations)
+
+
+def _rate(tried: Tried) -> float:
+    """False alarms in 100 experiments: counted, or by the law where none was."""
+    alarms = tried.false_alarms
+    assert alarms is not None
+    return 100 * (alarms.rate or alarms.law or 0.0)
+
+
+def _families(found: Tuning) -> dict[str, list[Tried]]:
+    """Detector → its runs in the order of the value."""
+    families: dict[str, list[Tried]] = {}
+    for t in found.tried:
+        if t.setting != NEVER:
+            families.setdefault(t.setting.detector, []).append(t)
+    return families
+
+
+def _tradeoff(axes: Axes, found: Tuning) -> None:
+    for name, runs in _families(found).items():
+        _curve(axes, name, pareto(runs), _adaptations, _mme)
+        _dots(axes, found, name, runs, _adaptations, _mme)
+    front = pareto(found.tried)
+    axes.step(
+        [t.adaptations for t in front],
+        [t.mme for t in front],
+        where="post",
+        color=style.GREEN,
+        lw=5,
+        alpha=0.35,
+        solid_capstyle="round",
+        zorder=1,
+        label="Pareto front",
+    )
+    axes.plot([0], [found.never.mme], **_point("never"))
+    _mark(axes, found, _adaptations, _mme)
+    axes.set_xlabel("adaptations")
+    axes.set_title("error against adaptations (lines: best of each)")
+    _error_axis(axes, found)
+    allowed = found.budget.adaptations
+    largest = max([t.adaptations for t in found.tried] + [allowed or 0, 1])
+    _crowded(axes, FEW, 1.3 * largest)
+    if allowed is not None:
+        _budget(axes, allowed + 0.5)
+
+
+def _false_alarms(axes: Axes, found: Tuning) -> None:
+    axes.set_xlabel("false alarms in 100 experiments in control")
+    axes.set_title("error against false alarms (bars: 95 %)")
+    _error_axis(axes, found)
+    if found.control is None:
+        words = "no experiments are known to be in control"
+        axes.text(0.5, 0.5, words, ha="center", va="center", transform=axes.transAxes)
+        return
+    every = found.budget.every
+    _crowded(axes, LINEAR if every is None else min(LINEAR, 100 / every), 120)
+    for name, runs in _families(found).items():
+        for t in runs:
+            assert t.false_alarms is not None
+            low, high = 100 * t.false_alarms.low, 100 * t.false_alarms.high
+            axes.plot([low, high], [t.mme] * 2, color=look(name).color, lw=0.8, alpha=0.25)
+        _dots(axes, found, name, runs, _rate, _mme)
+    _mark(axes, found, _rate, _mme)
+    if every is not None:
+        _budget(axes, 100 / every)
+
+
+def _against(axes: Axes, found: Tuning, unit: str, of: Quantity) -> None:
+    """One quantity against the tuned parameter, of the detectors for which it has this unit."""
+    chosen, labels = found.choice.chosen, []
+    for name, runs in _families(found).items():
+        line = [t for t in runs if _unit(t) == unit]
+        if line:
+            labels.append(line[0].setting.parameter)
+            _curve(axes, name, line, lambda t: t.setting.value, of)
+            _dots(axes, found, name, line, lambda t: t.setting.value, of)
+    if chosen is not None and _unit(chosen) == unit:
+        _mark(axes, found, lambda t: t.setting.value, of)
+    axes.set_xlabel(f"{', '.join(dict.fromkeys(labels))} [{unit}]" if labels else "not tried")
+    if labels:
+        _logarithmic(axes)
+    if of is _mme:
+        axes.set_title("error against the setting")
+        _error_axis(axes, found)
+        return
+    axes.set_title("adaptations against the setting")
+    axes.set_ylabel("adaptations")
+    axes.set_ylim(bottom=0)
+    _whole(axes.yaxis)
+    if found.budget.adaptations is not None:
+        axes.axhline(found.budget.adaptations, color=style.INK, lw=1, ls=(0, (2, 2)))
+
+
+def _unit(tried: Tried) -> str:
+    """Of the tuned parameter; "" of one that nobody has declared."""
+    if tried.setting.parameter == "window":
+        return "experiments"
+    declared = msgs_config.parameters("detector").get(tried.setting.parameter, {})
+    return declared.get("unit", "")
+
+
+def _curve(axes: Axes, name: str, runs: Sequence[Tried], x: Quantity, y: Quantity) -> None:
+    points = [x(t) for t in runs], [y(t) for t in runs]
+    axes.plot(*points, color=look(name).color, ls=look(name).line, lw=0.9)
+
+
+def _dots(
+    axes: Axes, found: Tuning, name: str, runs: Sequence[Tried], x: Quantity, y: Quantity
+) -> None:
+    """Filled where the budget is kept."""
+    for kept in (True, False):
+        some = [t for t in runs if found.budget.kept(t) is kept]
+        face, label = (look(name).color, look(name).label) if kept else ("white", "_")
+        axes.plot([x(t) for t in some], [y(t) for t in some], **_point(name), mfc=face, label=label)
+
+
+def _point(name: str) -> dict[str, Any]:
+    return {"color": look(name).color, "marker": look(name).marker, "ls": "none", "ms": 4.5}
+
+
+def _mark(axes: Axes, found: Tuning, x: Quantity, y: Quantity) -> None:
+    chosen = found.choice.chosen
+    how: dict[str, Any] = {"marker": "o", "ls": "none", "mfc": "none", "mec": style.INK}
+    axes.plot([], [], **{**how, "mec": style.GREY}, ms=4.5, label="beyond the budget (hollow)")
+    if chosen is not None:
+        label = f"the choice: {style.look(chosen.setting.detector).label} {chosen.setting.value:g}"
+        at = [x(chosen)], [y(chosen)]
+        axes.plot(*at, **how, ms=13, mew=1.6, label=label, clip_on=False, zorder=5)
+
+
+def _error_axis(axes: Axes, found: Tuning) -> None:
+    """The same in all panels, from the least to the largest error tried."""
+    errors = [t.mme for t in found.tried]
+    room = MARGIN * max(max(errors) - min(errors), 0.1 * max(errors))
+    axes.set_ylim(max(0.0, min(errors) - room), max(errors) + room)
+    axes.set_ylabel("MME [rad/s]")
+    axes.axhline(found.never.mme, color=style.GREY, lw=1, ls=":", label="no learning")
+
+
+def _crowded(axes: Axes, linear: float, right: float) -> None:
+    """A scale from 0 on which small numbers have room as well."""
+    from matplotlib.ticker import FixedLocator, NullLocator
+
+    axes.set_xscale("symlog", linthresh=linear)
+    decades = range(-9, 10)
+    ticks = [f * 10.0**d for d in decades for f in (1, 2, 5) if linear <= f * 10.0**d <= right]
+    axes.xaxis.set_major_locator(FixedLocator([0, *ticks]))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
+    axes.set_xlim(-0.1 * linear, right)
+
+
+def _logarithmic(axes: Axes) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axes.set_xscale("log")
+    low, high = axes.get_xlim()
+    few = (1.0, 2.0, 5.0) if high < 50 * low else (1.0,)
+    axes.xaxis.set_major_locator(LogLocator(subs=few))
+    axes.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _whole(axis: Any) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    axis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _budget(axes: Axes, at: float) -> None:
+    right = axes.get_xlim()[1]
+    axes.axvline(at, color=style.INK, lw=1, ls=(0, (2, 2)), label="budget")
+    axes.axvspan(at, max(right, at), color=style.SHADE, alpha=0.6, lw=0, zorder=0)
+    axes.set_xlim(right=right)

@@ -1,0 +1,126 @@
+"""Going on with a run that ended before its time: by which settings, and whether it is the same.
+
+A recording says by which parameters it was made, and under which key: the machine, the physics, the
+versions. Under another key the numbers would not be those of one run, so it is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgs_config
+from ldt_core.base.code_version import code_version
+from ldt_core.base.errors import BadInput, RecordingError
+from ldt_core.detectors import DETECTORS
+from ldt_core.effects import EFFECTS
+from ldt_core.machine.machine_file import Machine
+from ldt_core.models import MODELS
+from ldt_core.recording.bag import Bag, read_bag
+from ldt_core.recording.messages import quoted
+from ldt_core.recording.run_settings import FREE, LEFT_OUT, SECURE
+from ldt_core.recording.storage import METADATA
+from ldt_core.recording.writer import KEY
+
+DIGITS = 12  # of a digest
+FIRST = "machine_1"  # folder of a fleet's first recording
+
+
+def key_text(machine: Machine) -> str:
+    """The key of a run, as its recording holds it, in JSON."""
+    content = json.dumps(machine.as_dict(), sort_keys=True)
+    digest = hashlib.sha256(content.encode()).hexdigest()[:DIGITS]
+    key = {"machine": digest, "physics": machine.physics, **code_version()}
+    return json.dumps(key)
+
+
+def check_key(bag: Bag, machine: Machine) -> None:
+    """Refuse a recording that was made under another key.
+
+    Raises:
+        RecordingError: says what differs.
+    """
+    own = json.loads(key_text(machine))
+    try:
+        there = json.loads(bag.custom(KEY))
+        recorded = {str(name): str(value) for name, value in there.items()}
+    except (ValueError, AttributeError, RecursionError):
+        raise RecordingError(bag.path, "a recording of a run, with its key", "none") from None
+    for name in sorted({*own, *recorded}):
+        was, now = recorded.get(name, "none"), own.get(name, "none")
+        if was != now:
+            where = f"{bag.path}, {name}"
+            raise RecordingError(where, f"{quoted(was)}, under which the run began", quoted(now))
+
+
+def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings with which a run goes on: those recorded, and those it is free to change.
+
+    Args:
+        settings: all parameters; those at their defaults are as recorded.
+
+    Returns:
+        all parameters; `bag` and `resume` are the recording.
+
+    Raises:
+        RecordingError: no recording of a run.
+        BadInput: a parameter that contradicts the recording, or one that names code or a file,
+            which has to be given again: a recording does not say what is run.
+    """
+    base = Path(settings["resume"])
+    if settings["bag"] and Path(settings["bag"]) != base:
+        raise BadInput("bag", f"none beside resume, which records into {base}", settings["bag"])
+    fleet = (base / FIRST).is_dir() and not (base / METADATA).exists()
+    first = base / FIRST if fleet else base
+    recorded = read_bag(first, listed=True).settings()
+    if not recorded:
+        raise RecordingError(first, "a recording of a run, with its settings", "one without")
+    if recorded.get(SECURE) and settings.get(SECURE) == "":
+        raise BadInput("--secure", f"a keystore, since {first} began secured", "none")
+    declared = msgs_config.parameters()
+    found = dict(settings)
+    for name, value in recorded.items():
+        if name in (*LEFT_OUT, *FREE) or name not in declared:
+            continue
+        default = declared[name]["default"]
+        if name not in settings:  # `ldt run` has no graph to tell this
+            if value != default:
+                told = "a run that ldt run can go on with (ldt up --resume goes on with this one)"
+                raise BadInput(f"{first}, {name}", told, repr(value))
+            continue
+        given = settings[name]
+        if given not in (default, value):
+            where = f"--{name.replace('_', '-')}"
+            raise BadInput(where, f"{value!r}, with which {first} began", repr(given))
+        if given != value and not _is_plain(name, value):
+            where = f"--{name.replace('_', '-')}"
+            told = f"{quoted(str(value))} given again: what a recording names is not run"
+            raise BadInput(where, told, "nothing")
+        found[name] = value
+    return {**found, "bag": str(base), "resume": str(base)}
+
+
+def begin_of(path: str | Path, start_time: float) -> float:
+    """When a simulated machine's first experiment began [s since the epoch].
+
+    Args:
+        path: recording of the run.
+        start_time: that it was told, which holds where the first experiment is not recorded.
+    """
+    first = next(read_bag(path, listed=True).records("experiment"), None)
+    return first.start if first is not None and first.number == 1 else start_time
+
+
+def _is_plain(name: str, value: Any) -> bool:
+    """Whether a recorded parameter names nothing but what comes with LDT."""
+    if name == "machine":
+        return value in msgs_config.machine_names()
+    registries = {"model": MODELS, "detector": DETECTORS, "cause": EFFECTS}
+    if name in registries:
+        return value in (*registries[name].builtin, "auto")
+    if name == "effect":
+        return all(text.partition(":")[0] in EFFECTS.builtin for text in value)
+    return True

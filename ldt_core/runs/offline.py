@@ -1,0 +1,226 @@
+"""A run of the loop without ROS: experiments in, steps recorded and summed up."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ldt_core.base.errors import BadInput, ExperimentError, RepeatedExperiment
+from ldt_core.base.experiment import Experiment, Step
+from ldt_core.base.metrics import Summary
+from ldt_core.machine.machine_file import Machine
+from ldt_core.recording.bag import read_bag
+from ldt_core.recording.storage import RECORDINGS
+from ldt_core.recording.writer import BagWriter
+from ldt_core.restart.checkpoints import Kept
+from ldt_core.restart.learning_switch import Pause
+from ldt_core.restart.run_key import check_key, key_text
+from ldt_core.twin.loop import Twin
+
+#: Nodes from which experiments can come.
+SOURCES = ("plant", "player", "segmenter")
+
+
+def new_recording(machine: str) -> Path:
+    """A folder name that does not exist yet: machine and time under `ldt_recordings`."""
+    stem = f"{Path(machine).stem}-{time.strftime('%Y%m%d-%H%M%S')}"
+    path = RECORDINGS / stem
+    count = 1
+    while path.exists():
+        count += 1
+        path = RECORDINGS / f"{stem}-{count}"
+    return path
+
+
+def roles(settings: Mapping[str, Any]) -> list[str]:
+    """The nodes of one machine's graph, the recorder first: it misses nothing then.
+
+    Where the model learns by the diagnosed effect the adaptor makes the diagnoses.
+    """
+    in_adaptor = settings["model"] == "diagnosed" and settings["cause"] == "auto"
+    beside = ["diagnoser"] if settings["diagnose"] and not in_adaptor else []
+    beside += ["advisor"] if settings["advice"] else []
+    return ["recorder", *beside, "adaptor", "detector", "twin", source_of(settings)]
+
+
+def source_of(settings: Mapping[str, Any]) -> str:
+    """The node from which a machine's experiments come."""
+    if settings["source"]:
+        return "segmenter"
+    return "player" if settings["play"] else "plant"
+
+
+@dataclass(frozen=True)
+class Member:
+    """One machine of a run.
+
+    Args:
+        name: for people.
+        namespace: of its topics, "" for the root.
+        settings: its own: seed, recording.
+        bag: folder of its recording.
+    """
+
+    name: str
+    namespace: str
+    settings: dict[str, Any]
+    bag: Path
+
+
+def fleet(machine: Machine, settings: Mapping[str, Any]) -> list[Member]:
+    """The machines of a run, each with its own namespace, seed and recording.
+
+    Raises:
+        BadInput: a recording that exists, or several machines for one recording to play.
+    """
+    count = settings["machines"]
+    if count > 1 and settings["play"]:
+        raise BadInput("machines", "1 together with play", count)
+    base = Path(settings["bag"]) if settings["bag"] else new_recording(machine.name)
+    if base.exists() and not settings["resume"]:
+        raise BadInput(base, "a folder that does not exist yet, for the recording", "one that does")
+    members = []
+    for index in range(count):
+        name = f"machine_{index + 1}" if count > 1 else machine.name
+        bag = base / name if count > 1 else base
+        parts = [settings["namespace"].strip("/"), name if count > 1 else ""]
+        own = {**settings, "seed": settings["seed"] + index, "bag": str(bag)}
+        own["resume"] = str(bag) if settings["resume"] else ""
+        members.append(Member(name, "/".join(p for p in parts if p), own, bag))
+    return members
+
+
+def run(
+    machine: Machine,
+    settings: Mapping[str, Any],
+    experiments: Iterable[Experiment],
+    bag: Path | str | None,
+    on_step: Callable[[Step], None] = lambda step: None,
+    namespace: str = "",
+) -> Summary:
+    """Take experiments through the twin, and record every message that the graph would send.
+
+    Args:
+        machine: as the twin knows it.
+        settings: parameters of the groups model, detector, adaptor, diagnosis and advice; with a
+            `resume` that is not empty the run goes on where the recording in `bag` ends.
+        experiments: in the order of their numbers, from the run's first on.
+        bag: folder of the recording, which must not exist unless the run goes on; None records
+            nothing.
+        on_step: told of each step.
+        namespace: of the machine's topics in the recording.
+
+    Raises:
+        BadInput: settings, machine or bag that cannot be used.
+        LdtError: a recording that is damaged beyond mending.
+    """
+    twin = Twin(machine, settings)
+    untrained = twin.model.record()
+    summary = Summary()
+
+    def rejected(error: ExperimentError) -> None:
+        if isinstance(error, RepeatedExperiment):
+            summary.repeated += 1
+        else:
+            summary.reject(str(error))
+
+    if bag is None:
+        for step in twin.steps(experiments, rejected):
+            summary.add(step)
+            on_step(step)
+        summary.note(*_troubles(twin))
+        return summary
+    goes_on = bool(settings.get("resume"))
+    if goes_on:
+        twin.adaptor.paused = bool(Pause(bag))
+        check_key(read_bag(bag, namespace or "/", listed=True), machine)
+    with BagWriter(
+        bag,
+        machine.name,
+        namespace,
+        settings=settings,
+        split_size=settings.get("split_size"),
+        resume=goes_on,
+        once=goes_on,
+        key=key_text(machine),
+    ) as writer:
+        kept = Kept(twin, bag, namespace, summary.note)
+        done = kept.recall() if goes_on else 0
+        ahead = (e for e in experiments if e.number > done)
+        for index, step in enumerate(twin.steps(ahead, rejected)):
+            if index == 0 and not done:
+                writer.write("model", untrained, step.experiment.start)
+            write_step(writer, step)
+            kept.passed(step.experiment)
+            on_step(step)
+            if not goes_on:
+                summary.add(step)
+    if goes_on:
+        recorded_summary(bag, namespace, machine, summary)
+    summary.note(*_troubles(twin))
+    return summary
+
+
+def _troubles(twin: Twin) -> list[str]:
+    advised = twin.advisor.trouble if twin.advisor else ""
+    found = {"no diagnosis": twin.trouble, "no advice": advised}
+    return [f"{what}: {reason}" for what, reason in found.items() if reason]
+
+
+def write_step(writer: BagWriter, step: Step) -> None:
+    """Record a step in the order in which the graph sends its messages."""
+    end = step.experiment.end
+    writer.write("experiment", step.experiment, end)
+    writer.write("prediction", step.prediction, end)
+    writer.write("original_prediction", step.original, end)
+    writer.write("signal", step.signal, end)
+    if step.diagnosis is not None:
+        writer.write("diagnosis", step.diagnosis, end)
+    if step.model is not None:
+        writer.write("model", step.model, end)
+    writer.write("adaptation", step.adaptation, end)
+    if step.advice is not None:
+        writer.write("advice", step.advice, end)
+
+
+def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary: Summary) -> None:
+    """Fill a summary from a recording of a run, experiments that went all the way alone.
+
+    Args:
+        bag: the recording.
+        namespace: of the machine in it, "" for the root.
+        machine: what could not be its experiment does not count.
+        summary: gets the figures, and a note where the recording is damaged or cannot be read.
+    """
+    if not Path(bag).exists():
+        return  # ended before anything was recorded
+    try:
+        opened = read_bag(bag, namespace or "/")
+        adaptations = list(opened.records("adaptation"))
+        done = {a.experiment for a in adaptations}
+        for adaptation in adaptations:
+            summary.add_adaptation(adaptation)
+        for signal in opened.records("signal"):
+            if signal.experiment in done:
+                summary.add_signal(signal)
+        for diagnosis in opened.records("diagnosis") if opened.topic("diagnosis") else ():
+            summary.add_diagnosis(diagnosis)
+        for advice in opened.records("advice") if opened.topic("advice") else ():
+            summary.add_advice(advice)
+        originals = {p.number: p.start for p in opened.records("original_prediction")}
+        predictions = opened.records("original_prediction")
+        # Without one that went all the way there may be none: it ended before, which is no damage.
+        for experiment in opened.experiments() if done else ():
+            # A number may come twice: the one that was predicted has the prediction's start.
+            if originals.get(experiment.number) != experiment.start:
+                continue
+            if experiment.number in done and machine.may_have_made(experiment):
+                del originals[experiment.number]
+                original = next(p for p in predictions if p.number == experiment.number)
+                summary.add_original(original.max_error(experiment))
+        summary.note(*opened.notes)
+    except BadInput as error:
+        summary.note(f"the recording cannot be read whole: {error}")

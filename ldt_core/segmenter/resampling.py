@@ -1,0 +1,126 @@
+"""Measured samples at any times → samples on a uniform grid.
+
+Where the new period is no longer than the old one, the voltage is held from its last sample (that
+is what a voltage source does) and the other channels are interpolated linearly. Where it is longer,
+taking single samples would fold fast noise into the result: the voltage becomes its mean over the
+period that follows (the same volt-seconds), the others their mean over one period centred on the
+sample (no lag, first zero at the new sampling rate).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ldt_core.base.errors import RecordingError
+from ldt_core.base.experiment import Samples
+
+GAP_PERIODS = 3.5  # a longer pause between samples is a gap: three lost samples are bridged
+LOST = 1.5  # median steps; a longer one has a lost sample in it and tells nothing of the period
+TOLERANCE = 0.02  # of a period: samples this close to the grid are taken as they are
+DOWNSAMPLED = 1.5  # new period over old one from which means are taken
+DIGITS = 4  # significant digits to which a period is rounded, if the samples agree
+
+
+class Series(NamedTuple):
+    """One channel as it was measured.
+
+    Args:
+        time: (n,) [s].
+        values: (n,) in SI units.
+        place: index → where that sample stands ("line 12"), for messages.
+    """
+
+    time: Samples
+    values: Samples
+    place: Callable[[int], str]
+
+
+def check_times(where: str, series: Series) -> None:
+    """Refuse times that do not increase.
+
+    Raises:
+        RecordingError: unsorted or repeated times; names the first.
+    """
+    bad = np.flatnonzero(np.diff(series.time) <= 0)
+    if bad.size:
+        at = int(bad[0]) + 1
+        before, now = series.time[at - 1], series.time[at]
+        word = "the same time again" if before == now else f"{now:.9g} s after {before:.9g} s"
+        more = f" ({bad.size} such places)" if bad.size > 1 else ""
+        raise RecordingError(f"{where}, {series.place(at)}", "increasing times", word + more)
+
+
+def find_period(time: Samples) -> float:
+    """The sample period behind measured times, gaps left aside [s].
+
+    Args:
+        time: (n,) increasing, two or more [s].
+    """
+    steps = np.diff(time)
+    period = float(steps[steps <= LOST * np.median(steps)].mean())
+    rounded = float(f"{period:.{DIGITS}g}")
+    parts = split_at_gaps(time, rounded)
+    return rounded if all(_grid_index(time[p], rounded) is not None for p in parts) else period
+
+
+def split_at_gaps(time: Samples, period: float) -> list[slice]:
+    """Stretches without a pause of more than GAP_PERIODS periods."""
+    cuts = np.flatnonzero(np.diff(time) > GAP_PERIODS * period) + 1
+    edges = [0, *cuts.tolist(), time.size]
+    return [slice(a, b) for a, b in itertools.pairwise(edges)]
+
+
+def fits_grid(time: Samples, period: float) -> bool:
+    """Whether one stretch of samples can be taken as it is: on the grid, none lost."""
+    index = _grid_index(time, period)
+    return index is not None and np.array_equal(index, np.arange(time.size))
+
+
+def _grid_index(time: Samples, period: float) -> np.ndarray | None:
+    """Where each sample stands on the grid that begins with the first; None off the grid."""
+    index = np.rint((time - time[0]) / period)
+    off = np.abs(time - time[0] - index * period).max()
+    return index if off <= TOLERANCE * period else None
+
+
+def resample(series: Series, grid: Samples, period: float, held: bool) -> Samples:
+    """(L,) values on the grid; see the module's text for the rule.
+
+    Args:
+        series: n samples at increasing times.
+        grid: (L,) [s], within the samples' times (a held channel's last value goes on).
+        period: of the grid [s].
+        held: a voltage, constant from one sample to the next.
+    """
+    time, values = series.time, series.values
+    old = float(np.median(np.diff(time))) if time.size > 1 else period
+    if period < DOWNSAMPLED * old:
+        if held:
+            # A sample that the clock's rounding puts just behind a grid point still counts for it.
+            index = np.searchsorted(time, grid + TOLERANCE * period, side="right") - 1
+            return values[np.maximum(index, 0)]
+        return np.interp(grid, time, values)
+    begin = grid if held else grid - period / 2
+    end = begin + period
+    if not held:  # past the ends there is nothing to average
+        begin, end = np.maximum(begin, time[0]), np.minimum(end, time[-1])
+    return (_integral(time, values, end, held) - _integral(time, values, begin, held)) / (
+        end - begin
+    )
+
+
+def _integral(time: Samples, values: Samples, at: Samples, held: bool) -> Samples:
+    """Integral from time[0] of the held or linearly interpolated channel."""
+    steps = np.diff(time)
+    height = values[:-1] if held else (values[:-1] + values[1:]) / 2
+    total = np.concatenate(([0.0], np.cumsum(steps * height)))
+    index = np.clip(np.searchsorted(time, at, side="right") - 1, 0, time.size - 1)
+    past = at - time[index]
+    slope = np.zeros(time.size)
+    if not held:
+        slope[:-1] = np.diff(values) / steps
+    return total[index] + values[index] * past + slope[index] * past**2 / 2

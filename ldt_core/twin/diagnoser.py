@@ -1,0 +1,297 @@
+"""The diagnosis of a machine that runs: when to make one, and of which experiments.
+
+A positive says that the machine is not what the model takes it for. A diagnosis must not mix in
+experiments from before that change, nor do with fewer than there are, since one experiment alone
+tells amounts ten times worse than six. So it is made first of those that the signals let pass for
+the machine as it is now; then each recent experiment is compared with a free run of what was found,
+as `training_data` does for every model, and if that tells otherwise, it is made once more of those
+that are valid.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import (
+    AMOUNT,
+    DiagnosisRecord,
+    Experiment,
+    Level,
+    Scalar,
+    Signal,
+    rms,
+)
+from ldt_core.base.settings import resolve
+from ldt_core.base.threads import one_thread
+from ldt_core.diagnosis.closing import free_run
+from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.diagnosis.result import Diagnosis
+from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.machine.machine_file import Machine
+from ldt_core.twin.recorded import Archive, RecordedStep
+from ldt_core.twin.training_data import HARM, VALID
+
+Make = Callable[..., Diagnosis]
+NAMED = ("effect", "ambiguous")
+COMPOUND = ("gap.closed_fraction_ci95", "next_experiment")  # list and object, null where undefined
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A diagnosis, and how well it explains the experiment that asked for it.
+
+    Args:
+        diagnosis: that was made.
+        use: the verdict's effects with their values.
+        error: of a free run with them on that experiment [rad/s].
+        pool: experiments that it was made of, the last one last.
+    """
+
+    diagnosis: Diagnosis
+    use: Sequence[Any]
+    error: float
+    pool: Sequence[Experiment]
+
+    @property
+    def known(self) -> Known:
+        """What later experiments are compared with."""
+        return Known(self.use, self.error, self.diagnosis.verdict.kind == "unknown")
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What a diagnosis says of the machine.
+
+    Args:
+        use: the verdict's effects with their values.
+        error: of a free run with them on the experiment that asked for it [rad/s].
+        unknown: it found a gap without a cause, so that its free run is no measure.
+    """
+
+    use: Sequence[Any]
+    error: float
+    unknown: bool
+
+
+class Diagnoser:
+    """Diagnoses at positives, from the last experiments of the machine as it is now.
+
+    Its answers follow from the experiments and signals that it is given, in their order, and from
+    nothing else: offline run, replay and node graph get the same.
+
+    A positive starts a diagnosis if none has been made, if the last verdict no longer explains the
+    experiment, or if the last diagnosis is `diagnosis_every` experiments ago. It works on
+
+    - those of the last `diagnosis_experiments` that the last verdict explains, if it explains the
+      present one too: the machine has not changed since;
+    - otherwise those after the last one that was negative, or that the last verdict explains.
+
+    If the cause of several is unknown, the machine may have changed among them, and the present one
+    is diagnosed alone; what that names counts. What comes out is tried on all recent experiments.
+    Those that it explains as well as the present one, within the ratio `training_data.VALID`, are
+    of the present machine; if they are others than those it was made of, they are diagnosed, and
+    the answer counts unless it does worse on the present experiment.
+
+    Args:
+        machine: as its file knows it.
+        settings: parameters of the group diagnosis; those that are missing have their defaults.
+        make: what makes a diagnosis; the arguments are those of `procedure.diagnose`.
+
+    Attributes:
+        trouble: why the last diagnosis came to nothing; empty when it came to something.
+
+    Raises:
+        OptionError: a parameter outside its range.
+    """
+
+    def __init__(
+        self, machine: Machine, settings: Mapping[str, Any], make: Make = diagnose
+    ) -> None:
+        given = resolve(own_settings(settings), "diagnosis")
+        self.machine = machine
+        self.every: int = given["diagnosis_every"]
+        self.trouble = ""
+        self._make = make
+        self._recent: deque[tuple[Experiment, Level]] = deque(maxlen=given["diagnosis_experiments"])
+        self._last: Known | None = None
+        self._last_at = 0  # number of the experiment at which that was found
+        self._since = 0
+        #: Whether it was told to stop.
+        self.cancelled = False
+
+    def cancel(self) -> None:
+        """Break off the diagnosis under way, from another thread, and begin no more."""
+        self.cancelled = True
+
+    def step(self, experiment: Experiment, signal: Signal) -> DiagnosisRecord | None:
+        """Take in one experiment; the verdict, if it was the occasion for one."""
+        if not self._take(experiment, signal):
+            return None
+        try:
+            with one_thread():
+                found = self._checked(self._first(self._pool()))
+        except (LdtError, np.linalg.LinAlgError, ArithmeticError) as error:
+            self._last, self.trouble = None, str(error)
+            return None
+        self._last, self._last_at = found.known, experiment.number
+        return _record(found, signal)
+
+    def recall(self, step: RecordedStep) -> None:
+        """Be as after a recorded step, without diagnosing anew."""
+        if not self._take(step.experiment, step.signal):
+            return
+        found, self._last = step.diagnosis, None
+        known = _known(found, math.nan) if found is not None else None
+        if known is not None:
+            error = self._error(step.experiment, known.use)
+            self._last, self._last_at = replace(known, error=error), step.experiment.number
+
+    def mark(self) -> dict[str, Any]:
+        """Its state by the numbers of what is recorded; `return_to` takes it back."""
+        last = self._last
+        error = last.error if last is not None and math.isfinite(last.error) else None
+        return {
+            "recent": [[e.number, e.start, int(level)] for e, level in self._recent],
+            "since": self._since,
+            "last": None if last is None else {"experiment": self._last_at, "error": error},
+        }
+
+    def return_to(self, mark: Mapping[str, Any], recorded: Archive) -> None:
+        """Be as when the mark was made, before any step here.
+
+        Raises:
+            RecordingError: something that is not recorded; the diagnoser is then as it was.
+            ValueError, TypeError, KeyError: no mark; the same.
+        """
+        since, last = mark["since"], mark["last"]
+        if type(since) is not int or since < 0 or len(mark["recent"]) > (self._recent.maxlen or 0):
+            raise ValueError("since is no count, or there are more experiments than are kept")
+        recent = [
+            (recorded.experiment(n, start), Level(level)) for n, start, level in mark["recent"]
+        ]
+        known = None
+        if last is not None:
+            error = math.nan if last["error"] is None else float(last["error"])
+            known = _known(recorded.diagnosis(last["experiment"]), error)
+            self._last_at = last["experiment"]
+        self._recent.clear()
+        self._recent.extend(recent)
+        self._since, self._last = since, known
+
+    def _take(self, experiment: Experiment, signal: Signal) -> bool:
+        """Take in one experiment; whether it is the occasion for a diagnosis."""
+        if self._recent and not self._recent[-1][0].same_period(experiment):
+            self._recent.clear()
+        self._recent.append((experiment, signal.level))
+        self._since += 1
+        if signal.level is not Level.POSITIVE or not self._due(experiment):
+            return False
+        self._since, self.trouble = 0, ""
+        return True
+
+    def _due(self, experiment: Experiment) -> bool:
+        return not self._explained(experiment) or self._since >= self.every
+
+    def _explained(self, experiment: Experiment) -> bool:
+        return self._last is not None and self._valid(experiment, self._last)
+
+    def _valid(self, experiment: Experiment, found: Known) -> bool:
+        return self._error(experiment, found.use) <= VALID * found.error
+
+    def _error(self, experiment: Experiment, use: Sequence[Any]) -> float:
+        """Of a free run [rad/s]; nan, which compares as false, where it diverges."""
+        return rms(experiment.speed - free_run(self.machine, experiment, use))
+
+    def _pool(self) -> list[Experiment]:
+        """What the signals and the last verdict let pass for the machine as it is now."""
+        recent = list(self._recent)
+        present = recent[-1][0]
+        known = self._last is not None and not self._last.unknown
+        if known and self._explained(present):
+            return [e for e, _ in recent if self._explained(e)]
+        pool = [present]
+        for e, level in reversed(recent[:-1]):
+            if level is Level.NEGATIVE or (known and self._explained(e)):
+                break
+            pool.insert(0, e)
+        return pool
+
+    def _diagnosed(self, pool: Sequence[Experiment]) -> Found:
+        diagnosis = self._make(self.machine, pool, workers=1, tick=self._tick)
+        use = [(get_effect(e["effect"]), e["parameters"]) for e in diagnosis.effects]
+        return Found(diagnosis, use, self._error(pool[-1], use), pool)
+
+    def _first(self, pool: Sequence[Experiment]) -> Found:
+        found = self._diagnosed(pool)
+        if found.known.unknown and len(pool) > 1:
+            alone = self._diagnosed(pool[-1:])
+            if alone.diagnosis.verdict.kind in NAMED:
+                return alone
+        return found
+
+    def _checked(self, found: Found) -> Found:
+        """The diagnosis, or a better one of the experiments that it says are valid."""
+        present = found.pool[-1]
+        valid = [e for e, _ in self._recent if e is present or self._valid(e, found.known)]
+        if found.known.unknown or [id(e) for e in valid] == [id(e) for e in found.pool]:
+            return found
+        again = self._diagnosed(valid)
+        return again if again.error <= HARM * found.error else found
+
+    def _tick(self, doing: str) -> None:
+        if self.cancelled:
+            raise LdtError(f"broken off while {doing}")
+
+
+def own_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of the group diagnosis, where they are given."""
+    return {n: v for n, v in settings.items() if n in resolve({}, "diagnosis")}
+
+
+def _known(found: DiagnosisRecord, error: float) -> Known | None:
+    """What a recorded diagnosis says; None where it names effects of a file, which is not run."""
+    if not found.amounts.keys() <= set(EFFECTS.names()):
+        return None
+    use = [(get_effect(name), given) for name, given in found.amounts.items()]
+    return Known(use, error, found.kind == "unknown")
+
+
+def _record(found: Found, signal: Signal) -> DiagnosisRecord:
+    verdict = found.diagnosis.verdict
+    values = scalars(found.diagnosis.as_dict())
+    values["since"] = found.pool[0].number
+    if cause := _cause(found.diagnosis):
+        values["cause"] = cause
+    for effect, given in found.use:
+        values |= {f"{AMOUNT}{effect.name}.{name}": float(v) for name, v in given.items()}
+    return DiagnosisRecord(
+        signal.experiment, signal.model_version, verdict.sentence, tuple(verdict.effects), values
+    )
+
+
+def _cause(diagnosis: Diagnosis) -> str | None:
+    """The named effect with the largest share of what is explained."""
+    verdict = diagnosis.verdict
+    if verdict.kind not in NAMED:
+        return None
+    shares = {c.effect: c.shapley_share or 0.0 for c in diagnosis.candidates}
+    leading = [group[0] for group in verdict.acting]
+    return max(leading, key=lambda name: shares.get(name, 0.0))
+
+
+def scalars(data: Mapping[str, Any], under: str = "") -> dict[str, Scalar]:
+    """What is neither list nor object in `diagnosis.json`, by dotted name."""
+    flat: dict[str, Scalar] = {}
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            flat |= scalars(value, f"{under}{key}.")
+        elif not isinstance(value, list) and under + key not in COMPOUND:
+            flat[f"{under}{key}"] = value
+    return flat

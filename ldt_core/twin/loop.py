@@ -1,0 +1,297 @@
+"""The loop: predict, detect, adapt, in this order, once per experiment.
+
+The three stages are what the twin, detector and adaptor nodes call, one each; `Twin.step` calls all
+three. Nothing else iterates over experiments and adapts, so that `ldt run`, `ldt replay`, a study
+and the node graph give the same numbers on the same experiments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from ldt_core.base.bounded import forget_oldest
+from ldt_core.base.errors import ExperimentError, RecordingError, RepeatedExperiment
+from ldt_core.base.experiment import Experiment, Prediction, Signal, Step
+from ldt_core.detectors import build_detector
+from ldt_core.detectors.base import Detector
+from ldt_core.machine.machine_file import Machine
+from ldt_core.models import build_model
+from ldt_core.models.base import Model
+from ldt_core.models.physics import PhysicsModel
+from ldt_core.twin.adaptor import Adaptor
+from ldt_core.twin.memory import Memory
+from ldt_core.twin.recorded import WINDOW, Archive, RecordedStep
+
+if TYPE_CHECKING:
+    from ldt_core.twin.advisor import Advisor
+    from ldt_core.twin.diagnoser import Diagnoser
+
+Stage: TypeAlias = "Judge | Adaptor | Diagnoser | Advisor"
+WARM_UP_SAMPLES = 3  # compiled code is loaded whatever the length
+
+
+class Predictor:
+    """Stage 1: the present model and the original one predict.
+
+    Args:
+        machine: the machine as it is known beforehand.
+        model: the model to begin with.
+    """
+
+    def __init__(self, machine: Machine, model: Model) -> None:
+        self.machine = machine
+        self.model = model
+        self.original = PhysicsModel(machine)
+        #: Number of the experiment predicted last; None before the first.
+        self.last: int | None = None
+        self._starts: dict[int, float] = {}  # of the last ones
+
+    def warm_up(self) -> None:
+        """Predict a short experiment that is nobody's, so that the first real one is not late."""
+        rest = np.zeros(WARM_UP_SAMPLES)
+        idle = Experiment(1, 0.0, self.machine.sample_period, rest, rest)
+        self.model.predict(idle)
+        self.original.predict(idle)
+
+    def predict(self, experiment: Experiment) -> Prediction:
+        """Free run of the present model.
+
+        Raises:
+            ExperimentError: the machine cannot have made this experiment, or its number is not
+                above the last one's (a duplicate would be learned from twice).
+            RepeatedExperiment: it is one of the last ones again.
+        """
+        self.machine.check(experiment)
+        if self.last is not None and experiment.number <= self.last:
+            known = self._starts.get(experiment.number) == experiment.start
+            raise out_of_order(experiment, self.last, known)
+        prediction = self.model.predict(experiment)
+        self._took(experiment)
+        return prediction
+
+    def _took(self, experiment: Experiment) -> None:
+        self.last = experiment.number
+        self._starts[experiment.number] = experiment.start
+        forget_oldest(self._starts, WINDOW)
+
+    def recall(self, step: RecordedStep, model: Model | None) -> None:
+        """Be as after a recorded step, and the model that it brought into force, if one."""
+        self._took(step.experiment)
+        self.model = model or self.model
+
+
+class Judge:
+    """Stage 2: the detector compares prediction and measurement.
+
+    Args:
+        name: the detector's name in the signal.
+        detector: fresh or restored.
+    """
+
+    def __init__(self, name: str, detector: Detector) -> None:
+        self.name = name
+        self.detector = detector
+
+    def judge(self, experiment: Experiment, prediction: Prediction) -> Signal:
+        """The signal for one experiment.
+
+        Raises:
+            ExperimentError: experiment and prediction do not belong together.
+        """
+        self._update(experiment, prediction)
+        statistics = dict(self.detector.statistics)
+        statistics.pop("max_error", None)  # every signal has it
+        return Signal(
+            experiment.number,
+            self.detector.signal,
+            self.name,
+            prediction.model_version,
+            prediction.max_error(experiment),
+            statistics,
+        )
+
+    def recall(self, step: RecordedStep) -> None:
+        """Be as after a recorded step.
+
+        Raises:
+            RecordingError: this detector answers otherwise than the recorded one.
+        """
+        self._update(step.experiment, step.prediction)
+        recorded, answer = step.signal.level, self.detector.signal
+        if step.signal.detector != self.name or answer is not recorded:
+            raise RecordingError(
+                f"signal of experiment {step.experiment.number}",
+                f"{recorded.word!r} by the detector {step.signal.detector}, as recorded",
+                f"{answer.word!r} by {self.name}",
+            )
+
+    def mark(self) -> dict[str, Any] | None:
+        """The detector's state; None where that may not be all of it (`Detector.resumable`)."""
+        own = vars(type(self.detector)).get("resumable", False)
+        return self.detector.state() if own else None
+
+    def return_to(self, mark: Mapping[str, Any], recorded: Archive) -> None:
+        """Be as when the mark was made.
+
+        Raises:
+            OptionError: no state of this detector, which then has seen nothing.
+        """
+        self.detector.restore(mark)
+
+    def _update(self, experiment: Experiment, prediction: Prediction) -> None:
+        self.detector.update(prediction.residual(experiment), prediction.speed_std)
+
+
+class Twin:
+    """A learning twin: model, detector, adaptor and memory.
+
+    Args:
+        machine: the machine as it is known beforehand.
+        settings: parameters of the groups model, detector, adaptor, diagnosis and advice
+            (`parameters.yaml`; the last two have their defaults where they are missing).
+        judge: stage 2, where it is not the detector of the settings.
+
+    Raises:
+        OptionError: an unknown model or detector, or arguments that they refuse.
+    """
+
+    def __init__(
+        self, machine: Machine, settings: Mapping[str, Any], judge: Judge | None = None
+    ) -> None:
+        self.settings = settings
+        model = build_model(settings["model"], machine, settings)
+        self.predictor = Predictor(machine, model)
+        self.judge = judge or build_judge(settings)
+        self.adaptor = build_adaptor(model, settings)
+        # A model that asks for diagnoses gets them in the adaptor; one machine needs no two.
+        asked = settings.get("diagnose") and not model.asks_for_diagnosis
+        self.diagnoser = build_diagnoser(machine, settings) if asked else None
+        self.advisor = build_advisor(machine, settings) if settings.get("advice") else None
+
+    @property
+    def model(self) -> Model:
+        """The present model."""
+        return self.predictor.model
+
+    @property
+    def trouble(self) -> str:
+        """Why the last diagnosis came to nothing; empty when it came to something."""
+        diagnoser = self.diagnoser or self.adaptor.diagnoser
+        return diagnoser.trouble if diagnoser else ""
+
+    def step(self, experiment: Experiment) -> Step:
+        """One turn of the loop.
+
+        Raises:
+            ExperimentError: as `Predictor.predict`; the twin is as before then.
+        """
+        prediction = self.predictor.predict(experiment)
+        original = self.predictor.original.predict(experiment)
+        signal = self.judge.judge(experiment, prediction)
+        adaptation, model = self.adaptor.step(experiment, signal)
+        diagnosis = self.adaptor.diagnosis
+        if self.diagnoser is not None:
+            diagnosis = self.diagnoser.step(experiment, signal)
+        changed = model.version != self.model.version
+        self.predictor.model = model
+        record = model.record() if changed else None
+        advice = None
+        if self.advisor is not None:
+            if diagnosis is not None:
+                self.advisor.informed(diagnosis)
+            advice = self.advisor.step(experiment, model.record())
+        return Step(experiment, prediction, original, signal, adaptation, record, diagnosis, advice)
+
+    @property
+    def stages(self) -> dict[str, Stage]:
+        """The parts that come to know something, by the role of their node."""
+        found: dict[str, Stage | None] = {
+            "detector": self.judge,
+            "adaptor": self.adaptor,
+            "diagnoser": self.diagnoser,
+            "advisor": self.advisor,
+        }
+        return {name: stage for name, stage in found.items() if stage is not None}
+
+    def recall(self, step: RecordedStep, known: Mapping[str, int] | None = None) -> None:
+        """Be as after a recorded step, without predicting or learning anew.
+
+        Args:
+            step: as recorded.
+            known: stages that have returned to a later step, and the number of that.
+
+        Raises:
+            RecordingError: a recording that this twin cannot have made.
+            ModelError: a recorded model that cannot be this machine's.
+        """
+        model = step.restored(self.predictor.machine, self.settings)
+        self.predictor.recall(step, model)
+        for name, stage in self.stages.items():
+            if step.experiment.number <= (known or {}).get(name, 0):
+                continue
+            if isinstance(stage, Adaptor):
+                stage.recall(step, model)
+            else:
+                stage.recall(step)
+
+    def steps(
+        self,
+        experiments: Iterable[Experiment],
+        rejected: Callable[[ExperimentError], None] = lambda error: None,
+    ) -> Iterator[Step]:
+        """The loop over a stream of experiments.
+
+        Args:
+            experiments: in the order of their numbers.
+            rejected: told of each experiment that cannot be used, or that comes again; the loop
+                goes on with the next.
+        """
+        for experiment in experiments:
+            try:
+                step = self.step(experiment)
+            except ExperimentError as error:
+                rejected(error)
+            else:
+                yield step
+
+
+def out_of_order(experiment: Experiment, last: int, known: bool) -> ExperimentError:
+    """Why an experiment is not taken whose number is not above the last one's.
+
+    Args:
+        experiment: in question.
+        last: number of the last one taken.
+        known: whether it has been taken itself.
+    """
+    kind = RepeatedExperiment if known else ExperimentError
+    return kind(f"experiment {experiment.number}", f"a number above {last}", experiment.number)
+
+
+def build_judge(settings: Mapping[str, Any]) -> Judge:
+    """Stage 2 from the parameters of the group detector."""
+    return Judge(settings["detector"], build_detector(settings["detector"], settings))
+
+
+def build_diagnoser(machine: Machine, settings: Mapping[str, Any]) -> Diagnoser:
+    """The diagnosis beside the loop from the parameters of the group diagnosis."""
+    from ldt_core.twin.diagnoser import Diagnoser  # few runs need it, and it takes time to load
+
+    return Diagnoser(machine, settings)
+
+
+def build_advisor(machine: Machine, settings: Mapping[str, Any]) -> Advisor:
+    """The advice to people beside the loop from the parameters of the group advice."""
+    from ldt_core.twin.advisor import Advisor  # as above
+
+    return Advisor(machine, settings)
+
+
+def build_adaptor(model: Model, settings: Mapping[str, Any]) -> Adaptor:
+    """Stage 3 from the parameters of the groups adaptor and diagnosis."""
+    memory = Memory(settings["memory_limit"], settings["history"])
+    how = {name: settings[name] for name in ("gate", "holdout", "data", "sensor_check")}
+    diagnoser = build_diagnoser(model.machine, settings) if model.asks_for_diagnosis else None
+    return Adaptor(model, memory, **how, diagnoser=diagnoser)

@@ -1,0 +1,80 @@
+"""Which experiments to learn from: what is still valid, and enough of it.
+
+The paper learns from the warning set and the present experiment. That can be one experiment which
+hardly moved, or experiments from before the change. Here old experiments are forgotten by evidence:
+each recent one is kept as long as a model of the present machine explains it as well as it explains
+the present experiment, whatever its signal was. (Compare the window chosen by the error on the
+newest data: Klinkenberg, Joachims, "Detecting concept drift with support vector machines", ICML
+2000.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ldt_core.base.experiment import Experiment, Samples, rms
+from ldt_core.models.base import Model
+
+#: Share of the recent operating range that the data learned from must have visited.
+COVERAGE = 0.5
+BINS = 10  # of the range of each quantity
+TAIL = 0.01  # of the samples at either end of the range, which may be outliers
+#: An older experiment is valid up to this ratio of errors. Between experiments of one machine with
+#: random voltage the error of one model varies by about half.
+VALID = 1.5
+#: Older experiments join only if a model of them alone errs no more than this on the present one:
+#: 5 % is what the error of some 200 independent samples varies by anyway.
+HARM = 1.05
+
+
+def coverage(pool: Sequence[Experiment], recent: Sequence[Experiment]) -> float:
+    """Share of the recent samples whose voltage, and whose speed, the pool has visited as well.
+
+    The lesser of the two, each counted in tenths of the recent range: 1 when the pool has been
+    wherever the machine was lately, 0 to 0.1 when it stood still at one point of a wide range.
+    """
+    return min(
+        _visited([getattr(e, name) for e in pool], [getattr(e, name) for e in recent])
+        for name in ("voltage", "speed")
+    )
+
+
+def _visited(pool: Sequence[Samples], recent: Sequence[Samples]) -> float:
+    samples = np.concatenate(recent)
+    low, high = np.quantile(samples, [TAIL, 1 - TAIL])
+    if not high > low:
+        return 1.0
+    edges = np.linspace(low, high, BINS + 1)[1:-1]
+    seen = np.bincount(np.digitize(np.concatenate(pool), edges), minlength=BINS) > 0
+    return float(seen[np.digitize(samples, edges)].mean())
+
+
+def core(present: Experiment, recent: Sequence[Experiment]) -> list[Experiment]:
+    """The present experiment, and as many of the last ones as it takes to cover the range.
+
+    Args:
+        present: the experiment that showed the drift.
+        recent: those before it, the last one last.
+
+    Returns:
+        In the order in which they came, the present one last; everything when nothing less covers.
+    """
+    pool = [present]
+    for experiment in reversed(recent):
+        if coverage(pool, [*recent, present]) >= COVERAGE:
+            break
+        pool.insert(0, experiment)
+    return pool
+
+
+def still_valid(model: Model, rmse: float, recent: Sequence[Experiment]) -> list[Experiment]:
+    """The experiments that a model of the present machine explains.
+
+    Args:
+        model: learned from the present machine.
+        rmse: its error on samples of it that were held back [rad/s].
+        recent: experiments that it has not learned from.
+    """
+    return [e for e in recent if rms(model.predict(e).residual(e)) <= VALID * rmse]

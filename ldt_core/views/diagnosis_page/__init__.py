@@ -1,0 +1,72 @@
+"""The page of a diagnosis: one HTML file that needs no network, no script and no other file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ldt_core.base.errors import LdtError
+from ldt_core.base.result_files import write
+from ldt_core.diagnosis.result import Diagnosis
+from ldt_core.views.diagnosis_page import sections
+from ldt_core.views.diagnosis_page.fits import fits, fits_on
+from ldt_core.views.diagnosis_page.places import places, places_on
+from ldt_core.views.diagnosis_page.ranking import shares, shares_height, shares_on
+from ldt_core.views.page import style
+from ldt_core.views.page.page import render
+
+WHO = "a diagnosis' page"
+
+
+def write_page(diagnosis: Diagnosis, file: Path | str) -> None:
+    """Write the page.
+
+    Raises:
+        LdtError: matplotlib is not installed.
+    """
+    write(Path(file), page(diagnosis))
+
+
+def page(diagnosis: Diagnosis) -> str:
+    """The page as text.
+
+    Raises:
+        LdtError: matplotlib is not installed.
+    """
+    style.require(WHO)
+    made = [part for make in sections.SECTIONS if (part := make(diagnosis))]
+    return render(
+        f"Gap diagnosis of {diagnosis.machine}",
+        sections.lead(diagnosis),
+        sections.FOOTER,
+        made,
+        sections.answer(diagnosis),
+    )
+
+
+def picture(diagnosis: Diagnosis, file: Path | str) -> None:
+    """Draw before and after, where the gap lies, and the shares of a set, as one picture.
+
+    Args:
+        diagnosis: with `shown`.
+        file: .png, .svg or .pdf.
+
+    Raises:
+        LdtError: matplotlib is not installed, or there is nothing to draw.
+    """
+    import matplotlib
+
+    style.require("a diagnosis' picture")
+    upper, lower = fits(diagnosis), places(diagnosis)
+    if upper is None or lower is None:
+        raise LdtError("nothing to draw: the diagnosis keeps no experiment")
+    heights = [upper.height(style.WIDE), lower.height(style.WIDE)]
+    if shares(diagnosis):
+        heights.append(shares_height(diagnosis, style.WIDE))
+    with matplotlib.rc_context(style.RC):
+        figure = style.blank(style.WIDE, sum(heights))
+        parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights).flat
+        fits_on(parts[0], upper, style.WIDE)
+        places_on(parts[1], lower, style.WIDE)
+        for part in parts[2:]:
+            shares_on(part, diagnosis, style.WIDE)
+        figure.savefig(file, dpi=style.PNG_DPI, facecolor="white")

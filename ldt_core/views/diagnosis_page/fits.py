@@ -1,0 +1,139 @@
+"""Measured against predicted, before and after, of two experiments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ldt_core.diagnosis.result import Diagnosis, Shown
+from ldt_core.views.diagnosis_page.curves import thinned
+from ldt_core.views.diagnosis_page.quantities import known, value_of
+from ldt_core.views.page.style import (
+    BLUE,
+    INK,
+    SHADE,
+    VERMILION,
+    Drawing,
+    Layout,
+    blank,
+    legend,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+BEFORE, AFTER = ("before", VERMILION, (0, (4, 1.4))), ("after", BLUE, "-")
+BUCKETS = 420  # of a curve: about one for each pixel of its panel
+
+
+def changed(shown: Sequence[Shown]) -> bool:
+    """Whether there are effects that change a prediction."""
+    return any(not np.array_equal(s.before, s.after, equal_nan=True) for s in shown)
+
+
+@dataclass(frozen=True)
+class Fits:
+    """The experiments that are drawn.
+
+    Attributes:
+        chosen: with words for each.
+        noise: deviation of the measured speed [rad/s].
+        after: whether there is an after.
+        held_out: whether they were held out.
+    """
+
+    chosen: Sequence[tuple[Shown, str]]
+    noise: float
+    after: bool
+    held_out: bool
+
+    def height(self, layout: Layout) -> float:
+        """Of the figure [inches]."""
+        return 0.5 + 3.6 * (len(self.chosen) if layout.narrow else 1)
+
+
+def fits(diagnosis: Diagnosis) -> Fits | None:
+    """The experiment with the largest error before and one with the median; None without any."""
+    held = [s for s in diagnosis.shown if s.held_out]
+    ranked = sorted(held or diagnosis.shown, key=lambda s: -_error(s, s.before))
+    if not ranked:
+        return None
+    chosen = [(ranked[0], "largest error")]
+    if len(ranked) > 1:
+        chosen.append((ranked[max(1, len(ranked) // 2)], "typical"))
+    return Fits(chosen, diagnosis.gap.noise_std, changed(diagnosis.shown), bool(held))
+
+
+def drawing(diagnosis: Diagnosis) -> Drawing | None:
+    """The figure; None where no experiment is shown."""
+    found = fits(diagnosis)
+    if found is None:
+        return None
+
+    def draw(layout: Layout) -> Figure:
+        figure = blank(layout, found.height(layout))
+        fits_on(figure, found, layout)
+        return figure
+
+    kind = "held out" if found.held_out else "fitted"
+    words = "; ".join(f"experiment {s.experiment.number} ({w}): {_rms(s)}" for s, w in found.chosen)
+    runs = "by the machine file (before)"
+    runs += " and with the verdict's effects (after)" if found.after else "; no effect was added"
+    return Drawing(
+        "curves",
+        "Measured against predicted, before and after",
+        f"Free runs of experiments that were {kind}, {runs}. Root mean square error [rad/s]: "
+        f"{words}. Shaded: two deviations of the sensor's noise.",
+        "Speed over time as it was measured and as it is predicted, and the error of the "
+        f"predictions below it. {words}.",
+        draw,
+    )
+
+
+def fits_on(figure: Figure | SubFigure, found: Fits, layout: Layout) -> None:
+    """Draw them, beside each other where there is room."""
+    count = len(found.chosen)
+    shape = (2 * count, 1) if layout.narrow else (2, count)
+    ratios = [2.0, 1.2] * (count if layout.narrow else 1)
+    grid = figure.subplots(*shape, squeeze=False, height_ratios=ratios)
+    pairs = grid.reshape(count, 2) if layout.narrow else grid.T
+    for index, ((upper, lower), (shown, words)) in enumerate(zip(pairs, found.chosen, strict=True)):
+        _draw(upper, lower, shown, found)
+        upper.set_title(f"experiment {shown.experiment.number}, {words}")
+        lower.set_xlabel("time [s]")
+        if index == 0 or layout.narrow:
+            upper.set_ylabel("speed [rad/s]")
+            lower.set_ylabel("error [rad/s]")
+    legend(figure, [pairs[0][0]], layout, 4)
+
+
+def _draw(upper: Axes, lower: Axes, shown: Shown, found: Fits) -> None:
+    e = shown.experiment
+    upper.plot(*thinned(e.time, e.speed, BUCKETS), color=INK, lw=2.2, alpha=0.5, label="measured")
+    lower.axhspan(-2 * found.noise, 2 * found.noise, color=SHADE, lw=0, zorder=0)
+    runs = [(shown.before, BEFORE)] + ([(shown.after, AFTER)] if found.after else [])
+    for predicted, (label, color, line) in runs:
+        upper.plot(*thinned(e.time, predicted, BUCKETS), lw=1.3, color=color, ls=line, label=label)
+        lower.plot(*thinned(e.time, e.speed - predicted, BUCKETS), lw=0.8, color=color)
+    for axes in (upper, lower):
+        axes.set_xlim(0, e.duration)
+        axes.locator_params(axis="x", nbins=5)
+    upper.tick_params(labelbottom=False)
+
+
+def _error(shown: Shown, predicted: np.ndarray) -> float:
+    """Root mean square; without bound where the prediction diverges."""
+    error = float(np.sqrt(np.mean((shown.experiment.speed - predicted) ** 2)))
+    return error if known(error) else np.inf
+
+
+def _rms(shown: Shown) -> str:
+    before, after = (_error(shown, p) for p in (shown.before, shown.after))
+    words = "diverges" if not known(before) else value_of(before)
+    if np.array_equal(shown.before, shown.after, equal_nan=True):
+        return words
+    return f"{words} before, {value_of(after) if known(after) else 'diverges'} after"

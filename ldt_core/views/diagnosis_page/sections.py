@@ -1,0 +1,332 @@
+"""The sections of the page of a diagnosis, in the order in which they are read."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from ldt_core.base.sentences import listed, ranges, spans, spoken
+from ldt_core.diagnosis.result import Diagnosis, Ranked
+from ldt_core.views.diagnosis_page import fits, further, places, ranking
+from ldt_core.views.diagnosis_page.quantities import (
+    NOTHING,
+    amount,
+    description,
+    known,
+    percent,
+    percents,
+    value_of,
+)
+from ldt_core.views.page.blocks import (
+    Answer,
+    Cell,
+    Folded,
+    Item,
+    Items,
+    Lines,
+    Mark,
+    Pairs,
+    Section,
+    Table,
+    Text,
+    Value,
+)
+
+FOOTER = "Made by ldt diagnose. The same for programs: diagnosis.json beside this page."
+TONES = {"none": "good", "effect": "found", "ambiguous": "vague", "unknown": "bad"}
+MARKS = {"found": Mark("acts", "found"), "vague": Mark("may act", "vague")}
+OPEN_ROWS = 10  # candidates in the table that is not folded
+HEAD = ("effect", "verdict", "amounts (95 %)", "score", "error [rad/s]", "closes alone")
+HELD_OUT = "held out, never fitted"
+
+
+def answer(diagnosis: Diagnosis) -> Answer:
+    """The verdict."""
+    verdict = diagnosis.verdict
+    mark = Mark(verdict.kind, TONES.get(verdict.kind, "open"))
+    return Answer(mark, f"confidence {percent(verdict.confidence)}", verdict.sentence)
+
+
+def lead(diagnosis: Diagnosis) -> str:
+    """What was asked."""
+    several = len(diagnosis.recordings) != 1
+    names = f" {listed(diagnosis.recordings)}" if diagnosis.recordings else ""
+    recordings = f"the recording{'s' if several else ''}{names}"
+    held = diagnosis.experiments.get("held_out", ())
+    part = "" if set(held).isdisjoint(diagnosis.experiments.get("fit", ())) else "parts of "
+    count = f"{part}{len(held)} experiment{'' if len(held) == 1 else 's'}"
+    return (
+        f"What {recordings} show{'' if several else 's'} of the machine {diagnosis.machine} that "
+        f"its file does not know. Errors are those of free runs on {count} that the search never "
+        "saw."
+    )
+
+
+def gap(diagnosis: Diagnosis) -> Section:
+    """How large the gap was and is."""
+    section = Section("gap", "How far the gap closes")
+    found = diagnosis.gap
+    rows: list[list[Value]] = [
+        ["root mean square", *map(value_of, (found.before.rmse, found.after.rmse))],
+        ["mean of the largest", *(value_of(e.mean_max_error) for e in (found.before, found.after))],
+    ]
+    rows[0].append(value_of(found.noise_std))
+    rows[1].append(NOTHING)
+    section.blocks.append(
+        Table(
+            "Error on held-out experiments [rad/s]",
+            ("error", "before", "after", "noise"),
+            rows,
+            numbers=(1, 2, 3),
+            note="Before: by the machine file. After: with the verdict's effects added.",
+        )
+    )
+    closed = percent(found.closed_fraction)
+    if found.closed_fraction_ci95 is not None:
+        closed += f" ({percents(found.closed_fraction_ci95)})"
+    if not known(found.closed_fraction):
+        closed = "undefined: there is no gap beyond the noise to close"
+    pairs = [("closed of the gap", closed)]
+    pairs += [("effect added", _added(diagnosis, e)) for e in diagnosis.effects]
+    groups = [g for g in diagnosis.verdict.acting if len(g) > 1]
+    pairs += [("either", listed(g, "or")) for g in groups]
+    section.blocks.append(Pairs(pairs))
+    if diagnosis.effects:
+        section.blocks.append(Text("To predict another recording with what was found added:"))
+        command = "ldt predict BAG --machine FILE --with diagnosis.json --out predicted"
+        section.blocks.append(Text(command, "code"))
+    return section
+
+
+def _added(diagnosis: Diagnosis, effect: Mapping[str, Any]) -> str:
+    """An effect of the verdict with its amounts."""
+    name = str(effect["effect"])
+    ranked = [c for c in diagnosis.candidates if c.effect == name]
+    amounts = [amount(n, a) for c in ranked[:1] for n, a in c.parameters.items()]
+    return f"{name}: {', '.join(f'{text} ({interval})' for text, interval in amounts)}"
+
+
+def before_and_after(diagnosis: Diagnosis) -> Section:
+    """Curves over time."""
+    section = Section("fits", "Measured and predicted")
+    section.figure(fits.drawing(diagnosis), "No experiment is kept to be drawn.", files=False)
+    return section
+
+
+def where(diagnosis: Diagnosis) -> Section:
+    """The places of the gap."""
+    section = Section("where", "Where the gap lies")
+    section.figure(places.drawing(diagnosis), "No experiment is kept to be drawn.", files=False)
+    clear = [p for p in diagnosis.where if p.share_of_data < places.EVERYWHERE]
+    if clear:
+        rows = [
+            (
+                f"{p.quantity}, when steady" if p.steady else p.quantity,
+                places.span(p),
+                percent(p.share_of_gap),
+                percent(p.share_of_data),
+            )
+            for p in clear
+        ]
+        head = ("quantity", "range", "of the gap", "of the data")
+        section.blocks.append(Table("Places, the clearest first", head, rows, numbers=(2, 3)))
+    else:
+        otherwise = "There is no gap to be found anywhere."
+        if diagnosis.where:
+            otherwise = "The gap lies everywhere: no range holds much more of it than of the data."
+        section.blocks.append(Text(otherwise, "missing"))
+    return section
+
+
+def candidates(diagnosis: Diagnosis) -> Section:
+    """How every effect fared."""
+    section = Section("candidates", "What was tried")
+    section.figure(
+        ranking.bars(diagnosis), "There is no gap that a candidate could close.", files=False
+    )
+    named = [c for c in diagnosis.candidates if ranking.standing(diagnosis, c)]
+    others = [c for c in diagnosis.candidates if c not in named]
+    first = max(OPEN_ROWS - len(named), 0)
+    order = [c for c in diagnosis.candidates if c in named or c in others[:first]]
+    rest = others[first:]
+    note = (
+        "Score: part of the gap's power in the fitted experiments that the effect explains alone. "
+        "Error and closed part: on the held-out experiments, with it alone."
+    )
+    if order:
+        section.blocks.append(_ranked("Candidates, the best first", order, diagnosis, note))
+    if rest:
+        table = _ranked("The other candidates", rest, diagnosis, "")
+        section.blocks.append(Folded(f"The other {len(rest)} candidates", table))
+    return section
+
+
+def _ranked(caption: str, rows: Sequence[Ranked], diagnosis: Diagnosis, note: str) -> Table:
+    made = [_row(c, diagnosis) for c in rows]
+    return Table(caption, HEAD, made, numbers=(3, 4, 5), note=note, cards=True)
+
+
+def _row(c: Ranked, diagnosis: Diagnosis) -> tuple[Value, ...]:
+    mark: Value = c.rejected_because or NOTHING
+    if standing := ranking.standing(diagnosis, c):
+        mark = MARKS[standing]
+    amounts = [Cell(*amount(n, a)) for n, a in c.parameters.items()]
+    return (
+        Cell(c.effect, about) if (about := description(c.effect)) else c.effect,
+        mark,
+        Lines(amounts) if amounts else NOTHING,
+        percent(c.score),
+        value_of(c.held_out_rmse),
+        percent(c.closed_fraction),
+    )
+
+
+def contributions(diagnosis: Diagnosis) -> Section | None:
+    """Shapley shares; None for less than two effects."""
+    drawing = ranking.shares(diagnosis)
+    if drawing is None:
+        return None
+    section = Section("shares", "Who contributes what")
+    section.figure(drawing, "", files=False)
+    return section
+
+
+def remainder(diagnosis: Diagnosis) -> Section:
+    """What is left, and how the closing fares by regime."""
+    section = Section("remainder", "What is left")
+    left = diagnosis.remainder
+    structure = "yes: it is more than noise" if left.structured else "no: it is as noise"
+    pairs = [("share of the gap", percent(left.share_of_gap)), ("structure", structure)]
+    if left.depends_on:
+        pairs.append(("can be predicted from", ", ".join(left.depends_on)))
+    elif left.structured:
+        pairs.append(("can be predicted from", "nothing that was tried"))
+    section.blocks.append(Pairs(pairs))
+    if diagnosis.gap.regimes:
+        section.blocks.append(_regimes(diagnosis.gap.regimes))
+    return section
+
+
+def _regimes(found: Sequence[Mapping[str, Any]]) -> Table:
+    rows = [_flat(r) for r in found]
+    keys = list(dict.fromkeys(k for r in rows for k in r))
+    closed = [r.get("closed_fraction") for r in rows]
+    worse = [known(c) and c < 0 for c in closed]
+    head = [_column(k) for k in keys]
+    made: list[list[Value]] = [[_figure(k, r.get(k)) for k in keys] for r in rows]
+    if any(worse):
+        head.insert(1, "")
+        for row, bad in zip(made, worse, strict=True):
+            row.insert(1, Mark("worse", "bad") if bad else "")
+    text = {_column(k) for k in keys if any(isinstance(r.get(k), str) for r in rows)}
+    figures = [i for i, name in enumerate(head) if i and name and name not in text]
+    count = sum(worse)
+    note = f"In {count} of {len(rows)} the error grew." if count else "In none did the error grow."
+    return Table("By regime of the held-out experiments", head, made, figures, note)
+
+
+def _column(key: str) -> str:
+    """Short enough for a phone."""
+    return spoken(key).replace("rmse", "RMSE").replace("closed fraction", "closed")
+
+
+def _flat(regime: Mapping[str, Any]) -> dict[str, Any]:
+    """One level of keys."""
+    found: dict[str, Any] = {}
+    for key, value in regime.items():
+        inner = {f"{key} {k}": v for k, v in value.items()} if isinstance(value, Mapping) else {}
+        found |= inner or {str(key): value}
+    return found
+
+
+def _figure(key: str, value: Any) -> str:
+    if value is None or isinstance(value, (str, bool)):
+        return NOTHING if value is None else str(value)
+    shares = any(word in key for word in ("fraction", "share"))
+    if isinstance(value, (list, tuple)):
+        return " to ".join(_figure(key, v) for v in value)
+    return percent(float(value)) if shares else value_of(float(value))
+
+
+def blind(diagnosis: Diagnosis) -> Section:
+    """What this recording could not have shown."""
+    section = Section("blind", "What this recording could not have shown")
+    if diagnosis.undetectable:
+        section.blocks.append(
+            Text("Were these there, the recording would look the same within its noise:")
+        )
+        section.blocks.append(Items([Item(description(n), n) for n in diagnosis.undetectable]))
+    else:
+        section.blocks.append(Text("Every candidate would have shown, had it been there."))
+    if diagnosis.ambiguities:
+        section.blocks.append(Text("These it cannot tell apart, whichever of a group acts:"))
+        groups = [Item(listed(g, "or")) for g in diagnosis.ambiguities if g]
+        section.blocks.append(Items(groups))
+    else:
+        section.blocks.append(Text("Any two candidates that show can be told apart."))
+    return section
+
+
+def following(diagnosis: Diagnosis) -> Section:
+    """The experiment to do next."""
+    section = Section("next", "The next experiment")
+    then = diagnosis.next_experiment
+    if then is None or not len(then.voltage):
+        section.blocks.append(Text("No further experiment is proposed.", "missing"))
+        return section
+    section.blocks.append(Text(f"{then.why[:1].upper()}{then.why[1:].rstrip('.')}."))
+    section.figure(further.voltage(then), "", files=False)
+    length = len(then.voltage) * then.sample_period
+    section.blocks.append(
+        Pairs(
+            [
+                ("to record", ", ".join(then.channels)),
+                ("samples", f"{len(then.voltage)}, every {then.sample_period:g} s"),
+                ("voltage", "next_experiment.voltage in diagnosis.json"),
+            ]
+        )
+    )
+    columns = {"voltage": "u", "speed": "n", "current": "i"}
+    fields = [f"--{c} {columns[c]}" for c in columns if c in then.channels]
+    recordings = " ".join(map(shlex.quote, diagnosis.recordings)) or "BAG"
+    section.blocks += [
+        Text("Once it is recorded as a table with these columns, and diagnosed with the rest:"),
+        Text(
+            f"ldt import next.csv {' '.join(fields)} --sample-period {then.sample_period:g} "
+            f"--length {length:g} --out next\n"
+            f"ldt diagnose {recordings} next --machine FILE --out diagnosis",
+            "code",
+        ),
+    ]
+    return section
+
+
+def done(diagnosis: Diagnosis) -> Section:
+    """What was done with which data."""
+    section = Section("done", "What was done")
+    names = {"fit": "fitted", "held_out": HELD_OUT}
+    pairs = [("machine", diagnosis.machine), ("recordings", ", ".join(diagnosis.recordings))]
+    for key, found in diagnosis.experiments.items():
+        pairs.append(
+            (f"experiments {names.get(key, key)}", f"{ranges(spans(found))} ({len(found)})")
+        )
+    pairs.append(("candidates", str(len(diagnosis.candidates))))
+    pairs.append(("noise of the speed", f"{value_of(diagnosis.gap.noise_std)} rad/s"))
+    section.blocks.append(Pairs(pairs))
+    if diagnosis.notes:
+        section.blocks.append(Items([Item(note) for note in diagnosis.notes]))
+    return section
+
+
+SECTIONS: tuple[Callable[[Diagnosis], Section | None], ...] = (
+    gap,
+    before_and_after,
+    where,
+    candidates,
+    contributions,
+    remainder,
+    blind,
+    following,
+    done,
+)

@@ -1,0 +1,121 @@
+"""The steady states of a rotor, its voltages to avoid, and a speed reached by two plans."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.advice.bands import voltage_bands
+from ldt_core.advice.reach import Way
+from ldt_core.base.result_files import check_target
+from ldt_core.machine.machine_file import Machine
+from ldt_core.physics.steady_state import steady_voltage
+from ldt_core.views.page import style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+POINTS = 4000  # of the curve
+RAMP = 0.5  # of the run: how long the voltage of the heedless run rises
+PERIOD = 0.01  # s
+
+
+def plot_advice(
+    machine: Machine, values: Mapping[str, float], way: Way, out: str | Path, seconds: float
+) -> None:
+    """Draw V over speed with its folds, and both runs over time.
+
+    Args:
+        machine: whose limits and physics count.
+        values: its parameters as they are taken to be.
+        way: to the speed wanted.
+        out: PNG, SVG or PDF.
+        seconds: that the runs last.
+
+    Raises:
+        OptionError: another ending, or no such folder.
+        LdtError: matplotlib is not installed.
+    """
+    check_target(out, endings=style.PICTURES)
+    style.require("a picture")
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(style.RC):
+        figure = Figure(figsize=(style.WIDE.width, 6.2), layout="constrained")
+        FigureCanvasAgg(figure)
+        grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.15), height_ratios=(1, 1.6))
+        _curve(figure.add_subplot(grid[:, 0]), machine, values, way)
+        above = figure.add_subplot(grid[0, 1])
+        _runs(above, figure.add_subplot(grid[1, 1], sharex=above), machine, values, way, seconds)
+        figure.savefig(out, dpi=style.PNG_DPI, facecolor="white")
+
+
+def heedless(way: Way, seconds: float) -> Array:
+    """(L,) the voltage of somebody who raises it evenly to what holds the speed [V]."""
+    time = np.arange(round(seconds / PERIOD)) * PERIOD
+    return np.minimum(time / (RAMP * seconds), 1.0) * way.voltage
+
+
+def _curve(axes: Axes, machine: Machine, values: Mapping[str, float], way: Way) -> None:
+    limit = machine.voltage_limits[1]
+    bands = voltage_bands(values, limit)
+    speed = np.linspace(0.0, way.speed * 1.25, POINTS)
+    volts = steady_voltage(values, speed)
+    stable = np.gradient(volts) > 0
+    axes.plot(volts, np.where(stable, speed, np.nan), color=style.INK, label="stable")
+    axes.plot(volts, np.where(stable, np.nan, speed), ":", color=style.INK, label="unstable")
+    for i, band in enumerate(bands):
+        label = "to avoid" if i == 0 else None
+        axes.axvspan(band.low, band.high, color=style.ORANGE, alpha=0.22, lw=0, label=label)
+        ends = [band.high, band.low], [band.held[1], band.free[0]]
+        label = "fold: the speed jumps" if i == 0 else None
+        axes.plot(*ends, "o", color=style.VERMILION, label=label)
+    axes.plot(way.voltage, way.speed, "*", ms=11, color=style.BLUE, label="speed wanted")
+    axes.set_xlabel("voltage held [V]")
+    axes.set_ylabel("steady speed [rad/s]")
+    axes.set_title(f"Steady states at e = {values['e'] * 1e3:.3g} mm")
+    axes.set_xlim(0, max(volts.max(), way.through or 0) * 1.02)
+    axes.set_ylim(0, speed[-1])
+    axes.legend(loc="lower right")
+
+
+def _runs(
+    above: Axes,
+    below: Axes,
+    machine: Machine,
+    values: Mapping[str, float],
+    way: Way,
+    seconds: float,
+) -> None:
+    ramp = heedless(way, seconds)
+    time = np.arange(ramp.size) * PERIOD
+    start = machine.model.initial_state(values, 0.0)
+    runs = (
+        ("raised evenly", ramp, style.ORANGE, "--"),
+        ("as advised", way.volts(ramp.size, PERIOD), style.BLUE, "-"),
+    )
+    for label, volts, color, line in runs:
+        speed = machine.model.simulate(values, volts, PERIOD, start)[:, 1]
+        above.plot(time, volts, line, color=color, label=label, drawstyle="steps-post")
+        below.plot(time, speed, line, color=color, label=label)
+    below.axhline(way.speed, color=style.GREY, lw=0.8, ls=":")
+    for i, band in enumerate(voltage_bands(values, machine.voltage_limits[1])):
+        name = "held by the foundation" if i == 0 else None
+        below.axhspan(band.held[0], band.free[0], color=style.ORANGE, alpha=0.22, lw=0, label=name)
+    above.set_ylabel("voltage [V]")
+    above.set_title("The same speed, by two plans (simulated)")
+    above.legend(loc="lower right")
+    above.tick_params(labelbottom=False)
+    below.set_ylabel("speed [rad/s]")
+    below.set_xlabel("time [s]")
+    below.set_xlim(0, seconds)
+    below.set_ylim(bottom=0)
+    below.legend(loc="lower right")

@@ -1,0 +1,80 @@
+"""What a process needs in its environment before rclpy is imported, and how rclpy begins."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import sys
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from ldt_core.base.errors import BadInput
+
+MODULES = ("rclpy", "std_msgs", "diagnostic_msgs", "sensor_msgs")
+DOMAINS = range(233)  # Fast DDS computes port numbers from it, and ends the process above 232
+#: s after which a killed node's topics are gone; its lease lasts 5 (msgs_config/fastdds.xml).
+LEASE = 6.0
+
+
+def require_ros() -> None:
+    """Refuse to go on where ROS 2 cannot be used.
+
+    Raises:
+        BadInput: no ROS 2 in this Python, or a domain that cannot exist.
+    """
+    missing = [name for name in MODULES if importlib.util.find_spec(name) is None]
+    if missing:
+        raise BadInput(
+            "the node graph",
+            "ROS 2 Jazzy in this Python (pip install 'ldt[ros]', or source a ROS 2 workspace)",
+            f"no module {missing[0]}; `ldt run` does the same without ROS",
+        )
+    domain = os.environ.get("ROS_DOMAIN_ID", "")
+    if domain and not (domain.isascii() and domain.isdigit() and int(domain[:4]) in DOMAINS):
+        raise BadInput("ROS_DOMAIN_ID", "a whole number from 0 to 232", repr(domain[:20]))
+
+
+def one_line(error: Exception) -> str:
+    """What the ROS 2 libraries say, without their line breaks and their source positions."""
+    return re.sub(r",? at /\S+:\d+", "", " ".join(str(error).split()))[:200]
+
+
+def prepare(log_folder: Path | str | None = None) -> dict[str, str]:
+    """Set what is missing in this process's environment, for itself and its children.
+
+    What the user has set stays. Without a DDS profile of the user's, ours is taken: UDP on the
+    loopback interface only, so that nothing leaves the machine, no shared-memory file is left
+    behind, and a killed peer is noticed within seconds.
+    """
+    wanted = {
+        # Our own profile whitelists 127.0.0.1; LOCALHOST would put other transports in its place.
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(resources.files("msgs_config") / "fastdds.xml"),
+        "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
+        "AMENT_PREFIX_PATH": sys.prefix,  # the wheels do not set it
+        # One thread per process: results are bit-equal then, and the nodes share the cores anyway.
+        "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+    }
+    if log_folder is not None:
+        wanted["ROS_LOG_DIR"] = str(log_folder)
+    if "FASTDDS_DEFAULT_PROFILES_FILE" in os.environ:
+        del wanted["FASTRTPS_DEFAULT_PROFILES_FILE"]
+    for name, value in wanted.items():
+        os.environ.setdefault(name, value)
+    return dict(os.environ)
+
+
+def begin(context: Any) -> None:
+    """Initialise a context; signals stay with the process, and its terminal is its own.
+
+    The library under rclpy remarks on standard error which enclave it has found.
+    """
+    import rclpy
+    from rclpy.logging import LoggingSeverity, set_logger_level
+    from rclpy.signals import SignalHandlerOptions
+
+    set_logger_level("rcl", LoggingSeverity.WARN)
+    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)

@@ -1,0 +1,129 @@
+"""Stage 3: `experiment` and `signal` in, `model` and `adaptation` out, `diagnosis` where asked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+
+from ldt_core.base.experiment import Experiment, Signal
+from ldt_core.base.printable import one_line
+from ldt_core.models import build_model
+from ldt_core.restart.learning_switch import Pause
+from ldt_core.twin.loop import build_adaptor
+from ldt_core.twin.recorded import RecordedStep
+from ldt_ros.nodes.convert import to_message
+from ldt_ros.nodes.worker_node import WorkerNode
+
+SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+
+
+class AdaptorNode(WorkerNode, LifecycleNodeMixin):
+    """Keeps, stores, or learns from each experiment as its signal says.
+
+    A managed node, which is active from its start on. While it is inactive it learns nothing: each
+    experiment is answered so that the loop goes on, with the model in force, and is kept out of all
+    that is learned from later. It stays inactive over crashes and `--resume`. For an operator who
+    works at the machine, of which nothing is to be learned.
+
+    | asked for | what happens |
+    |---|---|
+    | `deactivate` | nothing is learned from the next experiment on; a training under way ends |
+    | `activate` | it learns again |
+    | `shutdown` | as `deactivate`, and for good: it learns again when it is started anew |
+    | `cleanup`, or what the present state does not have | refused |
+
+    A model that learns by what a diagnosis names asks for one first; then this node publishes it,
+    and the graph has no diagnoser. It may take 40 s, within which the twin waits unless its
+    `adaptation_timeout` is shorter. What the node does with what it receives is said at
+    `WorkerNode` and `PairedNode`.
+    """
+
+    beside = "signal"
+
+    def __init__(self, **node_arguments: Any) -> None:
+        groups = ("machine", "model", "adaptor", "diagnosis")
+        super().__init__("adaptor", *groups, **node_arguments)
+        model = build_model(self.settings["model"], self.machine, self.settings)
+        self.adaptor = build_adaptor(model, self.settings)
+        self._pause = Pause(self.settings["resume"] or self.settings["bag"])
+        LifecycleNodeMixin.__init__(self)
+        self._change = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
+        self.trigger_configure()
+        self.adaptor.paused = bool(self._pause)
+        if not self.adaptor.paused:
+            self.trigger_activate()
+        self._model = self.publishes("model")
+        self._adaptation = self.publishes("adaptation")
+        self._diagnosis = self.publishes("diagnosis") if model.asks_for_diagnosis else None
+        self.listen(self.adaptor)
+        self._model.publish(to_message(self.adaptor.model.record()))
+
+    def health(self) -> dict[str, Any]:
+        """Model in force, size of S_w, whether it is training."""
+        diagnoser = self.adaptor.diagnoser
+        trouble = diagnoser.trouble if diagnoser else ""
+        values = {
+            "model_version": self.adaptor.model.version,
+            "warning_set": len(self.adaptor.memory),
+            "training": str(self.busy).lower(),
+            "learning": "off" if self.adaptor.paused else "on",
+            **super().health(),
+        }
+        return {**values, "no diagnosis": trouble} if trouble else values
+
+    def close(self) -> None:
+        """Let a training finish, and say what became of it while somebody may listen."""
+        if self.adaptor.diagnoser is not None:
+            self.adaptor.diagnoser.cancel()  # it may take longer than anybody waits
+        self.worker.shutdown(wait=True)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Learn from the next experiment on."""
+        return self._learn(True)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Learn nothing from the next experiment on."""
+        return self._learn(False)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Refuse: what has been learned stays."""
+        return FAILURE
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Learn nothing any more; the loop needs the answers all the same."""
+        self.adaptor.paused = True
+        return SUCCESS
+
+    def _learn(self, wanted: bool) -> TransitionCallbackReturn:
+        if self.adaptor.paused == wanted:
+            kept = self._pause.keep(not wanted)
+            what = f"learning is switched {'on' if wanted else 'off'}"
+            self.get_logger().info(what if kept else f"{what}, until this node is started again")
+        self.adaptor.paused = not wanted
+        return SUCCESS
+
+    def _on_change_state(self, request: Any, response: Any) -> Any:
+        """Say no to what the state does not have; the library would end the node."""
+        try:
+            return self._change(request, response)
+        except Exception as error:
+            self.get_logger().warning(f"change_state: {one_line(str(error))}")
+            response.success = False
+            return response
+
+    def recall(self, step: RecordedStep) -> None:
+        """Take over what a recorded step says."""
+        self.adaptor.recall(step, step.restored(self.machine, self.settings))
+
+    def step(self, experiment: Experiment, beside: Signal) -> None:
+        """Keep, store or learn, and say so."""
+        before = self.adaptor.model.version
+        adaptation, model = self.adaptor.step(experiment, beside)
+        diagnosis = self.adaptor.diagnosis
+        if self._diagnosis is not None and diagnosis is not None:
+            self._diagnosis.publish(to_message(diagnosis, experiment.end, self.machine.name))
+        if model.version != before:
+            self._model.publish(to_message(model.record()))
+        self._adaptation.publish(to_message(adaptation, experiment.end, self.machine.name))

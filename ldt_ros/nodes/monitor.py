@@ -1,0 +1,120 @@
+"""The launching process's ear on one machine's graph: tells the progress, notices the end.
+
+It listens to what is small, and gets what the nodes tell of themselves. The samples are in the
+recording, and two cores have better to do than to decode them once more.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+
+from ldt_core.base.bounded import forget_oldest
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Adaptation, Signal
+from ldt_core.recording.node_status import NodeStatus
+from ldt_core.runs.offline import SOURCES
+from ldt_ros.nodes.convert import from_message
+from ldt_ros.nodes.interfaces import LISTENER_DEPTH, listener_qos, message_type
+from ldt_ros.nodes.node import REFUSED
+
+CAPACITY = 200  # signals that wait for their adaptation; what is older has lost it
+
+
+class Monitor(Node):
+    """Follows a machine's signals, adaptations and health.
+
+    Args:
+        namespace: of the machine.
+        on_step: called with the signal and the adaptation of each experiment.
+    """
+
+    def __init__(
+        self,
+        namespace: str,
+        on_step: Callable[[Signal, Adaptation], None],
+        **node_arguments: Any,
+    ) -> None:
+        alone = {"start_parameter_services": False, **node_arguments}
+        super().__init__("monitor", namespace=namespace, **alone)
+        self.on_step = on_step
+        #: What each node told of itself last, by role.
+        self.health: dict[str, NodeStatus] = {}
+        #: How often each has, since this node began.
+        self.statements: Counter[str] = Counter()
+        self.last_experiment = 0
+        self.last_step = 0
+        self.last_adapted = 0
+        self.last_signal = 0
+        self.first_step_at: float | None = None
+        self._signals: dict[int, Signal] = {}
+        for topic, callback in (("signal", self._on_signal), ("adaptation", self._on_adaptation)):
+            self.create_subscription(
+                message_type(topic), topic, callback, listener_qos(topic, LISTENER_DEPTH)
+            )
+
+    @property
+    def source_finished(self) -> bool:
+        """Whether the source of the experiments has nothing more to send."""
+        return any(told.finished for told in self._sources)
+
+    @property
+    def idle(self) -> bool:
+        """Whether every experiment that was sent has gone all the way, or was refused."""
+        for role in ("diagnoser", "advisor"):
+            dealt = self._told(role, "experiment")
+            if role in self.health and dealt != str(self.last_signal):
+                return False
+        sources = self._sources
+        ended = not sources or any(told.ended for told in sources)
+        return self.last_step >= self.last_experiment and ended
+
+    @property
+    def _sources(self) -> list[NodeStatus]:
+        """What those that send experiments told of themselves last."""
+        return [self.health[role] for role in SOURCES if role in self.health]
+
+    @property
+    def busy(self) -> bool:
+        """Whether a node has told that it works on experiments that have not gone all the way."""
+        diagnosing = self._told("diagnoser", "diagnosing") == "true"
+        advising = self._told("advisor", "advising") == "true"
+        training = self._told("adaptor", "training") == "true"
+        return diagnosing or advising or training or self._told("twin", "waiting") not in ("", "0")
+
+    def _told(self, role: str, key: str) -> str:
+        """What a node told last under a key, "" when it did not."""
+        return self.health[role].values.get(key, "") if role in self.health else ""
+
+    def hear(self, told: NodeStatus) -> None:
+        """Take note of what a node of the machine tells of itself."""
+        self.health[told.role] = told
+        self.statements[told.role] += 1
+        if told.role in SOURCES:
+            self.last_experiment = max(self.last_experiment, told.number("experiment") or 0)
+        if told.values.get(REFUSED) == str(self.last_experiment):
+            self.last_step = max(self.last_step, self.last_experiment)
+
+    def _on_signal(self, message: Any) -> None:
+        with contextlib.suppress(LdtError):  # the nodes count it
+            signal = from_message("signal", message)
+            self._signals[signal.experiment] = signal
+            self.last_signal = max(self.last_signal, signal.experiment)
+            forget_oldest(self._signals, CAPACITY)
+
+    def _on_adaptation(self, message: Any) -> None:
+        with contextlib.suppress(LdtError):
+            adaptation = from_message("adaptation", message)
+            if adaptation.experiment <= self.last_adapted:
+                return  # an adaptor that was started again says once more what it said
+            self.first_step_at = self.first_step_at or time.monotonic()
+            self.last_adapted = adaptation.experiment
+            self.last_step = max(self.last_step, adaptation.experiment)
+            signal = self._signals.pop(adaptation.experiment, None)
+            if signal is not None:
+                self.on_step(signal, adaptation)

@@ -1,0 +1,153 @@
+"""All recorded topics go into a rosbag2 recording, as they arrive."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from functools import partial
+from typing import Any
+
+from rclpy.timer import Timer
+
+import msgs_config
+from ldt_core.base.errors import LdtError
+from ldt_core.recording.node_status import HEALTH_TOPIC
+from ldt_core.recording.run_settings import parse_settings
+from ldt_core.recording.writer import BagWriter
+from ldt_core.restart.run_key import key_text
+from ldt_core.runs.offline import new_recording
+from ldt_ros.nodes.backlog import Backlog
+from ldt_ros.nodes.interfaces import LISTENER_DEPTH
+from ldt_ros.nodes.node import TwinNode
+from ldt_ros.nodes.statements import concerns
+
+QUIET = 0.2  # s without a message after which nothing more is under way, at the end of a run
+PATIENCE = 3.0  # s that the end of a run waits for quiet at most
+AGAIN = 5.0  # s after which a recording that failed is tried once more, then twice as long
+SELDOM = 60.0  # s between two tries at most: each reads the file that was cut short
+STUCK = 20.0  # s in which a slow medium must take one message, or the end does not wait for it
+
+
+class RecorderNode(TwinNode):
+    """Writes messages as they come, without decoding them.
+
+    | received | what happens |
+    |---|---|
+    | any recorded topic | written with the time it arrived, by a thread; kept at most 0.25 s |
+    | more than 2000, or 256 MB, while the medium is slow | the newest is left out and counted |
+    | the same once more, of a node that was started again | left out, counted |
+    | a write fails (disk full) | counted, logged once; what was written stays; the twin goes on |
+    | there is room again | a new file of the recording; the last 100 of each topic are asked for |
+    """
+
+    def __init__(self, **node_arguments: Any) -> None:
+        super().__init__("recorder", "machine", "recorder", "record", **node_arguments)
+        machine = self.machine.name
+        resume = self.settings["resume"]
+        bag = resume or self.settings["bag"] or new_recording(machine)
+        self._recorded = {
+            topic: (self.resolve_topic_name(topic), declaration["type"])
+            for topic, declaration in msgs_config.topics().items()
+            if declaration["recorded"]
+        }
+        told = self.settings["run_settings"]
+        self._open = partial(
+            BagWriter,
+            bag,
+            machine=machine,
+            topics=tuple(name for name, _ in self._recorded.values()),
+            settings=parse_settings("run_settings", told) if told else None,
+            split_size=self.settings["split_size"],
+            once=True,
+            key=key_text(self.machine),
+        )
+        self._writer = self._open(resume=bool(resume))
+        self._repeated = 0
+        self._backlog = Backlog(self._write)
+        self._last = 0.0
+        self._again_after = AGAIN
+        self._trial: Timer | None = None
+        self._listen()
+
+    def _listen(self) -> None:
+        for topic, (name, kind) in self._recorded.items():
+            take = partial(self._take, topic, name, kind)
+            self.listens(topic, take, raw=True, depth=LISTENER_DEPTH)
+
+    def health(self) -> dict[str, Any]:
+        """Messages written."""
+        written = sum(self._writer.counts.values())
+        values = {"written": written, "repeated": self._repeated, "waiting": len(self._backlog)}
+        lost = self._backlog.dropped
+        values["dropped"] = lost.total()
+        values |= {f"dropped {topic}": count for topic, count in lost.items()}
+        return {**values, "bag": str(self._writer.path)}
+
+    def complaint(self) -> str:
+        """What the recording lacks since the medium was too slow."""
+        lost = self._backlog.dropped.total()
+        return f"{lost} messages not recorded: the medium is too slow" if lost else ""
+
+    #: How long a process waits for `quiet` when it is told to stop [s].
+    patience = PATIENCE
+
+    @property
+    def quiet(self) -> bool:
+        """Whether nothing has arrived for a while, health apart."""
+        return time.monotonic() - self._last > QUIET
+
+    def halt(self) -> None:
+        """Begin to wait for quiet: what has come already may not have been taken yet."""
+        self._last = time.monotonic()
+
+    def close(self) -> None:
+        """Write what waits, and finish the recording."""
+        self._backlog.close(STUCK)
+        try:
+            self._writer.close()
+        except LdtError as error:
+            if not self.rejected:  # else it was said when it happened
+                self.get_logger().error(str(error))
+
+    def _take(self, topic: str, name: str, kind: str, data: bytes) -> None:
+        if name != HEALTH_TOPIC:
+            self._last = time.monotonic()
+        elif not concerns(data, self.get_namespace()):
+            return  # another machine's twin, which has a recording of its own
+        self._backlog.put(topic, len(data), topic, name, kind, data, time.time_ns())
+        if self._writer.failure is not None:
+            self._go_on_later()
+
+    def _write(self, topic: str, name: str, kind: str, data: bytes, at: int) -> None:
+        try:
+            if not self._writer.write_raw(name, kind, data, at):
+                self._repeated += 1
+        except LdtError as error:
+            self.reject(topic, error)
+        except Exception as error:  # would be lost in the thread
+            self.failure = error
+
+    def _go_on_later(self) -> None:
+        # Not from the callback of a message: it would do away with its own subscription.
+        if self._trial is None:
+            self._trial = self.create_timer(self._again_after, self._go_on, clock=self.steady)
+
+    def _go_on(self) -> None:
+        """Take the recording up in a new file, if there is room for one by now."""
+        assert self._trial is not None
+        self.destroy_timer(self._trial)
+        self._trial = None
+        with contextlib.suppress(LdtError):  # which was said when it happened
+            self._writer.close()
+        try:
+            self._writer = self._open(resume=True)
+        except LdtError:
+            self._again_after = min(2 * self._again_after, SELDOM)
+            self._go_on_later()
+            return
+        self._again_after = AGAIN
+        self.get_logger().warning(
+            f"{self._writer.path}: recording goes on in a new file; what was missed is asked for "
+            "again, as far as the others keep it"
+        )
+        self._listen()

@@ -1,0 +1,171 @@
+"""A machine's streams of samples in, `experiment` out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any
+
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Experiment
+from ldt_core.recording.node_status import LEFT_OUT, NodeStatus
+from ldt_core.restart.recorded_steps import END
+from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
+from ldt_core.segmenter.arrival import ArrivalClock
+from ldt_core.segmenter.rules import SteadyRule
+from ldt_ros.nodes.convert import to_message
+from ldt_ros.nodes.feed import Feed, stamp_of, subscribe
+from ldt_ros.nodes.gated_node import GatedNode
+from ldt_ros.nodes.node import LINGER
+
+UNSET = -1.0  # of a parameter: take the machine file's, or the usual
+LOOK = 0.1  # s, how often topics are looked for, and silence is noticed
+SILENCE = 10  # looks without a sample, 1 s, after which no voltage is awaited that may still come
+
+
+class SegmenterNode(GatedNode):
+    """Cuts what a machine streams into experiments (see `Segmenter` for how).
+
+    | received | what happens |
+    |---|---|
+    | samples before all nodes of the graph are ready | ignored |
+    | a sample with a stamp | taken at its stamp |
+    | a sample without | taken when it came, on the clock of those with stamps |
+    | a field that is not there, or is no finite number | counted, logged once per kind |
+    | two publishers of one topic | as after a pause, until there is one; counted |
+    | nothing for 1 s | what waits for a voltage is taken with the voltage there is |
+
+    Started again in the middle of a run, it numbers on; what the machine streamed meanwhile is
+    lost.
+    """
+
+    def __init__(self, **node_arguments: Any) -> None:
+        super().__init__("segmenter", "machine", "segmenter", "cut", "run", **node_arguments)
+        settings = {n: v for n, v in self.settings.items() if v != UNSET}
+        period = settings.get("sample_period", self.machine.sample_period)
+        names = ("trigger_level", "pre_trigger", "steady_band", "steady_time")
+        rule = build_rule(
+            settings["cut"],
+            period,
+            settings.get("length", self.machine.duration),
+            **{name: self.settings[name] for name in names},
+        )
+        feeds = [Feed(c, text) for c in CHANNELS if (text := settings[f"{c}_from"])]
+        # The speed last: what drives the joint is known then if one message has both.
+        self._feeds = sorted(feeds, key=lambda feed: feed.channel == "speed")
+        self.segmenter = Segmenter(
+            rule,
+            period,
+            gap=settings.get("longest_gap"),
+            lateness=settings["lateness"],
+            current=any(feed.channel == "current" for feed in feeds),
+        )
+        self._arrivals = ArrivalClock()
+        self._early: dict[str, tuple[float, float]] = {}
+        #: Topic → its type, once somebody publishes it.
+        self._kinds: dict[str, str] = {}
+        self._doubled = self.rivals.further
+        self._publisher = self.publishes("experiment")
+        self._begun = self._speed_came = False
+        #: Experiments of before this node was started again.
+        self._before = self.last_recorded("experiment", END)
+        self._sent = self._last = self._before
+        self._sent_at = 0.0
+        self._silent = 0
+        self.create_timer(LOOK, self._look, clock=self.steady)
+        self._look()
+
+    def health(self) -> dict[str, Any]:
+        """Number of the last experiment, where its samples come from, and what was left out."""
+        values: dict[str, Any] = {"experiment": self._last, "sent": self._sent}
+        for feed in self._feeds:
+            kind = self._kinds.get(feed.topic, "nobody publishes it")
+            values[f"{feed.channel} from"] = f"{self.resolve_topic_name(feed.topic)} ({kind})"
+        values["samples"] = self.segmenter.rows_in
+        if isinstance(self.segmenter.rule, SteadyRule):
+            values["range of the speed"] = f"{self.segmenter.rule.statistic:.6g} rad/s"
+        counted = self.segmenter.counts.items()
+        return values | {f"{LEFT_OUT}{reason}": count for reason, count in counted}
+
+    #: How long a process waits for `quiet` when it is told to stop [s].
+    patience = 2 * LINGER
+
+    @property
+    def quiet(self) -> bool:
+        """Whether all have had time to take the last experiment."""
+        return time.monotonic() - self._sent_at > LINGER
+
+    def halt(self) -> None:
+        """Cut no further experiment, and say which was the last."""
+        self.stopped = not self.finished
+        self.tell()
+
+    def hear(self, told: NodeStatus) -> None:
+        """Number on from what the twin has had, of which not all may be recorded."""
+        if told.role == "twin" and self.settings["resume"] and self._sent == self._before:
+            had = (told.number("experiment") or 0) + (told.number("waiting") or 0)
+            self._sent = self._last = self._before = max(self._before, had)
+
+    def _look(self) -> None:
+        """Find topics that have come up, notice two publishers, notice silence."""
+        for topic in dict.fromkeys(feed.topic for feed in self._feeds):
+            if topic not in self._kinds:
+                self._subscribe(topic)
+            elif self.count_publishers(topic) > 1:
+                if topic not in self._doubled:
+                    self._doubled.add(topic)
+                    self._publish(self.segmenter.interrupt(f"more than one publisher of {topic}"))
+            else:
+                self._doubled.discard(topic)
+        # Looks are counted, not seconds: this process may have slept, with samples in its queue.
+        self._silent += 1
+        if self._silent == SILENCE:
+            self._publish(self.segmenter.catch_up())
+
+    def _subscribe(self, topic: str) -> None:
+        try:
+            kind = subscribe(self, topic, lambda kind, m: self._on_sample(topic, kind, m))
+        except LdtError as error:
+            self.reject(topic, error)
+            kind = "not understood"
+        if kind is not None:
+            self._kinds[topic] = kind
+            self.get_logger().info(f"listening to {self.resolve_topic_name(topic)} ({kind})")
+
+    def _on_sample(self, topic: str, kind: str, message: Any) -> None:
+        now, stamp = time.time(), stamp_of(message)
+        at = self._arrivals.unstamped(now) if stamp is None else self._arrivals.stamped(stamp, now)
+        self._begun = self._begun or self.started  # the graph is not asked at every sample
+        if self.ended or self._doubled or not self._begun:
+            return
+        self._silent = 0
+        self.counts[topic] += 1
+        for feed in self._feeds:
+            if feed.topic != topic:
+                continue
+            try:
+                value = feed.value(kind, message)
+            except LdtError as error:
+                self.reject(topic, error)
+                continue
+            if stamp is None and feed.channel != "speed" and not self._speed_came:
+                # Which clock is that of the stamps is known when the first speed has come.
+                self._early[feed.channel] = (now, value)
+                continue
+            self._speed_came = self._speed_came or feed.channel == "speed"
+            for channel, (came, early) in self._early.items():
+                self._publish(self.segmenter.feed(channel, self._arrivals.unstamped(came), early))
+            self._early.clear()
+            self._publish(self.segmenter.feed(feed.channel, at, value))
+
+    def _publish(self, experiments: list[Experiment]) -> None:
+        for experiment in experiments:
+            if self.ended:
+                return
+            self._last = experiment.number + self._before
+            self._publisher.publish(to_message(replace(experiment, number=self._last)))
+            self._sent += 1
+            self._sent_at = time.monotonic()
+            if self._sent >= self.settings["experiments"]:
+                self.finished = True
+                self.tell()

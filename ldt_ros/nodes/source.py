@@ -1,0 +1,223 @@
+"""Where experiments come from: pacing and flow control shared by the plant and the player."""
+
+from __future__ import annotations
+
+import abc
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Experiment
+from ldt_core.recording.node_status import NodeStatus
+from ldt_core.recording.pace import parse_rate
+from ldt_core.restart.recorded_steps import END
+from ldt_ros.nodes.convert import from_message, to_message
+from ldt_ros.nodes.gated_node import GatedNode
+from ldt_ros.nodes.node import LINGER, REFUSED
+from ldt_ros.nodes.samples import SampleStream
+
+PATIENCE = 3.0  # s that a stop waits for the experiment under way
+TICK = 0.005  # s, resolution of paced publishing where that is a fiftieth of an experiment or more
+LONGEST_TICK = 0.05  # s
+TICKS = 50  # an experiment
+
+
+class SourceNode(GatedNode):
+    """Publishes `experiment`, once all nodes of the graph have found each other.
+
+    As fast as it goes, experiment i + 1 follows the `adaptation` of experiment i, so that no queue
+    can overflow; if none comes within `adaptation_timeout`, it follows all the same and says so,
+    and at once if the twin says that it refused experiment i. At a rate, an experiment is published
+    when a machine would have finished it, whatever the twin does.
+
+    Started again in the middle of a run, it goes on after the last experiment of which everything
+    is recorded; what of the rest was heard already, the others leave out.
+
+    With `stream` its samples are published too, before it, each at its time if there is a rate.
+    With `stream: only` there are no experiments, and nobody is waited for: that is a machine to
+    which the segmenter listens.
+
+    | received | what happens |
+    |---|---|
+    | `adaptation` of the experiment sent last | the next is sent |
+    | `adaptation` of another experiment | ignored; of a later one not where it was started again |
+    | `/diagnostics` of the twin: it refused the experiment sent last | the next is sent |
+    | anything that is no adaptation | counted, logged once per kind |
+    """
+
+    def __init__(self, role: str, *groups: str, **node_arguments: Any) -> None:
+        super().__init__(role, *groups, "pace", "twin", "stream", **node_arguments)
+        self.rate = 1.0 if self.settings["real_time"] else parse_rate(self.settings["rate"])
+        stream = self.settings["stream"]
+        self._samples = SampleStream(self.publishes, self.machine.name) if stream else None
+        self._publisher = None
+        if stream != "only":
+            self._publisher = self.publishes("experiment")
+            self.listens("adaptation", self._on_adaptation)
+        self._adapted = self._resumed = self._resumed_after()
+        self._next: Experiment | None = None
+        self._message: Any = None
+        self._sent: Experiment | None = None
+        self._count = self._adapted
+        self._under_way = False
+        self._asked = False  # for the next experiment, where there is no rate
+        self._began: tuple[float, float] | None = None
+        self._waiting_since = 0.0
+        self._ticker = self.create_timer(LONGEST_TICK, self._tick, clock=self.steady)
+
+    def _resumed_after(self) -> int:
+        """The last experiment of a run that is recorded as adapted, 0 where it begins."""
+        last = 0
+        for step in self.recorded(END):
+            last = step.experiment.number
+        return last
+
+    @abc.abstractmethod
+    def fetch(self) -> Experiment | None:
+        """The next experiment; None when there are no more."""
+
+    def health(self) -> dict[str, Any]:
+        """Number of the last experiment sent, and how many were."""
+        return {"experiment": self._sent.number if self._sent else 0, "sent": self._count}
+
+    def halt(self) -> None:
+        """Send no further experiment, and say which was the last."""
+        self.stopped = not self.finished
+        self.tell()
+
+    #: How long a process waits for `quiet` when it is told to stop [s].
+    patience = PATIENCE
+
+    @property
+    def quiet(self) -> bool:
+        """Whether all have had time to take the last experiment, which leaves with its sender."""
+        return not self._under_way and time.monotonic() - self._waiting_since > LINGER
+
+    def hear(self, told: NodeStatus) -> None:
+        """Begin once all are there; go on where the twin refused the experiment sent last."""
+        sent = self._sent
+        if self._began is None and not self.ended:
+            self._begin_if_all_are_there()
+        if told.role == "twin" and sent and told.values.get(REFUSED) == str(sent.number):
+            self._go_on()
+
+    def _on_adaptation(self, message: DiagnosticArray) -> None:
+        adaptation = from_message("adaptation", message)
+        answers = self._sent is not None and adaptation.experiment == self._sent.number
+        if answers or self.settings["resume"]:
+            self._adapted = max(self._adapted, adaptation.experiment)
+        if answers:
+            self._go_on()
+
+    def _is_answered(self) -> bool:
+        """Whether what was sent last had been adapted to before, so that nobody adapts now."""
+        return self._under_way and self._sent is not None and self._sent.number <= self._adapted
+
+    def _go_on(self) -> None:
+        """The twin is done with the experiment sent last."""
+        self._under_way = False
+        if self.ended:
+            return
+        if self._next is None:
+            self.finished = True
+        elif self.rate is None:
+            self._asked = True
+            self._send_when_streamed()
+
+    def _tick(self) -> None:
+        if self.ended:
+            self._ticker.cancel()
+        elif self._began is None:
+            self._begin_if_all_are_there()
+        else:
+            if self._samples is not None:
+                self._samples.advance(self._machine_time)
+            if self._is_answered():
+                self._go_on()
+            if self._asked:
+                self._send_when_streamed()
+            elif self._next is None or self.rate is None:
+                if time.monotonic() - self._waiting_since > self.settings["adaptation_timeout"]:
+                    self._give_up_waiting()
+            elif time.monotonic() >= self._due(self._next):
+                self._send_when_streamed()
+
+    def _begin_if_all_are_there(self) -> None:
+        if not self.started:
+            return
+        self._fetch()
+        if self._next is None:
+            self.finished = True
+        else:
+            self._began = (time.monotonic(), self._next.start)
+            self._asked = self.rate is None
+            self._tick_for(self._next)
+            self._send_when_streamed()
+
+    def _tick_for(self, first: Experiment) -> None:
+        """Look at the clock as often as this pace asks for; each look costs 0.1 ms."""
+        period = LONGEST_TICK
+        if self._samples is not None:
+            period = TICK
+        elif self.rate is not None:
+            period = min(max(first.duration / self.rate / TICKS, TICK), LONGEST_TICK)
+        if period < LONGEST_TICK:
+            self._ticker.cancel()
+            self._ticker = self.create_timer(period, self._tick, clock=self.steady)
+
+    def _send_when_streamed(self) -> None:
+        if self.rate is not None and self._next and time.monotonic() < self._due(self._next):
+            return
+        if self._samples is None or self._samples.done:
+            self._send()
+
+    @property
+    def _machine_time(self) -> float | None:
+        """Time of the machine at its rate [s since the epoch]; None where there is no rate."""
+        if self.rate is None or self._began is None:
+            return None
+        wall, start = self._began
+        return start + (time.monotonic() - wall) * self.rate
+
+    def _due(self, experiment: Experiment) -> float:
+        assert self._began is not None
+        wall, start = self._began
+        return wall + (experiment.end - start) / self.rate
+
+    def _give_up_waiting(self) -> None:
+        assert self._sent is not None
+        self.get_logger().warning(
+            f"no adaptation of experiment {self._sent.number} within "
+            f"{self.settings['adaptation_timeout']:g} s, going on"
+        )
+        if self._next is None:
+            self.finished = True
+        else:
+            self._send()
+
+    def _send(self) -> None:
+        self._sent = self._next
+        self._count += 1
+        self._waiting_since = time.monotonic()
+        if self._publisher is not None:
+            self._publisher.publish(self._message)
+            self._under_way, self._asked = True, False
+        # While the twin works on this one, the next is made.
+        self._fetch()
+        if self._publisher is None and self._next is None:
+            self.finished = True
+
+    def _fetch(self) -> None:
+        self._next = self._message = None
+        try:
+            self._next = self.fetch()
+            while self._next is not None and self._next.number <= self._resumed:
+                self._next = self.fetch()
+            if self._next is not None:
+                self._message = to_message(self._next)
+            if self._samples is not None:
+                self._samples.load(self._next)
+        except LdtError as error:  # no fault of the message that it follows
+            self.failure = error

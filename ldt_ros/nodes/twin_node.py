@@ -1,0 +1,222 @@
+"""Stage 1: `experiment` and `model` in, `prediction` and `original_prediction` out."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from typing import Any
+
+from ldt_core.base.bounded import forget_oldest
+from ldt_core.base.errors import LdtError, RepeatedExperiment
+from ldt_core.base.experiment import Adaptation, Experiment
+from ldt_core.models import build_model, restore_model
+from ldt_core.models.base import Model
+from ldt_core.restart.lookup import Lookup
+from ldt_core.restart.recorded_steps import END, opened
+from ldt_core.twin.loop import Predictor, out_of_order
+from ldt_core.twin.recorded import WINDOW, RecordedStep
+from ldt_ros.nodes.arrivals import Arrivals
+from ldt_ros.nodes.convert import from_message, to_message
+from ldt_ros.nodes.node import REFUSED, TwinNode
+from ldt_ros.nodes.versions import Versions
+
+TICK = 0.05  # s, how often a time-out is looked for
+#: Experiments that may wait for an adaptation; beyond, the oldest are dropped. What a source keeps
+#: comes at once after it was cut off (100), and the present beside it.
+QUEUE = 200
+
+
+class PredictorNode(TwinNode):
+    """Predicts each experiment after the adaptation of the one before.
+
+    | received | what happens |
+    |---|---|
+    | `experiment` | predicted, once the adaptation of the last one and its model are there |
+    | no such adaptation within `adaptation_timeout` | predicted all the same; logged, counted |
+    | `experiment`, one of the last again | left out, counted |
+    | `experiment`, another of a number not above the last | rejected, `refused experiment` told |
+    | `experiment`, impossible for the machine | rejected, `refused experiment` told |
+    | more than 200 experiments waiting | the oldest is dropped and counted |
+    | a number above the next | those between are counted as missing, and told of |
+    | none for the `deadline`, if there is one | told of until one comes, counted |
+    | `model` | kept until an adaptation names its version; the last twelve |
+    | `adaptation` of an earlier one | its model is taken when the time is out |
+    | `adaptation` of one not predicted | ignored, unless this node was started again |
+    | anything malformed | counted, logged once per kind |
+
+    `refused experiment` is in `/diagnostics`: no adaptation of that number will come, which those
+    who wait for it need to know. Started again in the middle of a run, the node predicts once more
+    what is not recorded as adapted; the others leave out what they have had.
+    """
+
+    def __init__(self, **node_arguments: Any) -> None:
+        super().__init__("twin", "machine", "model", "twin", **node_arguments)
+        model = build_model(self.settings["model"], self.machine, self.settings)
+        self.predictor = Predictor(self.machine, model)
+        self.predictor.warm_up()
+        self._models: Versions[Model] = Versions(model)
+        self._waiting: deque[tuple[Experiment, float]] = deque()
+        self._adapted: dict[int, Adaptation] = {}
+        self._arrivals = Arrivals(self.settings["deadline"])
+        for step in self.recorded(END):
+            self._take_up(step)
+        if self._adapted and self.settings["resume"]:
+            self._find_model()
+        self._predicted_at = 0.0
+        self._refused = self._repeated = 0
+        self._timeouts = 0
+        self._dropped = 0
+        self._prediction = self.publishes("prediction")
+        self._original = self.publishes("original_prediction")
+        self.listens("model", self._on_model)
+        self.listens("adaptation", self._on_adaptation)
+        self.listens("experiment", self._on_experiment)
+        self.create_timer(TICK, self._go_on, clock=self.steady)
+
+    def health(self) -> dict[str, Any]:
+        """Model in force, queue, time-outs."""
+        return {
+            "model_version": self.predictor.model.version,
+            "experiment": self.predictor.last,
+            "waiting": len(self._waiting),
+            "dropped": self._dropped,
+            REFUSED: self._refused,
+            "repeated": self._repeated,
+            "adaptation time-outs": self._timeouts,
+            **self._arrivals.health(),
+        }
+
+    def complaint(self) -> str:
+        """Experiments that are overdue, or never came."""
+        return self._arrivals.words()
+
+    def _on_model(self, message: Any) -> None:
+        record = from_message("model", message)
+        known = self._models.get(record.version)
+        # An adaptor that begins anew counts its versions from 0 again.
+        same = known is not None and known.record() == record
+        model = known if same else restore_model(record, self.machine, self.settings)
+        self._models.put(record.version, model)
+        self._go_on()
+
+    def _on_adaptation(self, message: Any) -> None:
+        adaptation = from_message("adaptation", message)
+        last = self.predictor.last
+        # What was adapted before this node was started again is ahead of what it predicts now.
+        ahead = last is None or adaptation.experiment > last
+        if adaptation.experiment <= max(self._adapted, default=0) or (
+            ahead and not self.settings["resume"]
+        ):
+            return
+        self._note(adaptation)
+        self._go_on()
+
+    def _note(self, adaptation: Adaptation) -> None:
+        self._adapted[adaptation.experiment] = adaptation
+        forget_oldest(self._adapted, WINDOW)
+
+    def _refuse(self, experiment: Experiment, error: LdtError) -> None:
+        if isinstance(error, RepeatedExperiment):
+            self._repeated += 1
+            return
+        self.reject("experiment", error)
+        self._refused = experiment.number
+        self.tell()
+
+    def _on_experiment(self, message: Any) -> None:
+        experiment = from_message("experiment", message)
+        self._arrivals.came(experiment.number)
+        last = self._waiting[-1][0].number if self._waiting else 0
+        if experiment.number <= last:
+            known = any(
+                (e.number, e.start) == (experiment.number, experiment.start)
+                for e, _ in self._waiting
+            )
+            self._refuse(experiment, out_of_order(experiment, last, known))
+            return
+        if self.predictor.last is not None and experiment.number <= self.predictor.last:
+            self._predict(experiment)  # which refuses it
+            return
+        self._waiting.append((experiment, time.monotonic()))
+        if len(self._waiting) > QUEUE:
+            _, since = self._waiting.popleft()
+            # The next has had its turn for as long: a fast machine must not outrun the time-out.
+            self._waiting[0] = self._waiting[0][0], since
+            self._dropped += 1
+        self._go_on()
+
+    def _take_up(self, step: RecordedStep) -> None:
+        """Be as after a recorded step."""
+        self._arrivals.known(step.experiment.number)
+        restored = step.restored(self.machine, self.settings)
+        self.predictor.recall(step, restored)
+        if restored is not None:
+            self._models.put(restored.version, restored)
+        self._note(step.adaptation)
+
+    def _find_model(self) -> None:
+        """The model in force came into it before the steps that were taken up, perhaps."""
+        version = self._adapted[max(self._adapted)].model_version
+        if self._models.get(version) is None:
+            try:
+                path, namespace = self.settings["resume"], self.get_namespace()
+                bag = opened(path, namespace, listed=True)
+                assert bag is not None  # it has steps
+                found = Lookup(bag, self.machine, self.settings, ()).model(version)
+                self._models.put(version, found)
+            except (LdtError, OSError):
+                for step in self.recorded():
+                    self._take_up(step)
+        self.predictor.model = self._models.get(version) or self.predictor.model
+
+    def _go_on(self) -> None:
+        if self._arrivals.newly_overdue():
+            self.get_logger().warning(self._arrivals.words())
+            self.tell()
+        if self._waiting:
+            for step in self.missed(self.predictor.last or 0, self._waiting[0][0].number):
+                self._take_up(step)
+        while self._waiting and self._may_predict(*self._waiting[0]):
+            experiment, _ = self._waiting.popleft()
+            self._predict(experiment)
+
+    def _predict(self, experiment: Experiment) -> None:
+        try:
+            prediction = self.predictor.predict(experiment)
+        except LdtError as error:
+            self._refuse(experiment, error)
+            return
+        self._prediction.publish(to_message(prediction))
+        self._predicted_at = time.monotonic()
+        try:
+            # Nobody waits for the yardstick, so it is made while the detector works.
+            self._original.publish(to_message(self.predictor.original.predict(experiment)))
+        except LdtError as error:
+            self.reject("experiment", error)
+
+    def _may_predict(self, experiment: Experiment, since: float) -> bool:
+        last = self.predictor.last
+        if last is None:
+            # The first that this node sees: nothing can have been learned from it before.
+            untrained, resumed = self._models.first, self.settings["resume"]
+            self.predictor.model = untrained if resumed else self._models.last
+            return True
+        adapted = self._adapted.get(last)
+        if adapted is not None:
+            model = self._models.get(adapted.model_version)
+            if model is not None:
+                self.predictor.model = model
+                return True
+        # A backlog is no reason to hurry: the time runs from when this one's turn came.
+        turn = max(since, self._predicted_at)
+        if time.monotonic() - turn < self.settings["adaptation_timeout"]:
+            return False
+        earlier = [n for n in self._adapted if n <= last]
+        newest = self._adapted[max(earlier)].model_version if earlier else -1
+        self.predictor.model = self._models.get(newest) or self.predictor.model
+        self._timeouts += 1
+        self.get_logger().warning(
+            f"no adaptation of experiment {last} within {self.settings['adaptation_timeout']:g} s: "
+            f"experiment {experiment.number} is predicted by model {self.predictor.model.version}"
+        )
+        return True
