@@ -1,12 +1,9 @@
-"""Figures of a run: the paper's MME, what was signalled and done, recall and precision."""
+"""Figures of a run: the paper's MME, what was signalled and done; errors of free runs."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,11 +19,6 @@ from ldt_core.base.experiment import (
     Signal,
     Step,
 )
-
-#: "Within the next five experiments after the drift" (paper, section 4). A drift at i means that
-#: experiment i is the first with the new value, so the drift took place before it, and the five are
-#: i, i+1, …, i+4: its own experiment counts.
-DETECTION_WINDOW = 5
 
 
 class Summary:
@@ -240,85 +232,3 @@ class FreeRunError:
             "rmse": self.rmse,
             "mean_max_error": self.mean_max_error,
         }
-
-
-def summarise(steps: Iterable[Step]) -> Summary:
-    """The summary of a run."""
-    summary = Summary()
-    for step in steps:
-        summary.add(step)
-    return summary
-
-
-@dataclass(frozen=True)
-class Detection:
-    """How the positives of a run meet the true drifts, by the paper's rule.
-
-    Attributes:
-        drifts: number of drifts.
-        detected: drifts with a positive within the window.
-        positives: number of positives.
-        revealing: positives that were the first within the window of a drift.
-    """
-
-    drifts: int
-    detected: int
-    positives: int
-    revealing: int
-
-    @property
-    def recall(self) -> float | None:
-        """Share of drifts detected; None without drifts."""
-        return self.detected / self.drifts if self.drifts else None
-
-    @property
-    def precision(self) -> float | None:
-        """Share of positives that reveal a drift; None without positives."""
-        return self.revealing / self.positives if self.positives else None
-
-
-def detection(
-    drifts: Iterable[int], positives: Iterable[int], window: int = DETECTION_WINDOW
-) -> Detection:
-    """Match positives with drifts.
-
-    A drift at i is detected by a positive in i, …, i + window - 1. The first of these reveals it;
-    a later one tells nothing new and counts as an alarm like any other, so that a detector cannot
-    buy precision by repeating itself. Windows that overlap may share a positive.
-
-    Args:
-        drifts: numbers of the experiments that are the first with a new value (`drifts_of`).
-        positives: numbers of the experiments whose signal was positive.
-        window: experiments, the drift's own included.
-
-    >>> detection(drifts=[10, 50], positives=[14, 30, 55])
-    Detection(drifts=2, detected=1, positives=3, revealing=1)
-    """
-    true, alarms = sorted(set(drifts)), sorted(set(positives))
-    first = [next((a for a in alarms if i <= a < i + window), None) for i in true]
-    found = [a for a in first if a is not None]
-    return Detection(len(true), len(found), len(alarms), len(set(found)))
-
-
-def recall(drifts: Iterable[int], positives: Iterable[int]) -> float | None:
-    """Share of drifts detected (see `detection`); None without drifts."""
-    return detection(drifts, positives).recall
-
-
-def precision(drifts: Iterable[int], positives: Iterable[int]) -> float | None:
-    """Share of positives that reveal a drift (see `detection`); None without positives."""
-    return detection(drifts, positives).precision
-
-
-def drifts_of(values: Sequence[float], first: int = 1) -> list[int]:
-    """Numbers of the experiments whose value differs from that of the one before.
-
-    Args:
-        values: the wearing parameter in each experiment.
-        first: number of the first experiment.
-
-    >>> drifts_of([0.0, 0.0, 0.1, 0.1, 0.3])
-    [3, 5]
-    """
-    pairs = enumerate(itertools.pairwise(values), start=first + 1)
-    return [number for number, (old, new) in pairs if new != old]

@@ -7,14 +7,27 @@ second). A user's own come by entry point, group `ldt.model`, `ldt.detector` or 
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.util
+import sys
 from collections.abc import Mapping
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from ldt_core.base.entry_points import entry_points
 from ldt_core.base.errors import OptionError, did_you_mean
+
+
+def entry_points(group: str) -> metadata.EntryPoints:
+    """What installed packages offer under a group, in no particular order."""
+    return _entry_points(group, tuple(sys.path))
+
+
+@functools.lru_cache
+def _entry_points(group: str, path: tuple[str, ...]) -> metadata.EntryPoints:
+    # Hundreds of small files are read, which takes as long as a training.
+    return metadata.entry_points(group=group)
 
 
 class Registry:

@@ -20,7 +20,7 @@ from ldt_core.base.sentences import listed
 OWN = ("format", "origin", "found")  # keys of a record that are ours; the rest is its writer's
 
 
-class Kept(NamedTuple):
+class StoredResult(NamedTuple):
     """A result, and what its writer noted beside it."""
 
     text: str
@@ -115,14 +115,16 @@ def keep(
         write(file, content)
 
 
-def recall(record: Path, found: Path, format: str, origin: Mapping[str, Any]) -> Kept | None:
+def recall(
+    record: Path, found: Path, format: str, origin: Mapping[str, Any]
+) -> StoredResult | None:
     """A result of this format and origin; None if there is none that can be used."""
     try:
         about = json.loads(record.read_text(encoding="utf-8"))
         data = found.read_bytes()
         if [about.pop(key) for key in OWN] != [format, dict(origin), _sha256(data)]:
             return None
-        return Kept(data.decode(), about)
+        return StoredResult(data.decode(), about)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
 

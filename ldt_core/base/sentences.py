@@ -1,11 +1,26 @@
-"""Names and numbers put into a sentence."""
+"""Names and numbers as a person reads them in a sentence."""
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Sequence
 
 Span = tuple[int, int]  # first and last of whole numbers without a gap
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number with so many significant digits, never an exponent.
+
+    >>> number(0.12345), number(1234.5), number(-0.0), number(float("inf"))
+    ('0.123', '1234', '0', '∞')
+    """
+    if not math.isfinite(value):
+        return "∞" if value > 0 else "−∞" if value < 0 else "unknown"
+    if value == 0:
+        return "0"
+    places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    return f"{value:.{min(places, 6)}f}"
 
 
 def listed(names: Iterable[str], last: str = "and") -> str:

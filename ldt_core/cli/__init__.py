@@ -11,8 +11,8 @@ import sys
 import click
 from click.shell_completion import CompletionItem
 
-from ldt_core.base.entry_points import entry_points
 from ldt_core.base.errors import LdtError
+from ldt_core.base.registry import entry_points
 from ldt_core.cli.completion import VARIABLE, register
 from ldt_core.cli.spelling import Group, unknown_option
 from ldt_core.cli.terminal import echo

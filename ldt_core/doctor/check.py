@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ldt_core.base.entry_points import entry_points
+from ldt_core.base.registry import entry_points
 
 GROUP = "ldt.check"  # entry points: lists of probes of parts that the core does not import
 LIMIT = 12.0  # s for all probes together, so that the whole command takes less than 15 s

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ldt_core.base.experiment import Action, Level
-from ldt_core.base.metrics import drifts_of
 from ldt_core.lab.study.baselines import baseline_cases
 from ldt_core.lab.study.case import Case, Result
+from ldt_core.lab.study.drift_detection import drifts_of
 from ldt_core.lab.study.facts import Drift, Facts, energy_needed, stream_key
 from ldt_core.lab.study.study import Entry, Study
 

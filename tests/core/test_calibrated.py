@@ -12,7 +12,6 @@ from scipy import stats
 
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Experiment
-from ldt_core.base.metrics import detection
 from ldt_core.checks.detector import check_detector
 from ldt_core.detectors import calibrated, control_chart
 from ldt_core.detectors.calibrated import (
@@ -25,6 +24,7 @@ from ldt_core.detectors.calibrated import (
 )
 from ldt_core.detectors.control_chart import ALLOWANCE, limits, warning_limits
 from ldt_core.detectors.reference import Reference
+from ldt_core.lab.study.drift_detection import detection
 from ldt_core.lab.study.false_alarms import (
     EARLY,
     KINDS,

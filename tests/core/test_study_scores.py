@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from study_results import made_up
 
-from ldt_core.base.metrics import detection
 from ldt_core.lab.study import scores
+from ldt_core.lab.study.drift_detection import detection
 from ldt_core.lab.study.facts import Drift, Facts
 from ldt_core.lab.study.scores import chance, delays, in_windows, score, stale_alarms
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from ldt_core.base.number_text import number
+from ldt_core.base.sentences import number
 from ldt_core.lab.study import statistics
 from ldt_core.lab.study.statistics import (
     UNKNOWN,

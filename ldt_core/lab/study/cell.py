@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ldt_core.base.number_text import number
+from ldt_core.base.sentences import number
 from ldt_core.lab.study.statistics import Estimate
 from ldt_core.views.page.blocks import Cell, Value
 

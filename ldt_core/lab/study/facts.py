@@ -28,8 +28,8 @@ from scipy import integrate, optimize, stats
 
 import msgs_config
 from ldt_core.base.experiment import Experiment, Samples
-from ldt_core.base.metrics import DETECTION_WINDOW, drifts_of
 from ldt_core.lab.study.case import Case
+from ldt_core.lab.study.drift_detection import DETECTION_WINDOW, drifts_of
 from ldt_core.lab.study.stream import GROUPS, stream
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import Machine, load_machine

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ldt_core.base.metrics import DETECTION_WINDOW, detection, drifts_of
 from ldt_core.lab.study.case import Result
+from ldt_core.lab.study.drift_detection import DETECTION_WINDOW, detection, drifts_of
 from ldt_core.lab.study.facts import Facts
 
 
@@ -177,7 +177,7 @@ def chance(
     """Expected (recall, precision) of so many alarms in experiments drawn at random.
 
     Exact, for all draws without replacement being equally likely. A drift with w experiments in its
-    window is missed when all alarms fall outside it. An alarm reveals a drift (`metrics.detection`)
+    window is missed when all alarms fall outside it. An alarm reveals a drift (`detection`)
     when no other lies between it and the latest drift at most a window before it: it has to keep
     out of so many experiments.
 

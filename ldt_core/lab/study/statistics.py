@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from ldt_core.base.number_text import number
+from ldt_core.base.sentences import number
 
 CONFIDENCE = 0.95
 MOST_LOG = 700.0  # math.exp overflows above 709

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
-from ldt_core.base.number_text import number
+from ldt_core.base.sentences import number
 from ldt_core.lab.tuning.alarms import LENGTH, STREAMS, most, needed
 from ldt_core.lab.tuning.candidates import NEVER
 from ldt_core.lab.tuning.choice import PARTS, SAME, best_of, count

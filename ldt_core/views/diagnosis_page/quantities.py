@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TypeGuard
 
-from ldt_core.base.number_text import number
+from ldt_core.base.sentences import number
 from ldt_core.diagnosis.result import Amount
 from ldt_core.effects import EFFECTS, get_effect
 

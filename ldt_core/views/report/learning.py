@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from ldt_core.base.experiment import Action, ModelRecord
-from ldt_core.base.number_text import number
-from ldt_core.base.sentences import ranges, spans, spoken
+from ldt_core.base.sentences import number, ranges, spans, spoken
 from ldt_core.views.page.blocks import Block, Folded, Mark, Table, Text
 from ldt_core.views.report.recorded_run import Run, Turn
 

@@ -7,8 +7,7 @@ from datetime import UTC, datetime
 from pathlib import PurePath
 
 import msgs_config
-from ldt_core.base.number_text import number
-from ldt_core.base.sentences import spoken
+from ldt_core.base.sentences import number, spoken
 from ldt_core.base.settings import UNSET, as_options
 from ldt_core.recording.run_settings import Setting
 from ldt_core.views.page.blocks import Block, Folded, Pairs, Table, Text

@@ -8,7 +8,7 @@ import jinja2
 from markupsafe import Markup
 
 from ldt_core.base.experiment import Level
-from ldt_core.base.number_text import number
+from ldt_core.base.sentences import number
 from ldt_core.views.page.blocks import Answer, Mark, Own, Section, Table, Text
 from ldt_core.views.report import health, run_settings
 from ldt_core.views.report.learning import adaptations, models

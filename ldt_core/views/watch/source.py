@@ -6,8 +6,8 @@ import threading
 from collections.abc import Callable
 from typing import Protocol
 
-from ldt_core.base.entry_points import entry_points
 from ldt_core.base.errors import LdtError
+from ldt_core.base.registry import entry_points
 from ldt_core.views.watch.fleet import Fleet
 
 GROUP = "ldt.watch"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from ldt_core.base.number_text import number
+from ldt_core.base.sentences import number
 from ldt_core.lab.challenge.comparators import WORDS
 from ldt_core.lab.challenge.score.answer import DIAGNOSIS
 from ldt_core.lab.challenge.score.judge import Judged

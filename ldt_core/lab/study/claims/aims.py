@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from ldt_core.base.metrics import drifts_of
-from ldt_core.base.number_text import number
+from ldt_core.base.sentences import number
 from ldt_core.lab.study.claims.claim import Claim, Part, Statement, Verdict, percent
 from ldt_core.lab.study.claims.evidence import BySeed, Evidence, Run, over
+from ldt_core.lab.study.drift_detection import drifts_of
 from ldt_core.lab.study.facts import QUICK
 from ldt_core.lab.study.scores import delays
 from ldt_core.lab.study.statistics import mean, proportion, rate

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ldt_core.base.experiment import Level
-from ldt_core.base.number_text import number
+from ldt_core.base.sentences import number
 from ldt_core.lab.study.claims.claim import Claim, Part, Statement
 from ldt_core.lab.study.claims.evidence import (
     ACTIVE,

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ldt_core.base.number_text import number
+from ldt_core.base.sentences import number
 from ldt_core.lab.study.claims.claim import Claim, Part, Statement
 from ldt_core.lab.study.claims.evidence import (
     ACTIVE,

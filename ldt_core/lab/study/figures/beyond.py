@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ldt_core.base.metrics import drifts_of
-from ldt_core.base.number_text import number
+from ldt_core.base.sentences import number
 from ldt_core.lab.study.case import Result
+from ldt_core.lab.study.drift_detection import drifts_of
 from ldt_core.lab.study.figures.dots import Dots, Panel, dot_plot, key_to_marks
 from ldt_core.lab.study.figures.reading import Reading
 from ldt_core.lab.study.figures.series import first_seed, of_seed

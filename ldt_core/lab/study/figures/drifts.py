@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ldt_core.base.metrics import detection
-from ldt_core.base.number_text import number
+from ldt_core.base.sentences import number
 from ldt_core.lab.study.case import Result
+from ldt_core.lab.study.drift_detection import detection
 from ldt_core.lab.study.facts import Drift, energy_needed, energy_needed_knowing_the_shape
 from ldt_core.lab.study.figures.dots import DASHES, Dots, Panel, dot_plot, key_to_marks
 from ldt_core.lab.study.figures.reading import Reading

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ldt_core.base.metrics import drifts_of
+from ldt_core.lab.study.drift_detection import drifts_of
 from ldt_core.lab.study.figures.reading import Reading
 from ldt_core.lab.study.figures.series import first_seed, of_seed, wear
 from ldt_core.views.page.style import GREY, INK, VERMILION, Drawing, Layout, look, panels

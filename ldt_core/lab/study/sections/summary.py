@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ldt_core.base.code_version import code_version
-from ldt_core.base.number_text import number
+from ldt_core.base.sentences import number
 from ldt_core.lab.study.claims import Claim, Verdict, aims, claims
 from ldt_core.lab.study.claims.claim import percent
 from ldt_core.lab.study.figures.reading import Reading
