@@ -32,7 +32,7 @@ DOUBT = 0.05  # of e: where a band would be with so much more or less of it, the
 
 
 @dataclass(frozen=True)
-class Band:
+class CaptureBand:
     """Voltages between two folds; all for one sense of rotation, the other is its mirror image.
 
     Args:
@@ -48,7 +48,7 @@ class Band:
     free: tuple[float, float]
 
 
-def voltage_bands(values: Values, highest: float) -> list[Band]:
+def voltage_bands(values: Values, highest: float) -> list[CaptureBand]:
     """The bands that begin below a voltage, in their order.
 
     Args:
@@ -73,7 +73,7 @@ def voltage_bands(values: Values, highest: float) -> list[Band]:
             end = after[0] if after else top.voltage / values["K_t"]
             held = _speed(values, bottom.voltage, begin, top.speed), top.speed
             free = bottom.speed, _speed(values, top.voltage, bottom.speed, end)
-            found.append(Band(bottom.voltage, top.voltage, held, free))
+            found.append(CaptureBand(bottom.voltage, top.voltage, held, free))
         begin = bottom.speed
     return found
 
@@ -118,7 +118,7 @@ def within(voltage: Array, stretches: Sequence[tuple[float, float]]) -> NDArray[
     return inside
 
 
-def captured(values: Values, bands: Sequence[Band], experiment: Experiment) -> float:
+def captured(values: Values, bands: Sequence[CaptureBand], experiment: Experiment) -> float:
     """Seconds that an experiment spent captured.
 
     That is, at speeds below the end of a band's unstable branch while the voltage would hold a

@@ -14,7 +14,7 @@ from click.shell_completion import CompletionItem
 from ldt_core.base.errors import LdtError
 from ldt_core.base.registry import entry_points
 from ldt_core.cli.completion import VARIABLE, register
-from ldt_core.cli.spelling import Group, unknown_option
+from ldt_core.cli.spelling import SuggestingGroup, unknown_option
 from ldt_core.cli.terminal import echo
 
 GROUP = "ldt.command"
@@ -22,7 +22,7 @@ GROUP = "ldt.command"
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
-class Commands(Group):
+class Commands(SuggestingGroup):
     """Commands by entry point, imported when they are called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:

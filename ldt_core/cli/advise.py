@@ -58,8 +58,8 @@ def command(
 
     Example: ldt advise --machine rotor --effect unbalance:e=0.008 --reach 40
     """
-    from ldt_core.advice.belief import believe, with_effects
-    from ldt_core.advice.reach import way_to
+    from ldt_core.advice.machine_estimate import estimate_machine, with_effects
+    from ldt_core.advice.run_up import plan_run_up
     from ldt_core.base.errors import OptionError
     from ldt_core.diagnosis.recorded import read_effects
     from ldt_core.effects import parse_effect
@@ -86,9 +86,9 @@ def command(
         model = found = None
         belief = with_effects(machine, acting)
     else:
-        belief = believe(machine, model, found)
+        belief = estimate_machine(machine, model, found)
     advice = advise(machine, belief, experiments, model, found)
-    way = None if speed is None else way_to(machine, belief.values, speed)
+    way = None if speed is None else plan_run_up(machine, belief.values, speed)
     if way is not None and out:
         from ldt_core.views.figures.advice_figure import plot_advice
 

@@ -10,11 +10,13 @@ import click
 
 from ldt_core.cli.options import json_option
 from ldt_core.cli.resumable import ResumableProgress, compute_options, jobs_option
-from ldt_core.cli.spelling import Group
+from ldt_core.cli.spelling import SuggestingGroup
 from ldt_core.cli.terminal import echo
 
 
-@click.group("challenge", cls=Group, short_help="How often the diagnosis is right on sealed cases.")
+@click.group(
+    "challenge", cls=SuggestingGroup, short_help="How often the diagnosis is right on sealed cases."
+)
 def command() -> None:
     """Make sealed cases for a diagnosis, and score it on them.
 

@@ -20,7 +20,7 @@ from click.shell_completion import (
     get_completion_class,
 )
 
-from ldt_core.cli.spelling import Choice
+from ldt_core.cli.spelling import SuggestingChoice
 
 VARIABLE = "_LDT_COMPLETE"  # by which the shell's function asks the program
 SHELLS = ("bash", "zsh", "fish")
@@ -120,7 +120,7 @@ def register() -> None:
 
 
 @click.command("completion", short_help="What lets a shell complete commands, options and names.")
-@click.argument("shell", type=Choice(SHELLS), metavar="SHELL")
+@click.argument("shell", type=SuggestingChoice(SHELLS), metavar="SHELL")
 def command(shell: str) -> None:
     """Print what lets SHELL complete commands, options and names by the tabulator key.
 

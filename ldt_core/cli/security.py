@@ -10,11 +10,13 @@ import click
 
 from ldt_core.base.errors import BadInput
 from ldt_core.cli.options import json_option
-from ldt_core.cli.spelling import Group
+from ldt_core.cli.spelling import SuggestingGroup
 from ldt_core.cli.terminal import echo
 
 
-@click.group("security", cls=Group, short_help="Keys by which nodes may publish what is their own.")
+@click.group(
+    "security", cls=SuggestingGroup, short_help="Keys by which nodes may publish what is their own."
+)
 def command() -> None:
     """Make what DDS-Security needs: who is who in a graph, and who may publish what.
 

@@ -40,7 +40,7 @@ def unknown_option(error: click.NoSuchOption) -> str:
     return f"{sentence}{hint} ({error.ctx.command_path} --help lists all)"
 
 
-class Group(click.Group):
+class SuggestingGroup(click.Group):
     """A group whose answer to an unknown command names those that there are."""
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
@@ -58,7 +58,7 @@ class Group(click.Group):
             ) from None
 
 
-class Choice(click.Choice[str]):
+class SuggestingChoice(click.Choice[str]):
     """A choice whose answer to an unknown name says which is nearest."""
 
     def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:

@@ -8,7 +8,7 @@ import click
 
 from ldt_core.cli.options import json_option, parameters
 from ldt_core.cli.resumable import ResumableProgress, compute_options
-from ldt_core.cli.spelling import Choice
+from ldt_core.cli.spelling import SuggestingChoice
 from ldt_core.lab.study.groups import GROUPS
 
 QUICK = {"seeds": 2, "experiments": 40}
@@ -37,7 +37,7 @@ SEEDS = 20
 @click.option("--quick", is_flag=True, help="To try it out: 2 seeds and 40 experiments.")
 @click.option(
     "--only",
-    type=Choice(list(GROUPS)),
+    type=SuggestingChoice(list(GROUPS)),
     multiple=True,
     help="Part of the study; may be given several times. "
     + "; ".join(f"{name}: {what}" for name, what in GROUPS.items())

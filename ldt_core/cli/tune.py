@@ -9,7 +9,7 @@ import click
 
 from ldt_core.cli.options import Command, json_option, namespace_option, parameters
 from ldt_core.cli.resumable import ResumableProgress, compute_options
-from ldt_core.cli.spelling import Choice
+from ldt_core.cli.spelling import SuggestingChoice
 from ldt_core.cli.terminal import echo, one_line
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ DETECTORS = ("threshold", "lddm", "window", "calibrated")
 @click.option(
     "--detector",
     "detectors",
-    type=Choice(DETECTORS),
+    type=SuggestingChoice(DETECTORS),
     multiple=True,
     help="Detector to choose from; may be given several times; without, all of them.",
 )

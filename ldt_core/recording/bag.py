@@ -20,10 +20,10 @@ from ldt_core.base.experiment import (
 )
 from ldt_core.base.sentences import counted, numbered
 from ldt_core.recording.codec import DECODERS, Record, decode
+from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.messages import deserialize, quoted
-from ldt_core.recording.numbers import Numbers
 from ldt_core.recording.run_settings import KEY, Setting, parse_settings
-from ldt_core.recording.storage import Raw, Storage
+from ldt_core.recording.storage import RawMessage, Storage
 
 if TYPE_CHECKING:
     from ldt_core.machine.machine_file import Machine
@@ -108,7 +108,7 @@ class Bag:
         absolute = f"{self.namespace}/{name}"
         return absolute if absolute in self.topics else None
 
-    def messages(self, *names: str, begin: tuple[int, int] = (0, 0)) -> Iterator[Raw]:
+    def messages(self, *names: str, begin: tuple[int, int] = (0, 0)) -> Iterator[RawMessage]:
         """Stored messages (CDR bytes) in recorded order, of the named topics or of all of them.
 
         Args:
@@ -163,7 +163,9 @@ class Bag:
         picked = self.storage.picked([self._required(name)])
         return (record for _, record in self.usable(picked, whole=True))
 
-    def usable(self, raws: Iterable[Raw], whole: bool = False) -> Iterator[tuple[Raw, Any]]:
+    def usable(
+        self, raws: Iterable[RawMessage], whole: bool = False
+    ) -> Iterator[tuple[RawMessage, Any]]:
         """Messages with the records in them; messages themselves where none is declared.
 
         What a twin could not use when it came it counted and left out, whoever had sent it; so it
@@ -204,7 +206,7 @@ class Bag:
         """Whether a twin took part, and not the machine alone."""
         return self.topic("prediction") is not None
 
-    def decoded(self, raw: Raw, index: int) -> Record | Any:
+    def decoded(self, raw: RawMessage, index: int) -> Record | Any:
         """The record in one of the messages, the message itself where none is declared.
 
         Args:
@@ -230,7 +232,7 @@ class Bag:
             ExperimentError: a message that is no experiment, or one that the machine cannot have
                 made; says which one.
         """
-        seen, repeated = Numbers(), Numbers()
+        seen, repeated = ExperimentNumbers(), ExperimentNumbers()
         for experiment in self.records("experiment"):
             assert isinstance(experiment, Experiment)
             if experiment.number in seen:

@@ -28,14 +28,14 @@ from ldt_core.recording.messages import (
     serialize,
     standard,
 )
-from ldt_core.recording.model_text import model_text, parse_model
-from ldt_core.recording.samples import (
+from ldt_core.recording.model_json import model_text, parse_model
+from ldt_core.recording.sample_messages import (
     decode_experiment,
     decode_prediction,
     encode_samples,
     samples_cdr,
 )
-from ldt_core.recording.statuses import (
+from ldt_core.recording.status_messages import (
     decode_adaptation,
     decode_advice,
     decode_diagnosis,

@@ -29,7 +29,7 @@ MAX_BYTES = 2_000_000_000  # unpacked; a packed file may claim anything
 LOOK_AHEAD = 20  # rows by which the delimiter is chosen: beyond every header
 
 
-class Table:
+class CsvTable:
     """A CSV file, opened: its column names are known, its rows are not read yet.
 
     Args:

@@ -13,12 +13,12 @@ from ldt_core.base.experiment import Adaptation, Experiment, ModelRecord, Predic
 from ldt_core.base.sentences import Span
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.codec import DECODERS, decode
+from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.lock import is_written
 from ldt_core.recording.messages import deserialize
 from ldt_core.recording.node_status import HEALTH_TOPIC, NodeStatus, node_statuses
-from ldt_core.recording.numbers import Numbers
 from ldt_core.recording.run_settings import Setting
-from ldt_core.recording.storage import Raw
+from ldt_core.recording.storage import RawMessage
 
 _Key = tuple[int, float, int]  # of an experiment and its prediction: number, start, samples
 
@@ -64,14 +64,14 @@ class Health:
     notes: list[str] = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
     declared: int | None = None
-    numbers: Numbers = field(default_factory=Numbers)
-    repeated: Numbers = field(default_factory=Numbers)
+    numbers: ExperimentNumbers = field(default_factory=ExperimentNumbers)
+    repeated: ExperimentNumbers = field(default_factory=ExperimentNumbers)
     samples: Counter[tuple[int, float]] = field(default_factory=Counter)
-    backwards: Numbers = field(default_factory=Numbers)
+    backwards: ExperimentNumbers = field(default_factory=ExperimentNumbers)
     pauses: dict[int, float] = field(default_factory=dict)
     paused: int = 0
     unreadable: dict[str, tuple[int, str]] = field(default_factory=dict)
-    answered: dict[str, Numbers] = field(default_factory=dict)
+    answered: dict[str, ExperimentNumbers] = field(default_factory=dict)
     nodes: dict[str, NodeStatus] = field(default_factory=dict)
     settings: Mapping[str, Setting] = field(default_factory=dict)
     settings_trouble: str = ""
@@ -88,7 +88,7 @@ class Health:
 
     def unanswered(self, topic: str) -> list[int]:
         """Experiments without an answer of this kind."""
-        answered = self.answered.get(topic, Numbers())
+        answered = self.answered.get(topic, ExperimentNumbers())
         return [number for number in self.numbers if number not in answered]
 
 
@@ -138,7 +138,7 @@ class _Reading:
         self._predicted: set[_Key] = set()
         self._matched: dict[_Key, None] = {}
 
-    def take(self, raw: Raw) -> None:
+    def take(self, raw: RawMessage) -> None:
         """A message of this machine; what cannot be read is counted."""
         health, time = self.health, raw.time_ns / 1e9
         health.counts[raw.topic] += 1
@@ -150,10 +150,10 @@ class _Reading:
             count, why = health.unreadable.get(raw.topic, (0, str(error)))
             health.unreadable[raw.topic] = (count + 1, why)
 
-    def predicted(self) -> Numbers:
+    def predicted(self) -> ExperimentNumbers:
         """Numbers of the experiments of which no recorded one lacks its prediction."""
         lacking = {number for number, *_ in self._measured}
-        found = Numbers()
+        found = ExperimentNumbers()
         for number in self.health.numbers:
             if number not in lacking:
                 found.add(number)
@@ -170,7 +170,7 @@ class _Reading:
         self._matched[key] = None
         forget_oldest(self._matched, REMEMBERED)
 
-    def _take(self, raw: Raw) -> None:
+    def _take(self, raw: RawMessage) -> None:
         health, name = self.health, raw.topic.rpartition("/")[2]
         if raw.topic == HEALTH_TOPIC:
             message = deserialize(raw.data, raw.kind, raw.topic)
@@ -187,7 +187,7 @@ class _Reading:
                 self._match(key, self._predicted, self._measured)
             case Signal() | Adaptation():
                 if name not in health.answered:
-                    health.answered[name] = Numbers()
+                    health.answered[name] = ExperimentNumbers()
                 health.answered[name].add(record.experiment)
                 if isinstance(record, Signal):
                     health.detectors.add(record.detector)

@@ -11,8 +11,8 @@ import numpy as np
 
 from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.base.experiment import Experiment
-from ldt_core.recording.bag_fields import is_recording, parse_source, read_fields
-from ldt_core.recording.csv_table import Table
+from ldt_core.recording.csv_table import CsvTable
+from ldt_core.recording.message_fields import is_recording, parse_field_path, read_fields
 from ldt_core.recording.recorded_stream import segmented
 from ldt_core.recording.storage import Storage
 from ldt_core.recording.units import Field, parse_field
@@ -83,7 +83,7 @@ def _from_table(
         raise OptionError(
             "--time or --sample-period", "one of them: a table has no times", "neither"
         )
-    table = Table(path)
+    table = CsvTable(path)
     fields = {q: parse_field(text, q, table.names) for q, text in given.items()}
     lines, columns = table.read([table.column(f.name) for f in fields.values()])
     values = {
@@ -104,7 +104,7 @@ def _from_bag(
     path: Path, given: dict[str, str], sample_period: float | None
 ) -> tuple[dict[str, Series], list[str]]:
     fields = {q: parse_field(text, q) for q, text in given.items()}
-    sources = {q: parse_source(f"--{q}", field.name) for q, field in fields.items()}
+    sources = {q: parse_field_path(f"--{q}", field.name) for q, field in fields.items()}
     if "time" in sources and len({s.topic for s in sources.values()}) > 1:
         raise OptionError("--time", "all channels from the topic of the time", given["time"])
     storage = Storage(path)

@@ -55,7 +55,7 @@ _PASSED_OVER = (Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT, Opcode.METADATA)
 PRIVATE = 0x80  # from here on an opcode is an application's own
 
 
-class Bytes:
+class ByteStream:
     """A stream that gives all the bytes asked for, and knows where it is.
 
     Args:
@@ -104,7 +104,7 @@ def parse(opcode: int, body: bytes) -> Any:
     Raises:
         ValueError: more bytes than it has, or an error of BROKEN.
     """
-    stream = ReadDataStream(cast("IO[bytes]", Bytes(io.BytesIO(body), len(body))))
+    stream = ReadDataStream(cast("IO[bytes]", ByteStream(io.BytesIO(body), len(body))))
     record = _READ[opcode](stream)
     if stream.count != len(body):
         raise ValueError(f"{len(body) - stream.count} bytes too many in a record")
@@ -148,7 +148,7 @@ def reason(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def next_record(stream: Bytes) -> tuple[int, bytes]:
+def next_record(stream: ByteStream) -> tuple[int, bytes]:
     """Opcode and content of the next record; an error of BROKEN when it cannot be one."""
     opcode, length = HEAD.unpack(stream.read(HEAD.size))
     if length > MAX_CHUNK:

@@ -18,7 +18,7 @@ from ldt_core.recording.storage import METADATA
 VERSION = 9
 
 
-class Topic:
+class TopicInformation:
     """A topic of a recording: its name, its type, how many messages of it were written."""
 
     def __init__(self, name: str, kind: str, count: int = 0) -> None:
@@ -38,7 +38,7 @@ class Topic:
         }
 
 
-class FileFacts(NamedTuple):
+class FileInformation(NamedTuple):
     """A file of a recording.
 
     Args:
@@ -53,17 +53,17 @@ class FileFacts(NamedTuple):
     first: int = -1
     last: int = -1
 
-    def with_message(self, time_ns: int) -> FileFacts:
+    def with_message(self, time_ns: int) -> FileInformation:
         """One message more; they need not come in order."""
         first = time_ns if self.first < 0 else min(self.first, time_ns)
-        return FileFacts(self.name, self.messages + 1, first, max(self.last, time_ns))
+        return FileInformation(self.name, self.messages + 1, first, max(self.last, time_ns))
 
     def entry(self) -> dict[str, Any]:
         """As `metadata.yaml` lists it."""
         return {"path": self.name, **self._counted()}
 
     @classmethod
-    def of_entry(cls, entry: Mapping[str, Any]) -> FileFacts:
+    def of_entry(cls, entry: Mapping[str, Any]) -> FileInformation:
         """What `metadata.yaml` lists."""
         count = entry["message_count"]
         first = entry["starting_time"]["nanoseconds_since_epoch"] if count else -1
@@ -78,16 +78,16 @@ class FileFacts(NamedTuple):
         }
 
     @classmethod
-    def of_all(cls, files: Collection[FileFacts]) -> dict[str, Any]:
+    def of_all(cls, files: Collection[FileInformation]) -> dict[str, Any]:
         """Duration, start and count of several together."""
         first = min((f.first for f in files if f.messages), default=-1)
         last = max((f.last for f in files if f.messages), default=-1)
         return cls("", sum(f.messages for f in files), first, last)._counted()
 
 
-def information(
+def bag_information(
     topics: Sequence[Mapping[str, Any]],
-    files: Sequence[FileFacts],
+    files: Sequence[FileInformation],
     custom: Mapping[str, str],
     base: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
@@ -97,12 +97,12 @@ def information(
         topics: entries of all topics.
         files: in their order.
         custom: further texts by name; those that are empty are left out.
-        base: another program's information, whose other keys are kept.
+        base: another program's bag information, whose other keys are kept.
     """
     return {
         "version": VERSION,
         "storage_identifier": "mcap",
-        **FileFacts.of_all(files),
+        **FileInformation.of_all(files),
         "topics_with_message_count": list(topics),
         "compression_format": "",
         "compression_mode": "",

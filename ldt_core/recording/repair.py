@@ -20,19 +20,19 @@ import yaml
 from mcap.records import Channel, Schema
 
 from ldt_core.base.errors import LdtError, RecordingError
+from ldt_core.recording.experiment_numbers import parse_numbers
 from ldt_core.recording.lock import FolderLock
-from ldt_core.recording.mcap_file import McapFile, Summary
+from ldt_core.recording.mcap_reader import McapReader, McapSummary
 from ldt_core.recording.mcap_records import LIBRARY
+from ldt_core.recording.mcap_writer import ChannelDescription, McapWriter
 from ldt_core.recording.messages import load
 from ldt_core.recording.metadata import (
-    FileFacts,
+    FileInformation,
+    bag_information,
     channel_entry,
-    information,
     text_of,
     write_metadata,
 )
-from ldt_core.recording.numbers import parse_numbers
-from ldt_core.recording.part import Description, Part
 from ldt_core.recording.storage import METADATA, Storage, is_mcap, listed_topics
 
 KEPT = ".damaged"  # behind the name of a file that was replaced
@@ -79,7 +79,7 @@ class Repair:
     mended: list[Mended] = field(default_factory=list)
     metadata: str = ""
     unmended: list[str] = field(default_factory=list)
-    files: list[FileFacts] = field(default_factory=list)
+    files: list[FileInformation] = field(default_factory=list)
     topics: list[dict[str, Any]] = field(default_factory=list)
 
     @property
@@ -150,9 +150,9 @@ class _Looked:
     """What reading one file showed."""
 
     def __init__(self, file: Path) -> None:
-        self.mcap = McapFile(file, self.note)
+        self.mcap = McapReader(file, self.note)
         self.notes: list[str] = []
-        self.facts = FileFacts(file.name)
+        self.facts = FileInformation(file.name)
         self.counts: Counter[str] = Counter()
         self.missing: Counter[str] = Counter()
         self.topics: list[dict[str, Any]] = []
@@ -178,7 +178,7 @@ def _look(
     """
     looked = _Looked(file)
     looked.before = _stamp(file)
-    looked.mcap = McapFile(file, looked.note, lambda: storage.declared)
+    looked.mcap = McapReader(file, looked.note, lambda: storage.declared)
     summary = looked.mcap.summary(places=False)
     if quick and summary and summary.statistics and not looked.notes:
         _take_summary(looked, summary)
@@ -204,7 +204,7 @@ def _look(
     return looked
 
 
-def _take_summary(looked: _Looked, summary: Summary) -> None:
+def _take_summary(looked: _Looked, summary: McapSummary) -> None:
     said = summary.statistics
     assert said is not None
     for number, (channel, described) in sorted(summary.channels.items()):
@@ -212,7 +212,7 @@ def _take_summary(looked: _Looked, summary: Summary) -> None:
         looked.topics.append(channel_entry(channel, described))
     if said.message_count:
         span = said.message_start_time, said.message_end_time
-        looked.facts = FileFacts(looked.facts.name, said.message_count, *span)
+        looked.facts = FileInformation(looked.facts.name, said.message_count, *span)
 
 
 def _replace(file: Path, looked: _Looked, work: Repair) -> None:
@@ -242,8 +242,8 @@ def _replace(file: Path, looked: _Looked, work: Repair) -> None:
 
 def _copy(looked: _Looked, new: Path) -> None:
     """All messages of a damaged file into a sound one."""
-    source = McapFile(looked.mcap.path, lambda note: None, lambda: looked.mcap.described)
-    part = Part(new, MENDED_BY)
+    source = McapReader(looked.mcap.path, lambda note: None, lambda: looked.mcap.described)
+    part = McapWriter(new, MENDED_BY)
     try:
         described = looked.mcap.described
         numbers = {n: part.register(_description(*described[n])) for n in sorted(described)}
@@ -255,7 +255,7 @@ def _copy(looked: _Looked, new: Path) -> None:
                 message.sequence,
                 message.publish_time,
             )
-        part.finish(text_of(information(looked.topics, [looked.facts], {})))
+        part.finish(text_of(bag_information(looked.topics, [looked.facts], {})))
     except BaseException:
         part.abandon()
         raise
@@ -272,7 +272,7 @@ def _renew_metadata(storage: Storage, work: Repair) -> None:
     _, covered = parse_numbers(custom.get(RECORDED))
     if any(m.file.name in [f.name for f in work.files[:covered]] for m in work.mended):
         custom.pop(RECORDED)  # it names what has been lost since
-    new = information(work.topics, work.files, custom, old)
+    new = bag_information(work.topics, work.files, custom, old)
     why = ""
     if not old:
         why = "it was missing or damaged"
@@ -293,14 +293,14 @@ def _trusted(storage: Storage) -> dict[str, Any]:
     return said if all(key in said for key in NEEDED) else {}
 
 
-def _counts(information: Mapping[str, Any], key: str) -> Any:
+def _counts(said: Mapping[str, Any], key: str) -> Any:
     """What it counts, of a list by names; None when it is damaged."""
     try:
         if key == "files":
-            return {PurePath(f["path"]).name: f["message_count"] for f in information[key]}
+            return {PurePath(f["path"]).name: f["message_count"] for f in said[key]}
         if key == "topics_with_message_count":
-            return {t["topic_metadata"]["name"]: t["message_count"] for t in information[key]}
-        return information[key]
+            return {t["topic_metadata"]["name"]: t["message_count"] for t in said[key]}
+        return said[key]
     except (TypeError, KeyError):
         return None
 
@@ -308,7 +308,7 @@ def _counts(information: Mapping[str, Any], key: str) -> Any:
 def _custom_of(storage: Storage) -> dict[str, str]:
     """What metadata.yaml held beside what rosbag2 needs, from the end of a file that has it."""
     for file in storage.files:
-        said = McapFile(file, lambda note: None).metadata("rosbag2") or {}
+        said = McapReader(file, lambda note: None).metadata("rosbag2") or {}
         with contextlib.suppress(yaml.YAMLError, ValueError, RecursionError, AttributeError):
             custom = load(said.get("serialized_metadata", "")).get("custom_data")
             if isinstance(custom, dict):
@@ -332,12 +332,12 @@ def _drop_empty(storage: Storage, file: Path, work: Repair) -> None:
         work.unmended.append(f"{file}: holds nothing that can be read")
 
 
-def _description(channel: Channel, described: Schema | None) -> Description:
+def _description(channel: Channel, described: Schema | None) -> ChannelDescription:
     if described is None:
         about = ("", b"", channel.metadata, "")
     else:
         about = (described.name, described.data, channel.metadata, described.encoding)
-    return Description(channel.topic, *about, channel.message_encoding)
+    return ChannelDescription(channel.topic, *about, channel.message_encoding)
 
 
 def _free_name(file: Path) -> Path:

@@ -18,7 +18,7 @@ import yaml
 from mcap.records import Channel, Schema
 
 from ldt_core.base.errors import RecordingError
-from ldt_core.recording.mcap_file import Described, McapFile
+from ldt_core.recording.mcap_reader import Described, McapReader
 from ldt_core.recording.mcap_records import (
     BROKEN,
     MAX_CHUNK,
@@ -39,7 +39,7 @@ ALIKE = 6  # bytes of MCAP's first 8 by which a file is taken for a damaged one
 MAX_METADATA = 10_000_000  # bytes of metadata.yaml; a large one has 100 kB
 
 
-class Raw(NamedTuple):
+class RawMessage(NamedTuple):
     """One message as it is stored: CDR bytes, and when it was received [ns since the epoch]."""
 
     topic: str
@@ -88,7 +88,7 @@ class Storage:
 
     def messages(
         self, topics: Collection[str] | None = None, begin: tuple[int, int] = (0, 0)
-    ) -> Iterator[Raw]:
+    ) -> Iterator[RawMessage]:
         """Messages of the topics (of all when None), in the order in which they were recorded.
 
         Args:
@@ -100,7 +100,7 @@ class Storage:
             for raw in self.read(file, topics, 0 if index else begin[1]):
                 yield self._unzipped(raw) if per_message else raw
 
-    def picked(self, topics: Collection[str]) -> Iterator[Raw]:
+    def picked(self, topics: Collection[str]) -> Iterator[RawMessage]:
         """Messages of topics that are rare, without reading all of the files; damage is no matter.
 
         Of files without an index as `messages`.
@@ -111,14 +111,14 @@ class Storage:
                 continue
             for channel, described, message in self.mcap(file).messages_of(topics):
                 kind = self._kind(file, channel, described)
-                yield Raw(channel.topic, kind, message.log_time, message.data)
+                yield RawMessage(channel.topic, kind, message.log_time, message.data)
 
-    def last(self, topics: Collection[str], most: int) -> list[Raw]:
+    def last(self, topics: Collection[str], most: int) -> list[RawMessage]:
         """The last messages of topics that are rare, so many at least where there are as many.
 
         Files that have none of them are not read.
         """
-        found: list[Raw] = []
+        found: list[RawMessage] = []
         for file in reversed(self.files):
             if len(found) >= most:
                 break
@@ -133,13 +133,15 @@ class Storage:
                 if not any(counts.get(number) for number in wanted):
                     continue
             there = [
-                Raw(channel.topic, self._kind(file, channel, d), message.log_time, message.data)
+                RawMessage(
+                    channel.topic, self._kind(file, channel, d), message.log_time, message.data
+                )
                 for channel, d, message in mcap.messages_of(topics)
             ]
             found = [*there, *found]
         return found
 
-    def _unzipped(self, raw: Raw) -> Raw:
+    def _unzipped(self, raw: RawMessage) -> RawMessage:
         try:
             return raw._replace(data=decompress("zstd", raw.data, MAX_CHUNK))
         except BROKEN as error:
@@ -220,9 +222,9 @@ class Storage:
             if known != kind:
                 raise RecordingError(f"{self.path}, {topic}", f"one message type, {known}", kind)
 
-    def mcap(self, file: Path) -> McapFile:
+    def mcap(self, file: Path) -> McapReader:
         """One of the MCAP files, which notes here what is wrong with it."""
-        return McapFile(file, self.note, lambda: self.declared)
+        return McapReader(file, self.note, lambda: self.declared)
 
     @functools.cached_property
     def declared(self) -> Described:
@@ -240,7 +242,7 @@ class Storage:
 
     def read(
         self, file: Path, topics: Collection[str] | None = None, begin: int = 0
-    ) -> Iterator[Raw]:
+    ) -> Iterator[RawMessage]:
         """Messages of one file; of an MCAP file, from the chunk on that begins at a byte."""
         if _magic(file) == SQLITE_MAGIC:
             yield from self._read_sqlite(file, topics)
@@ -248,7 +250,7 @@ class Storage:
         for channel, described, message in self.mcap(file).messages(begin):
             if topics is None or channel.topic in topics:
                 kind = self._kind(file, channel, described)
-                yield Raw(channel.topic, kind, message.log_time, message.data)
+                yield RawMessage(channel.topic, kind, message.log_time, message.data)
 
     def _kind(self, file: Path, channel: Channel, described: Schema | None) -> str:
         if channel.message_encoding != "cdr":
@@ -258,7 +260,7 @@ class Storage:
             return "unknown"
         return described.name
 
-    def _read_sqlite(self, file: Path, topics: Collection[str] | None) -> Iterator[Raw]:
+    def _read_sqlite(self, file: Path, topics: Collection[str] | None) -> Iterator[RawMessage]:
         rows = _sqlite(
             file,
             "SELECT name, type, timestamp, data FROM messages JOIN topics "
@@ -268,7 +270,7 @@ class Storage:
         try:
             for row in rows:
                 if topics is None or row[0] in topics:
-                    yield Raw(*row)
+                    yield RawMessage(*row)
         except (sqlite3.Error, ValueError) as error:
             self.note(f"{file}: damaged ({reason(error)}); read up to there")
 

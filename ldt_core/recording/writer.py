@@ -24,15 +24,21 @@ import msgs_config
 from ldt_core.base.errors import LdtError, RecordingError, did_you_mean
 from ldt_core.recording import run_settings
 from ldt_core.recording.codec import Record, encode_cdr
-from ldt_core.recording.continued import continued
+from ldt_core.recording.duplicate_filter import DuplicateFilter
+from ldt_core.recording.experiment_numbers import ExperimentNumbers, number_of, numbers_text
 from ldt_core.recording.lock import FolderLock
+from ldt_core.recording.mcap_writer import McapWriter, describe_channel
 from ldt_core.recording.messages import declaration, schema, serialize
-from ldt_core.recording.metadata import FileFacts, Topic, information, text_of, write_metadata
+from ldt_core.recording.metadata import (
+    FileInformation,
+    TopicInformation,
+    bag_information,
+    text_of,
+    write_metadata,
+)
 from ldt_core.recording.node_status import HEALTH_TOPIC
-from ldt_core.recording.numbers import Numbers, number_of, numbers_text
-from ldt_core.recording.part import Part, described
 from ldt_core.recording.repair import RECORDED
-from ldt_core.recording.repeats import Repeats
+from ldt_core.recording.resume import resume_contents
 
 FLUSH_PERIOD = 0.25  # s; half of the 0.5 s that may be lost, to leave time for the flush itself
 SYNC_PERIOD = 5.0  # s; what a power failure may cost, beside the time that the medium takes
@@ -91,7 +97,7 @@ class BagWriter:
         }
         if key:
             self._custom[KEY] = key
-        self._repeats = Repeats() if once else None
+        self._repeats = DuplicateFilter() if once else None
         if split_size is None:
             split_size = float(msgs_config.parameters()["split_size"]["default"])
         self._most_bytes = split_size * MEGABYTE
@@ -100,9 +106,9 @@ class BagWriter:
         self._index = 0
         #: What `resume` found damaged, and mended, a sentence each.
         self.mended: list[str] = []
-        self._files: list[FileFacts] = []  # those that are complete
-        self._topics: dict[str, Topic] = {}
-        self._numbers: dict[str, Numbers] = {}
+        self._files: list[FileInformation] = []  # those that are complete
+        self._topics: dict[str, TopicInformation] = {}
+        self._numbers: dict[str, ExperimentNumbers] = {}
         self._channels: dict[str, int] = {}  # topic → its number in the present file
         #: Why nothing more is written, once the disk was full or failed.
         self.failure: LdtError | None = None
@@ -135,13 +141,13 @@ class BagWriter:
         """Absolute topic → messages written, those before `resume` included."""
         return {name: topic.count for name, topic in self._topics.items()}
 
-    def recorded(self, topic: str) -> Numbers:
+    def recorded(self, topic: str) -> ExperimentNumbers:
         """The experiments of which a message of this topic is recorded; do not change them.
 
         Args:
             topic: relative or absolute; one of those whose messages are about an experiment.
         """
-        return self._numbers.get(self._absolute(topic), Numbers())
+        return self._numbers.get(self._absolute(topic), ExperimentNumbers())
 
     def holds(self, topic: str, kind: str, data: bytes) -> bool:
         """Whether a message of the same topic about the same experiment is recorded already.
@@ -201,7 +207,7 @@ class BagWriter:
                 self._split()
             try:
                 if topic not in self._channels:
-                    self._channels[topic] = self._part.register(described(topic, kind))
+                    self._channels[topic] = self._part.register(describe_channel(topic, kind))
                     self._unlisted = True
                 self._part.add(self._channels[topic], data, time_ns, known.count)
             except OSError as error:
@@ -211,7 +217,7 @@ class BagWriter:
             number = number_of(topic, kind, data)
             if number is not None:
                 if topic not in self._numbers:
-                    self._numbers[topic] = Numbers()
+                    self._numbers[topic] = ExperimentNumbers()
                 self._numbers[topic].add(number)
             return True
 
@@ -298,9 +304,9 @@ class BagWriter:
         except OSError as error:
             raise self._refused(error) from None
 
-    def _go_on(self, wanted: list[Topic]) -> None:
+    def _go_on(self, wanted: list[TopicInformation]) -> None:
         """Take over what is recorded."""
-        past = continued(self.path, self._custom, wanted)
+        past = resume_contents(self.path, self._custom, wanted)
         self.mended = past.notes
         self._custom, self._files, self._numbers = past.custom, past.files, past.numbers
         self._topics = {t.name: t for t in past.topics}
@@ -309,14 +315,15 @@ class BagWriter:
         if past.stem:
             self._stem, self._index = past.stem, past.index
         if self._repeats is not None and past.files:
-            self._repeats = Repeats.of(self.path, self._numbers)
+            self._repeats = DuplicateFilter.of(self.path, self._numbers)
 
-    def _new_file(self) -> Part:
+    def _new_file(self) -> McapWriter:
         """Begin one, with all topics that are known so far."""
-        part = Part(self.path / f"{self._stem}_{self._index}.mcap")
+        part = McapWriter(self.path / f"{self._stem}_{self._index}.mcap")
         self._index += 1
         self._channels = {
-            name: part.register(described(name, topic.kind)) for name, topic in self._topics.items()
+            name: part.register(describe_channel(name, topic.kind))
+            for name, topic in self._topics.items()
         }
         self._custom[RECORDED] = numbers_text(self._numbers, len(self._files))
         return part
@@ -377,15 +384,15 @@ class BagWriter:
             )
         return declared["type"]
 
-    def _declare(self, name: str, kind: str) -> Topic:
+    def _declare(self, name: str, kind: str) -> TopicInformation:
         schema(kind, f"{self.path}, {name}")  # refuses what is not a standard type
-        self._topics[name] = Topic(name, kind)
+        self._topics[name] = TopicInformation(name, kind)
         return self._topics[name]
 
     def _information(self) -> dict[str, Any]:
         # After a split that failed the present file is among those that are complete.
         files = list(dict.fromkeys([*self._files, self._part.facts]))
-        return information([t.entry() for t in self._topics.values()], files, self._custom)
+        return bag_information([t.entry() for t in self._topics.values()], files, self._custom)
 
     def _complete(self) -> None:
         """End the last file."""

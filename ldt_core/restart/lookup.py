@@ -11,7 +11,7 @@ from ldt_core.machine.machine_file import Machine
 from ldt_core.models import restore_model
 from ldt_core.models.base import Model
 from ldt_core.recording.bag import Bag
-from ldt_core.recording.places import ANCHOR, Places
+from ldt_core.recording.step_search import ANCHOR, StepSearch
 from ldt_core.twin.recorded import WINDOW, RecordedStep
 
 LATE = 1000  # experiments after which a diagnosis may still come, as many as wait for one
@@ -34,7 +34,7 @@ class Lookup:
         self._bag, self._machine, self._settings = bag, machine, settings
         #: The last recorded steps, the checkpoint's own the last one.
         self.steps = list(steps)
-        self._places: Places | None = None
+        self._places: StepSearch | None = None
         self._experiments = {_key(s.experiment): s.experiment for s in self.steps}
 
     def experiment(self, number: Any, start: Any) -> Experiment:
@@ -79,10 +79,10 @@ class Lookup:
         return found
 
     @property
-    def places(self) -> Places:
+    def places(self) -> StepSearch:
         """Where steps are."""
         if self._places is None:
-            self._places = Places(self._bag)
+            self._places = StepSearch(self._bag)
         return self._places
 
     def _near(self, topic: str, number: int, wanted: Callable[[Any], bool], reach: int) -> Any:

@@ -28,8 +28,8 @@ from ldt_core.base.experiment import (
 )
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import Bag
-from ldt_core.recording.numbers import number_of
-from ldt_core.recording.places import ANCHOR, Places
+from ldt_core.recording.experiment_numbers import number_of
+from ldt_core.recording.step_search import ANCHOR, StepSearch
 from ldt_core.recording.storage import Storage
 from ldt_core.twin.adaptor import ROLLED_BACK
 from ldt_core.twin.recorded import WINDOW, RecordedStep
@@ -114,7 +114,7 @@ def _steps_around(
     bag = opened(path, namespace, listed=True)
     if bag is None or bag.topic(ANCHOR) is None:
         return None
-    places = Places(bag)
+    places = StepSearch(bag)
     if around == END:
         last = places.near_end()
         around = last.number if last else 0
@@ -153,7 +153,7 @@ def _last_around(path: str | Path, namespace: str, topic: str, around: int) -> i
     bag = opened(path, namespace, listed=True)
     if bag is None:
         return 0
-    places = Places(bag)
+    places = StepSearch(bag)
     last = places.near_end()
     if last is None:
         raise RecordingError(bag.path, "steps", "none")

@@ -9,10 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ldt_core.advice.bands import captured, in_doubt, voltage_bands, within
-from ldt_core.advice.belief import Belief, believe
-from ldt_core.advice.margins import margins
-from ldt_core.advice.sentences import (
+from ldt_core.advice.advice_sentences import (
     about_bands,
     about_experiment,
     about_left_out,
@@ -20,7 +17,10 @@ from ldt_core.advice.sentences import (
     about_next,
     flat,
 )
-from ldt_core.advice.teach import least_covered, most_instructive
+from ldt_core.advice.bands import captured, in_doubt, voltage_bands, within
+from ldt_core.advice.experiment_design import least_covered, most_informative
+from ldt_core.advice.machine_estimate import MachineEstimate, estimate_machine
+from ldt_core.advice.margins import margins
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import AdviceRecord, DiagnosisRecord, Experiment, ModelRecord, Scalar
 from ldt_core.base.settings import resolve
@@ -67,7 +67,7 @@ class Advisor:
         if not self._take(experiment):
             return None
         try:
-            belief = believe(self.machine, model, self._diagnosis)
+            belief = estimate_machine(self.machine, model, self._diagnosis)
             with one_thread():
                 return advise(self.machine, belief, list(self._recent), model, self._diagnosis)
         except (LdtError, np.linalg.LinAlgError, ArithmeticError) as error:
@@ -120,7 +120,7 @@ class Advisor:
 
 def advise(
     machine: Machine,
-    belief: Belief,
+    belief: MachineEstimate,
     experiments: Sequence[Experiment] = (),
     model: ModelRecord | None = None,
     diagnosis: DiagnosisRecord | None = None,
@@ -143,7 +143,7 @@ def advise(
     left = margins(values, limit)
     # What was made before the first that the model has learned from was another machine's.
     since = min(model.trained_on, default=0) if model else 0
-    lesson = most_instructive(machine, values, [e for e in experiments if e.number >= since])
+    lesson = most_informative(machine, values, [e for e in experiments if e.number >= since])
     uncovered = least_covered(machine, experiments)
     asked = (diagnosis.values.get("next_experiment.why") or "") if diagnosis else ""
     told: dict[str, Scalar] = {

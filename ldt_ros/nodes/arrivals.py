@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from ldt_core.recording.numbers import Numbers
+from ldt_core.recording.experiment_numbers import ExperimentNumbers
 
 STRETCHES = 1000  # of numbers without a gap that are remembered
 
@@ -25,7 +25,7 @@ class Arrivals:
         self.deadline, self._clock = deadline, clock
         #: How often none came in time.
         self.overdue = 0
-        self._numbers = Numbers()
+        self._numbers = ExperimentNumbers()
         self._since = clock()
         self._told = False
 

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from ldt_core.base.errors import OptionError, RecordingError
-from ldt_core.recording.bag_fields import number_in, parse_source, seconds
+from ldt_core.recording.message_fields import number_in, parse_field_path, seconds
 from ldt_core.recording.units import parse_field
 
 DEPTH = 10_000  # samples that may wait: ten seconds of a fast machine on a busy computer
@@ -57,7 +57,7 @@ class Feed:
         absolute = parsed.name.startswith("/")
         text = parsed.name if absolute else f"/{parsed.name}"
         if "." in text:
-            source = parse_source(option, text)
+            source = parse_field_path(option, text)
             self.topic, self.steps = source.topic, source.steps
         elif re.search(r"[\[\]\s]|^/*$", text):
             raise OptionError(option, "TOPIC or TOPIC.FIELD[INDEX]", repr(self.text))

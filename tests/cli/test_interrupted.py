@@ -23,8 +23,8 @@ from ldt_core.doctor.recording import findings
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
+from ldt_core.recording.mcap_writer import McapWriter
 from ldt_core.recording.pace import paced
-from ldt_core.recording.part import Part
 from ldt_core.recording.writer import BagWriter
 from ldt_core.runs.offline import recorded_summary
 
@@ -187,7 +187,7 @@ def test_what_is_interrupted_before_its_first_result_leaves_nothing(command, tmp
 def test_a_recording_that_is_interrupted_is_whole_so_far(command, tmp_path, monkeypatch, capsys):
     """Ctrl-C while a chunk is being written: that one is written, then the command ends."""
     out, arguments = tmp_path / "out", options(command, tmp_path)
-    add, compress, chunks = Part.add, zstandard.compress, []
+    add, compress, chunks = McapWriter.add, zstandard.compress, []
 
     def added(part, *message):
         add(part, *message)
@@ -199,7 +199,7 @@ def test_a_recording_that_is_interrupted_is_whole_so_far(command, tmp_path, monk
             signal.raise_signal(signal.SIGINT)
         return compress(data)
 
-    monkeypatch.setattr(Part, "add", added)
+    monkeypatch.setattr(McapWriter, "add", added)
     monkeypatch.setattr(zstandard, "compress", compressed)
     capsys.readouterr()
     assert invoke(ldt, [command, *arguments, "--out", str(out)]) == 130

@@ -11,12 +11,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import uniform_filter1d
 
+from ldt_core.advice.advice_sentences import NO_FOUNDATION
 from ldt_core.advice.bands import captured, in_doubt, voltage_bands, within
-from ldt_core.advice.belief import Belief, believe
+from ldt_core.advice.experiment_design import candidate_designs, most_informative
+from ldt_core.advice.machine_estimate import MachineEstimate, estimate_machine
 from ldt_core.advice.margins import margins
-from ldt_core.advice.reach import way_to
-from ldt_core.advice.sentences import NO_FOUNDATION
-from ldt_core.advice.teach import lessons, most_instructive
+from ldt_core.advice.run_up import plan_run_up
 from ldt_core.base.errors import ModelError, OptionError, RecordingError
 from ldt_core.base.experiment import AdviceRecord, DiagnosisRecord, Experiment, ModelRecord
 from ldt_core.base.settings import resolve
@@ -140,7 +140,7 @@ def test_margins_of_the_rotor_are_the_known_ones():
 def test_following_the_advice_avoids_the_capture(angle):
     """The same speed: raised evenly the rotor stays below 31 rad/s, as advised it gets to 40."""
     values = rotor(0.01)
-    way = way_to(ROTOR, values, 40.0)
+    way = plan_run_up(ROTOR, values, 40.0)
     assert way.through is not None
     for true_e, tolerance in ((0.01, 0.1), (0.0096, 0.6), (0.0104, 0.6)):
         start = ROTOR.model.initial_state(values, 0.0)
@@ -156,9 +156,9 @@ def test_following_the_advice_avoids_the_capture(angle):
 
 def test_where_nothing_can_happen_the_voltage_is_set_at_once():
     """Below all bands, above all bands, and for an ideal rotor."""
-    assert way_to(ROTOR, rotor(0.01), 10.0).through is None
-    assert way_to(ROTOR, rotor(0.01), 64.0).through is None
-    assert way_to(ROTOR, rotor(0.0), 40.0).through is None
+    assert plan_run_up(ROTOR, rotor(0.01), 10.0).through is None
+    assert plan_run_up(ROTOR, rotor(0.01), 64.0).through is None
+    assert plan_run_up(ROTOR, rotor(0.0), 40.0).through is None
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_where_nothing_can_happen_the_voltage_is_set_at_once():
 def test_a_speed_that_cannot_be_held_or_reached_is_refused(e, speed, words):
     """With the reason."""
     with pytest.raises(OptionError, match=words):
-        way_to(ROTOR, rotor(e), speed)
+        plan_run_up(ROTOR, rotor(e), speed)
 
 
 # ---- what would teach most
@@ -184,7 +184,7 @@ def test_a_speed_that_cannot_be_held_or_reached_is_refused(e, speed, words):
 @settings(max_examples=25)
 def test_no_lesson_holds_a_voltage_to_avoid_or_beyond_the_limits(e, reverse):
     """Whatever the eccentricity; the machine is reversed only where it was before."""
-    for lesson in lessons(ROTOR, rotor(e), reverse):
+    for lesson in candidate_designs(ROTOR, rotor(e), reverse):
         volts = lesson.volts(ROTOR.samples, ROTOR.sample_period)
         assert not within(volts, in_doubt(rotor(e), LIMIT)).any()
         assert np.abs(volts).max() <= LIMIT
@@ -194,12 +194,12 @@ def test_no_lesson_holds_a_voltage_to_avoid_or_beyond_the_limits(e, reverse):
 def test_what_was_measured_already_teaches_less():
     """And the parameter that it would sharpen is one of the machine's."""
     machine = replace(load_machine("dc_motor"), duration=4.0, sample_period=0.02)
-    first = most_instructive(machine, machine.parameters)
+    first = most_informative(machine, machine.parameters)
     volts = first.volts(machine.samples, machine.sample_period)
     start = machine.model.initial_state(machine.parameters, 0.0)
     speed = machine.model.simulate(machine.parameters, volts, 0.02, start)[:, 1]
     noisy = speed + np.random.default_rng(0).normal(0, 0.1, speed.size)
-    again = most_instructive(
+    again = most_informative(
         machine, machine.parameters, [measured(volts, noisy, n, 0.02) for n in (1, 2)]
     )
     assert 0 < again.bits < first.bits
@@ -213,11 +213,11 @@ def test_a_model_that_has_learned_comes_before_a_diagnosis_and_that_before_the_f
     """Each named as the source."""
     told = {"verdict.kind": "effect", "amount.unbalance.e": 0.004}
     diagnosis = DiagnosisRecord(7, 0, "because", ("unbalance",), told)
-    assert believe(ROTOR, learned(0.006), diagnosis).values["e"] == 0.006
-    assert believe(ROTOR, learned(0.006), diagnosis).source == "model 3"
-    assert believe(ROTOR, learned(0.0, 0), diagnosis).values["e"] == 0.004
-    assert believe(ROTOR, None, diagnosis).source == "the diagnosis at 7"
-    assert believe(ROTOR).source == "the machine file"
+    assert estimate_machine(ROTOR, learned(0.006), diagnosis).values["e"] == 0.006
+    assert estimate_machine(ROTOR, learned(0.006), diagnosis).source == "model 3"
+    assert estimate_machine(ROTOR, learned(0.0, 0), diagnosis).values["e"] == 0.004
+    assert estimate_machine(ROTOR, None, diagnosis).source == "the diagnosis at 7"
+    assert estimate_machine(ROTOR).source == "the machine file"
 
 
 def test_effects_that_are_not_parameters_are_named_as_left_out():
@@ -225,7 +225,7 @@ def test_effects_that_are_not_parameters_are_named_as_left_out():
     told = {"verdict.kind": "effect", "amount.unbalance.e": 0.01}
     told |= {"amount.coulomb_friction.torque": 0.1, "amount.my_own.c": 1.0}
     both = DiagnosisRecord(7, 0, "because", ("unbalance", "coulomb_friction"), told)
-    belief = believe(ROTOR, None, both)
+    belief = estimate_machine(ROTOR, None, both)
     assert belief.left_out == ("coulomb_friction", "my_own")
     assert "Not counted in: coulomb friction and my own" in advise(SHORT, belief).sentence
 
@@ -233,9 +233,9 @@ def test_effects_that_are_not_parameters_are_named_as_left_out():
 def test_a_model_without_its_cause_is_refused():
     """It came from outside."""
     with pytest.raises(ModelError, match=r"parameters\.cause"):
-        believe(ROTOR, ModelRecord(1, "diagnosed", (), {"cause": {"effect": "unbalance"}}))
+        estimate_machine(ROTOR, ModelRecord(1, "diagnosed", (), {"cause": {"effect": "unbalance"}}))
     with pytest.raises(OptionError):
-        believe(ROTOR, learned(-1.0))
+        estimate_machine(ROTOR, learned(-1.0))
 
 
 # ---- advices
@@ -245,7 +245,7 @@ def test_a_machine_without_foundation_is_told_that_there_is_no_such_advice():
     """Margin and next experiment there are all the same."""
     machine = replace(load_machine("dc_motor"), duration=4.0, sample_period=0.02)
     volts = np.full(200, 12.0)
-    advice = advise(machine, Belief(machine.parameters, "the machine file"), [
+    advice = advise(machine, MachineEstimate(machine.parameters, "the machine file"), [
         measured(volts, 0 * volts, 4, 0.02)
     ])  # fmt: skip
     assert advice.sentence.startswith(NO_FOUNDATION)
@@ -258,14 +258,16 @@ def test_a_machine_without_foundation_is_told_that_there_is_no_such_advice():
 def test_a_model_that_knows_no_eccentricity_is_told_so():
     """No band is not the same as none known."""
     blind = ModelRecord(2, "hybrid", (), {})
-    words = advise(SHORT, believe(SHORT, blind), (), blind).sentence
+    words = advise(SHORT, estimate_machine(SHORT, blind), (), blind).sentence
     assert words.startswith("No advice on voltages to avoid: the hybrid model and the machine file")
-    assert advise(SHORT, Belief(rotor(0.001), "x")).sentence.startswith("No voltage to avoid")
+    assert advise(SHORT, MachineEstimate(rotor(0.001), "x")).sentence.startswith(
+        "No voltage to avoid"
+    )
 
 
 def test_a_machine_in_or_near_a_band_is_warned():
     """And one outside is not; the sentence has the band's voltages."""
-    belief = believe(SHORT, learned(0.01))
+    belief = estimate_machine(SHORT, learned(0.01))
     for volts, warned in ((14.0, True), (19.2, True), (-14.0, True), (10.5, False), (21.0, False)):
         row = np.full(200, volts)
         advice = advise(SHORT, belief, [measured(row, np.abs(row) * 3, 2, 0.02)], learned(0.01))

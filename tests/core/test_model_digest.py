@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from ldt_core.base.errors import ModelError
 from ldt_core.base.experiment import ModelRecord
-from ldt_core.recording import model_text as module
-from ldt_core.recording.model_text import digest, model_text, parse_model
+from ldt_core.recording import model_json as module
+from ldt_core.recording.model_json import digest, model_text, parse_model
 
 RECORD = ModelRecord(
     3, "linear", (1, 4), {"order": 2, "A": [[0.1, -1e-300], [2.0, 1 / 3]], "b": None}
@@ -97,7 +97,7 @@ def test_the_digest_is_the_same_in_another_process():
     """It rests on no order of hashing and no setting of the process."""
     data = json.loads(model_text(RECORD))
     code = (
-        "import json, sys; from ldt_core.recording.model_text import digest as d; "
+        "import json, sys; from ldt_core.recording.model_json import digest as d; "
         "print(d(json.load(sys.stdin)))"
     )
     other = subprocess.run(

@@ -21,9 +21,9 @@ from ldt_core.base.experiment import (
     Signal,
 )
 from ldt_core.recording.codec import DECODERS, encode_cdr
+from ldt_core.recording.duplicate_filter import DuplicateFilter
+from ldt_core.recording.experiment_numbers import number_of
 from ldt_core.recording.messages import HEAD, content, deserialize, schema
-from ldt_core.recording.numbers import number_of
-from ldt_core.recording.repeats import Repeats
 
 DecoderFactory = pytest.importorskip("mcap_ros2.decoder").DecoderFactory
 
@@ -90,7 +90,7 @@ def test_what_is_between_fields_does_not_count(message):
     assert content(kind, bytes(dirty)) == content(kind, data)
     assert number_of(topic, kind, bytes(dirty)) == number_of(topic, kind, data)
     assert number_of(topic, kind, data) == (None if topic == "model" else 7)
-    repeats = Repeats()
+    repeats = DuplicateFilter()
     assert not repeats.seen(f"/{topic}", kind, data)
     assert repeats.seen(f"/{topic}", kind, bytes(dirty) + b"\0\0")
 

@@ -15,7 +15,7 @@ from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.messages import standard
-from ldt_core.recording.places import Places
+from ldt_core.recording.step_search import StepSearch
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.lookup import Lookup
 from ldt_core.restart.recorded_steps import past
@@ -193,7 +193,7 @@ def test_what_nobody_could_use_does_not_keep_a_run_from_going_on(tmp_path):
     told = list(past(bag, SHORT))
     assert [p.experiment.number for p in told] == [s.experiment.number for s in steps]
     # Also from the middle of a long recording, where places are looked for.
-    places = Places(bag)
+    places = StepSearch(bag)
     assert places.next(0).number == steps[0].experiment.number
     assert places.next(places.of_number(5)).number <= 5
     learned = next(s.model for s in steps if s.model is not None)

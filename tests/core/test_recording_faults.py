@@ -26,13 +26,13 @@ from mcap.writer import CompressionType, Writer
 from ldt_core.base.errors import BadInput, LdtError, RecordingError
 from ldt_core.base.experiment import Experiment, Level, Signal
 from ldt_core.recording.bag import experiments, read_bag
+from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.health import inspect
-from ldt_core.recording.mcap_file import Found, McapFile
+from ldt_core.recording.mcap_reader import ChannelMessage, McapReader
 from ldt_core.recording.mcap_records import HEAD
 from ldt_core.recording.messages import MULTI_ARRAY, STRING, schema, serialize, standard
-from ldt_core.recording.numbers import Numbers
 from ldt_core.recording.repair import KEPT, Repair, repair
-from ldt_core.recording.storage import Raw, Storage
+from ldt_core.recording.storage import RawMessage, Storage
 from ldt_core.recording.writer import BagWriter
 
 NAME = "run_0.mcap"
@@ -56,8 +56,8 @@ class Whole(NamedTuple):
 
     folder: Path
     data: bytes
-    messages: list[Raw]
-    chunks: list[tuple[int, int, list[Raw]]]
+    messages: list[RawMessage]
+    chunks: list[tuple[int, int, list[RawMessage]]]
     boundaries: list[int]
 
 
@@ -92,7 +92,7 @@ def whole(tmp_path_factory) -> Whole:
         end = at + HEAD.size + length
         if opcode == Opcode.CHUNK:
             (folder.parent / "one.mcap").write_bytes(data[:end])
-            count = sum(1 for _ in McapFile(folder.parent / "one.mcap", list).messages())
+            count = sum(1 for _ in McapReader(folder.parent / "one.mcap", list).messages())
             chunks.append((at, end, messages[taken:count]))
             taken = count
         at = end
@@ -116,13 +116,13 @@ def copy(whole: Whole, folder: Path, data: bytes) -> Path:
     return folder
 
 
-def read(folder: Path) -> tuple[list[Raw], list[str]]:
+def read(folder: Path) -> tuple[list[RawMessage], list[str]]:
     """Messages, and what was said of damage."""
     storage = Storage(folder)
     return list(storage.messages()), storage.notes
 
 
-def mended(folder: Path, data: bytes, expected: list[Raw]) -> Repair:
+def mended(folder: Path, data: bytes, expected: list[RawMessage]) -> Repair:
     """Mend the recording; what was found in it before is what is in it now, and is sound."""
     work = repair(folder)
     found, notes = read(folder)
@@ -309,7 +309,7 @@ def test_other_programs_files_are_mended_as_they_are(tmp_path):
         notes: list[str] = []
         return [
             (c.topic, c.message_encoding, c.metadata, s and (s.name, s.encoding, s.data), m)
-            for c, s, m in McapFile(file, notes.append).messages()
+            for c, s, m in McapReader(file, notes.append).messages()
         ]
 
     file.write_bytes(file.read_bytes()[:-40])
@@ -548,14 +548,14 @@ def test_a_file_that_grows_meanwhile_is_left_alone(whole, tmp_path, monkeypatch)
     """Another program's recorder knows nothing of LDT's lock: what it writes is not lost."""
     data = whole.data[: whole.chunks[5][1]]
     folder = copy(whole, tmp_path / "run", data)
-    messages = McapFile.messages
+    messages = McapReader.messages
 
-    def and_more(self: McapFile) -> Iterator[Found]:
+    def and_more(self: McapReader) -> Iterator[ChannelMessage]:
         yield from messages(self)
         with (folder / NAME).open("ab") as stream:
             stream.write(b"more")
 
-    monkeypatch.setattr(McapFile, "messages", and_more)
+    monkeypatch.setattr(McapReader, "messages", and_more)
     with pytest.raises(RecordingError, match="a file that nobody is writing, got one that has ch"):
         repair(folder)
     assert (folder / NAME).read_bytes().startswith(data + b"more")
@@ -648,7 +648,7 @@ def test_a_chunk_of_an_unknown_kind_is_told(whole, tmp_path):
 def test_the_types_are_the_files_own(whole):
     """What the faults above are made on: two topics, and their numbers known from the bytes."""
     assert {m.kind for m in whole.messages} == {MULTI_ARRAY, "diagnostic_msgs/msg/DiagnosticArray"}
-    held = Numbers()
+    held = ExperimentNumbers()
     for one in read_bag(whole.folder).experiments():
         held.add(one.number)
     assert held.spans == [(1, 16)]

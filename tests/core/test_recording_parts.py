@@ -25,17 +25,21 @@ from mcap.records import Channel
 from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, ModelRecord, Signal
 from ldt_core.base.sentences import gaps, spans
-from ldt_core.recording import finish as finish_module
-from ldt_core.recording import mcap_file, mcap_records
+from ldt_core.recording import mcap_completion, mcap_reader, mcap_records
 from ldt_core.recording.bag import experiments, read_bag
 from ldt_core.recording.codec import DECODERS, encode_cdr
-from ldt_core.recording.finish import finish
+from ldt_core.recording.experiment_numbers import (
+    ExperimentNumbers,
+    number_of,
+    numbers_text,
+    parse_numbers,
+)
 from ldt_core.recording.health import inspect
 from ldt_core.recording.lock import FolderLock, is_written
+from ldt_core.recording.mcap_completion import complete_file
 from ldt_core.recording.mcap_records import HEAD
 from ldt_core.recording.messages import DIAGNOSTICS, MULTI_ARRAY
-from ldt_core.recording.metadata import Topic
-from ldt_core.recording.numbers import Numbers, number_of, numbers_text, parse_numbers
+from ldt_core.recording.metadata import TopicInformation
 from ldt_core.recording.repair import repair
 from ldt_core.recording.storage import Storage
 from ldt_core.recording.writer import BagWriter
@@ -192,7 +196,7 @@ def test_the_end_that_a_killed_writer_left_out_is_what_it_would_have_written(tmp
     monkeypatch.setattr(os, "fsync", lambda descriptor: None)
     for cut in range(last_chunk(whole)[1], len(whole), 17):
         file.write_bytes(whole[:cut])
-        assert finish(file, custom, take)
+        assert complete_file(file, custom, take)
         assert taken == ["/experiment", "/signal"] * 5
         assert file.read_bytes() == whole
         taken.clear()
@@ -253,7 +257,7 @@ def test_damage_before_the_end_has_a_file_written_anew(tmp_path):
         data[begin : begin + 50] = bytes(50)
         file.write_bytes(data[: last_chunk(bytes(data))[1]])
         before = bytes(file.read_bytes())
-        assert not finish(file, {}, lambda *message: None)
+        assert not complete_file(file, {}, lambda *message: None)
         assert file.read_bytes() == before
     with BagWriter(folder, "rotor", resume=True) as bag:
         held = bag.recorded("experiment").spans
@@ -276,7 +280,7 @@ def test_an_index_that_is_damaged_or_missing_has_a_file_written_anew(tmp_path):
     headless = data[: data.index(b"\x06")] + data[last_chunk(data)[0] :]
     for damaged in (flipped, missing, headless):
         file.write_bytes(damaged)
-        assert not finish(file, {}, lambda *message: None)
+        assert not complete_file(file, {}, lambda *message: None)
         assert file.read_bytes() == damaged
 
 
@@ -286,7 +290,9 @@ def test_a_killed_writers_file_is_read_once_to_take_it_up(tmp_path, monkeypatch)
     opened: list[str] = []
     real = mcap_records.content
     monkeypatch.setattr(mcap_records, "content", lambda body: opened.append("again") or real(body))
-    monkeypatch.setattr(finish_module, "content", lambda body: opened.append("once") or real(body))
+    monkeypatch.setattr(
+        mcap_completion, "content", lambda body: opened.append("once") or real(body)
+    )
     BagWriter(folder, "rotor", resume=True).close()
     assert opened == ["once"] * 8
 
@@ -300,8 +306,8 @@ def test_rare_messages_are_picked_without_reading_the_rest(tmp_path, monkeypatch
             write(bag, range(10 * version + 1, 10 * version + 11))
             bag.write("model", model, 1e9 + 100)
     opened: list[bytes] = []
-    real = mcap_file.opened
-    monkeypatch.setattr(mcap_file, "opened", lambda body: opened.append(body) or real(body))
+    real = mcap_reader.opened
+    monkeypatch.setattr(mcap_reader, "opened", lambda body: opened.append(body) or real(body))
     expected = list(read_bag(folder).messages("model"))
     everything = len(opened)
     opened.clear()
@@ -511,12 +517,12 @@ def test_bytes_of_any_kind_have_a_number_or_none(data, topic):
 @given(st.lists(st.integers(1, 60)), st.lists(st.integers(1, 60)))
 def test_numbers_are_a_set_in_stretches(first, then):
     """In any order, with any repetition, over a text and back."""
-    held = Numbers()
+    held = ExperimentNumbers()
     for number in first:
         held.add(number)
     text = numbers_text({"/experiment": held}, 2) if first else ""
     found, files = parse_numbers(text)
-    again = found.get("/experiment", Numbers())
+    again = found.get("/experiment", ExperimentNumbers())
     assert files == (2 if first else 0)
     for number in then:
         again.add(number)
@@ -563,7 +569,7 @@ def test_topics_keep_their_order_in_every_file(tmp_path):
         assert list(read_bag(file).topics) == expected
     listed = information(tmp_path / "run")["topics_with_message_count"]
     assert [t["topic_metadata"]["name"] for t in listed] == expected
-    assert Topic("/model", DECODERS["model"][0]).entry() == listed[0]
+    assert TopicInformation("/model", DECODERS["model"][0]).entry() == listed[0]
 
 
 def test_a_second_of_silence_between_files_is_none(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 
 from ldt_core.base.experiment import Prediction
 from ldt_core.machine.machine_file import load_machine
-from ldt_core.recording.model_text import model_text
+from ldt_core.recording.model_json import model_text
 
 rclpy = pytest.importorskip("rclpy")
 

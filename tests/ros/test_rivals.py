@@ -14,7 +14,7 @@ from stranger import experiment, log_of  # noqa: E402
 
 from ldt_core.base.experiment import ModelRecord  # noqa: E402
 from ldt_core.base.metrics import Summary  # noqa: E402
-from ldt_core.recording.model_text import model_text  # noqa: E402
+from ldt_core.recording.model_json import model_text  # noqa: E402
 from ldt_ros.graph.node_graph import Graph  # noqa: E402
 from ldt_ros.nodes import rivals as module  # noqa: E402
 from ldt_ros.nodes.interfaces import message_type, qos  # noqa: E402

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.advice.bands import voltage_bands
-from ldt_core.advice.reach import Way
+from ldt_core.advice.run_up import RunUp
 from ldt_core.base.result_files import check_target
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.steady_state import steady_voltage
@@ -27,7 +27,7 @@ PERIOD = 0.01  # s
 
 
 def plot_advice(
-    machine: Machine, values: Mapping[str, float], way: Way, out: str | Path, seconds: float
+    machine: Machine, values: Mapping[str, float], way: RunUp, out: str | Path, seconds: float
 ) -> None:
     """Draw V over speed with its folds, and both runs over time.
 
@@ -58,13 +58,13 @@ def plot_advice(
         figure.savefig(out, dpi=style.PNG_DPI, facecolor="white")
 
 
-def heedless(way: Way, seconds: float) -> Array:
+def heedless(way: RunUp, seconds: float) -> Array:
     """(L,) the voltage of somebody who raises it evenly to what holds the speed [V]."""
     time = np.arange(round(seconds / PERIOD)) * PERIOD
     return np.minimum(time / (RAMP * seconds), 1.0) * way.voltage
 
 
-def _curve(axes: Axes, machine: Machine, values: Mapping[str, float], way: Way) -> None:
+def _curve(axes: Axes, machine: Machine, values: Mapping[str, float], way: RunUp) -> None:
     limit = machine.voltage_limits[1]
     bands = voltage_bands(values, limit)
     speed = np.linspace(0.0, way.speed * 1.25, POINTS)
@@ -92,7 +92,7 @@ def _runs(
     below: Axes,
     machine: Machine,
     values: Mapping[str, float],
-    way: Way,
+    way: RunUp,
     seconds: float,
 ) -> None:
     ramp = heedless(way, seconds)

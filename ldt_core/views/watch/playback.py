@@ -14,7 +14,7 @@ from ldt_core.recording.codec import DECODERS, decode
 from ldt_core.recording.messages import deserialize
 from ldt_core.recording.node_status import HEALTH_TOPIC
 from ldt_core.recording.pace import parse_rate
-from ldt_core.recording.storage import Raw, Storage
+from ldt_core.recording.storage import RawMessage, Storage
 from ldt_core.views.watch.fleet import Fleet
 
 
@@ -63,7 +63,7 @@ class Playback:
         )
         fleet.say(f"recording {self.words}, has ended{f' ({notes})' if notes else ''}")
 
-    def _take(self, raw: Raw, namespace: str, fleet: Fleet, stop: threading.Event) -> None:
+    def _take(self, raw: RawMessage, namespace: str, fleet: Fleet, stop: threading.Event) -> None:
         name = HEALTH_TOPIC if raw.topic == HEALTH_TOPIC else raw.topic.rpartition("/")[2]
         try:
             message = deserialize(raw.data, raw.kind, raw.topic)

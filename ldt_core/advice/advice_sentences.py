@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ldt_core.advice.bands import Band
-from ldt_core.advice.belief import Belief
+from ldt_core.advice.bands import CaptureBand
+from ldt_core.advice.experiment_design import DesignedExperiment
+from ldt_core.advice.machine_estimate import MachineEstimate
 from ldt_core.advice.margins import Margins
-from ldt_core.advice.teach import Lesson
 from ldt_core.base.sentences import listed, spoken
 from ldt_core.physics.steady_state import has_foundation
 
@@ -16,7 +16,11 @@ MM = 1e3  # in a m
 
 
 def about_bands(
-    belief: Belief, model: str, bands: Sequence[Band], margins: Margins, limit: float
+    belief: MachineEstimate,
+    model: str,
+    bands: Sequence[CaptureBand],
+    margins: Margins,
+    limit: float,
 ) -> str:
     """Which voltages to avoid, why, and how to come past; or why there is no such advice."""
     values = belief.values
@@ -47,7 +51,7 @@ def about_bands(
     return words
 
 
-def about_left_out(belief: Belief) -> str:
+def about_left_out(belief: MachineEstimate) -> str:
     """What else acts and is not counted in."""
     if not belief.left_out:
         return ""
@@ -67,7 +71,7 @@ def about_limit(left: float, limit: float) -> str:
     return f"{left:.3g} V are left to the limit of {limit:.3g} V."
 
 
-def about_next(lesson: Lesson | None, asked: str) -> str:
+def about_next(lesson: DesignedExperiment | None, asked: str) -> str:
     """The next experiment."""
     if asked:
         return f"Next, as the diagnosis asks: {asked}."
@@ -79,7 +83,7 @@ def about_next(lesson: Lesson | None, asked: str) -> str:
     )
 
 
-def flat(bands: Sequence[Band]) -> Mapping[str, float]:
+def flat(bands: Sequence[CaptureBand]) -> Mapping[str, float]:
     """Bands by dotted name, from 1."""
     found = {}
     for i, band in enumerate(bands, start=1):

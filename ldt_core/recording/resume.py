@@ -14,11 +14,11 @@ from mcap.records import Channel, Message, Schema
 import msgs_config
 from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.recording import run_settings
-from ldt_core.recording.finish import finish
-from ldt_core.recording.mcap_file import McapFile
+from ldt_core.recording.experiment_numbers import ExperimentNumbers, number_of, parse_numbers
+from ldt_core.recording.mcap_completion import complete_file
+from ldt_core.recording.mcap_reader import McapReader
 from ldt_core.recording.messages import offered_qos
-from ldt_core.recording.metadata import FileFacts, Topic
-from ldt_core.recording.numbers import Numbers, number_of, parse_numbers
+from ldt_core.recording.metadata import FileInformation, TopicInformation
 from ldt_core.recording.repair import RECORDED, Repair, mend, refused
 from ldt_core.recording.storage import METADATA, Storage, listed_topics, read_metadata
 
@@ -26,7 +26,7 @@ NUMBERED = re.compile(r"(.+)_(\d+)\.mcap")
 
 
 @dataclass
-class Contents:
+class ResumedContents:
     """What a recording held when it was taken up again.
 
     Args:
@@ -40,9 +40,9 @@ class Contents:
     """
 
     custom: dict[str, str]
-    files: list[FileFacts] = field(default_factory=list)
-    topics: list[Topic] = field(default_factory=list)
-    numbers: dict[str, Numbers] = field(default_factory=dict)
+    files: list[FileInformation] = field(default_factory=list)
+    topics: list[TopicInformation] = field(default_factory=list)
+    numbers: dict[str, ExperimentNumbers] = field(default_factory=dict)
     stem: str = ""
     index: int = 0
     notes: list[str] = field(default_factory=list)
@@ -52,11 +52,13 @@ class Contents:
         number = number_of(topic, kind, data)
         if number is not None:
             if topic not in self.numbers:
-                self.numbers[topic] = Numbers()
+                self.numbers[topic] = ExperimentNumbers()
             self.numbers[topic].add(number)
 
 
-def continued(folder: Path, custom: Mapping[str, str], wanted: Sequence[Topic]) -> Contents:
+def resume_contents(
+    folder: Path, custom: Mapping[str, str], wanted: Sequence[TopicInformation]
+) -> ResumedContents:
     """Mend the end of a recording and say what it holds; the caller has the folder's lock.
 
     Files that have an index at their end are not read, but for the last one.
@@ -72,17 +74,17 @@ def continued(folder: Path, custom: Mapping[str, str], wanted: Sequence[Topic]) 
         LdtError: it cannot be mended.
     """
     if not any(folder.iterdir()):
-        return Contents(dict(custom))
+        return ResumedContents(dict(custom))
     # What a link points to is not this recording's: readers leave it out, too.
     begun = [f for f in sorted(folder.glob("*.mcap")) if f.stat().st_size and not f.is_symlink()]
     metadata = read_metadata(folder / METADATA) if (folder / METADATA).is_file() else {}
     if not begun and metadata:
         for file in folder.glob("*.mcap"):
             file.unlink()  # its writer was killed before the first byte
-        return Contents(_agreed(folder, metadata, custom))
+        return ResumedContents(_agreed(folder, metadata, custom))
     _check_topics(folder, metadata, wanted)
     agreed = _agreed(folder, metadata, custom)
-    past = Contents(agreed)
+    past = ResumedContents(agreed)
     finished = _finish(folder, begun, past)
     storage = Storage(folder)
     for topic in wanted:
@@ -99,7 +101,7 @@ def continued(folder: Path, custom: Mapping[str, str], wanted: Sequence[Topic]) 
     return past
 
 
-def _finish(folder: Path, files: Sequence[Path], past: Contents) -> set[str]:
+def _finish(folder: Path, files: Sequence[Path], past: ResumedContents) -> set[str]:
     """Give the files of killed writers their index, the numbers in them to `past`; their names."""
 
     def take(channel: Channel, schema: Schema | None, message: Message) -> None:
@@ -110,8 +112,8 @@ def _finish(folder: Path, files: Sequence[Path], past: Contents) -> set[str]:
     for file in files:
         notes: list[str] = []
         try:
-            McapFile(file, notes.append).summary(places=False)
-            if notes and finish(file, about, take):
+            McapReader(file, notes.append).summary(places=False)
+            if notes and complete_file(file, about, take):
                 finished.add(file.name)
                 past.notes += notes
         except OSError as error:
@@ -119,7 +121,7 @@ def _finish(folder: Path, files: Sequence[Path], past: Contents) -> set[str]:
     return finished
 
 
-def _fill(storage: Storage, work: Repair, past: Contents, finished: set[str]) -> None:
+def _fill(storage: Storage, work: Repair, past: ResumedContents, finished: set[str]) -> None:
     """Take in what the files hold; numbers from those that nobody has counted."""
     past.files = work.files
     for file in storage.files:
@@ -129,17 +131,19 @@ def _fill(storage: Storage, work: Repair, past: Contents, finished: set[str]) ->
         past.stem = storage.path.resolve().name
     for entry in work.topics:
         about = entry["topic_metadata"]
-        past.topics.append(Topic(about["name"], about["type"], entry["message_count"]))
+        past.topics.append(TopicInformation(about["name"], about["type"], entry["message_count"]))
     counted, covered = parse_numbers(past.custom.get(RECORDED))
     for topic, numbers in counted.items():
-        past.numbers.setdefault(topic, Numbers()).take(numbers)
+        past.numbers.setdefault(topic, ExperimentNumbers()).take(numbers)
     for file in storage.files[covered:]:
         if file.name not in finished:
             for raw in storage.read(file):
                 past.hold(raw.topic, raw.kind, raw.data)
 
 
-def _check_topics(folder: Path, metadata: dict[str, Any], wanted: Sequence[Topic]) -> None:
+def _check_topics(
+    folder: Path, metadata: dict[str, Any], wanted: Sequence[TopicInformation]
+) -> None:
     recorded = listed_topics(metadata)
     for topic in wanted:
         where = f"{folder}, {topic.name}"

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Self
 
 from ldt_core.base.bounded import forget_oldest
+from ldt_core.recording.experiment_numbers import ExperimentNumbers, number_of
 from ldt_core.recording.messages import content
-from ldt_core.recording.numbers import Numbers, number_of
 from ldt_core.recording.storage import Storage
 
 KEPT = 2000  # messages that are remembered, several times what any topic keeps for who missed it
 LATCHED = 100  # models of before that may come again, ten times what their topic keeps
 
 
-class Repeats:
+class DuplicateFilter:
     """The last messages, and the experiments of those recorded before.
 
     Args:
@@ -26,7 +26,7 @@ class Repeats:
 
     def __init__(
         self,
-        before: Mapping[str, Numbers] | None = None,
+        before: Mapping[str, ExperimentNumbers] | None = None,
         known: Iterable[tuple[str, str, bytes]] = (),
     ) -> None:
         self._before = dict(before or {})
@@ -35,7 +35,7 @@ class Repeats:
             self._take(*message)
 
     @classmethod
-    def of(cls, path: Path, numbers: Mapping[str, Numbers]) -> Self:
+    def of(cls, path: Path, numbers: Mapping[str, ExperimentNumbers]) -> Self:
         """Of a recording that goes on.
 
         Args:

@@ -20,10 +20,10 @@ _KEY = b"\x0b\0\0\0experiment\0"
 _DIGITS = 17  # of a value that is read, its closing zero included
 
 
-class Numbers:
+class ExperimentNumbers:
     """Whole numbers, kept as stretches without a gap.
 
-    >>> held = Numbers()
+    >>> held = ExperimentNumbers()
     >>> for number in (1, 2, 3, 7, 5, 6):
     ...     held.add(number)
     >>> held.spans, 4 in held, 6 in held, held.last
@@ -77,7 +77,7 @@ class Numbers:
         """The same numbers, to go on with."""
         return type(self)(self.spans)
 
-    def take(self, others: Numbers) -> None:
+    def take(self, others: ExperimentNumbers) -> None:
         """Take in those of another."""
         for first, last in others.spans:
             self._put(first, last)
@@ -115,7 +115,7 @@ def number_of(topic: str, kind: str, data: bytes) -> int | None:
     return None
 
 
-def numbers_text(numbers: dict[str, Numbers], files: int) -> str:
+def numbers_text(numbers: dict[str, ExperimentNumbers], files: int) -> str:
     """What `parse_numbers` reads.
 
     Args:
@@ -126,7 +126,7 @@ def numbers_text(numbers: dict[str, Numbers], files: int) -> str:
     return json.dumps({"files": files, "numbers": spans}) if files else ""
 
 
-def parse_numbers(text: Any) -> tuple[dict[str, Numbers], int]:
+def parse_numbers(text: Any) -> tuple[dict[str, ExperimentNumbers], int]:
     """(topic → experiments, how many files hold them); nothing of 0 files from any other text."""
     try:
         data = json.loads(text)
@@ -139,7 +139,7 @@ def parse_numbers(text: Any) -> tuple[dict[str, Numbers], int]:
                 return {}, 0
             if not all(first <= last for first, last in spans):
                 return {}, 0
-            found[topic] = Numbers((first, last) for first, last in spans)
+            found[topic] = ExperimentNumbers((first, last) for first, last in spans)
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return {}, 0
     return found, files

@@ -12,11 +12,11 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from ldt_core.recording.mcap_records import LIBRARY
 from ldt_core.recording.messages import offered_qos_text, schema
-from ldt_core.recording.metadata import FileFacts
+from ldt_core.recording.metadata import FileInformation
 from ldt_core.recording.storage import METADATA, PROFILE
 
 
-class Description(NamedTuple):
+class ChannelDescription(NamedTuple):
     """What a file says of a channel."""
 
     topic: str
@@ -27,7 +27,7 @@ class Description(NamedTuple):
     encoding: str = "cdr"
 
 
-def described(topic: str, kind: str) -> Description:
+def describe_channel(topic: str, kind: str) -> ChannelDescription:
     """A topic of a standard message type, with the declared quality of service.
 
     Raises:
@@ -35,10 +35,10 @@ def described(topic: str, kind: str) -> Description:
     """
     text, digest = schema(kind)
     about = {"offered_qos_profiles": offered_qos_text(topic), "topic_type_hash": digest}
-    return Description(topic, kind, text.encode(), about)
+    return ChannelDescription(topic, kind, text.encode(), about)
 
 
-class Part:
+class McapWriter:
     """A new file; whoever makes it calls `finish` or `abandon`.
 
     Args:
@@ -75,11 +75,11 @@ class Part:
         self.size = self._stream.tell()
 
     @property
-    def facts(self) -> FileFacts:
+    def facts(self) -> FileInformation:
         """What it holds so far."""
-        return FileFacts(self.file.name, self._messages, self._first, self._last)
+        return FileInformation(self.file.name, self._messages, self._first, self._last)
 
-    def register(self, channel: Description) -> int:
+    def register(self, channel: ChannelDescription) -> int:
         """Describe a channel; its number in the file, from 1 in the order of these calls."""
         key = channel.kind, channel.schema_encoding, channel.schema
         number = 0

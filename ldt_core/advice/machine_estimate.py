@@ -13,7 +13,7 @@ from ldt_core.physics.effect import Effect
 
 
 @dataclass(frozen=True)
-class Belief:
+class MachineEstimate:
     """The parameters that an advice goes by.
 
     Args:
@@ -27,9 +27,9 @@ class Belief:
     left_out: tuple[str, ...] = ()
 
 
-def believe(
+def estimate_machine(
     machine: Machine, model: ModelRecord | None = None, diagnosis: DiagnosisRecord | None = None
-) -> Belief:
+) -> MachineEstimate:
     """What is known best: a model that has learned a cause, else a diagnosis, else the file.
 
     Raises:
@@ -49,10 +49,12 @@ def believe(
     if diagnosis is not None and diagnosis.effects:
         found = _with(machine, diagnosis.amounts, f"the diagnosis at {diagnosis.experiment}")
         return found
-    return Belief(machine.parameters, "the machine file")
+    return MachineEstimate(machine.parameters, "the machine file")
 
 
-def with_effects(machine: Machine, acting: Sequence[tuple[Effect, Mapping[str, float]]]) -> Belief:
+def with_effects(
+    machine: Machine, acting: Sequence[tuple[Effect, Mapping[str, float]]]
+) -> MachineEstimate:
     """The machine with effects that somebody names.
 
     Raises:
@@ -67,12 +69,14 @@ def with_effects(machine: Machine, acting: Sequence[tuple[Effect, Mapping[str, f
         else:
             values = effect.change_parameters(machine.model, values, given)
     source = "the effects given" if acting else "the machine file"
-    return Belief(values, source, tuple(left_out))
+    return MachineEstimate(values, source, tuple(left_out))
 
 
-def _with(machine: Machine, amounts: Mapping[str, Mapping[str, float]], source: str) -> Belief:
+def _with(
+    machine: Machine, amounts: Mapping[str, Mapping[str, float]], source: str
+) -> MachineEstimate:
     known = {n: g for n, g in amounts.items() if n in EFFECTS.names()}
     acting = [(effect, effect.check(g)) for n, g in known.items() for effect in [get_effect(n)]]
     found = with_effects(machine, acting)
     foreign = tuple(n for n in amounts if n not in known)  # a record names no files to run
-    return Belief(found.values, source, found.left_out + foreign)
+    return MachineEstimate(found.values, source, found.left_out + foreign)

@@ -18,7 +18,7 @@ FIELD = re.compile(r"(?P<topic>/[^.\[\]]+)\.(?P<steps>.+)")
 STEP = re.compile(r"([A-Za-z]\w*)((?:\[\d+\])*)")
 
 
-class Source(NamedTuple):
+class FieldPath(NamedTuple):
     """A field of a topic's messages."""
 
     text: str
@@ -26,7 +26,7 @@ class Source(NamedTuple):
     steps: tuple[str | int, ...]
 
 
-def parse_source(option: str, text: str) -> Source:
+def parse_field_path(option: str, text: str) -> FieldPath:
     """`/topic.field[index]`, with fields in fields (`/imu.angular_velocity.z`).
 
     Raises:
@@ -41,11 +41,11 @@ def parse_source(option: str, text: str) -> Source:
         steps.append(step[1])
         steps.extend(int(i) for i in re.findall(r"\d+", step[2]))
     assert match is not None
-    return Source(text, match["topic"], tuple(steps))
+    return FieldPath(text, match["topic"], tuple(steps))
 
 
 def read_fields(
-    storage: Storage, sources: Mapping[str, Source]
+    storage: Storage, sources: Mapping[str, FieldPath]
 ) -> tuple[dict[str, Series], dict[str, str]]:
     """Series by name, and the kind of time that each has ("header stamps" or "reception times").
 

@@ -20,23 +20,23 @@ from mcap.records import Message
 from ldt_core.base.errors import BadInput, RecordingError
 from ldt_core.base.experiment import Adaptation
 from ldt_core.recording.bag import Bag
-from ldt_core.recording.mcap_file import McapFile
+from ldt_core.recording.mcap_reader import McapReader
 from ldt_core.recording.mcap_records import (
     BROKEN,
     HEAD,
     INDEX,
-    Bytes,
+    ByteStream,
     agrees,
     opened,
     reason,
 )
-from ldt_core.recording.storage import Raw, is_mcap
+from ldt_core.recording.storage import RawMessage, is_mcap
 
 NEAR = 1 << 16  # bytes within which a place need not be told from another: an experiment or a few
 ANCHOR = "adaptation"  # topic that is looked at: one a step, small, and it names the model
 
 
-class Anchor(NamedTuple):
+class FoundStep(NamedTuple):
     """A step that was found somewhere.
 
     Args:
@@ -50,7 +50,7 @@ class Anchor(NamedTuple):
     version: int
 
 
-class Places:
+class StepSearch:
     """Finds steps in a recording by bytes; an address counts those of all files in a row.
 
     Args:
@@ -69,8 +69,8 @@ class Places:
         self._bases = list(itertools.accumulate(sizes, initial=0))
         #: Behind the last byte.
         self.end = self._bases[-1]
-        self._seen: dict[int, Anchor | None] = {}
-        self._files: dict[int, tuple[McapFile, set[int]]] = {}
+        self._seen: dict[int, FoundStep | None] = {}
+        self._files: dict[int, tuple[McapReader, set[int]]] = {}
 
     def begin(self, address: int) -> tuple[int, int]:
         """File and byte of an address, for `Storage.messages`."""
@@ -85,7 +85,7 @@ class Places:
         """An address before the adaptation that brought this model version into force."""
         return self._before(version, lambda anchor: anchor.version)
 
-    def near_end(self) -> Anchor | None:
+    def near_end(self) -> FoundStep | None:
         """One of the last steps, None where there is none."""
         back = NEAR
         while True:
@@ -94,7 +94,7 @@ class Places:
                 return found
             back *= 4
 
-    def next(self, address: int) -> Anchor | None:
+    def next(self, address: int) -> FoundStep | None:
         """The first adaptation in the chunks that begin at an address or later.
 
         Raises:
@@ -113,7 +113,7 @@ class Places:
             self._seen[address] = found
         return self._seen[address]
 
-    def _before(self, wanted: int, key: Callable[[Anchor], int]) -> int:
+    def _before(self, wanted: int, key: Callable[[FoundStep], int]) -> int:
         low, high = 0, self.end
         below = [k.address for k in self._seen.values() if k is not None and key(k) < wanted]
         low = max(below, default=low)
@@ -128,7 +128,7 @@ class Places:
                 high = middle
         return low
 
-    def _in_file(self, index: int, at: int) -> Anchor | None:
+    def _in_file(self, index: int, at: int) -> FoundStep | None:
         file = self._bag.storage.files[index]
         if index not in self._files:
             if not is_mcap(file):
@@ -146,12 +146,12 @@ class Places:
                             return self._anchor(self._bases[index] + place, record)
         return None
 
-    def _anchor(self, address: int, message: Message) -> Anchor:
+    def _anchor(self, address: int, message: Message) -> FoundStep:
         kind = self._bag.topics[self._topic]
-        raw = Raw(self._topic, kind, message.log_time, message.data)
+        raw = RawMessage(self._topic, kind, message.log_time, message.data)
         record = self._bag.decoded(raw, 1)
         assert isinstance(record, Adaptation)
-        return Anchor(address, record.experiment, record.model_version)
+        return FoundStep(address, record.experiment, record.model_version)
 
 
 def _chunks_with(
@@ -161,7 +161,7 @@ def _chunks_with(
 
     The others are passed over by what the file says behind each chunk.
     """
-    place = Bytes(plain, size).find_chunk(at)
+    place = ByteStream(plain, size).find_chunk(at)
     chunk: tuple[int, int] | None = None
     while place is not None and place + HEAD.size <= size:
         plain.seek(place)

@@ -37,12 +37,12 @@ from ldt_core.recording.mcap_records import (
     HEAD,
     INDEX,
     MCAP_MAGIC,
-    Bytes,
+    ByteStream,
     content,
     located,
     next_record,
 )
-from ldt_core.recording.metadata import FileFacts, channel_entry, information, text_of
+from ldt_core.recording.metadata import FileInformation, bag_information, channel_entry, text_of
 
 TAIL = ".tail"  # behind the name of a file: the first bytes of a chunk that was cut off
 
@@ -59,12 +59,12 @@ class _Survey:
         self.indexes: dict[int, bytes] = {}  # of the last chunk, by channel
         self.pending: set[int] = set()  # channels of which that has not come
         self.counts: Counter[int] = Counter()
-        self.facts = FileFacts("")
+        self.facts = FileInformation("")
         self.end = self.crc = 0  # behind the last chunk, and the checksum up to there
         self.stop = 0  # behind the last record that is whole
 
 
-def finish(file: Path, custom: Mapping[str, str], take: Take) -> bool:
+def complete_file(file: Path, custom: Mapping[str, str], take: Take) -> bool:
     """Write the index of a file that has none.
 
     Args:
@@ -79,7 +79,7 @@ def finish(file: Path, custom: Mapping[str, str], take: Take) -> bool:
         OSError: the file cannot be read or written.
     """
     with file.open("rb") as stream:
-        survey = _survey(Bytes(stream, file.stat().st_size), take)
+        survey = _survey(ByteStream(stream, file.stat().st_size), take)
         if survey is None:
             return False
         stream.seek(survey.stop)
@@ -108,7 +108,7 @@ def _replace_end(file: Path, at: int, data: bytes) -> None:
         os.fsync(stream.fileno())
 
 
-def _survey(stream: Bytes, take: Take) -> _Survey | None:
+def _survey(stream: ByteStream, take: Take) -> _Survey | None:
     """None where something is damaged before the end."""
     found = _Survey()
     try:
@@ -197,7 +197,7 @@ def _end(found: _Survey, custom: Mapping[str, str]) -> bytes:
     topics = [
         channel_entry(*described[n]) | {"message_count": found.counts[n]} for n in sorted(described)
     ]
-    text = text_of(information(topics, [found.facts], custom))
+    text = text_of(bag_information(topics, [found.facts], custom))
     metadata = Metadata(name="rosbag2", metadata={"serialized_metadata": text})
     place = MetadataIndex(found.end + len(data), len(_bytes(metadata)), "rosbag2")
     data += _bytes(metadata)

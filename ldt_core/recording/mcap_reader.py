@@ -29,7 +29,7 @@ from ldt_core.recording.mcap_records import (
     MESSAGE,
     PRIVATE,
     ZSTD_MAGIC,
-    Bytes,
+    ByteStream,
     is_index,
     located,
     message_in,
@@ -44,7 +44,7 @@ MOST_HEAD = 1 << 18  # bytes of an index before the places of its chunks: channe
 Described = dict[int, tuple[Channel, Schema | None]]
 
 
-class Found(NamedTuple):
+class ChannelMessage(NamedTuple):
     """A message, and what the file says of its channel."""
 
     channel: Channel
@@ -52,7 +52,7 @@ class Found(NamedTuple):
     message: Message
 
 
-class Summary(NamedTuple):
+class McapSummary(NamedTuple):
     """What the index at the end of a file says."""
 
     channels: Described
@@ -60,7 +60,7 @@ class Summary(NamedTuple):
     chunks: list[ChunkIndex]
 
 
-class McapFile:
+class McapReader:
     """One MCAP file, perhaps compressed with zstd as a whole.
 
     Args:
@@ -81,7 +81,7 @@ class McapFile:
         #: Channels that messages were found of, or that were described; known like that, too.
         self.described: Described = {}
 
-    def summary(self, places: bool = True) -> Summary | None:
+    def summary(self, places: bool = True) -> McapSummary | None:
         """The index at the end of the file, None when there is none to rely on.
 
         Args:
@@ -155,7 +155,7 @@ class McapFile:
         spare = self._declared() if self.library == LIBRARY else {}
         return spare | channels
 
-    def messages(self, begin: int = 0) -> Iterator[Found]:
+    def messages(self, begin: int = 0) -> Iterator[ChannelMessage]:
         """All messages in recorded order; what is damaged is left out and noted.
 
         Args:
@@ -177,13 +177,13 @@ class McapFile:
                         f"{self.path}: messages of a channel that is not described were left out"
                     )
                     continue
-                yield Found(*channel, record)
+                yield ChannelMessage(*channel, record)
             elif isinstance(record, Schema):
                 schemas[record.id] = record
             elif isinstance(record, Channel):
                 described[record.id] = record, schemas.get(record.schema_id)
 
-    def messages_of(self, topics: Collection[str]) -> Iterator[Found]:
+    def messages_of(self, topics: Collection[str]) -> Iterator[ChannelMessage]:
         """Messages of some topics by the index, without reading what has none of them.
 
         Where there is no index, or it does not lead to whole chunks, all of the file is read.
@@ -197,7 +197,7 @@ class McapFile:
                 self._note(f"{self.path}: its index is wrong ({reason(error)}); read without it")
         yield from (found for found in self.messages() if found.channel.topic in topics)
 
-    def _by_index(self, summary: Summary, topics: Collection[str]) -> list[Found]:
+    def _by_index(self, summary: McapSummary, topics: Collection[str]) -> list[ChannelMessage]:
         wanted = {n: d for n, d in summary.channels.items() if d[0].topic in topics}
         found = []
         with self.path.open("rb") as stream:
@@ -205,12 +205,12 @@ class McapFile:
                 if wanted.keys().isdisjoint(chunk.message_index_offsets):
                     continue
                 stream.seek(chunk.chunk_start_offset)
-                opcode, body = next_record(Bytes(stream, chunk.chunk_length))
+                opcode, body = next_record(ByteStream(stream, chunk.chunk_length))
                 if opcode != Opcode.CHUNK:
                     raise ValueError(f"no chunk at byte {chunk.chunk_start_offset}")
                 for record in opened(body):
                     if isinstance(record, Message) and record.channel_id in wanted:
-                        found.append(Found(*wanted[record.channel_id], record))
+                        found.append(ChannelMessage(*wanted[record.channel_id], record))
         return found
 
     def metadata(self, name: str) -> dict[str, str] | None:
@@ -246,11 +246,11 @@ class McapFile:
             stream: IO[bytes] = plain
             if self._zipped:
                 stream = cast("IO[bytes]", zstandard.ZstdDecompressor().stream_reader(plain))
-            places = Bytes(stream, size)
+            places = ByteStream(stream, size)
             if not begin or places.find_chunk(begin) is not None:
                 yield from self._walk(places)
 
-    def _walk(self, stream: Bytes) -> Iterator[tuple[int, Any]]:
+    def _walk(self, stream: ByteStream) -> Iterator[tuple[int, Any]]:
         whole = stream.at == 0  # nothing was left out so far
         chunked = not whole  # whether there was a chunk
         try:
@@ -303,7 +303,7 @@ class McapFile:
                 f"{self.path}: damaged at byte {stream.at} ({reason(error)}); read up to there"
             )
 
-    def _pass_over(self, stream: Bytes, at: int, error: Exception) -> bool:
+    def _pass_over(self, stream: ByteStream, at: int, error: Exception) -> bool:
         """Go on behind damage; False when nothing is found there."""
         behind = stream.find_chunk(at + 1)
         if behind is not None:
@@ -351,7 +351,7 @@ def _head(data: bytes) -> Described:
     return channels
 
 
-def _summary(data: bytes, places: bool) -> Summary:
+def _summary(data: bytes, places: bool) -> McapSummary:
     records = []
     for _, record in located(data):
         if not places and isinstance(record, ChunkIndex):
@@ -363,4 +363,4 @@ def _summary(data: bytes, places: bool) -> Summary:
     }
     statistics = [r for r in records if isinstance(r, Statistics)]
     chunks = [r for r in records if isinstance(r, ChunkIndex)]
-    return Summary(channels, statistics[0] if statistics else None, chunks)
+    return McapSummary(channels, statistics[0] if statistics else None, chunks)

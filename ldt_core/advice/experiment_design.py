@@ -34,7 +34,7 @@ SPARE = 200  # voltages drawn, of which those within a band are left out
 
 
 @dataclass(frozen=True, eq=False)
-class Lesson:
+class DesignedExperiment:
     """An experiment that has not been made.
 
     Args:
@@ -57,9 +57,9 @@ class Lesson:
         return np.array(self.levels)[np.minimum(index, len(self.levels) - 1)]
 
 
-def most_instructive(
+def most_informative(
     machine: Machine, values: Mapping[str, float], experiments: Sequence[Experiment] = ()
-) -> Lesson | None:
+) -> DesignedExperiment | None:
     """The lesson with most bits; None where every one would be in a band.
 
     Args:
@@ -78,9 +78,9 @@ def most_instructive(
         noises.append(noise)
         known = known + columns.T @ columns / noise**2
     noise = float(np.median(noises)) if noises else NOISE
-    best: Lesson | None = None
+    best: DesignedExperiment | None = None
     reversed_before = any(e.voltage.min() < 0 < e.voltage.max() for e in experiments)
-    for lesson in lessons(machine, values, reversed_before):
+    for lesson in candidate_designs(machine, values, reversed_before):
         volts = lesson.volts(machine.samples, machine.sample_period)
         start = machine.model.initial_state(values, 0.0)
         try:
@@ -92,11 +92,13 @@ def most_instructive(
         narrowed = np.diag(np.linalg.inv(after)) / np.diag(np.linalg.inv(known))
         if best is None or bits > best.bits:
             sharpens = names[int(np.argmin(narrowed))]
-            best = Lesson(lesson.name, lesson.levels, lesson.hold, bits, sharpens)
+            best = DesignedExperiment(lesson.name, lesson.levels, lesson.hold, bits, sharpens)
     return best
 
 
-def lessons(machine: Machine, values: Mapping[str, float], reverse: bool = False) -> list[Lesson]:
+def candidate_designs(
+    machine: Machine, values: Mapping[str, float], reverse: bool = False
+) -> list[DesignedExperiment]:
     """Experiments within the limits that hold no voltage at which the rotor may be captured.
 
     Args:
@@ -115,7 +117,7 @@ def lessons(machine: Machine, values: Mapping[str, float], reverse: bool = False
         levels = np.round(levels, 3)
         kept = levels[~within(levels, avoid)][:HOLDS]
         if kept.size == HOLDS:
-            found.append(Lesson(name, tuple(kept.tolist()), hold))
+            found.append(DesignedExperiment(name, tuple(kept.tolist()), hold))
 
     for a, b in [*tiles(most), (0.0, most)]:
         add(

@@ -23,7 +23,7 @@ REST = 8.0  # times the foundation's own time: a run that keeps its speed so lon
 
 
 @dataclass(frozen=True)
-class Way:
+class RunUp:
     """A way to a speed from rest.
 
     Args:
@@ -55,7 +55,7 @@ class Way:
         )
 
 
-def way_to(machine: Machine, values: Mapping[str, float], speed: float) -> Way:
+def plan_run_up(machine: Machine, values: Mapping[str, float], speed: float) -> RunUp:
     """A way to hold a speed that does not end in capture, tried in simulation.
 
     Past a band the lowest voltage is taken that comes through with e larger or smaller by the
@@ -83,7 +83,7 @@ def way_to(machine: Machine, values: Mapping[str, float], speed: float) -> Way:
             raise OptionError("speed", beside, got)
     doubtful = [s for s in in_doubt(values, limit) if within(np.array([voltage]), [s])[0]]
     if not doubtful:
-        return Way(speed, voltage)
+        return RunUp(speed, voltage)
     edge = doubtful[-1][1]
     for through in np.linspace(edge, limit, LEVELS + 1)[1:] if edge < limit else ():
         way = _tried(machine, values, speed, voltage, float(through))
@@ -95,7 +95,7 @@ def way_to(machine: Machine, values: Mapping[str, float], speed: float) -> Way:
 
 def _tried(
     machine: Machine, values: Mapping[str, float], speed: float, voltage: float, through: float
-) -> Way | None:
+) -> RunUp | None:
     """The way by this run-up, if it ends at the speed whatever e is."""
     spread = [{**values, "e": values["e"] * f} for f in (1.0, 1 + DOUBT, 1 - DOUBT)]
     held = np.full(round(RUN_UP / PERIOD), through)
@@ -105,7 +105,7 @@ def _tried(
         if not there.size:
             return None
         needed = max(needed, float(there[0]) * PERIOD)
-    way = Way(speed, voltage, through, needed)
+    way = RunUp(speed, voltage, through, needed)
     rest = REST * settling(values)
     samples = round((needed + rest) / PERIOD)
     for believed in spread:
