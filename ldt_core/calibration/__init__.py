@@ -1,6 +1,12 @@
-"""Calibration: a machine file's nominal parameters from recordings, with what is not determined."""
+"""Machine files from recordings: `ldt calibrate` and `ldt identify`.
+
+- `calibrate.py` fits a known machine's parameters (`ldt calibrate`); `identifiability.py` says
+  which of them the recordings determine, `intervals.py` how well, `notes.py` in sentences.
+- `identify.py` finds the equivalent motor of an unknown machine (`ldt identify`).
+- `machine_yaml.py` writes either result as a machine file.
+"""
 
 from ldt_core.calibration.calibrate import calibrate
-from ldt_core.calibration.calibration import Calibration, Estimate
+from ldt_core.calibration.calibration import Calibration, ParameterEstimate
 
-__all__ = ["Calibration", "Estimate", "calibrate"]
+__all__ = ["Calibration", "ParameterEstimate", "calibrate"]

@@ -13,12 +13,12 @@ from ldt_core.base.errors import ExperimentError, LdtError, OptionError, did_you
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
 from ldt_core.calibration import notes
-from ldt_core.calibration.calibration import Calibration, Estimate, free_run_error, rounded
+from ldt_core.calibration.calibration import Calibration, ParameterEstimate, free_run_error, rounded
 from ldt_core.calibration.coordinates import Array, Coordinates
-from ldt_core.calibration.fit import Fit, coordinate, fit, starts
 from ldt_core.calibration.free_runs import FreeRuns
 from ldt_core.calibration.identifiability import WELL, Identifiability, examine
 from ldt_core.calibration.intervals import Uncertainty, uncertainty
+from ldt_core.calibration.parameter_fit import ParameterFit, coordinate, fit, starts
 from ldt_core.machine.machine_file import Machine
 
 HOLDOUT = 0.25  # of the experiments
@@ -112,7 +112,7 @@ class _State:
     whole: Coordinates
     coordinates: Coordinates
     runs: FreeRuns
-    fit: Fit
+    fit: ParameterFit
     seen: Identifiability
     uncertainty: Uncertainty
 
@@ -249,7 +249,7 @@ class _Work:
             raise LdtError(notes.nothing_determined(self.experiments))
         inner = Coordinates([c for c in whole.free if c.name in seen.determined], self.values)
         picked = [whole.names.index(n) for n in inner.names]
-        best: tuple[Fit, FreeRuns] | None = None
+        best: tuple[ParameterFit, FreeRuns] | None = None
         for number, start in enumerate(candidates, start=1):
             self._doing = "fitting " + ", ".join(inner.names)
             if len(candidates) > 1:
@@ -282,7 +282,7 @@ class _Work:
         rows = np.vstack(sensitivities) * whole.sizes(z)
         return examine(whole.names, rows, exact, prefer), sensitivities
 
-    def _estimates(self, state: _State) -> tuple[list[Estimate], Machine]:
+    def _estimates(self, state: _State) -> tuple[list[ParameterEstimate], Machine]:
         estimates = []
         found = dict(zip(state.coordinates.names, state.fit.z, strict=True))
         half = dict(zip(state.coordinates.names, state.uncertainty.half_widths, strict=True))
@@ -291,7 +291,9 @@ class _Work:
         for c in state.whole.free:
             if c.name not in found:
                 if self.named:
-                    estimates.append(Estimate(c.name, c.parameter.unit, c.nominal, c.nominal, None))
+                    estimates.append(
+                        ParameterEstimate(c.name, c.parameter.unit, c.nominal, c.nominal, None)
+                    )
                 continue
             z, width, (low, high) = float(found[c.name]), float(half[c.name]), c.bounds
             interval = None
@@ -299,7 +301,9 @@ class _Work:
                 ends = max(z - width, low), min(z + width, high)
                 interval = (rounded(c.value(ends[0])), rounded(c.value(ends[1])))
             value = rounded(c.value(z))
-            estimates.append(Estimate(c.name, c.parameter.unit, c.nominal, value, interval))
+            estimates.append(
+                ParameterEstimate(c.name, c.parameter.unit, c.nominal, value, interval)
+            )
         return estimates, self.machine.with_parameters(**{e.name: e.value for e in estimates})
 
 

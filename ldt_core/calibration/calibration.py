@@ -15,7 +15,7 @@ DIGITS = 6  # of a calibrated value: more than any recording determines
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ParameterEstimate:
     """A parameter that was free.
 
     Attributes:
@@ -54,7 +54,7 @@ class Calibration:
 
     nominal: Machine
     machine: Machine
-    estimates: tuple[Estimate, ...]
+    estimates: tuple[ParameterEstimate, ...]
     fixed: dict[str, str]
     undetermined: list[list[str]]
     noise: dict[str, float]

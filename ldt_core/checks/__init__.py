@@ -1,1 +1,7 @@
-"""Checks for detectors, effects and physics of users."""
+"""Suites for detectors, effects and physics that a user adds; LDT's own go through the same."""
+
+from ldt_core.checks.detector_checks import check_detector
+from ldt_core.checks.effect_checks import check_effect
+from ldt_core.checks.physics_checks import check_physics
+
+__all__ = ["check_detector", "check_effect", "check_physics"]

@@ -68,7 +68,7 @@ def command(
     """
     from ldt_core.calibration import calibrate
     from ldt_core.calibration.calibrate import check_names, split
-    from ldt_core.calibration.fitted_file import check_new, write_machine_file
+    from ldt_core.calibration.machine_yaml import check_new, write_machine_file
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.views.figures.calibration_figure import check_figure, draw
 

@@ -65,7 +65,7 @@ def _check(effect: Effect) -> list[str]:
         click.ClickException: a promise is not kept; the sentence says which.
     """
     from ldt_core.base.errors import LdtError
-    from ldt_core.checks.effect import check_effect
+    from ldt_core.checks import check_effect
 
     try:
         return check_effect(effect)

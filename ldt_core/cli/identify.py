@@ -18,7 +18,7 @@ from ldt_core.cli.recordings import (
 from ldt_core.cli.terminal import echo, one_line
 
 if TYPE_CHECKING:
-    from ldt_core.calibration.equivalent_motor import Equivalent
+    from ldt_core.calibration.identify import EquivalentMotor
 
 
 def _range(
@@ -78,8 +78,8 @@ def command(
 
     Example: ldt identify bag --out unknown.yaml
     """
-    from ldt_core.calibration.equivalent_motor import identify_machine
-    from ldt_core.calibration.fitted_file import check_new, write_equivalent
+    from ldt_core.calibration.identify import identify_machine
+    from ldt_core.calibration.machine_yaml import check_new, write_equivalent
 
     check_new(out, force)
     experiments = read_recordings(recordings, namespace)
@@ -102,7 +102,7 @@ def command(
         _print(found, out)
 
 
-def _print(found: Equivalent, out: str) -> None:
+def _print(found: EquivalentMotor, out: str) -> None:
     form = found.form
     names = ["tau_m", "tau_e"] if form.oscillates else ["time constant", "and"]
     times = (f"{n} {t:.4g} s" for n, t in zip(names, form.time_constants, strict=False))

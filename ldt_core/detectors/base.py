@@ -24,7 +24,7 @@ class Detector(abc.ABC):
     To write one: the constructor stores its arguments under their own names, checks them, and calls
     `reset`; `reset` calls the base's and sets all that changes, in JSON types (what is derived from
     it goes under a leading underscore); `judge` answers to one experiment. Then
-    `ldt_core.checks.detector.check_detector` tells whether it keeps the promises of this class.
+    `ldt_core.checks.check_detector` tells whether it keeps the promises of this class.
 
     As in river, `update` returns nothing, `drift_detected` and `warning_detected` hold for the last
     update, and a detector that detected a drift starts anew by itself at the next update.

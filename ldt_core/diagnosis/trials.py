@@ -24,7 +24,7 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.threads import spread
 from ldt_core.diagnosis.starts import NO_OFFSET, Starts, basis_of, settle, settled
-from ldt_core.estimation.effect.free_run import white_noise
+from ldt_core.estimation.effect.cause import white_noise
 from ldt_core.physics.constants import NOT_TRACKED
 from ldt_core.physics.integrate import propagate
 from ldt_core.physics.motor import memory

@@ -13,12 +13,12 @@ from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.experiment import DiagnosisRecord, Experiment, Prediction, Samples
 from ldt_core.base.sentences import spoken
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.effects.change_text import change_of
-from ldt_core.estimation.effect.free_run import ANGLE, Cause, Start
-from ldt_core.estimation.effect.learn_effect import Learned, Learner
-from ldt_core.estimation.effect.members import Member
-from ldt_core.estimation.effect.search import Search
-from ldt_core.estimation.effect.start_angle import Seen, believe
+from ldt_core.effects.change_description import change_of
+from ldt_core.estimation.effect.cause import ANGLE, Cause, UncertainStart
+from ldt_core.estimation.effect.effect_search import EffectSearch
+from ldt_core.estimation.effect.learn_effect import EffectLearner, LearnedEffect
+from ldt_core.estimation.effect.sigma_points import SigmaPoint
+from ldt_core.estimation.effect.start_angle import FoundAngle, believe
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
 from ldt_core.models.physics import PhysicsModel
@@ -97,7 +97,7 @@ class DiagnosedModel(Model):
             _require(machine, cause)
         # Of the last experiment learned from: the gate asks again and again, with other blocks held
         # back and other experiments beside it.
-        self._search: Search | None = None
+        self._search: EffectSearch | None = None
         super().__init__(machine, parameters, version, trained_on, cause=cause)
 
     def untrained(self) -> dict[str, Any]:
@@ -140,7 +140,7 @@ class DiagnosedModel(Model):
         self.effect: Effect | None = None
         self.noise_std: float | None = None
         self.noise_samples = 0.0
-        self.seen: list[Seen] = []
+        self.seen: list[FoundAngle] = []
         if name is None and self.asks_for_diagnosis and record["noise_std"] is None:
             return
         if name != self.options["cause"] and name not in EFFECTS.names():
@@ -158,14 +158,14 @@ class DiagnosedModel(Model):
         start = record["start"]
         self.turn = _number(start["turn"], 0.0)
         self.same = _number(start["same_angle"], 0.0, 1.0)
-        self.seen = [Seen(int(n), _number(a), _number(s, 1e-9)) for n, a, s in start["seen"]]
+        self.seen = [FoundAngle(int(n), _number(a), _number(s, 1e-9)) for n, a, s in start["seen"]]
         self.members = []
         for weight, angle, *values in record["members"]:
             if len(values) != len(self.cause.names):
                 raise ValueError(f"a member with {len(values)} parameters")
             given = self._checked(effect, dict(zip(self.cause.names, values, strict=True)))
             z = self.cause.coordinates(given)
-            self.members.append(Member(_number(weight, 0.0, 1.0), z, _number(angle)))
+            self.members.append(SigmaPoint(_number(weight, 0.0, 1.0), z, _number(angle)))
         if not math.isclose(sum(m.weight for m in self.members), 1.0, rel_tol=1e-6):
             raise ValueError("members whose weights do not sum to 1")
 
@@ -199,7 +199,7 @@ class DiagnosedModel(Model):
         return Prediction(*about, speed, np.sqrt(variance))
 
     def _runs(
-        self, experiment: Experiment, start: Start, same: float
+        self, experiment: Experiment, start: UncertainStart, same: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Free runs of machines that may be the real one (n, L), and their weights (n,)."""
         chosen = []
@@ -248,11 +248,11 @@ class DiagnosedModel(Model):
         if self._search is None or self._search.experiment is not newest:
             angle = believe(self.seen, self.cause.turn).angle if self.seen else None
             here = self.cause.coordinates(self.given), angle or 0.0
-            self._search = Search(self.cause, newest, [here])
-        learned = Learner(self._search, experiments, self.seen).learn(held)
+            self._search = EffectSearch(self.cause, newest, [here])
+        learned = EffectLearner(self._search, experiments, self.seen).learn(held)
         return self.successor(self._record(learned), learned.used)
 
-    def _noise(self, learned: Learned) -> tuple[float, float]:
+    def _noise(self, learned: LearnedEffect) -> tuple[float, float]:
         """Noise and the independent samples that it is known from.
 
         A cause that changes does not change the sensor. So what earlier versions found counts as
@@ -269,7 +269,7 @@ class DiagnosedModel(Model):
         square = (new * learned.noise**2 + old * self.noise_std**2) / (new + old)
         return math.sqrt(square), new + old
 
-    def _record(self, learned: Learned) -> dict[str, Any]:
+    def _record(self, learned: LearnedEffect) -> dict[str, Any]:
         cause = self.cause
         z = np.array([m.z for m in learned.members])
         weights = np.array([m.weight for m in learned.members])

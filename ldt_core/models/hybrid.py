@@ -15,8 +15,8 @@ from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
 from ldt_core.models.gaussian_process.compiled import INPUTS, compile_run
 from ldt_core.models.gaussian_process.kernel import Array, Kernel
-from ldt_core.models.gaussian_process.learn import Learned, learn, persistence
-from ldt_core.models.gaussian_process.observer import Run
+from ldt_core.models.gaussian_process.learn import LearnedAcceleration, learn, persistence
+from ldt_core.models.gaussian_process.observer import MotorRun
 from ldt_core.models.gaussian_process.sparse import SparsePosterior
 from ldt_core.models.gaussian_process.speed_run import spread
 from ldt_core.models.physics import PhysicsModel
@@ -101,7 +101,7 @@ class HybridModel(Model):
         """Free run from the first measured speed (and current, where there is one).
 
         `speed_std` is the deviation of the measured speed: function, start, disturbance and sensor
-        noise, to first order (`gaussian_process.free_run`), and not more than the span of the
+        noise, to first order (`gaussian_process.speed_run`), and not more than the span of the
         speeds trained on. None while untrained.
 
         Raises:
@@ -132,7 +132,7 @@ class HybridModel(Model):
         runs = []
         for e in experiments:
             current = float(self.start(e)[0])
-            runs.append(Run(*self.motor(e.period), e.period, e.voltage, e.speed, current))
+            runs.append(MotorRun(*self.motor(e.period), e.period, e.voltage, e.speed, current))
         inputs, most = self.options["gp_inputs"], self.options["inducing"]
         learned = learn(runs, inputs, most)
         record = {"inputs": list(inputs), **_to_json(learned)}
@@ -169,7 +169,7 @@ def _discretise(
 _SCALARS = ("noise_std", "disturbance_std", "memory", "span", "rmse")
 
 
-def _to_json(learned: Learned) -> dict[str, Any]:
+def _to_json(learned: LearnedAcceleration) -> dict[str, Any]:
     posterior = learned.posterior
     return {
         "signal_std": posterior.kernel.signal_std,
@@ -181,7 +181,7 @@ def _to_json(learned: Learned) -> dict[str, Any]:
     }
 
 
-def _from_json(record: Mapping[str, Any]) -> Learned:
+def _from_json(record: Mapping[str, Any]) -> LearnedAcceleration:
     kernel = Kernel(record["signal_std"], tuple(record["length_scales"]))
     inputs = record["inputs"]
     inducing, weights = (np.array(record[n], dtype=np.float64) for n in ("inducing", "weights"))
@@ -199,4 +199,4 @@ def _from_json(record: Mapping[str, Any]) -> Learned:
     numbers = {name: float(record[name]) for name in _SCALARS}
     if min(numbers.values()) < 0 or numbers["noise_std"] == 0:
         raise ValueError(f"{numbers}, of which none may be below 0, nor noise_std 0")
-    return Learned(SparsePosterior(kernel, inducing, weights, explained), **numbers)
+    return LearnedAcceleration(SparsePosterior(kernel, inducing, weights, explained), **numbers)

@@ -12,8 +12,8 @@ from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.estimation.linear import StateSpace, identify
 from ldt_core.estimation.linear.alternatives import squared_distances
-from ldt_core.estimation.linear.estimate import MOST_ORDER
-from ldt_core.estimation.linear.start import Start
+from ldt_core.estimation.linear.identification import MOST_ORDER
+from ldt_core.estimation.linear.run_start import StartRule
 from ldt_core.estimation.linear.state_space import discretise
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
@@ -32,8 +32,8 @@ class LinearModel(Model):
     (standard deviation of the residual of the fit [rad/s], null when untrained), `fit_percent`
     (MATLAB's, null when untrained), `held_out` (order → error on samples left out [rad/s], when the
     order was chosen), `states` (names of the states, where they are physical), `start` (`state` and
-    `per_speed`, see `identification.start`) and `others`, models that the data allow as well, for
-    the deviation (`A`, `B`, `offset`, their `state` and `per_speed`, `weight`).
+    `per_speed`, see `estimation.linear.run_start`) and `others`, models that the data allow as
+    well, for the deviation (`A`, `B`, `offset`, their `state` and `per_speed`, `weight`).
 
     Args:
         order: number of states of the identified model, 0 to choose it on held-out samples.
@@ -84,10 +84,10 @@ class LinearModel(Model):
 
         Untrained it starts in the steady state that has this speed, as the physics does, and from
         the measured first current where there is one. Trained it starts by the rule that served
-        the experiments learned from better (`identification.start`).
+        the experiments learned from better (`estimation.linear.run_start`).
 
         `speed_std` is that of the residuals of the fit, together with what the parameters and the
-        start may be off (`identification.alternatives`); None when untrained.
+        start may be off (`estimation.linear.alternatives`); None when untrained.
         """
         first, period = float(experiment.speed[0]), experiment.period
         if self.learned is not None:
@@ -164,7 +164,7 @@ class _Learned:
         return speed, np.sqrt(self.noise_std**2 + distances)
 
 
-def _rule(start: Start) -> dict[str, Any]:
+def _rule(start: StartRule) -> dict[str, Any]:
     return {"state": start.state.tolist(), "per_speed": start.per_speed.tolist()}
 
 

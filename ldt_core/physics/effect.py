@@ -17,7 +17,7 @@ A user's own effect is a file with such an object, named by entry point (group `
         torque=torque,
     )
 
-`ldt effects path/to/file.py:CUBIC_DRAG` checks it (`ldt_core/checks/effect.py`).
+`ldt effects path/to/file.py:CUBIC_DRAG` checks it (`ldt_core/checks/effect_checks.py`).
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.machine.machine_file import Machine, load_machine
-from ldt_core.models.gaussian_process.observer import Run, one_step
+from ldt_core.models.gaussian_process.observer import MotorRun, one_step
 from ldt_core.models.hybrid import HybridModel
 from tests.benchmarks.row import Row, best_of
 
@@ -33,9 +33,9 @@ def measured(machine: Machine, number: int) -> Experiment:
     return Experiment(number, 0.0, 0.01, voltage, speed)
 
 
-def as_run(model: HybridModel, e: Experiment) -> Run:
+def as_run(model: HybridModel, e: Experiment) -> MotorRun:
     """The experiment with the discrete motor behind it."""
-    return Run(*model.motor(e.period), e.period, e.voltage, e.speed, float(model.start(e)[0]))
+    return MotorRun(*model.motor(e.period), e.period, e.voltage, e.speed, float(model.start(e)[0]))
 
 
 def looped(model: HybridModel, e: Experiment, regressor, deviation: bool = False) -> np.ndarray:

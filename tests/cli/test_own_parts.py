@@ -10,7 +10,7 @@ import pytest
 
 from ldt_core import docs
 from ldt_core.base.registry import Registry
-from ldt_core.checks.detector import check_detector
+from ldt_core.checks import check_detector
 from ldt_core.cli import effects, invoke, ldt, simulate
 from ldt_core.effects import parse_effect
 from ldt_core.machine.machine_file import load_machine

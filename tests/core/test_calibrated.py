@@ -12,7 +12,7 @@ from scipy import stats
 
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Experiment
-from ldt_core.checks.detector import check_detector
+from ldt_core.checks import check_detector
 from ldt_core.detectors import calibrated, control_chart
 from ldt_core.detectors.calibrated import (
     CARRIED,

@@ -15,7 +15,8 @@ from ldt_core.base import registry
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Level
 from ldt_core.base.settings import resolve
-from ldt_core.checks.detector import DETECTOR_CHECKS, check_detector
+from ldt_core.checks import check_detector
+from ldt_core.checks.detector_checks import DETECTOR_CHECKS
 from ldt_core.detectors import DETECTORS, build_detector
 from ldt_core.detectors.base import Detector
 from ldt_core.detectors.lddm import LDDM

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ldt_core.checks.physics import check_physics
+from ldt_core.checks import check_physics
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.physics import PHYSICS
 from ldt_core.physics.motor import Motor

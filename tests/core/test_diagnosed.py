@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from ldt_core.base.errors import LdtError, ModelError, OptionError
 from ldt_core.base.experiment import Experiment, ModelRecord
 from ldt_core.effects import get_effect, parse_effect
-from ldt_core.estimation.effect.descent import correlation_time
-from ldt_core.estimation.effect.free_run import Cause
-from ldt_core.estimation.effect.start_angle import Seen, believe
+from ldt_core.estimation.effect.cause import Cause
+from ldt_core.estimation.effect.joint_fit import correlation_time
+from ldt_core.estimation.effect.start_angle import FoundAngle, believe
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.models import build_model
@@ -299,12 +299,12 @@ def test_which_angle_makes_no_difference_is_found_by_the_machine_itself():
 
 def test_angles_weigh_by_their_precision_and_round_the_turn():
     """Angles just above 0 and just below pi are the same; a wrong one among many does no harm."""
-    alike = [Seen(n, a, 0.02) for n, a in enumerate((0.01, math.pi - 0.02, 0.015), 1)]
+    alike = [FoundAngle(n, a, 0.02) for n, a in enumerate((0.01, math.pi - 0.02, 0.015), 1)]
     belief = believe(alike, math.pi)
     assert belief.same > 0.99
     assert min(belief.angle, math.pi - belief.angle) < 0.02
-    assert believe([*alike, Seen(9, 1.5, 0.01)], math.pi).same > 0.9
-    assert believe([Seen(n, 0.7 * n, 0.02) for n in range(1, 4)], math.pi).same < 0.1
+    assert believe([*alike, FoundAngle(9, 1.5, 0.01)], math.pi).same > 0.9
+    assert believe([FoundAngle(n, 0.7 * n, 0.02) for n in range(1, 4)], math.pi).same < 0.1
     assert believe([], math.pi).same == 0.5
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from ldt_core.base.errors import BadInput, OptionError
-from ldt_core.checks.effect import check_effect
+from ldt_core.checks import check_effect
 from ldt_core.effects import EFFECTS, parse_effect
 from ldt_core.effects.drive import COPPER
 from ldt_core.effects.friction import STICK_SPEED

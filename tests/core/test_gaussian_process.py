@@ -15,7 +15,12 @@ from ldt_core.models.gaussian_process.hyperparameters import (
     minus_log_likelihood,
 )
 from ldt_core.models.gaussian_process.kernel import Kernel
-from ldt_core.models.gaussian_process.observer import Run, estimate_noise, filter_columns, filtered
+from ldt_core.models.gaussian_process.observer import (
+    MotorRun,
+    estimate_noise,
+    filter_columns,
+    filtered,
+)
 from ldt_core.models.gaussian_process.sparse import SparsePosterior, choose_inducing, condition
 from ldt_core.models.gaussian_process.speed_run import spread
 
@@ -26,7 +31,7 @@ GD = np.array([-0.001, 0.0098])
 PERIOD = 0.01
 
 
-def motor(force=None, samples=400, noise=0.0, process=0.0, seed=0) -> Run:
+def motor(force=None, samples=400, noise=0.0, process=0.0, seed=0) -> MotorRun:
     """A run of that motor, with an acceleration force(w) [rad/s²] that the physics lacks."""
     rng = np.random.default_rng(seed)
     voltage = np.repeat(rng.uniform(0, 10, samples // 50 + 1), 50)[:samples]
@@ -36,7 +41,7 @@ def motor(force=None, samples=400, noise=0.0, process=0.0, seed=0) -> Run:
         extra = force(state[1]) if force else 0.0
         shock = np.array([0.0, process * rng.standard_normal()])
         state = AD @ state + BD * voltage[k] + GD * extra + shock
-    return Run(AD, BD, GD, PERIOD, voltage, speed + noise * rng.standard_normal(samples), 0.0)
+    return MotorRun(AD, BD, GD, PERIOD, voltage, speed + noise * rng.standard_normal(samples), 0.0)
 
 
 def trained(x, y, kernel, noise=0.1) -> SparsePosterior:

@@ -340,7 +340,7 @@ def test_a_named_cause_is_not_changed_by_a_verdict():
 )
 def test_changes_are_said_in_words(effect, before, after, words):
     """Whether it has grown or fallen, and lengths in mm."""
-    from ldt_core.effects.change_text import change_of
+    from ldt_core.effects.change_description import change_of
 
     assert change_of(get_effect(effect), before, after) == words
 

@@ -1,6 +1,9 @@
-"""Fitting a physical cause: one effect's parameters by free runs of the whole machine.
+"""The fit of one physical effect, by free runs of the whole machine.
 
-`free_run.py` runs machine and effect, `search.py` finds the parameters, `angle.py` weighs whether
-the machine always starts at the same angle, `members.py` spreads what is not known for sure over a
-few free runs.
+- `cause.py` runs machine and effect from a start state that is partly unknown.
+- `scan.py` looks where the parameters may lie, `effect_search.py` descends from there.
+- `joint_fit.py` is the least squares of several experiments and their start states together.
+- `start_angle.py` weighs whether the machine always starts at the same angle.
+- `sigma_points.py` represents what remains uncertain by a few machines.
+- `learn_effect.py` puts these together for the diagnosed model.
 """

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.estimation.effect.descent import Descent, Minimum, Seen
-from ldt_core.estimation.effect.free_run import ANGLE, Array, Start
-from ldt_core.estimation.effect.members import Member, spread_out
-from ldt_core.estimation.effect.search import Search
-from ldt_core.estimation.effect.start_angle import Belief, believe, together
-from ldt_core.estimation.effect.start_angle import Seen as SeenAngle
+from ldt_core.estimation.effect.cause import ANGLE, Array, UncertainStart
+from ldt_core.estimation.effect.effect_search import EffectSearch
+from ldt_core.estimation.effect.joint_fit import FittedExperiment, JointFit, Minimum
+from ldt_core.estimation.effect.sigma_points import SigmaPoint, sigma_points
+from ldt_core.estimation.effect.start_angle import AngleBelief, FoundAngle, believe, together
 
 AGREEING = 1.5  # times the newest experiment's residual: an older one below this still holds
 CONTRADICTION = 25.0  # squared deviations by which a common start angle may fit less well
@@ -22,12 +21,12 @@ TURNED = 4  # parts of a turn in which the start angle of an older experiment is
 
 
 @dataclass(frozen=True, eq=False)
-class Learned:
+class LearnedEffect:
     """What the experiments say.
 
     Attributes:
         z: (d,) the effect's coordinates.
-        members: the same with what is uncertain about it, see `members.py`; the best first.
+        members: the same with what is uncertain about it, see `sigma_points.py`; the best first.
         noise: standard deviation of what is left [rad/s].
         memory: samples in which it forgets itself, 1 for white noise.
         angles: start angles found, those of earlier experiments included.
@@ -36,15 +35,15 @@ class Learned:
     """
 
     z: Array
-    members: list[Member]
+    members: list[SigmaPoint]
     noise: float
     memory: float
-    angles: list[SeenAngle]
-    belief: Belief
+    angles: list[FoundAngle]
+    belief: AngleBelief
     used: list[Experiment]
 
 
-class Learner:
+class EffectLearner:
     """Learns one cause from the same experiments, whole or with blocks held back.
 
     The newest experiment is the machine's present: the effect is searched for in that one alone. Of
@@ -57,7 +56,10 @@ class Learner:
     """
 
     def __init__(
-        self, search: Search, experiments: Sequence[Experiment], angles: Sequence[SeenAngle] = ()
+        self,
+        search: EffectSearch,
+        experiments: Sequence[Experiment],
+        angles: Sequence[FoundAngle] = (),
     ) -> None:
         self.search, self.cause = search, search.cause
         self.experiments = list(experiments)
@@ -68,7 +70,7 @@ class Learner:
         numbers = {experiments[i].number for i in self._used}
         self._before = [a for a in angles if a.number not in numbers]
 
-    def learn(self, held: Sequence[slice] | None = None) -> Learned:
+    def learn(self, held: Sequence[slice] | None = None) -> LearnedEffect:
         """The effect's parameters, and how sure they are.
 
         Args:
@@ -81,7 +83,9 @@ class Learner:
         newest = next(i for i in self._used if self.experiments[i] is self.search.experiment)
         minimum = self.search.part(masks[newest])
         d = len(self.cause.names)
-        seen = [Seen(self.experiments[i], self._starts[i], masks[i]) for i in self._used]
+        seen = [
+            FittedExperiment(self.experiments[i], self._starts[i], masks[i]) for i in self._used
+        ]
         descent = self._descent(seen)
         if len(seen) > 1:
             z = minimum.q[:d]
@@ -96,21 +100,26 @@ class Learner:
             worse = sum(r.size for r in same.rests) * (same.rms**2 / minimum.rms**2 - 1)
             if worse < CONTRADICTION * minimum.memory:
                 descent, minimum = alike, same
-        members = spread_out(descent, minimum, belief, held is None)
+        members = sigma_points(descent, minimum, belief, held is None)
         used = [s.experiment for s in seen]
-        return Learned(minimum.q[:d], members, minimum.rms, minimum.memory, angles, belief, used)
+        return LearnedEffect(
+            minimum.q[:d], members, minimum.rms, minimum.memory, angles, belief, used
+        )
 
-    def _start(self, e: Experiment, z: Array) -> Start:
+    def _start(self, e: Experiment, z: Array) -> UncertainStart:
         if e is self.search.experiment:
             return self.search.start
         return self.cause.start(e, self.search.noise, z)
 
     def _descent(
-        self, seen: Sequence[Seen], same: bool = False, prior: tuple[float, float] | None = None
-    ) -> Descent:
-        return Descent(self.cause, seen, self.search.noise, same, prior, self.search.runs)
+        self,
+        seen: Sequence[FittedExperiment],
+        same: bool = False,
+        prior: tuple[float, float] | None = None,
+    ) -> JointFit:
+        return JointFit(self.cause, seen, self.search.noise, same, prior, self.search.runs)
 
-    def _turned(self, seen: Seen, z: Array) -> float:
+    def _turned(self, seen: FittedExperiment, z: Array) -> float:
         """The start angle at which a descent of this experiment begins."""
         newest = self.search.descent(np.ones(len(self.search.experiment), dtype=bool))
         place = newest.angle(0)
@@ -130,16 +139,16 @@ class Learner:
                 break
         return best
 
-    def _rms(self, seen: Seen, z: Array, angle: float) -> float:
+    def _rms(self, seen: FittedExperiment, z: Array, angle: float) -> float:
         descent = self._descent([seen])
         rest = descent.rest(descent.point(z, [angle]), 0)[seen.keep]
         return float(np.sqrt(np.mean(rest**2)))
 
-    def _holds(self, e: Experiment, start: Start) -> bool:
+    def _holds(self, e: Experiment, start: UncertainStart) -> bool:
         """Whether the newest experiment's machine can have made this one."""
         if e is self.search.experiment:
             return True
-        seen = Seen(e, start, np.ones(len(e), dtype=bool))
+        seen = FittedExperiment(e, start, np.ones(len(e), dtype=bool))
         best, d = self.search.best, len(self.cause.names)
         z, std = best.q[:d], np.sqrt(np.diag(best.covariance))[:d]
         angle = self._turned(seen, z)
@@ -147,19 +156,19 @@ class Learner:
         near = (np.clip(z + s, self.cause.low, self.cause.high) for s in shifts)
         return any(self._rms(seen, n, angle) < AGREEING * best.rms for n in near)
 
-    def _weigh(self, descent: Descent, minimum: Minimum) -> tuple[Belief, list[SeenAngle]]:
+    def _weigh(self, descent: JointFit, minimum: Minimum) -> tuple[AngleBelief, list[FoundAngle]]:
         if self.cause.turn == 0:
-            return Belief(1.0, None, 0.0), []
+            return AngleBelief(1.0, None, 0.0), []
         new = []
         for i, seen in enumerate(descent.seen):
             place = descent.angle(i)
             if place is not None and seen.start.rest:
                 std = math.sqrt(minimum.covariance[place, place])
-                new.append(SeenAngle(seen.experiment.number, float(minimum.q[place]), std))
+                new.append(FoundAngle(seen.experiment.number, float(minimum.q[place]), std))
         angles = together(self._angles, new, self.cause.turn)
         return believe(angles, self.cause.turn), angles
 
-    def _z_at(self, descent: Descent, minimum: Minimum, belief: Belief) -> Array:
+    def _z_at(self, descent: JointFit, minimum: Minimum, belief: AngleBelief) -> Array:
         """The coordinates that go with the common start angle: the two make up for each other."""
         d = len(self.cause.names)
         places = [p for p in map(descent.angle, range(len(descent.seen))) if p is not None]
@@ -169,7 +178,7 @@ class Learner:
         move = cross @ np.linalg.solve(minimum.covariance[np.ix_(places, places)], off)
         return np.clip(minimum.q[:d] + move, self.cause.low, self.cause.high)
 
-    def _alike(self, belief: Belief, seen: Sequence[Seen]) -> bool:
+    def _alike(self, belief: AngleBelief, seen: Sequence[FittedExperiment]) -> bool:
         """Whether the experiments are to be fitted with one start angle for all."""
         if belief.same < 0.5 or not all(s.start.rest for s in seen):
             return False

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.estimation.effect.free_run import Array, Cause, Start
+from ldt_core.estimation.effect.cause import Array, Cause, UncertainStart
 
 STEP = 2e-3  # s, longest integration step: good to some percent near the edge of capture
 REACH = 2.0  # scales of the parameter on either side of its neutral and of its typical value
@@ -47,7 +47,7 @@ class Scan:
         self,
         cause: Cause,
         experiment: Experiment,
-        start: Start,
+        start: UncertainStart,
         noise: float,
         seeds: Sequence[Point] = (),
     ) -> None:

@@ -22,7 +22,7 @@ MOST_SEEN = 50  # angles kept
 
 
 @dataclass(frozen=True)
-class Seen:
+class FoundAngle:
     """The start angle found in one experiment.
 
     Args:
@@ -37,7 +37,7 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class Belief:
+class AngleBelief:
     """What follows from the angles.
 
     Attributes:
@@ -51,7 +51,7 @@ class Belief:
     std: float
 
 
-def believe(seen: Sequence[Seen], turn: float) -> Belief:
+def believe(seen: Sequence[FoundAngle], turn: float) -> AngleBelief:
     """Weigh the two hypotheses.
 
     Args:
@@ -59,7 +59,7 @@ def believe(seen: Sequence[Seen], turn: float) -> Belief:
         turn: angle that makes no difference [rad], above 0.
     """
     if not seen:
-        return Belief(0.5, None, turn / math.sqrt(12))
+        return AngleBelief(0.5, None, turn / math.sqrt(12))
     angle = np.array([s.angle for s in seen])
     std = np.array([s.std for s in seen])
     # Centred on the best angle, so that one alone is reproduced without the grid's error.
@@ -84,14 +84,14 @@ def believe(seen: Sequence[Seen], turn: float) -> Belief:
     # Where they scatter by more than they should, the common angle is known by so much less.
     scatter = float(worth @ (off - mean) ** 2) / max(int(np.count_nonzero(worth)) - 1, 1)
     spread = math.sqrt(max(scatter, 1.0) / float(worth.sum()))
-    return Belief(same, (mode + mean) % turn, spread)
+    return AngleBelief(same, (mode + mean) % turn, spread)
 
 
-def together(old: Sequence[Seen], new: Sequence[Seen], turn: float) -> list[Seen]:
+def together(old: Sequence[FoundAngle], new: Sequence[FoundAngle], turn: float) -> list[FoundAngle]:
     """The angles found before and now, the latest; one for each experiment, the new one first."""
     numbers = {s.number for s in new}
     usable = [
-        Seen(s.number, s.angle % turn, max(s.std, LEAST_STD))
+        FoundAngle(s.number, s.angle % turn, max(s.std, LEAST_STD))
         for s in new
         if s.std < MOST_STD * turn
     ]

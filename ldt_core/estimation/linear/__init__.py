@@ -5,7 +5,7 @@
 >>> model.poles, model.dc_gain               # doctest: +SKIP
 """
 
-from ldt_core.estimation.linear.estimate import Identified, identify
+from ldt_core.estimation.linear.identification import Identified, identify
 from ldt_core.estimation.linear.state_space import StateSpace
 
 __all__ = ["Identified", "StateSpace", "identify"]

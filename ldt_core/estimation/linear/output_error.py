@@ -29,7 +29,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ldt_core.estimation.linear import schwarz
-from ldt_core.estimation.linear.descent import (
+from ldt_core.estimation.linear.levenberg_marquardt import (
     corrected,
     descend,
     first_damping,

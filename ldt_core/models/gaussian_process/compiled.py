@@ -1,7 +1,7 @@
 """Mean, slope and deviation of a trained function as compiled loops read them in nanoseconds.
 
 For one input that is a table on a regular axis: the mean as cubic Hermite polynomials through exact
-values and slopes, the deviation by straight lines. For more inputs `free_run` evaluates the
+values and slopes, the deviation by straight lines. For more inputs `speed_run` evaluates the
 inducing points as they are, in microseconds a sample: a table for two inputs, of 27,000 nodes, was
 seen to take as long to fill as 78 runs of 2000 samples, and three inputs would need millions.
 """
@@ -19,7 +19,7 @@ from ldt_core.models.gaussian_process.speed_run import run_inducing, run_table
 
 #: What f may depend on, in the order in which the compiled loop keeps them.
 INPUTS = ("current", "speed", "voltage")
-#: (ad, bd, gd, voltage, start) -> speed (L,), slopes (L, 2), deviation of f (L,): `free_run`.
+#: (ad, bd, gd, voltage, start) -> speed (L,), slopes (L, 2), deviation of f (L,): `speed_run`.
 FreeRun = Callable[[Array, Array, Array, Array, Array], tuple[Array, Array, Array]]
 
 # Nodes of the table in a length scale. The Hermite error is h⁴/384 max|f⁗| <= 8e-8 of the size that
@@ -33,7 +33,7 @@ MOST_NODES = 1_000_000  # a table beyond that is no table of a machine, and woul
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class SpeedTable:
     """A function of one input on a regular axis; beyond its ends mean 0 and the prior's deviation.
 
     Args:
@@ -51,7 +51,7 @@ class Table:
     prior_std: float
 
 
-def tabulate(posterior: SparsePosterior) -> Table:
+def tabulate(posterior: SparsePosterior) -> SpeedTable:
     """The table of a posterior with one input.
 
     Raises:
@@ -72,7 +72,7 @@ def tabulate(posterior: SparsePosterior) -> Table:
     a, b, rise = slope[:-1], slope[1:], np.diff(value)
     cubic = np.column_stack([value[:-1], a, 3 * rise - 2 * a - b, a + b - 2 * rise])
     std = posterior.std(nodes[:, None])
-    return Table(low, step, np.ascontiguousarray(cubic), std, posterior.kernel.signal_std)
+    return SpeedTable(low, step, np.ascontiguousarray(cubic), std, posterior.kernel.signal_std)
 
 
 def compile_run(posterior: SparsePosterior | None, inputs: Sequence[str]) -> FreeRun:
@@ -86,7 +86,7 @@ def compile_run(posterior: SparsePosterior | None, inputs: Sequence[str]) -> Fre
         ValueError: as `tabulate`.
     """
     if posterior is None:
-        table: Table | None = Table(0.0, 1.0, np.empty((0, 4)), np.empty(0), 0.0)
+        table: SpeedTable | None = SpeedTable(0.0, 1.0, np.empty((0, 4)), np.empty(0), 0.0)
     elif tuple(inputs) == ("speed",):
         table = tabulate(posterior)
     else:

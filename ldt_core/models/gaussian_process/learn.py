@@ -3,7 +3,7 @@
 1. means over short blocks of the one-step targets, and from them the kernel (`hyperparameters`);
 2. noise of sensor and process, with the function that the cells alone give (`observer`);
 3. one sparse solve on all samples, as innovations at the filtered states (`sparse`);
-4. what free runs still miss where they have not learned from, as a disturbance (`free_run`).
+4. what free runs still miss where they have not learned from, as a disturbance (`speed_run`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ldt_core.models.gaussian_process.compiled import FreeRun, compile_run
 from ldt_core.models.gaussian_process.hyperparameters import cells, fit_hyperparameters
 from ldt_core.models.gaussian_process.kernel import Array, Kernel
 from ldt_core.models.gaussian_process.observer import (
-    Run,
+    MotorRun,
     estimate_noise,
     filter_columns,
     filtered,
@@ -59,7 +59,7 @@ BISECTIONS = 60  # halvings of an interval of logarithms: down to rounding
 
 
 @dataclass(frozen=True, eq=False)
-class Learned:
+class LearnedAcceleration:
     """A trained acceleration.
 
     Args:
@@ -79,7 +79,7 @@ class Learned:
     rmse: float
 
 
-def learn(runs: Sequence[Run], inputs: Sequence[str], most: int) -> Learned:
+def learn(runs: Sequence[MotorRun], inputs: Sequence[str], most: int) -> LearnedAcceleration:
     """Train on these runs, from the prior.
 
     Args:
@@ -102,7 +102,7 @@ def learn(runs: Sequence[Run], inputs: Sequence[str], most: int) -> Learned:
     return learned
 
 
-def _learn(runs: Sequence[Run], inputs: tuple[str, ...], most: int) -> Learned:
+def _learn(runs: Sequence[MotorRun], inputs: tuple[str, ...], most: int) -> LearnedAcceleration:
     steps = [one_step(run) for run in runs]
     lengths = _block_lengths(runs)
     raw = [
@@ -139,7 +139,7 @@ def _learn(runs: Sequence[Run], inputs: tuple[str, ...], most: int) -> Learned:
     return _disturbance(runs, inputs, found, parts, noise_std, span, lengths, steps, raw)
 
 
-def _parts(runs: Sequence[Run]) -> list[NDArray[np.int64]]:
+def _parts(runs: Sequence[MotorRun]) -> list[NDArray[np.int64]]:
     """For each run (L,) the part of the data that a sample belongs to, in alternating stretches."""
     return [
         (np.arange(len(run.speed)) * PARTS * STRETCHES // len(run.speed) + index) % PARTS
@@ -147,7 +147,7 @@ def _parts(runs: Sequence[Run]) -> list[NDArray[np.int64]]:
     ]
 
 
-def _block_lengths(runs: Sequence[Run]) -> list[int]:
+def _block_lengths(runs: Sequence[MotorRun]) -> list[int]:
     """Samples in a block, for each run."""
     total = sum(len(run.speed) - 1 for run in runs)
     if total < FEWEST_BLOCKS:
@@ -171,7 +171,7 @@ def _means(values: Array, length: int) -> Array:
     return values[: count * length].reshape(count, length, *values.shape[1:]).mean(axis=1)
 
 
-def _sensor_noise(runs: Sequence[Run], lacking: Sequence[Array]) -> float:
+def _sensor_noise(runs: Sequence[MotorRun], lacking: Sequence[Array]) -> float:
     """Noise of the speed sensor [rad/s] from second differences of the one-step targets.
 
     A target holds v_{k+1} - a v_k besides the acceleration, which changes slowly against a sample;
@@ -209,7 +209,7 @@ def _from_cells(kernel: Kernel, inducing: Array, x: Array, y: Array) -> SparsePo
 
 
 def _disturbance(
-    runs: Sequence[Run],
+    runs: Sequence[MotorRun],
     inputs: Sequence[str],
     found: Sequence[SparsePosterior],
     parts: Sequence[NDArray[np.int64]],
@@ -218,7 +218,7 @@ def _disturbance(
     lengths: Sequence[int],
     steps: Sequence[tuple[Array, Array]],
     raw: Sequence[Array],
-) -> Learned:
+) -> LearnedAcceleration:
     """What free runs miss beyond noise and the function's own spread.
 
     Its memory is that of the block means of the equation error; its size is the one that makes the
@@ -259,10 +259,10 @@ def _disturbance(
                 high = middle
         size = float(np.exp((low + high) / 4))
     rmse = float(np.sqrt(np.mean(errors**2)))
-    return Learned(posterior, noise_std, size, memory, span, rmse)
+    return LearnedAcceleration(posterior, noise_std, size, memory, span, rmse)
 
 
-def _run(compiled: FreeRun, run: Run) -> tuple[Array, Array, Array]:
+def _run(compiled: FreeRun, run: MotorRun) -> tuple[Array, Array, Array]:
     start = np.array([run.current, run.speed[0]])
     return compiled(run.ad, run.bd, run.gd, run.voltage, start)
 

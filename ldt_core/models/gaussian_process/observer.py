@@ -29,7 +29,7 @@ RATIOS = np.concatenate([[0.0], np.logspace(-6, 3, 28)])
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class MotorRun:
     """One measured experiment and the discrete motor behind it.
 
     Args:
@@ -52,14 +52,14 @@ class Run:
 
 
 @dataclass(frozen=True, eq=False)
-class Noise:
+class ObserverNoise:
     """White noise of sensor and process: std of the sensor [rad/s], ratio of the variances."""
 
     std: float
     ratio: float
 
 
-def one_step(run: Run) -> tuple[Array, Array]:
+def one_step(run: MotorRun) -> tuple[Array, Array]:
     """Equation error of the physics alone.
 
     Returns:
@@ -69,7 +69,7 @@ def one_step(run: Run) -> tuple[Array, Array]:
     return _one_step(run.ad, run.bd, run.gd, run.voltage, run.speed, run.current)
 
 
-def filtered(run: Run, force: Array, ratio: float) -> tuple[Array, Array, Array]:
+def filtered(run: MotorRun, force: Array, ratio: float) -> tuple[Array, Array, Array]:
     """Kalman filter over one run with a known acceleration.
 
     Args:
@@ -85,19 +85,19 @@ def filtered(run: Run, force: Array, ratio: float) -> tuple[Array, Array, Array]
     return _filtered(run.ad, run.bd, run.gd, run.voltage, run.speed, run.current, force, ratio)
 
 
-def filter_columns(run: Run, columns: Array, ratio: float) -> Array:
+def filter_columns(run: MotorRun, columns: Array, ratio: float) -> Array:
     """(L - 1, m) what accelerations columns (L, m) contribute to the scaled innovations."""
     return _filter_columns(run.ad, run.gd, columns, ratio)
 
 
-def estimate_noise(runs: Sequence[Run], forces: Sequence[Array]) -> Noise:
+def estimate_noise(runs: Sequence[MotorRun], forces: Sequence[Array]) -> ObserverNoise:
     """Maximum-likelihood noise of sensor and process, the acceleration being known.
 
     Args:
         runs: experiments.
         forces: for each, (L,) [rad/s²].
     """
-    best, least = Noise(0.0, 0.0), np.inf
+    best, least = ObserverNoise(0.0, 0.0), np.inf
     for ratio in RATIOS:
         squares, logs, count = 0.0, 0.0, 0
         for run, force in zip(runs, forces, strict=True):
@@ -107,10 +107,13 @@ def estimate_noise(runs: Sequence[Run], forces: Sequence[Array]) -> Noise:
             count += len(scales)
         variance = squares / count
         if variance == 0:
-            return Noise(0.0, float(ratio))
+            return ObserverNoise(0.0, float(ratio))
         minus_log_likelihood = count * np.log(variance) + logs
         if minus_log_likelihood < least:
-            best, least = Noise(float(np.sqrt(variance)), float(ratio)), minus_log_likelihood
+            best, least = (
+                ObserverNoise(float(np.sqrt(variance)), float(ratio)),
+                minus_log_likelihood,
+            )
     return best
 
 

@@ -34,7 +34,7 @@ def run_table(ad, bd, gd, voltage, start, low, step, cubic, std, prior_std):
         gd: (2,) likewise, for an acceleration of the shaft.
         voltage: (L,) [V].
         start: (2,) state at the first sample.
-        low: first node of the table [rad/s]; `compiled.Table` describes this and the rest.
+        low: first node of the table [rad/s]; `compiled.SpeedTable` describes this and the rest.
         step: distance of nodes [rad/s].
         cubic: (c, 4) polynomials [rad/s²].
         std: (c + 1,) [rad/s²].

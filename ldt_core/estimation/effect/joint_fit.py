@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.estimation.effect.free_run import ANGLE, Array, Cause, Start
+from ldt_core.estimation.effect.cause import ANGLE, Array, Cause, UncertainStart
 
 STEP = 0.5e-3  # s, longest integration step: worst relative error 8e-5
 DIFFERENCE = 1e-4  # of a scale or of a start state's spread, for difference quotients
@@ -29,11 +29,11 @@ WEAK = 2.0  # scales: width of the prior that stands in where the data say nothi
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class FittedExperiment:
     """An experiment to fit: what was measured, what is known of its start, which samples count."""
 
     experiment: Experiment
-    start: Start
+    start: UncertainStart
     keep: Array
 
 
@@ -56,7 +56,7 @@ class Minimum:
     memory: float
 
 
-class Descent:
+class JointFit:
     """The fit of one effect to several experiments.
 
     Args:
@@ -71,7 +71,7 @@ class Descent:
     def __init__(
         self,
         cause: Cause,
-        seen: Sequence[Seen],
+        seen: Sequence[FittedExperiment],
         noise: float,
         shared: bool = False,
         known: tuple[float, float] | None = None,

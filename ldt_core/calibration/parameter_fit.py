@@ -36,7 +36,7 @@ STARTS = 3  # minima of the scan from which to fit
 
 
 @dataclass(frozen=True)
-class Fit:
+class ParameterFit:
     """Where a fit ended.
 
     Attributes:
@@ -50,7 +50,7 @@ class Fit:
     converged: bool
 
 
-def fit(runs: FreeRuns, coordinates: Coordinates, z: Array) -> Fit:
+def fit(runs: FreeRuns, coordinates: Coordinates, z: Array) -> ParameterFit:
     """Fit the free parameters.
 
     Args:
@@ -96,7 +96,7 @@ def fit(runs: FreeRuns, coordinates: Coordinates, z: Array) -> Fit:
     z = coordinates.snapped(z)
     runs.settle(coordinates.values(z))
     runs.weigh(coordinates.values(z))
-    return Fit(z, cost, converged)
+    return ParameterFit(z, cost, converged)
 
 
 def typical(

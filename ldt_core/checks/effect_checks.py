@@ -1,6 +1,6 @@
 """Generic suite for whoever writes an effect of their own.
 
-    from ldt_core.checks.effect import check_effect
+    from ldt_core.checks import check_effect
     check_effect(MY_EFFECT)
 
 raises AssertionError with a sentence at the first promise that is not kept, and returns what it

@@ -1,6 +1,6 @@
 """Generic suites for whoever writes a part of their own.
 
-    from ldt_core.checks.detector import check_detector
+    from ldt_core.checks import check_detector
     check_detector(MyDetector(limit=3.0))
 
 raises AssertionError with a sentence at the first promise that is not kept. The detectors that ship

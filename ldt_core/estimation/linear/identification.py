@@ -12,16 +12,21 @@ from numpy.typing import NDArray
 from ldt_core.base.errors import ExperimentError, LdtError, OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.threads import one_thread
-from ldt_core.estimation.linear import order as order_choice
-from ldt_core.estimation.linear import schwarz
+from ldt_core.estimation.linear import order_selection, schwarz
 from ldt_core.estimation.linear.alternatives import (
     alternatives,
     correlation_time,
     residual_deviation,
 )
-from ldt_core.estimation.linear.minima import minima
+from ldt_core.estimation.linear.multistart import minima
 from ldt_core.estimation.linear.output_error import Linear, OutputError
-from ldt_core.estimation.linear.start import Start, misses, principal_deviations, settled, usual
+from ldt_core.estimation.linear.run_start import (
+    StartRule,
+    misses,
+    principal_deviations,
+    settled,
+    usual,
+)
 from ldt_core.estimation.linear.state_space import StateSpace
 
 Array = NDArray[np.float64]
@@ -61,8 +66,8 @@ class Identified(StateSpace):
     """
 
     starts: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    start: Start | None = None
-    others: list[tuple[StateSpace, Start, float]] = field(default_factory=list)
+    start: StartRule | None = None
+    others: list[tuple[StateSpace, StartRule, float]] = field(default_factory=list)
     period: float = float("nan")
     noise_std: float = float("nan")
     correlation_time: float = float("nan")
@@ -125,16 +130,16 @@ def identify(
 
 def _fit(search: OutputError, orders: range, choosing: bool) -> tuple[Array, dict[int, float]]:
     """θ, of the last order or of the one chosen, and held-out error of each order tried."""
-    scored = choosing and len(orders) > 1 and search.longest >= order_choice.LEAST_LENGTH
+    scored = choosing and len(orders) > 1 and search.longest >= order_selection.LEAST_LENGTH
     fits: dict[int, Array] = {}
     scores: dict[int, Array] = {}
     chosen = orders[0] if choosing else orders[-1]
     for n, theta in minima(search, orders if scored or not choosing else orders[:1], choosing):
         fits[n] = theta
         if scored:
-            scores[n] = order_choice.scores(search, theta)
-            chosen = order_choice.choose(scores)
-            if n - chosen >= order_choice.PATIENCE:
+            scores[n] = order_selection.scores(search, theta)
+            chosen = order_selection.choose(scores)
+            if n - chosen >= order_selection.PATIENCE:
                 break
     return fits[chosen], {n: float(np.sqrt(s.mean())) for n, s in scores.items()}
 

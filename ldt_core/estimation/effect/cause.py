@@ -32,7 +32,7 @@ ANGLE, SPEED, CURRENT = range(3)
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class UncertainStart:
     """What is known of the state at an experiment's first sample.
 
     Attributes:
@@ -104,7 +104,7 @@ class Cause:
 
     def start(
         self, experiment: Experiment, noise: float, z: Array, lively: Array | None = None
-    ) -> Start:
+    ) -> UncertainStart:
         """What is known of the start.
 
         A first sample within the noise of 0 means a machine at rest: then only the angle is
@@ -130,7 +130,7 @@ class Cause:
                 states = self._states(experiment, lively, self.offset(0.0), rest, LIVELY_STEP)
                 moved = states[:, CURRENT + 1 : spread.size]
                 spread[CURRENT + 1 :] = np.sqrt(np.mean(moved**2, axis=0))
-        return Start(rest, spread)
+        return UncertainStart(rest, spread)
 
     def speed(
         self,

@@ -26,7 +26,7 @@ from ldt_core.base.metrics import FreeRunError
 from ldt_core.base.threads import one_thread
 from ldt_core.calibration.calibrate import split
 from ldt_core.calibration.calibration import free_run_error, rounded
-from ldt_core.calibration.second_order import MotorForm, fit_form
+from ldt_core.calibration.motor_response import MotorResponse, fit_response
 from ldt_core.estimation.linear import Identified, identify
 from ldt_core.machine.machine_file import Machine
 
@@ -42,7 +42,7 @@ LACKING = 1.2  # times what the best linear model leaves: worth a note
 
 
 @dataclass(frozen=True)
-class Equivalent:
+class EquivalentMotor:
     """The equivalent motor and how far it explains the recording.
 
     Attributes:
@@ -58,7 +58,7 @@ class Equivalent:
     """
 
     machine: Machine
-    form: MotorForm
+    form: MotorResponse
     linear: Identified
     errors: dict[str, FreeRunError]
     linear_errors: dict[str, FreeRunError]
@@ -66,7 +66,7 @@ class Equivalent:
     notes: tuple[str, ...]
     recordings: tuple[str, ...] = ()
 
-    def with_recordings(self, recordings: Sequence[str]) -> Equivalent:
+    def with_recordings(self, recordings: Sequence[str]) -> EquivalentMotor:
         """The same, with the names of the files it was made from."""
         named = replace(self, recordings=tuple(recordings))
         return replace(named, machine=replace(self.machine, calibration=named.as_dict()))
@@ -109,7 +109,7 @@ def identify_machine(
     limits: tuple[float, float] | None = None,
     holdout: float | None = None,
     tick: Callable[[str], None] = lambda doing: None,
-) -> Equivalent:
+) -> EquivalentMotor:
     """The motor that is equivalent to an unknown machine, from voltage and speed.
 
     Args:
@@ -139,7 +139,7 @@ def identify_machine(
     linear = identify(kept)
     tick("fitting the equivalent motor")
     with one_thread():
-        form = fit_form(kept, linear, order, offset)
+        form = fit_response(kept, linear, order, offset)
     _refuse(form, linear, kept)
     errors, linear_errors, numbers = {}, {}, {}
     machine = _machine(form, name, experiments, limits)
@@ -151,11 +151,11 @@ def identify_machine(
             linear_errors[part] = _linear_error(linear, some)
             numbers[part] = [e.number for e in some]
     notes = _notes(form, linear, kept)
-    found = Equivalent(machine, form, linear, errors, linear_errors, numbers, tuple(notes))
+    found = EquivalentMotor(machine, form, linear, errors, linear_errors, numbers, tuple(notes))
     return found.with_recordings(())
 
 
-def _refuse(form: MotorForm, linear: Identified, experiments: list[Experiment]) -> None:
+def _refuse(form: MotorResponse, linear: Identified, experiments: list[Experiment]) -> None:
     """Refuse what is no motor.
 
     Raises:
@@ -196,7 +196,7 @@ def _described(linear: Identified) -> str:
 
 
 def _machine(
-    form: MotorForm,
+    form: MotorResponse,
     name: str,
     experiments: Sequence[Experiment],
     limits: tuple[float, float] | None,
@@ -249,7 +249,7 @@ def _linear_error(linear: Identified, experiments: Sequence[Experiment]) -> Free
     return error
 
 
-def _notes(form: MotorForm, linear: Identified, experiments: list[Experiment]) -> list[str]:
+def _notes(form: MotorResponse, linear: Identified, experiments: list[Experiment]) -> list[str]:
     notes = [
         f"Equivalent motor: R = {RESISTANCE:g} Ohm and b = {FRICTION:g} by convention; torques and "
         "currents are equivalents, of which only ratios mean something."

@@ -31,7 +31,7 @@ ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class StartRule:
     """The rule: state (n,) at speed 0, and (n,) per rad/s of it.
 
     Args:
@@ -47,7 +47,7 @@ class Start:
         return self.state + self.per_speed * speed
 
 
-def settled(model: StateSpace) -> Start | None:
+def settled(model: StateSpace) -> StartRule | None:
     """In steady running; None where the speed does not depend on the voltage then."""
     response = -np.linalg.solve(model.A, model.B)
     gain = float(model.C @ response) + model.D
@@ -55,12 +55,12 @@ def settled(model: StateSpace) -> Start | None:
     if abs(gain) <= 1e-12 * (np.abs(model.C) @ np.abs(response) + abs(model.D)):
         return None
     per_speed = np.asarray(response / gain, dtype=np.float64)
-    return Start(
+    return StartRule(
         np.asarray(-per_speed * model.offset, dtype=np.float64), per_speed, np.zeros_like(model.A)
     )
 
 
-def usual(model: StateSpace, starts: Array, experiments: Sequence[Experiment]) -> Start:
+def usual(model: StateSpace, starts: Array, experiments: Sequence[Experiment]) -> StartRule:
     """As along the runs of some experiments, from the states (experiments, n) they started in."""
     count, sums, products = 0, np.zeros(model.order), np.zeros((model.order, model.order))
     for start, e in zip(starts, experiments, strict=True):
@@ -76,10 +76,10 @@ def usual(model: StateSpace, starts: Array, experiments: Sequence[Experiment]) -
     per_speed = along / variance
     rest = spread - np.outer(along, along) / variance
     state = mean - per_speed * (float(model.C @ mean) + model.offset)
-    return Start(state, per_speed, (rest + rest.T) / 2)
+    return StartRule(state, per_speed, (rest + rest.T) / 2)
 
 
-def misses(model: StateSpace, start: Start, experiments: Sequence[Experiment]) -> float:
+def misses(model: StateSpace, start: StartRule, experiments: Sequence[Experiment]) -> float:
     """Sum of squared errors of the free runs that start by that rule [rad²/s²]."""
     total = 0.0
     for e in experiments:

@@ -31,7 +31,7 @@ NEGLIGIBLE = 1e-8  # of the larger singular value: a start state that moves noth
 
 
 @dataclass(frozen=True)
-class MotorForm:
+class MotorResponse:
     """A motor's response.
 
     Attributes:
@@ -73,9 +73,9 @@ class MotorForm:
         return (self.slowest, self.tau_m - self.slowest)
 
 
-def fit_form(
+def fit_response(
     experiments: Sequence[Experiment], linear: Identified, order: int = 0, offset: bool = True
-) -> MotorForm:
+) -> MotorResponse:
     """The motor's response that is nearest to the experiments.
 
     Args:
@@ -99,7 +99,7 @@ def fit_form(
         if gained < math.log(independent):  # Schwarz's criterion, of independent samples
             found = without
     if not order and found.order == 2 and found.tau_e < SHOWN * search.period:
-        return fit_form(experiments, linear, 1, offset)
+        return fit_response(experiments, linear, 1, offset)
     return found
 
 
@@ -113,7 +113,7 @@ def _starts(model: StateSpace, period: float) -> list[Array]:
     return [np.log([tau_m, tau_e]) for tau_e in fast]
 
 
-def _logs(form: MotorForm) -> Array:
+def _logs(form: MotorResponse) -> Array:
     return np.log([form.tau_m, form.tau_e][: form.order])
 
 
@@ -127,7 +127,7 @@ class _Search:
         speeds = np.concatenate([e.speed for e in experiments])
         self.spread = float(np.linalg.norm(speeds - speeds.mean()))
 
-    def fit(self, start: Array, offset: bool) -> MotorForm:
+    def fit(self, start: Array, offset: bool) -> MotorResponse:
         """The nearest minimum."""
         low, high = math.log(UNSEEN * self.period), math.log(SLOWEST * self.longest)
         found = least_squares(
@@ -143,7 +143,7 @@ class _Search:
         size, unknowns = float(np.linalg.norm(residual)), found.x.size + weights.size
         unknowns += found.x.size * len(self.experiments)
         taus = np.exp(found.x)
-        return MotorForm(
+        return MotorResponse(
             order=found.x.size,
             gain=float(weights[0]),
             tau_m=float(taus[0]),

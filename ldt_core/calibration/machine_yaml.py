@@ -11,7 +11,7 @@ import yaml
 from ldt_core.base import result_files
 from ldt_core.base.errors import OptionError
 from ldt_core.calibration.calibration import Calibration
-from ldt_core.calibration.equivalent_motor import Equivalent
+from ldt_core.calibration.identify import EquivalentMotor
 from ldt_core.machine.machine_file import Machine
 
 COMMENT = 16  # column at which the comments begin
@@ -32,7 +32,7 @@ def write_machine_file(calibration: Calibration, file: str | Path, force: bool =
     write(machine_text(calibration), file, force)
 
 
-def write_equivalent(found: Equivalent, file: str | Path, force: bool = False) -> None:
+def write_equivalent(found: EquivalentMotor, file: str | Path, force: bool = False) -> None:
     """Write the motor that is equivalent to an unknown machine; as `write_machine_file`."""
     write(equivalent_text(found), file, force)
 
@@ -82,7 +82,7 @@ def machine_text(calibration: Calibration) -> str:
     return _text(machine, head, comments, calibration.as_dict())
 
 
-def equivalent_text(found: Equivalent) -> str:
+def equivalent_text(found: EquivalentMotor) -> str:
     """The machine file of an equivalent motor as YAML, with what its values mean."""
     machine, form = found.machine, found.form
     head = [
@@ -105,7 +105,7 @@ def equivalent_text(found: Equivalent) -> str:
     return _text(machine, head, comments, found.as_dict())
 
 
-def _measured(found: Calibration | Equivalent) -> str:
+def _measured(found: Calibration | EquivalentMotor) -> str:
     count = len(found.experiments["fit"])
     return f"{count} measured experiment{'s' if count > 1 else ''}"
 

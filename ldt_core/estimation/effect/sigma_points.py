@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ldt_core.estimation.effect.descent import Descent, Minimum
-from ldt_core.estimation.effect.free_run import Array
-from ldt_core.estimation.effect.start_angle import Belief
+from ldt_core.estimation.effect.cause import Array
+from ldt_core.estimation.effect.joint_fit import JointFit, Minimum
+from ldt_core.estimation.effect.start_angle import AngleBelief
 
 RISE = 3.0  # squared deviations at a sigma point: then two a direction have the normal's moments
 UNLIKELY = 5.0  # deviations from the angle at which the machine always starts
@@ -24,7 +24,7 @@ ROUNDS = 4  # corrections of a sigma point's distance
 
 
 @dataclass(frozen=True, eq=False)
-class Member:
+class SigmaPoint:
     """A machine that may be the real one.
 
     Args:
@@ -38,7 +38,9 @@ class Member:
     angle: float
 
 
-def spread_out(descent: Descent, minimum: Minimum, belief: Belief, spread: bool) -> list[Member]:
+def sigma_points(
+    descent: JointFit, minimum: Minimum, belief: AngleBelief, spread: bool
+) -> list[SigmaPoint]:
     """The best estimate and sigma points about it.
 
     Args:
@@ -53,7 +55,7 @@ def spread_out(descent: Descent, minimum: Minimum, belief: Belief, spread: bool)
     if one is not None and _likely(float(minimum.q[one]), descent, belief):
         places.append(one)
         angle = float(minimum.q[one])
-    best = Member(1.0, minimum.q[:d], angle)
+    best = SigmaPoint(1.0, minimum.q[:d], angle)
     if not spread:
         return [best]
     at = np.array(places)
@@ -65,17 +67,17 @@ def spread_out(descent: Descent, minimum: Minimum, belief: Belief, spread: bool)
     count = len(places)
     distance = math.sqrt(max(RISE, float(count)))
     weight = 1 / (2 * distance**2)
-    members = [Member(1.0 - 2 * count * weight, best.z, best.angle)]
+    members = [SigmaPoint(1.0 - 2 * count * weight, best.z, best.angle)]
     for axis in axes:
         for sign in (1.0, -1.0):
             move = _moved(descent, minimum, follow @ (sign * distance * axis))
             q = np.clip((minimum.q + move)[:d], descent.cause.low, descent.cause.high)
             turned = angle + float(move[one]) if one is not None and len(at) > d else angle
-            members.append(Member(weight, q, turned))
+            members.append(SigmaPoint(weight, q, turned))
     return members
 
 
-def _likely(angle: float, descent: Descent, belief: Belief) -> bool:
+def _likely(angle: float, descent: JointFit, belief: AngleBelief) -> bool:
     """Whether the next experiment may start where this one did."""
     if not descent.seen[0].start.rest:
         return False
@@ -86,7 +88,7 @@ def _likely(angle: float, descent: Descent, belief: Belief) -> bool:
     return abs(off) < UNLIKELY * belief.std
 
 
-def _moved(descent: Descent, minimum: Minimum, move: Array) -> Array:
+def _moved(descent: JointFit, minimum: Minimum, move: Array) -> Array:
     """The move along this direction at which the loss has risen by RISE."""
     d = len(descent.cause.names)
     least = descent.loss(minimum.q, minimum)

@@ -11,8 +11,8 @@ import numpy as np
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
-from ldt_core.estimation.effect.descent import Descent, Minimum, Seen
-from ldt_core.estimation.effect.free_run import Array, Cause, white_noise
+from ldt_core.estimation.effect.cause import Array, Cause, white_noise
+from ldt_core.estimation.effect.joint_fit import FittedExperiment, JointFit, Minimum
 from ldt_core.estimation.effect.scan import Point, Scan
 
 TRIES = (1, 2)  # descents: from the scan's best point, then from the best of a closer look
@@ -28,7 +28,7 @@ LEAST_NOISE = 1e-6  # of the speed's size: noise-free simulations must not divid
 LEAST_GAIN = 1e-9  # difference of a scan's scores below which the effect shows in nothing
 
 
-class Search:
+class EffectSearch:
     """The effect's parameters and the start state that explain one experiment.
 
     The scan is made once; the fit to a part of the experiment is chosen from the same free runs.
@@ -52,10 +52,10 @@ class Search:
         self._scan = Scan(cause, experiment, self.start, self.noise, seeds)
         self.best = self._whole()
 
-    def descent(self, keep: Array) -> Descent:
+    def descent(self, keep: Array) -> JointFit:
         """The fit of these samples (L,) of the experiment."""
-        seen = Seen(self.experiment, self.start, keep)
-        return Descent(self.cause, [seen], self.noise, memory=self.runs)
+        seen = FittedExperiment(self.experiment, self.start, keep)
+        return JointFit(self.cause, [seen], self.noise, memory=self.runs)
 
     def part(self, keep: Array) -> Minimum:
         """The best fit of some samples (L,).
@@ -147,9 +147,9 @@ class Search:
             minimum = further
         return minimum
 
-    def _beginning(self, end: int) -> Descent:
-        seen = Seen(self.experiment.part(0, end), self.start, np.ones(end, dtype=bool))
-        return Descent(self.cause, [seen], self.noise, memory=self.runs)
+    def _beginning(self, end: int) -> JointFit:
+        seen = FittedExperiment(self.experiment.part(0, end), self.start, np.ones(end, dtype=bool))
+        return JointFit(self.cause, [seen], self.noise, memory=self.runs)
 
     def _along(self, minimum: Minimum) -> list[Array]:
         """Points along the direction that is known least, as far as it is unknown."""

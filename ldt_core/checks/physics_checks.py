@@ -1,6 +1,6 @@
 """Suite for whoever writes a physics of their own.
 
-    from ldt_core.checks.physics import check_physics
+    from ldt_core.checks import check_physics
     check_physics(load_machine("my_machine.yaml"))
 
 raises AssertionError with a sentence at the first promise that is not kept, and returns what it
