@@ -107,7 +107,7 @@ def _resumed(settings: dict[str, Any]) -> dict[str, Any]:
 
 def _roles(settings: Mapping[str, Any]) -> Iterator[str]:
     """Of the graph; what tells them is imported when somebody asks."""
-    from ldt_core.runs.offline import roles
+    from ldt_core.runs.fleet_members import roles
 
     yield from roles(settings)
 

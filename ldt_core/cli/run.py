@@ -37,6 +37,7 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
     from ldt_core.recording.pace import paced, parse_rate
     from ldt_core.restart.run_key import begin_of, resumed
     from ldt_core.runs import offline
+    from ldt_core.runs.fleet_members import fleet
 
     if settings["resume"]:
         if no_bag:
@@ -44,7 +45,7 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
         settings = resumed(settings)
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
-    members = offline.fleet(machine, settings)
+    members = fleet(machine, settings)
     total = None if settings["play"] else settings["experiments"]
     runs = []
     names = {member.name: total for member in members}

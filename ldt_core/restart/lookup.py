@@ -12,7 +12,7 @@ from ldt_core.models import restore_model
 from ldt_core.models.base import Model
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.step_search import ANCHOR, StepSearch
-from ldt_core.twin.recorded import WINDOW, RecordedStep
+from ldt_core.twin.stage import WINDOW, RecordedStep
 
 LATE = 1000  # experiments after which a diagnosis may still come, as many as wait for one
 MARGINS = (0, 2 * WINDOW)  # experiments before the place at which reading begins

@@ -1,4 +1,4 @@
-"""What a recording says of the steps of a run, from which a twin goes on where it ended.
+"""The complete steps of a recording, from which a twin goes on where it ended.
 
 A step is complete once its experiment, prediction, signal, adaptation and the model that goes on
 are recorded. What comes after the last complete one is done again: every stage is a function of
@@ -7,17 +7,12 @@ what came before, so that it comes out the same.
 
 from __future__ import annotations
 
-import contextlib
-import itertools
-import sys
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 from ldt_core.base.bounded import forget_oldest
-from ldt_core.base.errors import BadInput, LdtError, RecordingError
+from ldt_core.base.errors import BadInput
 from ldt_core.base.experiment import (
     Action,
     Adaptation,
@@ -29,17 +24,12 @@ from ldt_core.base.experiment import (
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.experiment_numbers import number_of
-from ldt_core.recording.step_search import ANCHOR, StepSearch
-from ldt_core.recording.storage import Storage
 from ldt_core.twin.adaptor import ROLLED_BACK
-from ldt_core.twin.recorded import WINDOW, RecordedStep
+from ldt_core.twin.stage import WINDOW, RecordedStep
 
 LOOP = ("experiment", "prediction", "signal", "adaptation", "model")
 YARDSTICK = "original_prediction"
 BESIDE = ("diagnosis", "advice")
-END = sys.maxsize  # for the number of the last experiment, whichever it is
-REACHES = (WINDOW, 8 * WINDOW)  # numbers, which may have gaps, in which there must be enough steps
-MENDING = 0.3  # s, before what could not be read is tried again
 Recorded = Experiment | Prediction | Signal | Adaptation | ModelRecord
 
 
@@ -66,121 +56,7 @@ class _Open:
         return not (self.prediction is None and self.signal is None and self.adaptation is None)
 
 
-def past_of(
-    path: str | Path, namespace: str, machine: Machine, around: int = 0
-) -> Iterator[RecordedStep]:
-    """Complete steps of one machine in a recording; none where nothing of it was recorded yet.
-
-    Args:
-        path: folder of the recording, which need not exist.
-        namespace: of the machine, "/" for the root.
-        machine: what it cannot have made was refused, whatever its number.
-        around: number of an experiment, or `END`; only the steps from some before it on, at least
-            `WINDOW`, are read and given, which takes as long in a long recording as in a short one.
-            Where such a place cannot be told all of them are.
-
-    Raises:
-        RecordingError: what stands there is no recording, or none that can be read.
-    """
-    tail = _tail(path, namespace, machine, around) if around > WINDOW else None
-    if tail is not None:
-        yield from tail
-        return
-    bag = opened(path, namespace)
-    if bag is not None:
-        yield from past(bag, machine)
-
-
-def _tail(
-    path: str | Path, namespace: str, machine: Machine, around: int
-) -> Iterator[RecordedStep] | None:
-    """None where such a place cannot be told.
-
-    Enough steps come before that experiment that what may be left out there, or be told late, has
-    no say in what follows.
-    """
-    for again in (True, False):
-        try:
-            return _steps_around(path, namespace, machine, around)
-        except (LdtError, OSError):  # its recorder may be mending it at this moment
-            if again:
-                time.sleep(MENDING)
-    return None  # whoever reads all of it says what is wrong, or reads on behind it
-
-
-def _steps_around(
-    path: str | Path, namespace: str, machine: Machine, around: int
-) -> Iterator[RecordedStep] | None:
-    bag = opened(path, namespace, listed=True)
-    if bag is None or bag.topic(ANCHOR) is None:
-        return None
-    places = StepSearch(bag)
-    if around == END:
-        last = places.near_end()
-        around = last.number if last else 0
-    for reach in REACHES:
-        done = around - reach - 1
-        if done <= WINDOW:
-            return None
-        begin = places.begin(places.of_number(done - WINDOW))
-        steps = past(bag, machine, begin, done)
-        before = list(itertools.islice(steps, WINDOW))
-        if len(before) == WINDOW and before[-1].experiment.number < around:
-            return itertools.chain(before, steps)
-    return None
-
-
-def last_of(path: str | Path, namespace: str, topic: str, around: int = 0) -> int:
-    """The last experiment that a record of a topic is about or is, 0 if there is none.
-
-    Args:
-        path: folder of the recording.
-        namespace: as of `past_of`.
-        topic: last part of its name.
-        around: as of `past_of`; what was recorded before that place does not count.
-
-    Raises:
-        RecordingError: as `past_of`.
-    """
-    if around > WINDOW:
-        with contextlib.suppress(LdtError, OSError):
-            return _last_around(path, namespace, topic, around)
-    bag = opened(path, namespace)
-    return last_in(bag, topic) if bag is not None and bag.topic(topic) else 0
-
-
-def _last_around(path: str | Path, namespace: str, topic: str, around: int) -> int:
-    bag = opened(path, namespace, listed=True)
-    if bag is None:
-        return 0
-    places = StepSearch(bag)
-    last = places.near_end()
-    if last is None:
-        raise RecordingError(bag.path, "steps", "none")
-    number = min(around, last.number)
-    if bag.topic(topic) is None:
-        return 0
-    begin = places.begin(places.of_number(number - WINDOW))
-    raws = bag.messages(topic, begin=begin)
-    return max((number_of(raw.topic, raw.kind, raw.data) or 0 for raw in raws), default=0)
-
-
-def last_in(bag: Bag, topic: str) -> int:
-    """The same of a recording that is open, and has the topic."""
-    raws = bag.storage.picked([bag.topic(topic) or ""])
-    return max((number_of(raw.topic, raw.kind, raw.data) or 0 for raw in raws), default=0)
-
-
-def opened(path: str | Path, namespace: str, listed: bool = False) -> Bag | None:
-    """A recording, None where nothing of the machine was recorded yet; `listed` as of `Storage`."""
-    if not Path(path).exists():
-        return None
-    storage = Storage(path, listed)
-    absolute = "/" + namespace.strip("/") if namespace.strip("/") else ""
-    return Bag(storage, absolute) if f"{absolute}/experiment" in storage.topics else None
-
-
-def past(
+def complete_steps(
     bag: Bag, machine: Machine, begin: tuple[int, int] = (0, 0), done: int = 0
 ) -> Iterator[RecordedStep]:
     """Complete steps of a recording in the order of their numbers, up to where it ends.

@@ -16,10 +16,11 @@ from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.recording.messages import quoted
 from ldt_core.recording.writer import BagWriter
-from ldt_core.restart.recorded_steps import last_in, past
+from ldt_core.restart.recorded_run import last_in
+from ldt_core.restart.recorded_steps import complete_steps
 from ldt_core.restart.run_key import check_key
 from ldt_core.twin.adaptor import FAULTY, ROLLED_BACK
-from ldt_core.twin.recorded import RecordedStep
+from ldt_core.twin.stage import RecordedStep
 
 ANSWERS = ("prediction", "signal", "adaptation")
 NS = 1e-9  # s
@@ -99,7 +100,7 @@ def history(path: str | Path, namespace: str = "", machine: str = "") -> History
     reigns: list[Reign] = []
     sums: list[float] = []
     last = None
-    for step in past(bag, known):
+    for step in complete_steps(bag, known):
         if not reigns:
             first = step.prediction.model_version
             trained = len(models[first].trained_on) if first in models else 0
@@ -138,7 +139,7 @@ def roll_back(found: History, version: int) -> Adaptation:
         choices = ", ".join(str(v) for v in sorted({*there[:-1]} & {*found.models})) or "none"
         got = f"{version}, which is in force" if version == there[-1] else str(version)
         raise OptionError("--to", f"a version that was in force before ({choices})", got)
-    done = found.last.experiment.number
+    done = found.last.number
     bag = read_bag(found.path, found.namespace or "/")
     for topic in ANSWERS:
         if last_in(bag, topic) > done:

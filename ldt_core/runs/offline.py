@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,84 +11,12 @@ from ldt_core.base.experiment import Experiment, Step
 from ldt_core.base.metrics import Summary
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import read_bag
-from ldt_core.recording.storage import RECORDINGS
 from ldt_core.recording.writer import BagWriter
-from ldt_core.restart.checkpoints import Kept
 from ldt_core.restart.learning_switch import Pause
+from ldt_core.restart.recorded_run import RecordedRun
+from ldt_core.restart.recovery import TwinRecovery
 from ldt_core.restart.run_key import check_key, key_text
 from ldt_core.twin.loop import Twin
-
-#: Nodes from which experiments can come.
-SOURCES = ("plant", "player", "segmenter")
-
-
-def new_recording(machine: str) -> Path:
-    """A folder name that does not exist yet: machine and time under `ldt_recordings`."""
-    stem = f"{Path(machine).stem}-{time.strftime('%Y%m%d-%H%M%S')}"
-    path = RECORDINGS / stem
-    count = 1
-    while path.exists():
-        count += 1
-        path = RECORDINGS / f"{stem}-{count}"
-    return path
-
-
-def roles(settings: Mapping[str, Any]) -> list[str]:
-    """The nodes of one machine's graph, the recorder first: it misses nothing then.
-
-    Where the model learns by the diagnosed effect the adaptor makes the diagnoses.
-    """
-    in_adaptor = settings["model"] == "diagnosed" and settings["cause"] == "auto"
-    beside = ["diagnoser"] if settings["diagnose"] and not in_adaptor else []
-    beside += ["advisor"] if settings["advice"] else []
-    return ["recorder", *beside, "adaptor", "detector", "twin", source_of(settings)]
-
-
-def source_of(settings: Mapping[str, Any]) -> str:
-    """The node from which a machine's experiments come."""
-    if settings["source"]:
-        return "segmenter"
-    return "player" if settings["play"] else "plant"
-
-
-@dataclass(frozen=True)
-class Member:
-    """One machine of a run.
-
-    Args:
-        name: for people.
-        namespace: of its topics, "" for the root.
-        settings: its own: seed, recording.
-        bag: folder of its recording.
-    """
-
-    name: str
-    namespace: str
-    settings: dict[str, Any]
-    bag: Path
-
-
-def fleet(machine: Machine, settings: Mapping[str, Any]) -> list[Member]:
-    """The machines of a run, each with its own namespace, seed and recording.
-
-    Raises:
-        BadInput: a recording that exists, or several machines for one recording to play.
-    """
-    count = settings["machines"]
-    if count > 1 and settings["play"]:
-        raise BadInput("machines", "1 together with play", count)
-    base = Path(settings["bag"]) if settings["bag"] else new_recording(machine.name)
-    if base.exists() and not settings["resume"]:
-        raise BadInput(base, "a folder that does not exist yet, for the recording", "one that does")
-    members = []
-    for index in range(count):
-        name = f"machine_{index + 1}" if count > 1 else machine.name
-        bag = base / name if count > 1 else base
-        parts = [settings["namespace"].strip("/"), name if count > 1 else ""]
-        own = {**settings, "seed": settings["seed"] + index, "bag": str(bag)}
-        own["resume"] = str(bag) if settings["resume"] else ""
-        members.append(Member(name, "/".join(p for p in parts if p), own, bag))
-    return members
 
 
 def run(
@@ -147,14 +73,14 @@ def run(
         once=goes_on,
         key=key_text(machine),
     ) as writer:
-        kept = Kept(twin, bag, namespace, summary.note)
-        done = kept.recall() if goes_on else 0
+        recovery = TwinRecovery(twin, RecordedRun(bag, namespace, machine), summary.note)
+        done = recovery.resume() if goes_on else 0
         ahead = (e for e in experiments if e.number > done)
         for index, step in enumerate(twin.steps(ahead, rejected)):
             if index == 0 and not done:
                 writer.write("model", untrained, step.experiment.start)
             write_step(writer, step)
-            kept.passed(step.experiment)
+            recovery.passed(step.experiment)
             on_step(step)
             if not goes_on:
                 summary.add(step)

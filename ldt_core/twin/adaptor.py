@@ -8,13 +8,12 @@ is asked for, the experiments are chosen by evidence and a new model has to pass
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ldt_core.base.errors import LdtError, OptionError, RecordingError
+from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.base.experiment import (
     PAUSED,
     Action,
@@ -30,7 +29,7 @@ from ldt_core.machine.sensor_check import fault
 from ldt_core.models.base import Model
 from ldt_core.twin.gate import Offer, Trial
 from ldt_core.twin.memory import Memory
-from ldt_core.twin.recorded import Archive, RecordedStep
+from ldt_core.twin.stage import Archive, RecordedStep
 from ldt_core.twin.training_data import HARM, core, still_valid
 
 if TYPE_CHECKING:
@@ -75,6 +74,7 @@ class Adaptor:
         data: "evidence" or "warning-set".
         diagnoser: for a model that learns by the effect that a diagnosis names.
         sensor_check: whether implausible experiments are refused.
+        restore: makes a model of its record; None takes the options of the model to begin with.
 
     Attributes:
         diagnosis: the verdict that the last experiment gave rise to, or None.
@@ -92,10 +92,14 @@ class Adaptor:
         data: str = "evidence",
         diagnoser: Diagnoser | None = None,
         sensor_check: bool = False,
+        restore: Callable[[ModelRecord], Model] | None = None,
     ) -> None:
         given = {"gate": gate, "holdout": holdout, "data": data, "sensor_check": sensor_check}
         settings = resolve(given, "adaptor")
         self.model = model
+        self._restore = restore or (
+            lambda record: type(model).from_record(record, model.machine, **model.options)
+        )
         self.memory = memory
         self.gate: str = settings["gate"]
         self.holdout: float = settings["holdout"]
@@ -180,17 +184,15 @@ class Adaptor:
         self.earlier = [*self.earlier[:1], *self.earlier[1:][-EARLIER + 1 :], self.model]
         self.model = model
 
-    def recall(self, step: RecordedStep, model: Model | None) -> None:
-        """Be as after a recorded step, without learning anew.
-
-        Args:
-            step: as recorded.
-            model: that it brought into force, None where the present one stayed.
+    def recall(self, step: RecordedStep) -> None:
+        """Take over what a recorded step says, without learning anew.
 
         Raises:
             RecordingError: a step after which another model is in force than here.
+            ModelError: a recorded model that cannot be this machine's.
         """
         experiment, told = step.experiment, step.adaptation
+        model = None if step.model is None else self._restore(step.model)
         if ROLLED_BACK in told.details and model is not None:
             self._roll_back(step, model)
             return
@@ -285,71 +287,36 @@ class Adaptor:
             return Offer(again, f"is version {best.version} again", details)
         return Offer(learner.fit(pool), f"learned from {_count(len(pool))}", details)
 
-    def mark(self) -> dict[str, Any]:
+    def state(self) -> dict[str, Any]:
         """Its state by the numbers of what is recorded; `return_to` takes it back."""
         return {
             "version": self.model.version,
             "earlier": [model.version for model in self.earlier],
             "named": self.named.experiment if self.named else None,
-            "memory": self.memory.mark(),
-            "diagnoser": self.diagnoser.mark() if self.diagnoser else None,
+            "memory": self.memory.state(),
+            "diagnoser": self.diagnoser.state() if self.diagnoser else None,
         }
 
-    def return_to(self, mark: Mapping[str, Any], recorded: Archive) -> None:
-        """Be as when the mark was made, before any step here.
+    def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
+        """Take back a state, before any step here.
 
         Raises:
             RecordingError: something that is not recorded; the adaptor is then as it was.
             ModelError: a recorded model that cannot be this machine's; the same.
-            ValueError, TypeError, KeyError: no mark; the same.
+            ValueError, TypeError, KeyError: no state; the same.
         """
-        if len(mark["earlier"]) > EARLIER + 1:
+        if len(state["earlier"]) > EARLIER + 1:
             raise ValueError("more models than are kept")
         first = self.model
-        earlier = [first if v == first.version else recorded.model(v) for v in mark["earlier"]]
-        present = mark["version"]
-        model = first if present == first.version else recorded.model(present)
-        named = None if mark["named"] is None else recorded.diagnosis(mark["named"])
+        earlier = [first if v == first.version else archive.model(v) for v in state["earlier"]]
+        present = state["version"]
+        model = first if present == first.version else archive.model(present)
+        named = None if state["named"] is None else archive.diagnosis(state["named"])
         memory = Memory(self.memory.limit, self.memory.history)
-        memory.return_to(mark["memory"], recorded)
+        memory.return_to(state["memory"], archive)
         if self.diagnoser is not None:
-            self.diagnoser.return_to(mark["diagnoser"], recorded)
+            self.diagnoser.return_to(state["diagnoser"], archive)
         self.model, self.memory, self.earlier, self.named = model, memory, earlier, named
-
-    def state(self) -> dict[str, Any]:
-        """All that changes but the present model, in JSON types; `restore` takes it back.
-
-        A diagnoser keeps its experiments to itself; what it named last is here.
-        """
-        return {
-            "named": asdict(self.named) if self.named else None,
-            "memory": self.memory.state(),
-            "earlier": [asdict(model.record()) for model in self.earlier],
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from a state saved by an adaptor of the same kind of model.
-
-        Raises:
-            OptionError: the state is not an adaptor's; the adaptor is then as it was before.
-            ModelError: an earlier model that cannot be this machine's.
-        """
-        try:
-            records = [ModelRecord(**record) for record in state["earlier"]]
-            memory, named = state["memory"], state["named"]
-            if named is not None:
-                named = DiagnosisRecord(**{**named, "effects": tuple(named["effects"])})
-        except (KeyError, TypeError) as error:
-            got = f"{type(error).__name__}: {error}"
-            raise OptionError("state of the adaptor", "memory, earlier and named", got) from error
-        present = self.model
-        earlier = [
-            type(present).from_record(record, present.machine, **present.options)
-            for record in records
-        ]
-        self.memory.restore(memory)
-        self.earlier = earlier
-        self.named = named
 
 
 def _rmse(trial: Trial, model: Model) -> float:

@@ -26,7 +26,7 @@ from ldt_core.base.experiment import AdviceRecord, DiagnosisRecord, Experiment, 
 from ldt_core.base.settings import resolve
 from ldt_core.base.threads import one_thread
 from ldt_core.machine.machine_file import Machine
-from ldt_core.twin.recorded import Archive, RecordedStep
+from ldt_core.twin.stage import Archive, RecordedStep
 
 RECENT = 6  # experiments that count for what has been learned already
 
@@ -75,12 +75,12 @@ class Advisor:
             return None
 
     def recall(self, step: RecordedStep) -> None:
-        """Be as after a recorded step, without advising anew."""
+        """Take over what a recorded step says, without advising anew."""
         if step.diagnosis is not None:
             self.informed(step.diagnosis)
         self._take(step.experiment)
 
-    def mark(self) -> dict[str, Any]:
+    def state(self) -> dict[str, Any]:
         """Its state by the numbers of what is recorded; `return_to` takes it back."""
         return {
             "recent": [[e.number, e.start] for e in self._recent],
@@ -88,21 +88,21 @@ class Advisor:
             "last": self._last,
         }
 
-    def return_to(self, mark: Mapping[str, Any], recorded: Archive) -> None:
-        """Be as when the mark was made, before any step here.
+    def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
+        """Take back a state, before any step here.
 
         Raises:
             RecordingError: something that is not recorded; the advisor is then as it was.
-            ValueError, TypeError, KeyError: no mark; the same.
+            ValueError, TypeError, KeyError: no state; the same.
         """
-        last, at = mark["last"], mark["diagnosis"]
-        if not (last is None or type(last) is int) or len(mark["recent"]) > RECENT:
+        last, at = state["last"], state["diagnosis"]
+        if not (last is None or type(last) is int) or len(state["recent"]) > RECENT:
             raise ValueError("last is no number, or there are more experiments than are kept")
-        recent = [recorded.experiment(number, start) for number, start in mark["recent"]]
-        # One that was being made at the mark is known by now.
-        late = [s.diagnosis for s in recorded.steps if s.diagnosis is not None]
+        recent = [archive.experiment(number, start) for number, start in state["recent"]]
+        # One that was being made when the state was taken is known by now.
+        late = [s.diagnosis for s in archive.steps if s.diagnosis is not None]
         newer = late[-1] if late and (at is None or late[-1].experiment > at) else None
-        diagnosis = newer or (None if at is None else recorded.diagnosis(at))
+        diagnosis = newer or (None if at is None else archive.diagnosis(at))
         self._recent.clear()
         self._recent.extend(recent)
         self._diagnosis, self._last = diagnosis, last

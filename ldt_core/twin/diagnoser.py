@@ -35,7 +35,7 @@ from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.result import Diagnosis
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.machine_file import Machine
-from ldt_core.twin.recorded import Archive, RecordedStep
+from ldt_core.twin.stage import Archive, RecordedStep
 from ldt_core.twin.training_data import HARM, VALID
 
 Make = Callable[..., Diagnosis]
@@ -144,7 +144,7 @@ class Diagnoser:
         return _record(found, signal)
 
     def recall(self, step: RecordedStep) -> None:
-        """Be as after a recorded step, without diagnosing anew."""
+        """Take over what a recorded step says, without diagnosing anew."""
         if not self._take(step.experiment, step.signal):
             return
         found, self._last = step.diagnosis, None
@@ -153,7 +153,7 @@ class Diagnoser:
             error = self._error(step.experiment, known.use)
             self._last, self._last_at = replace(known, error=error), step.experiment.number
 
-    def mark(self) -> dict[str, Any]:
+    def state(self) -> dict[str, Any]:
         """Its state by the numbers of what is recorded; `return_to` takes it back."""
         last = self._last
         error = last.error if last is not None and math.isfinite(last.error) else None
@@ -163,23 +163,23 @@ class Diagnoser:
             "last": None if last is None else {"experiment": self._last_at, "error": error},
         }
 
-    def return_to(self, mark: Mapping[str, Any], recorded: Archive) -> None:
-        """Be as when the mark was made, before any step here.
+    def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
+        """Take back a state, before any step here.
 
         Raises:
             RecordingError: something that is not recorded; the diagnoser is then as it was.
-            ValueError, TypeError, KeyError: no mark; the same.
+            ValueError, TypeError, KeyError: no state; the same.
         """
-        since, last = mark["since"], mark["last"]
-        if type(since) is not int or since < 0 or len(mark["recent"]) > (self._recent.maxlen or 0):
+        since, last = state["since"], state["last"]
+        if type(since) is not int or since < 0 or len(state["recent"]) > (self._recent.maxlen or 0):
             raise ValueError("since is no count, or there are more experiments than are kept")
         recent = [
-            (recorded.experiment(n, start), Level(level)) for n, start, level in mark["recent"]
+            (archive.experiment(n, start), Level(level)) for n, start, level in state["recent"]
         ]
         known = None
         if last is not None:
             error = math.nan if last["error"] is None else float(last["error"])
-            known = _known(recorded.diagnosis(last["experiment"]), error)
+            known = _known(archive.diagnosis(last["experiment"]), error)
             self._last_at = last["experiment"]
         self._recent.clear()
         self._recent.extend(recent)

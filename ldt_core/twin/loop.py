@@ -8,7 +8,8 @@ and the node graph give the same numbers on the same experiments.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, TypeAlias
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,19 +19,19 @@ from ldt_core.base.experiment import Experiment, Prediction, Signal, Step
 from ldt_core.detectors import build_detector
 from ldt_core.detectors.base import Detector
 from ldt_core.machine.machine_file import Machine
-from ldt_core.models import build_model
+from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
 from ldt_core.models.physics import PhysicsModel
 from ldt_core.twin.adaptor import Adaptor
 from ldt_core.twin.memory import Memory
-from ldt_core.twin.recorded import WINDOW, Archive, RecordedStep
+from ldt_core.twin.stage import WINDOW, Archive, RecordedStep, Stage
 
 if TYPE_CHECKING:
     from ldt_core.twin.advisor import Advisor
     from ldt_core.twin.diagnoser import Diagnoser
 
-Stage: TypeAlias = "Judge | Adaptor | Diagnoser | Advisor"
-WARM_UP_SAMPLES = 3  # compiled code is loaded whatever the length
+#: Samples of the idle experiment; compiled code is loaded whatever the length.
+WARM_UP_SAMPLES = 3
 
 
 class Predictor:
@@ -77,13 +78,17 @@ class Predictor:
         self._starts[experiment.number] = experiment.start
         forget_oldest(self._starts, WINDOW)
 
-    def recall(self, step: RecordedStep, model: Model | None) -> None:
-        """Be as after a recorded step, and the model that it brought into force, if one."""
+    def recall(self, step: RecordedStep) -> None:
+        """Take note of the experiment of a recorded step; the model is set by who restores it."""
         self._took(step.experiment)
-        self.model = model or self.model
+
+    @property
+    def starts(self) -> dict[int, float]:
+        """Number and start [s since the epoch] of the last experiments that were taken."""
+        return dict(self._starts)
 
 
-class Judge:
+class DetectorStage:
     """Stage 2: the detector compares prediction and measurement.
 
     Args:
@@ -95,7 +100,7 @@ class Judge:
         self.name = name
         self.detector = detector
 
-    def judge(self, experiment: Experiment, prediction: Prediction) -> Signal:
+    def step(self, experiment: Experiment, prediction: Prediction) -> Signal:
         """The signal for one experiment.
 
         Raises:
@@ -114,7 +119,7 @@ class Judge:
         )
 
     def recall(self, step: RecordedStep) -> None:
-        """Be as after a recorded step.
+        """Update the detector as in a recorded step.
 
         Raises:
             RecordingError: this detector answers otherwise than the recorded one.
@@ -128,18 +133,18 @@ class Judge:
                 f"{answer.word!r} by {self.name}",
             )
 
-    def mark(self) -> dict[str, Any] | None:
+    def state(self) -> dict[str, Any] | None:
         """The detector's state; None where that may not be all of it (`Detector.resumable`)."""
         own = vars(type(self.detector)).get("resumable", False)
         return self.detector.state() if own else None
 
-    def return_to(self, mark: Mapping[str, Any], recorded: Archive) -> None:
-        """Be as when the mark was made.
+    def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
+        """Restore the detector.
 
         Raises:
             OptionError: no state of this detector, which then has seen nothing.
         """
-        self.detector.restore(mark)
+        self.detector.restore(state)
 
     def _update(self, experiment: Experiment, prediction: Prediction) -> None:
         self.detector.update(prediction.residual(experiment), prediction.speed_std)
@@ -152,19 +157,22 @@ class Twin:
         machine: the machine as it is known beforehand.
         settings: parameters of the groups model, detector, adaptor, diagnosis and advice
             (`parameters.yaml`; the last two have their defaults where they are missing).
-        judge: stage 2, where it is not the detector of the settings.
+        detector: stage 2, where it is not the detector of the settings.
 
     Raises:
         OptionError: an unknown model or detector, or arguments that they refuse.
     """
 
     def __init__(
-        self, machine: Machine, settings: Mapping[str, Any], judge: Judge | None = None
+        self,
+        machine: Machine,
+        settings: Mapping[str, Any],
+        detector: DetectorStage | None = None,
     ) -> None:
         self.settings = settings
         model = build_model(settings["model"], machine, settings)
         self.predictor = Predictor(machine, model)
-        self.judge = judge or build_judge(settings)
+        self.detector = detector or build_detector_stage(settings)
         self.adaptor = build_adaptor(model, settings)
         # A model that asks for diagnoses gets them in the adaptor; one machine needs no two.
         asked = settings.get("diagnose") and not model.asks_for_diagnosis
@@ -190,7 +198,7 @@ class Twin:
         """
         prediction = self.predictor.predict(experiment)
         original = self.predictor.original.predict(experiment)
-        signal = self.judge.judge(experiment, prediction)
+        signal = self.detector.step(experiment, prediction)
         adaptation, model = self.adaptor.step(experiment, signal)
         diagnosis = self.adaptor.diagnosis
         if self.diagnoser is not None:
@@ -207,35 +215,14 @@ class Twin:
 
     @property
     def stages(self) -> dict[str, Stage]:
-        """The parts that come to know something, by the role of their node."""
+        """The stages that keep checkpoints, by the role of their node."""
         found: dict[str, Stage | None] = {
-            "detector": self.judge,
+            "detector": self.detector,
             "adaptor": self.adaptor,
             "diagnoser": self.diagnoser,
             "advisor": self.advisor,
         }
         return {name: stage for name, stage in found.items() if stage is not None}
-
-    def recall(self, step: RecordedStep, known: Mapping[str, int] | None = None) -> None:
-        """Be as after a recorded step, without predicting or learning anew.
-
-        Args:
-            step: as recorded.
-            known: stages that have returned to a later step, and the number of that.
-
-        Raises:
-            RecordingError: a recording that this twin cannot have made.
-            ModelError: a recorded model that cannot be this machine's.
-        """
-        model = step.restored(self.predictor.machine, self.settings)
-        self.predictor.recall(step, model)
-        for name, stage in self.stages.items():
-            if step.experiment.number <= (known or {}).get(name, 0):
-                continue
-            if isinstance(stage, Adaptor):
-                stage.recall(step, model)
-            else:
-                stage.recall(step)
 
     def steps(
         self,
@@ -270,9 +257,9 @@ def out_of_order(experiment: Experiment, last: int, known: bool) -> ExperimentEr
     return kind(f"experiment {experiment.number}", f"a number above {last}", experiment.number)
 
 
-def build_judge(settings: Mapping[str, Any]) -> Judge:
+def build_detector_stage(settings: Mapping[str, Any]) -> DetectorStage:
     """Stage 2 from the parameters of the group detector."""
-    return Judge(settings["detector"], build_detector(settings["detector"], settings))
+    return DetectorStage(settings["detector"], build_detector(settings["detector"], settings))
 
 
 def build_diagnoser(machine: Machine, settings: Mapping[str, Any]) -> Diagnoser:
@@ -294,4 +281,5 @@ def build_adaptor(model: Model, settings: Mapping[str, Any]) -> Adaptor:
     memory = Memory(settings["memory_limit"], settings["history"])
     how = {name: settings[name] for name in ("gate", "holdout", "data", "sensor_check")}
     diagnoser = build_diagnoser(model.machine, settings) if model.asks_for_diagnosis else None
-    return Adaptor(model, memory, **how, diagnoser=diagnoser)
+    restore = partial(restore_model, machine=model.machine, settings=settings)
+    return Adaptor(model, memory, **how, diagnoser=diagnoser, restore=restore)

@@ -10,14 +10,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from ldt_core.base.bounded import forget_oldest
-from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import resolve
-from ldt_core.twin.recorded import Archive
+from ldt_core.twin.stage import Archive
 
-CHANNELS = ("voltage", "speed", "current")
-
-Kept = dict[tuple[int, float], Experiment]
+#: By number and start.
+Experiments = dict[tuple[int, float], Experiment]
 
 
 class Memory:
@@ -44,8 +42,8 @@ class Memory:
         self.limit: int = given["memory_limit"]
         self.history: int = given["history"]
         self.dropped = 0
-        self._kept: Kept = {}
-        self._recent: Kept = {}
+        self._kept: Experiments = {}
+        self._recent: Experiments = {}
 
     @property
     def experiments(self) -> tuple[Experiment, ...]:
@@ -82,7 +80,7 @@ class Memory:
         self._kept.clear()
         self._recent.clear()
 
-    def mark(self) -> dict[str, Any]:
+    def state(self) -> dict[str, Any]:
         """Which experiments are kept, by number and start; `return_to` takes it back."""
         return {
             "dropped": self.dropped,
@@ -90,79 +88,31 @@ class Memory:
             "recent": [list(key) for key in self._recent],
         }
 
-    def return_to(self, mark: Mapping[str, Any], recorded: Archive) -> None:
-        """Be as when the mark was made.
+    def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
+        """Keep what a state names.
 
         Raises:
             RecordingError: an experiment that is not recorded; the memory is then as it was.
-            ValueError, TypeError, KeyError: no mark; the same.
+            ValueError, TypeError, KeyError: no state; the same.
         """
-        if len(mark["kept"]) > self.limit or len(mark["recent"]) > self.history:
+        if len(state["kept"]) > self.limit or len(state["recent"]) > self.history:
             raise ValueError("more experiments than are kept")
         kept, recent = (
-            {(number, start): recorded.experiment(number, start) for number, start in mark[name]}
+            {(number, start): archive.experiment(number, start) for number, start in state[name]}
             for name in ("kept", "recent")
         )
-        dropped = mark["dropped"]
+        dropped = state["dropped"]
         if type(dropped) is not int or dropped < 0:
             raise ValueError("dropped is no count")
         self._kept, self._recent, self.dropped = kept, recent, dropped
-
-    def state(self) -> dict[str, Any]:
-        """All that is kept in JSON types; `restore` takes it back, every sample to the last bit."""
-        return {
-            "dropped": self.dropped,
-            "experiments": [_plain(e) for e in self._kept.values()],
-            "recent": [_plain(e) for e in self._recent.values()],
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from a state saved earlier; experiments above this memory's limits leave.
-
-        Raises:
-            OptionError: the state is not a memory's; the memory is then as it was before.
-        """
-        try:
-            experiments = [_experiment(record) for record in state["experiments"]]
-            recent = [_experiment(record) for record in state["recent"]]
-            dropped = state["dropped"]
-        except (KeyError, TypeError, ValueError, OverflowError, LdtError) as error:
-            got = str(error) if isinstance(error, LdtError) else f"{type(error).__name__}: {error}"
-            expected = "experiments, recent and dropped"
-            raise OptionError("state of the memory", expected, got) from error
-        if type(dropped) is not int or dropped < 0:
-            raise OptionError(
-                "state of the memory, dropped", "a whole number from 0", repr(dropped)
-            )
-        self.forget()
-        self.dropped = dropped
-        for experiment in experiments:
-            self.store(experiment)
-        for experiment in recent:
-            self.remember(experiment)
 
 
 def _key(experiment: Experiment) -> tuple[int, float]:
     return experiment.number, experiment.start
 
 
-def _put(kept: Kept, experiment: Experiment, limit: int) -> int:
+def _put(kept: Experiments, experiment: Experiment, limit: int) -> int:
     """Keep an experiment as the last; how many of the oldest have left for it."""
     kept.pop(_key(experiment), None)
     kept[_key(experiment)] = experiment
     return forget_oldest(kept, limit)
-
-
-def _plain(experiment: Experiment) -> dict[str, Any]:
-    channels = {name: getattr(experiment, name) for name in CHANNELS}
-    return {
-        "number": experiment.number,
-        "start": experiment.start,
-        "period": experiment.period,
-        **{name: None if row is None else row.tolist() for name, row in channels.items()},
-    }
-
-
-def _experiment(record: Mapping[str, Any]) -> Experiment:
-    channels = (record[name] for name in CHANNELS)
-    return Experiment(record["number"], record["start"], record["period"], *channels)

@@ -16,7 +16,8 @@ from ldt_core.base.metrics import Summary
 from ldt_core.base.stopping import INTERRUPTED
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.node_status import LEFT_OUT, SECOND_PUBLISHER
-from ldt_core.runs.offline import SOURCES, Member, recorded_summary, roles, source_of
+from ldt_core.runs.fleet_members import SOURCES, Member, roles, source_of
+from ldt_core.runs.offline import recorded_summary
 from ldt_ros.graph.environment import LEASE, begin, one_line
 from ldt_ros.graph.placing import Place, placed, write_parameters
 from ldt_ros.graph.supervisor import Child, Supervisor

@@ -16,7 +16,7 @@ from ldt_core.recording.bag import read_bag
 from ldt_core.recording.pace import parse_rate
 from ldt_core.recording.run_settings import settings_text
 from ldt_core.restart.run_key import begin_of, check_key
-from ldt_core.runs.offline import fleet
+from ldt_core.runs.fleet_members import fleet
 from ldt_ros.graph.node_graph import Run
 
 NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?", re.ASCII)

@@ -15,7 +15,7 @@ from launch_ros.actions import Node
 
 import msgs_config
 from ldt_core.recording.run_settings import settings_text
-from ldt_core.runs.offline import new_recording, roles
+from ldt_core.runs.fleet_members import new_recording, roles
 
 _FOR_UP_ALONE = ("graph", "machines", "processes", "run_settings", "secure")
 

@@ -11,7 +11,6 @@ from ldt_core.base.printable import one_line
 from ldt_core.models import build_model
 from ldt_core.restart.learning_switch import Pause
 from ldt_core.twin.loop import build_adaptor
-from ldt_core.twin.recorded import RecordedStep
 from ldt_ros.nodes.convert import to_message
 from ldt_ros.nodes.worker_node import WorkerNode
 
@@ -112,10 +111,6 @@ class AdaptorNode(WorkerNode, LifecycleNodeMixin):
             self.get_logger().warning(f"change_state: {one_line(str(error))}")
             response.success = False
             return response
-
-    def recall(self, step: RecordedStep) -> None:
-        """Take over what a recorded step says."""
-        self.adaptor.recall(step, step.restored(self.machine, self.settings))
 
     def step(self, experiment: Experiment, beside: Signal) -> None:
         """Keep, store or learn, and say so."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 from ldt_core.base.experiment import Adaptation, Experiment, ModelRecord
 from ldt_core.models import build_model
-from ldt_core.restart.lookup import Lookup
 from ldt_core.twin.loop import build_advisor
-from ldt_core.twin.recorded import RecordedStep
+from ldt_core.twin.stage import Archive, RecordedStep
 from ldt_ros.nodes.convert import from_message, to_message
 from ldt_ros.nodes.versions import Versions
 from ldt_ros.nodes.worker_node import WorkerNode
@@ -82,10 +82,10 @@ class AdvisorNode(WorkerNode):
         """Be as after a step that was missed: advice on it is out of date."""
         super().take_up(step)
 
-    def return_to(self, mark: dict[str, Any], recorded: Lookup) -> None:
-        """Be as when the mark was made."""
-        present = recorded.model(recorded.steps[-1].adaptation.model_version).record()
-        super().return_to(mark, recorded)
+    def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
+        """Take back a state."""
+        present = archive.model(archive.steps[-1].adaptation.model_version).record()
+        super().return_to(state, archive)
         self._models.put(present.version, present)
 
     def _on_model(self, message: Any) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ldt_core.base.experiment import Experiment, Prediction
-from ldt_core.twin.loop import build_judge
+from ldt_core.twin.loop import build_detector_stage
 from ldt_ros.nodes.convert import to_message
 from ldt_ros.nodes.paired_node import PairedNode
 
@@ -21,10 +21,10 @@ class DetectorNode(PairedNode):
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("detector", "machine", "detector", **node_arguments)
-        self.judge = build_judge(self.settings)
+        self.detector = build_detector_stage(self.settings)
         self._signal = self.publishes("signal")
         self._last = ""
-        self.listen(self.judge)
+        self.listen(self.detector)
 
     def health(self) -> dict[str, Any]:
         """Last signal."""
@@ -33,7 +33,7 @@ class DetectorNode(PairedNode):
     def pair(self, experiment: Experiment, beside: Prediction) -> None:
         """Judge, and say so."""
         self.in_turn(experiment.number)
-        signal = self.judge.judge(experiment, beside)
+        signal = self.detector.step(experiment, beside)
         self._last = signal.level.word
         self._signal.publish(to_message(signal, experiment.end, self.machine.name))
         self.passed(experiment)

@@ -6,7 +6,7 @@ from typing import Any
 
 from ldt_core.base.experiment import Experiment, Signal
 from ldt_core.twin.loop import build_diagnoser
-from ldt_core.twin.recorded import RecordedStep
+from ldt_core.twin.stage import RecordedStep
 from ldt_ros.nodes.convert import to_message
 from ldt_ros.nodes.worker_node import WorkerNode
 

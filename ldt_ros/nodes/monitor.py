@@ -18,7 +18,7 @@ from ldt_core.base.bounded import forget_oldest
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Adaptation, Signal
 from ldt_core.recording.node_status import NodeStatus
-from ldt_core.runs.offline import SOURCES
+from ldt_core.runs.fleet_members import SOURCES
 from ldt_ros.nodes.convert import from_message
 from ldt_ros.nodes.interfaces import LISTENER_DEPTH, listener_qos, message_type
 from ldt_ros.nodes.node import REFUSED

@@ -26,8 +26,8 @@ from ldt_core.recording.node_status import (
     REJECTED,
     STOPPED,
 )
-from ldt_core.restart.recorded_steps import last_of, past_of
-from ldt_core.twin.recorded import RecordedStep
+from ldt_core.restart.recorded_run import RecordedRun
+from ldt_core.twin.stage import RecordedStep
 from ldt_ros.nodes.interfaces import declare, listener_qos, message_type, qos
 from ldt_ros.nodes.links import Links
 from ldt_ros.nodes.rivals import Rivals
@@ -142,15 +142,15 @@ class TwinNode(Node):
         """Steps of the recording that the node goes on from, none where it begins anew.
 
         Args:
-            around: as of `past_of`: where to begin in it.
+            around: as of `RecordedRun.steps`: where to begin in it.
 
         Raises:
             RecordingError: a recording that cannot be read.
         """
-        last, where = 0, (self.settings["resume"], self.get_namespace(), self.machine)
+        last, run = 0, RecordedRun(self.settings["resume"], self.get_namespace(), self.machine)
         for again in reversed(range(TRIES if self.settings["resume"] else 0)):
             try:
-                for step in past_of(*where, last or around):
+                for step in run.steps(last or around):
                     if step.experiment.number > last:
                         last = step.experiment.number
                         alive()  # a long recording takes longer than a watchdog waits
@@ -183,7 +183,8 @@ class TwinNode(Node):
         """The last experiment that a recorded record of a topic is about, 0 if there is none."""
         if not self.settings["resume"]:
             return 0
-        return last_of(self.settings["resume"], self.get_namespace(), topic, around)
+        run = RecordedRun(self.settings["resume"], self.get_namespace(), self.machine)
+        return run.last_of(topic, around)
 
     def reject(self, topic: str, error: Exception) -> None:
         """Count a message that cannot be used; log the first of its kind."""

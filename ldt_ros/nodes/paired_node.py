@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from ldt_core.base.errors import ExperimentError
 from ldt_core.base.experiment import Experiment, Prediction
-from ldt_core.restart.checkpoint import Checkpoints
-from ldt_core.restart.lookup import Lookup
+from ldt_core.restart.recorded_run import RecordedRun
+from ldt_core.restart.recovery import Recovery
 from ldt_core.twin.adaptor import ROLLED_BACK
-from ldt_core.twin.loop import Stage
-from ldt_core.twin.recorded import RecordedStep
+from ldt_core.twin.stage import Archive, RecordedStep, Stage
 from ldt_ros.nodes.convert import from_message
 from ldt_ros.nodes.feed import stamp_of
 from ldt_ros.nodes.node import TwinNode
@@ -52,15 +52,11 @@ class PairedNode(TwinNode):
         """
         self.stage = stage
         resume = self.settings["resume"]
-        self._checkpoints = Checkpoints(
-            resume or self.settings["bag"],
-            self.get_namespace(),
-            self.machine,
-            self.role,
-            self.settings,
-            lambda told: self.get_logger().warning(told),
+        run = RecordedRun(resume or self.settings["bag"], self.get_namespace(), self.machine)
+        self.recovery = Recovery(
+            self, self.role, run, self.settings, lambda told: self.get_logger().warning(told)
         )
-        self.known = self._checkpoints.returned(resume, self.return_to) if resume else 0
+        self.known = self.recovery.return_to_checkpoint() if resume else 0
         for step in self.recorded(self.known):
             self.pairs.met(step.experiment.number)
             if step.experiment.number > self.known:
@@ -81,16 +77,16 @@ class PairedNode(TwinNode):
 
     def passed(self, experiment: Experiment) -> None:
         """An experiment has been dealt with for good: keep a checkpoint if it is time."""
-        self._checkpoints.passed(experiment, self.mark)
+        self.recovery.passed(experiment)
 
-    def mark(self) -> dict[str, Any] | None:
+    def state(self) -> dict[str, Any] | None:
         """What the stage has come to know, None where it cannot say all."""
-        return self.stage.mark()
+        return self.stage.state()
 
-    def return_to(self, mark: dict[str, Any], recorded: Lookup) -> None:
-        """Be as when the mark was made."""
-        self.stage.return_to(mark, recorded)
-        self.last = recorded.steps[-1].experiment.number
+    def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
+        """Take back a state."""
+        self.stage.return_to(state, archive)
+        self.last = archive.steps[-1].number
 
     def recall(self, step: RecordedStep) -> None:
         """Take over what a recorded step says."""

@@ -15,7 +15,7 @@ from ldt_core.recording.node_status import HEALTH_TOPIC
 from ldt_core.recording.run_settings import parse_settings
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.run_key import key_text
-from ldt_core.runs.offline import new_recording
+from ldt_core.runs.fleet_members import new_recording
 from ldt_ros.nodes.backlog import Backlog
 from ldt_ros.nodes.interfaces import LISTENER_DEPTH
 from ldt_ros.nodes.node import TwinNode

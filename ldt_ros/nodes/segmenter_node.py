@@ -9,7 +9,7 @@ from typing import Any
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.recording.node_status import LEFT_OUT, NodeStatus
-from ldt_core.restart.recorded_steps import END
+from ldt_core.restart.recorded_run import END
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
 from ldt_core.segmenter.arrival import ArrivalClock
 from ldt_core.segmenter.rules import SteadyRule

@@ -12,7 +12,7 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.recording.node_status import NodeStatus
 from ldt_core.recording.pace import parse_rate
-from ldt_core.restart.recorded_steps import END
+from ldt_core.restart.recorded_run import END
 from ldt_ros.nodes.convert import from_message, to_message
 from ldt_ros.nodes.gated_node import GatedNode
 from ldt_ros.nodes.node import LINGER, REFUSED

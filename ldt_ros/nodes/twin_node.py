@@ -12,9 +12,9 @@ from ldt_core.base.experiment import Adaptation, Experiment
 from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
 from ldt_core.restart.lookup import Lookup
-from ldt_core.restart.recorded_steps import END, opened
+from ldt_core.restart.recorded_run import END, RecordedRun
 from ldt_core.twin.loop import Predictor, out_of_order
-from ldt_core.twin.recorded import WINDOW, RecordedStep
+from ldt_core.twin.stage import WINDOW, RecordedStep
 from ldt_ros.nodes.arrivals import Arrivals
 from ldt_ros.nodes.convert import from_message, to_message
 from ldt_ros.nodes.node import REFUSED, TwinNode
@@ -148,9 +148,10 @@ class PredictorNode(TwinNode):
     def _take_up(self, step: RecordedStep) -> None:
         """Be as after a recorded step."""
         self._arrivals.known(step.experiment.number)
-        restored = step.restored(self.machine, self.settings)
-        self.predictor.recall(step, restored)
-        if restored is not None:
+        self.predictor.recall(step)
+        if step.model is not None:
+            restored = restore_model(step.model, self.machine, self.settings)
+            self.predictor.model = restored
             self._models.put(restored.version, restored)
         self._note(step.adaptation)
 
@@ -159,8 +160,8 @@ class PredictorNode(TwinNode):
         version = self._adapted[max(self._adapted)].model_version
         if self._models.get(version) is None:
             try:
-                path, namespace = self.settings["resume"], self.get_namespace()
-                bag = opened(path, namespace, listed=True)
+                run = RecordedRun(self.settings["resume"], self.get_namespace(), self.machine)
+                bag = run.bag(listed=True)
                 assert bag is not None  # it has steps
                 found = Lookup(bag, self.machine, self.settings, ()).model(version)
                 self._models.put(version, found)

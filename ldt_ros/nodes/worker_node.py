@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, ClassVar
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Level
-from ldt_core.restart.lookup import Lookup
-from ldt_core.twin.recorded import RecordedStep
+from ldt_core.twin.stage import Archive, RecordedStep
 from ldt_ros.nodes.paired_node import PairedNode
 
 NEWS = 0.2  # s, how soon the end of a run learns that nothing waits any more
@@ -91,9 +90,9 @@ class WorkerNode(PairedNode):
         super().take_up(step)
         self.finished_with = self.last
 
-    def return_to(self, mark: dict[str, Any], recorded: Lookup) -> None:
-        """Be as when the mark was made."""
-        super().return_to(mark, recorded)
+    def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
+        """Take back a state."""
+        super().return_to(state, archive)
         self.finished_with = self.last
 
     def _whole(self, experiment: Experiment, beside: Any) -> None:

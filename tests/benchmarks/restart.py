@@ -25,10 +25,9 @@ from ldt_core.base.experiment import Action, Adaptation, Experiment, Prediction
 from ldt_core.base.settings import resolve
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.writer import BagWriter
-from ldt_core.restart.checkpoint import Checkpoints
-from ldt_core.restart.recorded_steps import END, past_of
-from ldt_core.twin.adaptor import Adaptor
-from ldt_core.twin.loop import Judge, Twin
+from ldt_core.restart.recorded_run import END, RecordedRun
+from ldt_core.restart.recovery import Recovery
+from ldt_core.twin.loop import Twin
 from tests.benchmarks.__main__ import machine as computer
 
 COUNTS = (250, 2_050, 20_050)  # half-way between two checkpoints
@@ -36,13 +35,14 @@ SAMPLES, LEARNED_EVERY = 2000, 10
 SPLIT = 25.0  # MB
 MACHINE = load_machine("rotor")
 GIVEN = resolve({"model": "physics", "detector": "lddm"})
+STAGES = ("detector", "adaptor")
 
 
 def write(folder: Path, count: int) -> None:
     """A run of so many experiments, and the checkpoints that it would have kept."""
     twin = Twin(MACHINE, GIVEN)
     untrained = twin.model.record()
-    keepers = _keepers(folder, GIVEN["checkpoint_every"])
+    recoveries = [_recovery(twin, folder, GIVEN["checkpoint_every"], s) for s in STAGES]
     noise = np.random.default_rng(0)
     rows = noise.uniform(0, 20, (8, 2, SAMPLES)).round(2)  # packs like what a sensor measures
     with BagWriter(folder, "rotor", split_size=SPLIT) as bag:
@@ -52,7 +52,7 @@ def write(folder: Path, count: int) -> None:
             voltage, speed = rows[number % len(rows)]
             one = Experiment(number, 1e9 + 20 * number, MACHINE.sample_period, voltage, speed)
             said = Prediction(number, one.start, one.period, version, speed)
-            signal = twin.judge.judge(one, said)
+            signal = twin.detector.step(one, said)
             told = Adaptation(number, Action.KEPT, version, "made up")
             for topic, record in (("experiment", one), ("prediction", said),
                                   ("original_prediction", said), ("signal", signal)):  # fmt: skip
@@ -66,28 +66,23 @@ def write(folder: Path, count: int) -> None:
             bag.write("adaptation", told, one.end)
             twin.adaptor.memory.remember(one)
             bag.flush()
-            keepers["detector"].passed(one, twin.judge.mark)
-            keepers["adaptor"].passed(one, twin.adaptor.mark)
+            for recovery in recoveries:
+                recovery.passed(one)
 
 
-def _keepers(folder: Path, every: int) -> dict[str, Checkpoints]:
+def _recovery(twin: Twin, folder: Path, every: int, role: str) -> Recovery:
     given = {**GIVEN, "checkpoint_every": every}
-    return {s: Checkpoints(folder, "", MACHINE, s, given, print) for s in ("detector", "adaptor")}
+    return Recovery(twin.stages[role], role, RecordedRun(folder, "", MACHINE), given, print)
 
 
 def stage(folder: Path, every: int, name: str) -> int:
     """What a stage's node does when it is started again; steps recalled."""
-    own: Judge | Adaptor = Twin(MACHINE, GIVEN).stages[name]  # type: ignore[assignment]
-    known = _keepers(folder, every)[name].returned(folder, own.return_to)
+    recovery = _recovery(Twin(MACHINE, GIVEN), folder, every, name)
+    known = recovery.return_to_checkpoint()
     recalled = 0
-    for step in past_of(folder, "", MACHINE, known):
-        if step.experiment.number <= known:
-            continue
-        recalled += 1
-        if isinstance(own, Adaptor):
-            own.recall(step, step.restored(MACHINE, GIVEN))
-        else:
-            own.recall(step)
+    for step in recovery.run.steps(known):
+        recalled += step.number > known
+        recovery.recall(step)
     return recalled
 
 
@@ -103,7 +98,7 @@ def adaptor(folder: Path, every: int) -> int:
 
 def twin(folder: Path, every: int) -> int:
     """The last experiments, and the model in force."""
-    return sum(1 for _ in past_of(folder, "", MACHINE, END if every else 0))
+    return sum(1 for _ in RecordedRun(folder, "", MACHINE).steps(END if every else 0))
 
 
 def recorder(folder: Path, every: int) -> int:

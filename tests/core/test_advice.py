@@ -25,7 +25,8 @@ from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics.steady_state import steady_voltage
 from ldt_core.recording import codec
 from ldt_core.recording.bag import read_bag
-from ldt_core.runs.offline import roles, run
+from ldt_core.runs.fleet_members import roles
+from ldt_core.runs.offline import run
 from ldt_core.twin import advisor as advisor_module
 from ldt_core.twin.advisor import Advisor, advise
 from ldt_core.views.figures.advice_figure import PERIOD, heedless

@@ -25,13 +25,13 @@ from ldt_core.detectors.lddm import LDDM
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.writer import BagWriter
-from ldt_core.restart.checkpoint import Checkpoints, _digest
-from ldt_core.restart.checkpoints import Kept
+from ldt_core.restart.checkpoint import digest
 from ldt_core.restart.lookup import Lookup
-from ldt_core.restart.recorded_steps import END, opened, past_of
+from ldt_core.restart.recorded_run import END, RecordedRun
+from ldt_core.restart.recovery import Recovery, TwinRecovery
 from ldt_core.twin.adaptor import ROLLED_BACK
-from ldt_core.twin.loop import Judge, Twin
-from ldt_core.twin.recorded import WINDOW, RecordedStep
+from ldt_core.twin.loop import DetectorStage, Twin
+from ldt_core.twin.stage import WINDOW, RecordedStep
 
 MACHINE = load_machine("rotor")
 COUNT, EVERY, LENGTH = 640, 20, 8
@@ -59,7 +59,7 @@ def made_up():
         one = Experiment(number, 1e9 + number, MACHINE.sample_period, voltage, speed)
         off = random.normal(0, 1.5 if number % 90 > 70 else 0.5, LENGTH)
         said = Prediction(number, one.start, one.period, version, speed - off)
-        signal = twin.judge.judge(one, said)
+        signal = twin.detector.step(one, said)
         model, verdict, action = None, None, Action.KEPT
         if signal.level is Level.POSITIVE:
             values = {"verdict.kind": "effect"}
@@ -89,10 +89,14 @@ def write(writer, step):
 
 def known(twin):
     """All that a twin knows, in JSON."""
-    found = {name: stage.mark() for name, stage in twin.stages.items()}
-    found["detector"] = twin.judge.detector.state()
-    starts = list(twin.predictor._starts.items())
+    found = {name: stage.state() for name, stage in twin.stages.items()}
+    found["detector"] = twin.detector.detector.state()
+    starts = list(twin.predictor.starts.items())
     return json.dumps([found, twin.predictor.last, starts, twin.model.version])
+
+
+def recorded(folder):
+    return RecordedRun(folder, "", MACHINE)
 
 
 class Killed:
@@ -114,9 +118,9 @@ class Killed:
     def taken_up(self, **other):
         """What a twin knows that goes on there, how many steps it recalled, and what was told."""
         twin, told, steps = Twin(MACHINE, {**GIVEN, **other}), [], []
-        recall = twin.recall
-        twin.recall = lambda step, known=None: (steps.append(step), recall(step, known))
-        Kept(twin, self.folder, "", told.append).recall()
+        recall = twin.adaptor.recall
+        twin.adaptor.recall = lambda step: (steps.append(step), recall(step))
+        TwinRecovery(twin, recorded(self.folder), told.append).resume()
         return known(twin), len(steps), told
 
 
@@ -127,12 +131,11 @@ def runs(tmp_path_factory):
     twin = Twin(MACHINE, GIVEN)
     with BagWriter(place / "run", "rotor", split_size=0.2) as writer:
         writer.write("model", twin.model.record(), 1e9)
-        kept = Kept(twin, place / "run", "", pytest.fail)
+        recovery = TwinRecovery(twin, recorded(place / "run"), pytest.fail)
         for step in STEPS:
             number = step.experiment.number
             write(writer, step)
-            twin.recall(step)
-            kept.passed(step.experiment)
+            recovery.recall(step)
             if number in KILLS:
                 shutil.copytree(place / "run", place / str(number))
                 found[number] = Killed(place / str(number), known(twin))
@@ -143,7 +146,7 @@ def runs(tmp_path_factory):
 @pytest.fixture(scope="module")
 def lookup(runs):
     """Finds what the last run's checkpoints name, without having read its last steps."""
-    return Lookup(opened(runs[COUNT].folder, "", listed=True), MACHINE, GIVEN, ())
+    return Lookup(recorded(runs[COUNT].folder).bag(listed=True), MACHINE, GIVEN, ())
 
 
 @pytest.fixture
@@ -170,7 +173,7 @@ def changed(file, **change):
     """A checkpoint that says something else, and is whole."""
     content = {**json.loads(file.read_text()), **change}
     del content["digest"]
-    file.write_text(json.dumps({**content, "digest": _digest(content)}))
+    file.write_text(json.dumps({**content, "digest": digest(content)}))
 
 
 def flipped(file):
@@ -180,9 +183,12 @@ def flipped(file):
 
 def returned(folder, told):
     """The step to which the detector goes back by its checkpoints."""
-    judge = Twin(MACHINE, GIVEN).judge
-    keeper = Checkpoints(folder, "", MACHINE, "detector", GIVEN, told.append)
-    return keeper.returned(folder, judge.return_to)
+    return detector_recovery(folder, told).return_to_checkpoint()
+
+
+def detector_recovery(folder, told):
+    stage = Twin(MACHINE, GIVEN).detector
+    return Recovery(stage, "detector", recorded(folder), GIVEN, told.append)
 
 
 @pytest.mark.parametrize(
@@ -204,11 +210,11 @@ def returned(folder, told):
 def test_a_file_that_is_no_checkpoint_of_the_run_is_told_and_left_out(spoil, words, run):
     """The one before it is still there."""
     told = []
-    keeper = Checkpoints(run.folder, "", MACHINE, "detector", GIVEN, told.append)
-    newest = max(keeper.files(), key=lambda f: json.loads(f.read_text())["experiment"])
-    assert [c.experiment for c in keeper.read()] == [COUNT, COUNT - EVERY]
+    files = detector_recovery(run.folder, told).files
+    newest = max(files.paths, key=lambda f: json.loads(f.read_text())["experiment"])
+    assert [c.experiment for c in files.read()] == [COUNT, COUNT - EVERY]
     spoil(newest)
-    assert [c.experiment for c in keeper.read()] == [COUNT - EVERY]
+    assert [c.experiment for c in files.read()] == [COUNT - EVERY]
     assert len(told) == 1
     assert words in told[0]
 
@@ -266,14 +272,14 @@ def test_without_a_checkpoint_that_counts_the_recording_alone_decides(runs, tmp_
 def test_nothing_is_taken_of_a_state_that_cannot_be(stage, change, runs, lookup):
     """Whole, under the run's key, and made up: the stage is left as it was."""
     own = Twin(MACHINE, GIVEN).stages[stage]
-    before = own.mark()
+    before = own.state()
     newest = runs[COUNT].files(stage)[0]
     state = json.loads(newest.read_text())["state"]
     with pytest.raises((LdtError, ValueError, TypeError, KeyError, AttributeError)):
         own.return_to({**state, **change}, lookup)
-    assert own.mark() == before
+    assert own.state() == before
     own.return_to(state, lookup)
-    assert own.mark() == state
+    assert own.state() == state
 
 
 def test_a_rollback_behind_a_checkpoint_counts(run):
@@ -294,10 +300,10 @@ def test_checkpoints_take_turns_and_stop_with_the_run(run):
     assert names == {f"{s}.{i}.checkpoint" for s in Twin(MACHINE, GIVEN).stages for i in (0, 1)}
     before = {f.name: json.loads(f.read_text())["experiment"] for f in run.files()}
     twin = Twin(MACHINE, GIVEN)
-    kept = Kept(twin, run.folder, "", pytest.fail)
-    kept.recall()
+    recovery = TwinRecovery(twin, recorded(run.folder), pytest.fail)
+    recovery.resume()
     for number in range(COUNT + 1, COUNT + EVERY + 1):
-        kept.passed(replace(STEPS[0].experiment, number=number))
+        recovery.passed(replace(STEPS[0].experiment, number=number))
     after = {f.name: json.loads(f.read_text())["experiment"] for f in run.files()}
     for name, number in before.items():
         assert after[name] == (COUNT + EVERY if number == COUNT - EVERY else COUNT)
@@ -309,12 +315,12 @@ class Own(LDDM):
 
 def test_a_detector_that_does_not_say_its_state_is_told_all_of_the_recording(runs):
     """It has no checkpoint; the other stages go on from theirs, and nothing comes out other."""
-    twin = Twin(MACHINE, GIVEN, Judge("lddm", Own()))
-    assert (twin.judge.mark(), twin.stages["adaptor"].mark() is None) == (None, False)
+    twin = Twin(MACHINE, GIVEN, DetectorStage("lddm", Own()))
+    assert (twin.detector.state(), twin.adaptor.state() is None) == (None, False)
     (runs[640].folder / "own").mkdir()
-    kept = Kept(twin, runs[640].folder / "own", "", pytest.fail)
+    recovery = TwinRecovery(twin, recorded(runs[640].folder / "own"), pytest.fail)
     for step in STEPS[: 2 * EVERY]:
-        kept.passed(step.experiment)
+        recovery.passed(step.experiment)
     assert not list((runs[640].folder / "own").glob("detector*"))
     assert list((runs[640].folder / "own").glob("adaptor*"))
 
@@ -322,11 +328,11 @@ def test_a_detector_that_does_not_say_its_state_is_told_all_of_the_recording(run
 def test_where_they_cannot_be_kept_it_is_told_once(tmp_path):
     """A full disk must not end the twin."""
     told = []
-    keeper = Checkpoints(tmp_path, "", MACHINE, "detector", GIVEN, told.append)
-    for slot in keeper.files():
+    recovery = detector_recovery(tmp_path, told)
+    for slot in recovery.files.paths:
         slot.mkdir()
     for step in STEPS[: 3 * EVERY]:
-        keeper.passed(step.experiment, lambda: {"a": 1})
+        recovery.passed(step.experiment)
     assert len(told) == 1
     assert "no checkpoints of the detector are kept" in told[0]
 
@@ -339,7 +345,7 @@ def numbers(steps):
 @given(around=strategies.integers(1, COUNT + 300))
 def test_the_steps_around_an_experiment_are_those_of_the_whole_recording(around, runs):
     """From enough before it on, up to the end."""
-    found = numbers(past_of(runs[640].folder, "", MACHINE, around))
+    found = numbers(recorded(runs[640].folder).steps(around))
     assert found == list(range(found[0], COUNT + 1))
     assert found[0] <= max(around - WINDOW, 1)
 
@@ -352,7 +358,7 @@ def test_the_end_is_read_in_a_time_that_does_not_grow(runs, monkeypatch):
     costs = {}
     for end, around in ((330, END), (640, END), (640, 0)):
         counted.clear()
-        assert numbers(past_of(runs[end].folder, "", MACHINE, around))[-1] == end
+        assert numbers(recorded(runs[end].folder).steps(around))[-1] == end
         costs[end, around] = len(counted)
     # A step is four messages, and the places in a recording are found in steps of NEAR bytes.
     assert costs[640, END] - costs[330, END] < 4 * WINDOW
@@ -374,10 +380,10 @@ def test_disorder_gaps_and_strangers_do_not_mislead_it(tmp_path):
                 writer.flush()
             for number in (3, 10**7):
                 writer.write("experiment", replace(STEPS[0].experiment, number=number), 2e9)
-    whole = numbers(past_of(tmp_path / "run", "", MACHINE))
+    whole = numbers(recorded(tmp_path / "run").steps())
     assert len(whole) == COUNT
     for around in (whole[400], whole[639], END):
-        found = numbers(past_of(tmp_path / "run", "", MACHINE, around))
+        found = numbers(recorded(tmp_path / "run").steps(around))
         assert found == whole[-len(found) :]
         assert sum(number < around for number in found) >= WINDOW
 
@@ -416,7 +422,7 @@ def test_an_adaptor_that_diagnoses_knows_what_was_named_last(lookup):
     step = next(step for step in STEPS if step.diagnosis)
     one.diagnoser.recall(step)
     one.named = step.diagnosis
-    other.return_to(json.loads(json.dumps(one.mark())), lookup)
+    other.return_to(json.loads(json.dumps(one.state())), lookup)
     assert other.named == step.diagnosis
     for adaptor in (one, other):
         assert adaptor.diagnoser._last.error == one.diagnoser._last.error > 0
@@ -430,6 +436,4 @@ def test_damage_on_the_way_leaves_it_to_the_whole_recording(run):
         for at in range(3000, len(data), 20_000):
             data[at] ^= 255
         file.write_bytes(data)
-    assert numbers(past_of(run.folder, "", MACHINE, END)) == numbers(
-        past_of(run.folder, "", MACHINE)
-    )
+    assert numbers(recorded(run.folder).steps(END)) == numbers(recorded(run.folder).steps())

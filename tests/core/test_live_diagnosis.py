@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fake_archive import FakeArchive
 
 from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.experiment import Action, Adaptation, Level, Prediction, Signal
@@ -19,7 +20,7 @@ from ldt_core.machine.machine_file import load_machine
 from ldt_core.models import build_model
 from ldt_core.twin.diagnoser import Diagnoser
 from ldt_core.twin.loop import Twin, build_adaptor
-from ldt_core.twin.recorded import RecordedStep
+from ldt_core.twin.stage import RecordedStep
 
 SHORT = replace(load_machine("rotor"), duration=4.0)
 LEVELS = {"-": Level.NEGATIVE, "0": Level.WARNING, "+": Level.POSITIVE}
@@ -351,7 +352,8 @@ def test_the_adaptor_goes_on_from_its_state_with_the_same_cause():
     adaptor = auto_adaptor(truth)
     adapted(adaptor, truth, "+")
     other = auto_adaptor(truth)
-    other.restore(json.loads(json.dumps(adaptor.state())))
+    archive = FakeArchive([worn(0.008, 1)], [adaptor.model], [adaptor.named])
+    other.return_to(json.loads(json.dumps(adaptor.state())), archive)
     assert other.named == adaptor.named
 
 

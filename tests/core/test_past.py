@@ -18,10 +18,12 @@ from ldt_core.recording.messages import standard
 from ldt_core.recording.step_search import StepSearch
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.lookup import Lookup
-from ldt_core.restart.recorded_steps import past
+from ldt_core.restart.recorded_run import RecordedRun
+from ldt_core.restart.recorded_steps import complete_steps
+from ldt_core.restart.recovery import TwinRecovery
 from ldt_core.runs.offline import run, write_step
 from ldt_core.twin.loop import Twin
-from ldt_core.twin.recorded import WINDOW
+from ldt_core.twin.stage import WINDOW
 
 SHORT = replace(load_machine("rotor"), duration=4.0)
 
@@ -40,6 +42,13 @@ def experiments(given):
 def recorded(path, given, made):
     run(SHORT, given, made, path)
     return read_bag(path)
+
+
+def recalled(twin, steps):
+    """Let a twin take over recorded steps, as one that goes on from a recording does."""
+    recovery = TwinRecovery(twin, RecordedRun("", "", SHORT), pytest.fail)
+    for step in steps:
+        recovery.recall(step)
 
 
 def same(one, other):
@@ -79,12 +88,11 @@ def test_a_twin_goes_on_from_any_step_as_if_nothing_had_happened(given, tmp_path
     made = experiments(given)
     steps = list(Twin(SHORT, given).steps(made))
     assert any(s.adaptation.action is Action.ADAPTED for s in steps[:-2])  # there is a state
-    told = list(past(recorded(tmp_path / "run", given, made), SHORT))
+    told = list(complete_steps(recorded(tmp_path / "run", given, made), SHORT))
     assert [p.experiment.number for p in told] == [s.experiment.number for s in steps]
     for end in range(0, len(steps), 5):
         twin = Twin(SHORT, given)
-        for step in told[:end]:
-            twin.recall(step)
+        recalled(twin, told[:end])
         # As far as one cycle of everything that follows: all of it costs the square of the run.
         for ran, step in zip(steps[end : end + 4], twin.steps(made[end:]), strict=False):
             for part in ("prediction", "signal", "adaptation", "model", "advice"):
@@ -100,8 +108,8 @@ def test_a_recording_in_the_disorder_of_a_restart_gives_the_same_steps(tmp_path)
         for name in (*names, "experiment", "signal"):
             for record in bag.records(name):
                 writer.write(name, record, 1e9)
-    mixed = list(past(read_bag(tmp_path / "mixed"), SHORT))
-    for one, other in zip(past(bag, SHORT), mixed, strict=True):
+    mixed = list(complete_steps(read_bag(tmp_path / "mixed"), SHORT))
+    for one, other in zip(complete_steps(bag, SHORT), mixed, strict=True):
         assert all(
             same(a, b) for a, b in zip(vars(one).values(), vars(other).values(), strict=True)
         )
@@ -122,7 +130,7 @@ def test_the_past_ends_with_the_last_complete_step(tmp_path):
                 if name != missing:
                     writer.write(name, getattr(last, name), last.experiment.end)
             write_step(writer, steps[learned + 1])
-        numbers = [p.experiment.number for p in past(read_bag(path), SHORT)]
+        numbers = [p.experiment.number for p in complete_steps(read_bag(path), SHORT)]
         assert numbers == list(range(1, learned + 1))
 
 
@@ -136,14 +144,14 @@ def test_what_stays_incomplete_for_long_is_passed_over(tmp_path):
                 writer.write("signal", step.signal, step.experiment.end)
             else:
                 write_step(writer, step)
-    numbers = [p.experiment.number for p in past(read_bag(tmp_path / "run"), SHORT)]
+    numbers = [p.experiment.number for p in complete_steps(read_bag(tmp_path / "run"), SHORT)]
     assert numbers == [n for n in range(1, WINDOW + 11) if n != 5]
 
 
 def test_a_recording_of_another_detector_or_model_is_refused(tmp_path):
     """The answers would not be those of the run that is to go on."""
     given = settings(model="linear")
-    told = list(past(recorded(tmp_path / "run", given, experiments(given)), SHORT))
+    told = list(complete_steps(recorded(tmp_path / "run", given, experiments(given)), SHORT))
     for other, error, words in (
         ({"threshold": 0.1, "warning_threshold": 0.05}, RecordingError, "signal"),
         ({"detector": "lddm"}, RecordingError, "detector"),
@@ -151,7 +159,7 @@ def test_a_recording_of_another_detector_or_model_is_refused(tmp_path):
     ):
         twin = Twin(SHORT, settings(**{"model": "linear", **other}))
         with pytest.raises(error, match=words):
-            list(map(twin.recall, told))
+            recalled(twin, told)
 
 
 def test_experiments_that_the_twin_refused_do_not_hold_up_what_follows(tmp_path):
@@ -164,7 +172,7 @@ def test_experiments_that_the_twin_refused_do_not_hold_up_what_follows(tmp_path)
                 writer.write("experiment", step.experiment, step.experiment.end)
             else:
                 write_step(writer, step)
-    numbers = [p.experiment.number for p in past(read_bag(tmp_path / "run"), SHORT)]
+    numbers = [p.experiment.number for p in complete_steps(read_bag(tmp_path / "run"), SHORT)]
     assert numbers == [1, 2, 4, 5, 6]
 
 
@@ -190,7 +198,7 @@ def test_what_nobody_could_use_does_not_keep_a_run_from_going_on(tmp_path):
             for name in ("experiment", "prediction", "signal", "adaptation", "model"):
                 writer.write(name, unusable(name), step.experiment.end)
     bag = read_bag(tmp_path / "run")
-    told = list(past(bag, SHORT))
+    told = list(complete_steps(bag, SHORT))
     assert [p.experiment.number for p in told] == [s.experiment.number for s in steps]
     # Also from the middle of a long recording, where places are looked for.
     places = StepSearch(bag)

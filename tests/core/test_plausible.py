@@ -15,7 +15,9 @@ from ldt_core.base.settings import resolve
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.sensor_check import fault, sound
 from ldt_core.recording.bag import read_bag
-from ldt_core.restart.recorded_steps import past
+from ldt_core.restart.recorded_run import RecordedRun
+from ldt_core.restart.recorded_steps import complete_steps
+from ldt_core.restart.recovery import TwinRecovery
 from ldt_core.runs.offline import run
 from ldt_core.twin.adaptor import FAULTY
 from ldt_core.twin.loop import Twin
@@ -111,17 +113,17 @@ def test_a_run_with_a_faulty_sensor_goes_on_from_its_recording(tmp_path):
     steps = list(Twin(SHORT, given).steps(experiments))
     assert sum(FAULTY in s.adaptation.details for s in steps) == 4
     run(SHORT, given, experiments, tmp_path / "run")
-    told = list(past(read_bag(tmp_path / "run"), SHORT))
+    told = list(complete_steps(read_bag(tmp_path / "run"), SHORT))
     for end in (5, 6, 9, 12):
         twin = Twin(SHORT, given)
+        recovery = TwinRecovery(twin, RecordedRun("", "", SHORT), pytest.fail)
         for step in told[:end]:
-            twin.recall(step)
-        state = twin.adaptor.state()
+            recovery.recall(step)
+        remembered = twin.adaptor.memory.recent
         for ran, step in zip(steps[end:], twin.steps(experiments[end:]), strict=True):
             assert ran.adaptation == step.adaptation
             assert np.array_equal(ran.prediction.speed, step.prediction.speed)
-        numbers = [e["number"] for e in state["memory"]["recent"]]
-        assert not {5, 6, 7, 8} & {*numbers}
+        assert not {5, 6, 7, 8} & {e.number for e in remembered}
 
 
 def _may_have(machine, name):

@@ -12,7 +12,7 @@ from ldt_core.base.settings import resolve
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.runs.offline import run
 from ldt_core.twin.loop import Twin
-from ldt_core.twin.recorded import WINDOW
+from ldt_core.twin.stage import WINDOW
 
 rclpy = pytest.importorskip("rclpy")
 
@@ -70,7 +70,7 @@ def test_a_node_goes_on_from_a_checkpoint_of_a_run_without_the_graph(
     again = 0 if kind is AdvisorNode else COUNT % EVERY
     assert (node.known, len(taken)) == (COUNT - COUNT % EVERY, again)
     stranger.until(lambda: not getattr(node, "busy", False))
-    assert node.mark() == twin.stages[node.role].mark()
+    assert node.state() == twin.stages[node.role].state()
     for number in (COUNT - WINDOW + 1, COUNT):  # what is said once more is left out
         node.pairs.right(number, None)
     assert node.pairs.repeated == 2
@@ -87,7 +87,7 @@ def test_the_twin_and_the_source_read_the_end_alone(recorded, stranger, monkeypa
     node = stranger.start(PredictorNode, resume=str(folder), **GIVEN)
     assert WINDOW <= len(taken) < COUNT
     assert node.predictor.last == COUNT
-    assert node.predictor._starts == twin.predictor._starts
+    assert node.predictor.starts == twin.predictor.starts
     assert node.predictor.model.version == twin.model.version
     assert stranger.start(PlantNode, resume=str(folder), **GIVEN)._adapted == COUNT
 

@@ -15,9 +15,9 @@ from ldt_core.base.settings import resolve
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.writer import BagWriter
-from ldt_core.restart.recorded_steps import past_of
+from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.runs.offline import run
-from ldt_core.twin.loop import build_judge
+from ldt_core.twin.loop import build_detector_stage
 
 rclpy = pytest.importorskip("rclpy")
 
@@ -235,21 +235,23 @@ def test_a_node_that_is_started_again_waits_for_its_recording_to_be_mended(
     plant = Plant.from_settings(load_machine("rotor"), settings)
     run(plant.machine, settings, map(plant.experiment, range(1, 7)), folder)
 
+    steps = RecordedRun.steps
+
     def half(*arguments):
         tries.append(arguments)
-        for step in past_of(*arguments):
+        for step in steps(*arguments):
             yield step
-            if len(tries) < 3 and step.experiment.number == 2 * len(tries):
+            if len(tries) < 3 and step.number == 2 * len(tries):
                 raise RecordingError(folder, "a recording", "half of one")
 
-    monkeypatch.setattr(node_module, "past_of", half)
+    monkeypatch.setattr(RecordedRun, "steps", half)
     monkeypatch.setattr(node_module, "MENDING", 0.01)
     node = stranger.start(DetectorNode, resume=str(folder))
     assert (len(tries), node.last) == (3, 6)
-    expected = build_judge(resolve({}))
-    for step in past_of(folder, "/", node.machine):
+    expected = build_detector_stage(resolve({}))
+    for step in steps(RecordedRun(folder, "/", node.machine)):
         expected.recall(step)
-    assert node.judge.detector.state() == expected.detector.state()
+    assert node.detector.detector.state() == expected.detector.state()
 
 
 def test_an_adaptor_slower_than_the_machine_keeps_what_waits_bounded(stranger):

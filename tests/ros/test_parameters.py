@@ -108,7 +108,7 @@ def test_a_threshold_reaches_the_detector_by_all_three_ways(stranger, tmp_path):
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"threshold": 1.5}}}))
     for way in (["-p", "threshold:=1.5"], ["--params-file", str(file)]):
         node = DetectorNode(context=stranger.context, cli_args=["--ros-args", *way])
-        assert node.judge.detector.threshold == 1.5
+        assert node.detector.detector.threshold == 1.5
         node.destroy_node()
     with BagWriter(tmp_path / "played", machine="rotor") as writer:
         for number in (1, 2):

@@ -22,12 +22,12 @@ from ldt_core.lab.study.case import Case, Result
 from ldt_core.lab.study.region import region_rmse
 from ldt_core.lab.study.stream import Stream, stream
 from ldt_core.machine.machine_file import Machine, load_machine
-from ldt_core.twin.loop import Judge, Twin
+from ldt_core.twin.loop import DetectorStage, Twin
 
 DIGITS = 4  # of the series kept for a figure, which shows 0.1 mrad/s at the very best
 
 
-class Scripted(Judge):
+class Scripted(DetectorStage):
     """Stage 2 by a list: positive in these experiments and negative in all others.
 
     Args:
@@ -39,7 +39,7 @@ class Scripted(Judge):
         self.name = name
         self.alarms = frozenset(alarms)
 
-    def judge(self, experiment: Experiment, prediction: Prediction) -> Signal:
+    def step(self, experiment: Experiment, prediction: Prediction) -> Signal:
         """The signal for one experiment; only its number is looked at."""
         level = Level.POSITIVE if experiment.number in self.alarms else Level.NEGATIVE
         error = prediction.max_error(experiment)
@@ -58,9 +58,9 @@ def run_case(case: Case, machine: Machine | None = None) -> Result:
     """
     machine = machine or load_machine(case.machine)
     given = stream(case, machine)
-    judge = None if case.alarms is None else Scripted(case.detector, case.alarms)
+    detector = None if case.alarms is None else Scripted(case.detector, case.alarms)
     begin = time.thread_time()
-    twin = Twin(machine, case.resolved, judge)
+    twin = Twin(machine, case.resolved, detector)
     first = twin.model.record()
     steps = list(twin.steps(given.experiments, _refuse))
     seconds = time.thread_time() - begin

@@ -1,4 +1,4 @@
-"""What a stage of the loop is told of the run that it goes on with."""
+"""What every stage of the loop offers, so that a run can go on from its recording."""
 
 from __future__ import annotations
 
@@ -15,11 +15,10 @@ from ldt_core.base.experiment import (
     Prediction,
     Signal,
 )
-from ldt_core.machine.machine_file import Machine
-from ldt_core.models import restore_model
 from ldt_core.models.base import Model
 
-WINDOW = 100  # experiments that may come again, as many as a topic's queue holds
+#: Experiments that may come again: as many as a topic's queue holds.
+WINDOW = 100
 
 
 @dataclass(frozen=True)
@@ -44,18 +43,16 @@ class RecordedStep:
     diagnosis: DiagnosisRecord | None = None
     advice: AdviceRecord | None = None
 
-    def restored(self, machine: Machine, settings: Mapping[str, Any]) -> Model | None:
-        """The model that it brought into force; None where the one before stayed.
-
-        Raises:
-            ModelError: a recorded model that cannot be this machine's.
-        """
-        return None if self.model is None else restore_model(self.model, machine, settings)
+    @property
+    def number(self) -> int:
+        """Of its experiment."""
+        return self.experiment.number
 
 
 class Archive(Protocol):
     """Finds what was recorded in a run, by its number."""
 
+    #: The last steps up to that of the checkpoint, that one last.
     steps: list[RecordedStep]
 
     def experiment(self, number: Any, start: Any) -> Experiment:
@@ -66,3 +63,29 @@ class Archive(Protocol):
 
     def diagnosis(self, number: Any) -> DiagnosisRecord:
         """The diagnosis made at an experiment; RecordingError where there is none."""
+
+
+class Stage(Protocol):
+    """A part of the twin that comes to know something: detector, adaptor, diagnoser, advisor."""
+
+    def recall(self, step: RecordedStep) -> None:
+        """Take over what a recorded step says, without doing its work again.
+
+        Raises:
+            RecordingError: a step that this stage cannot have taken part in.
+            ModelError: a recorded model that cannot be this machine's.
+        """
+
+    def state(self) -> dict[str, Any] | None:
+        """What it knows, in JSON types; None where it cannot tell all of it.
+
+        Numbers stand for the experiments, models and diagnoses that are recorded.
+        """
+
+    def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
+        """Take back a state, before any step here.
+
+        Raises:
+            RecordingError: something that is not recorded; the stage is then as it was.
+            LdtError, ValueError, TypeError, KeyError, AttributeError: no such state; the same.
+        """
