@@ -76,10 +76,8 @@ def command(
     if recording:
         bag = read_bag(recording, namespace)
         experiments = list(bag.experiments(machine))[-RECENT:]
-        if bag.topic("model"):
-            model = next(iter(deque(bag.records("model"), 1)), None)
-        if bag.topic("diagnosis"):
-            found = next(iter(deque(bag.records("diagnosis"), 1)), None)
+        model = next(iter(deque(bag.records("model"), 1)), None)
+        found = next(iter(deque(bag.records("diagnosis"), 1)), None)
     acting = read_effects(diagnosis) if diagnosis else []
     acting += [parse_effect(text) for text in given]
     if acting:

@@ -104,22 +104,19 @@ class Bag:
         return "; ".join(self.notes) or None
 
     def topic(self, name: str) -> str | None:
-        """The absolute name of a topic by its last part, None when the recording lacks it."""
-        absolute = f"{self.namespace}/{name}"
+        """A topic's absolute name by that or by its last part; None when the recording lacks it."""
+        absolute = name if name in self.topics else f"{self.namespace}/{name}"
         return absolute if absolute in self.topics else None
 
     def messages(self, *names: str, begin: tuple[int, int] = (0, 0)) -> Iterator[RawMessage]:
         """Stored messages (CDR bytes) in recorded order, of the named topics or of all of them.
 
         Args:
-            names: last parts of topics.
+            names: last parts of topics; of those that the recording lacks nothing comes.
             begin: as of `Storage.messages`.
-
-        Raises:
-            RecordingError: a topic that the recording lacks.
         """
-        topics = [self._required(n) for n in names] if names else list(self.topics)
-        return self.storage.messages(topics, begin)
+        topics = [t for n in names if (t := self.topic(n))] if names else list(self.topics)
+        return self.storage.messages(topics, begin) if topics else iter(())
 
     @overload
     def records(self, name: Literal["experiment"]) -> Iterator[Experiment]: ...
@@ -143,24 +140,25 @@ class Bag:
         """Records of a topic in recorded order, one at a time; messages where none is declared.
 
         Args:
-            name: last part of the topic ("experiment").
+            name: last part of the topic ("experiment"); none come where the recording lacks it.
 
         Raises:
-            RecordingError: the recording lacks the topic, or holds something else under its name.
+            RecordingError: the recording holds something else under the topic's name.
             RecordingError, ExperimentError, ModelError: as `usable`.
         """
-        topic = self._required(name)
-        if name in DECODERS and self.topics[topic] != DECODERS[name][0]:
+        topic = self.topic(name)
+        if topic and name in DECODERS and self.topics[topic] != DECODERS[name][0]:
             raise RecordingError(f"{self.path}, {topic}", DECODERS[name][0], self.topics[topic])
-        return (record for _, record in self.usable(self.storage.messages([topic]), whole=True))
+        return (record for _, record in self.usable(self.messages(name), whole=True))
 
     def rare(self, name: str) -> Iterator[Any]:
         """As `records`, of a topic that has few: files are not read where they have none.
 
         Raises:
-            RecordingError, ExperimentError, ModelError: as `records`.
+            RecordingError, ExperimentError, ModelError: as `usable`.
         """
-        picked = self.storage.picked([self._required(name)])
+        topic = self.topic(name)
+        picked = self.storage.picked([topic]) if topic else ()
         return (record for _, record in self.usable(picked, whole=True))
 
     def usable(
@@ -232,14 +230,20 @@ class Bag:
             ExperimentError: a message that is no experiment, or one that the machine cannot have
                 made; says which one.
         """
+        if self.topic("experiment") is None:
+            wanted = f"the topic {self.namespace}/experiment"
+            raise RecordingError(self.path, wanted, f"only {', '.join(sorted(self.topics))}")
         seen, repeated = ExperimentNumbers(), ExperimentNumbers()
         for experiment in self.records("experiment"):
-            assert isinstance(experiment, Experiment)
             if experiment.number in seen:
                 repeated.add(experiment.number)
             seen.add(experiment.number)
             if machine is not None:
-                self._check(machine, experiment)
+                try:
+                    machine.check(experiment)
+                except ExperimentError as error:
+                    where = f"{self.path}, {error.where}"
+                    raise ExperimentError(where, error.expected, error.got) from None
             yield experiment
         if not seen:
             got = f"none ({self.damage})" if self.damage else "none"
@@ -250,23 +254,6 @@ class Bag:
         if missing := seen.gaps:
             told = numbered("experiment", missing, LISTED)
             self.storage.note(f"{self.path}: missing: {told}")
-
-    def _check(self, machine: Machine, experiment: Experiment) -> None:
-        try:
-            machine.check(experiment)
-        except ExperimentError as error:
-            where = f"{self.path}, {error.where}"
-            raise ExperimentError(where, error.expected, error.got) from None
-
-    def _required(self, name: str) -> str:
-        topic = self.topic(name)
-        if topic is None and name in self.topics:
-            topic = name
-        if topic is None:
-            there = ", ".join(sorted(self.topics)) or "no topics"
-            wanted = f"the topic {self.namespace}/{name}"
-            raise RecordingError(self.path, wanted, f"only {there}")
-        return topic
 
 
 def read_bag(path: str | Path, namespace: str | None = None, listed: bool = False) -> Bag:

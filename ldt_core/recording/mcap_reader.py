@@ -3,22 +3,23 @@
 A file is read as a stream, record by record, in bounded memory, and each stretch that is damaged is
 passed over: what begins behind it is found by the shape of a chunk, whose lengths have to agree
 and whose checksum has to hold. Every byte that is left out is told.
+
+The readers of the `mcap` library end at the first damaged byte, so they serve whole files alone.
 """
 
 from __future__ import annotations
 
-import contextlib
 import io
 import struct
 import zlib
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import IO, Any, NamedTuple, cast
 
 import zstandard
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Header, Message, Schema, Statistics
+from mcap.records import Channel, ChunkIndex, Message, Schema, Statistics
 
 from ldt_core.recording.mcap_records import (
     BROKEN,
@@ -39,7 +40,6 @@ from ldt_core.recording.mcap_records import (
     reason,
 )
 
-MOST_HEAD = 1 << 18  # bytes of an index before the places of its chunks: channels, schemas
 #: Number of a channel in the file → the channel, and its schema if it has one.
 Described = dict[int, tuple[Channel, Schema | None]]
 
@@ -118,42 +118,21 @@ class McapReader:
             self._note(f"{self.path}: its index is damaged ({reason(error)}); read without it")
             return None
 
-    def channels(self) -> Iterator[tuple[Channel, Schema | None]]:
-        """All channels that the file describes, from its first to its last byte."""
-        schemas: dict[int, Schema] = {}
-        for record in self._records():
-            if isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                yield record, schemas.get(record.schema_id)
+    def channels(self) -> Described:
+        """All channels that the file describes, by its index or else by its every byte."""
+        summary = self.summary(places=False)
+        return summary.channels if summary and summary.channels else _described(self._records())
 
-    def head(self) -> Described:
-        """Its channels, by the first bytes of its index, or of the file where it has none.
+    def first_channels(self) -> Described:
+        """The same by the first chunk of a file without an index; few bytes are read.
 
-        Few bytes are read, and none of a message; in a file that is being written a channel that
-        was described late may be missing.
-
-        Raises:
-            ValueError, or another error of BROKEN: damage.
+        In a file that is being written a channel that was described late may be missing.
         """
-        with self.path.open("rb") as stream:
-            size = stream.seek(0, io.SEEK_END)
-            begin = _index_place(stream, size)
-            if begin:
-                stream.seek(begin)
-                return _head(stream.read(MOST_HEAD))
-        schemas: dict[int, Schema] = {}
-        channels: Described = {}
-        for opcode, body in self._framed():
-            if opcode == Opcode.CHUNK:
-                for record in body:
-                    if isinstance(record, Schema):
-                        schemas[record.id] = record
-                    elif isinstance(record, Channel):
-                        channels[record.id] = record, schemas.get(record.schema_id)
-                break
-        spare = self._declared() if self.library == LIBRARY else {}
-        return spare | channels
+        summary = self.summary(places=False)
+        if summary:
+            return summary.channels
+        first: list[Any] = next((b for opcode, b in self._framed() if opcode == Opcode.CHUNK), [])
+        return self._spare() | _described(first)
 
     def messages(self, begin: int = 0) -> Iterator[ChannelMessage]:
         """All messages in recorded order; what is damaged is left out and noted.
@@ -162,7 +141,7 @@ class McapReader:
             begin: byte before which nothing is read, the first one of a chunk.
         """
         schemas: dict[int, Schema] = {}
-        described = self.described = self.head() if begin else {}
+        described = self.described = self.first_channels() if begin else {}
         spare: Described | None = None
         for record in self._records(begin):
             if isinstance(record, Message):
@@ -188,6 +167,11 @@ class McapReader:
 
         Where there is no index, or it does not lead to whole chunks, all of the file is read.
         """
+        about = self.summary(places=False)
+        if about and about.statistics:
+            counts = about.statistics.channel_message_counts
+            if not any(counts.get(n) for n, d in about.channels.items() if d[0].topic in topics):
+                return
         summary = self.summary()
         if summary is not None and summary.chunks:
             try:
@@ -213,23 +197,14 @@ class McapReader:
                         found.append(ChannelMessage(*wanted[record.channel_id], record))
         return found
 
-    def metadata(self, name: str) -> dict[str, str] | None:
-        """The last metadata record of this name in a whole file, None when there is none."""
-        found = None
-        for opcode, body in self._framed():
-            if opcode == Opcode.METADATA:
-                record = parse(opcode, body)
-                found = dict(record.metadata) if record.name == name else found
-        return found
-
     def _spare(self) -> Described:
         """Channels from elsewhere than the chunks, for when the one that had them is lost."""
-        summary = self.summary()
+        summary = self.summary(places=False)
         if summary:
             return summary.channels
         return self._declared() if self.library == LIBRARY else {}
 
-    def _records(self, begin: int = 0) -> Iterator[Header | Schema | Channel | Message]:
+    def _records(self, begin: int = 0) -> Iterator[Schema | Channel | Message]:
         for opcode, body in self._framed(begin):
             if opcode == Opcode.CHUNK:
                 yield from body
@@ -326,28 +301,15 @@ def _check_place(opcode: int, body: bytes, at: int, chunked: bool) -> None:
         raise ValueError("a message that is an index")
 
 
-def _index_place(stream: IO[bytes], size: int) -> int:
-    """Where the index begins, 0 where there is none."""
-    tail = HEAD.size + FOOTER.size + len(MCAP_MAGIC)
-    stream.seek(max(size - tail, 0))
-    end = stream.read()
-    framed = end.endswith(MCAP_MAGIC) and end.startswith(HEAD.pack(Opcode.FOOTER, FOOTER.size))
-    begin = int(FOOTER.unpack_from(end, HEAD.size)[0]) if framed else 0
-    return begin if begin < size - tail else 0
-
-
-def _head(data: bytes) -> Described:
-    """The channels of an index of which the first bytes are given."""
+def _described(records: Iterable[Any]) -> Described:
+    """The channels among records, each with the schema that came before it."""
     schemas: dict[int, Schema] = {}
     channels: Described = {}
-    with contextlib.suppress(EndOfFile, struct.error):
-        for _, record in located(data):
-            if isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                channels[record.id] = record, schemas.get(record.schema_id)
-            elif isinstance(record, ChunkIndex):
-                break
+    for record in records:
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record, schemas.get(record.schema_id)
     return channels
 
 
@@ -357,10 +319,8 @@ def _summary(data: bytes, places: bool) -> McapSummary:
         if not places and isinstance(record, ChunkIndex):
             break  # they come last of what is looked at here
         records.append(record)
-    schemas = {r.id: r for r in records if isinstance(r, Schema)}
-    channels: Described = {
-        r.id: (r, schemas.get(r.schema_id)) for r in records if isinstance(r, Channel)
-    }
     statistics = [r for r in records if isinstance(r, Statistics)]
     chunks = [r for r in records if isinstance(r, ChunkIndex)]
+    # Schemas first: an index may have its groups of records in any order.
+    channels = _described(sorted(records, key=lambda r: not isinstance(r, Schema)))
     return McapSummary(channels, statistics[0] if statistics else None, chunks)

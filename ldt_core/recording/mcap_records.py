@@ -17,7 +17,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Header, Message, Metadata, Schema, Statistics
+from mcap.records import Channel, ChunkIndex, Header, Message, Schema, Statistics
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -48,10 +48,8 @@ _READ: dict[int, Callable[[ReadDataStream], Any]] = {
     Opcode.SCHEMA: Schema.read,
     Opcode.CHANNEL: Channel.read,
     Opcode.STATISTICS: Statistics.read,
-    Opcode.METADATA: Metadata.read,
     Opcode.CHUNK_INDEX: ChunkIndex.read,
 }
-_PASSED_OVER = (Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT, Opcode.METADATA)
 PRIVATE = 0x80  # from here on an opcode is an application's own
 
 

@@ -17,13 +17,14 @@ from pathlib import Path, PurePath
 from typing import Any
 
 import yaml
+from mcap.reader import make_reader
 from mcap.records import Channel, Schema
 
 from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.recording.experiment_numbers import parse_numbers
 from ldt_core.recording.lock import FolderLock
 from ldt_core.recording.mcap_reader import McapReader, McapSummary
-from ldt_core.recording.mcap_records import LIBRARY
+from ldt_core.recording.mcap_records import BROKEN, LIBRARY
 from ldt_core.recording.mcap_writer import ChannelDescription, McapWriter
 from ldt_core.recording.messages import load
 from ldt_core.recording.metadata import (
@@ -308,9 +309,12 @@ def _counts(said: Mapping[str, Any], key: str) -> Any:
 def _custom_of(storage: Storage) -> dict[str, str]:
     """What metadata.yaml held beside what rosbag2 needs, from the end of a file that has it."""
     for file in storage.files:
-        said = McapReader(file, lambda note: None).metadata("rosbag2") or {}
+        said = {}
+        with contextlib.suppress(*BROKEN), file.open("rb") as stream:
+            said = {r.name: r.metadata for r in make_reader(stream).iter_metadata()}
+        text = said.get("rosbag2", {}).get("serialized_metadata", "")
         with contextlib.suppress(yaml.YAMLError, ValueError, RecursionError, AttributeError):
-            custom = load(said.get("serialized_metadata", "")).get("custom_data")
+            custom = load(text).get("custom_data")
             if isinstance(custom, dict):
                 return {k: v for k, v in custom.items() if k != RECORDED and isinstance(v, str)}
     return {}

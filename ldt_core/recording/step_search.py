@@ -134,7 +134,7 @@ class StepSearch:
             if not is_mcap(file):
                 raise ValueError("no MCAP file that can be read from the middle")
             mcap = self._bag.storage.mcap(file)
-            channels = mcap.head()
+            channels = mcap.first_channels()
             self._files[index] = mcap, {n for n, d in channels.items() if d[0].topic == self._topic}
         mcap, wanted = self._files[index]
         size = self._bases[index + 1] - self._bases[index]

@@ -106,39 +106,14 @@ class Storage:
         Of files without an index as `messages`.
         """
         for file in self.files:
-            if not is_mcap(file):
-                yield from self.read(file, topics)
-                continue
-            for channel, described, message in self.mcap(file).messages_of(topics):
-                kind = self._kind(file, channel, described)
-                yield RawMessage(channel.topic, kind, message.log_time, message.data)
+            yield from self.read(file, topics, picked=True)
 
     def last(self, topics: Collection[str], most: int) -> list[RawMessage]:
-        """The last messages of topics that are rare, so many at least where there are as many.
-
-        Files that have none of them are not read.
-        """
+        """The last messages of topics that are rare, so many at least where there are as many."""
         found: list[RawMessage] = []
         for file in reversed(self.files):
-            if len(found) >= most:
-                break
-            if not is_mcap(file):
-                found = [*self.read(file, topics), *found]
-                continue
-            mcap = self.mcap(file)
-            about = mcap.summary(places=False)
-            if about and about.statistics:
-                counts = about.statistics.channel_message_counts
-                wanted = [n for n, d in about.channels.items() if d[0].topic in topics]
-                if not any(counts.get(number) for number in wanted):
-                    continue
-            there = [
-                RawMessage(
-                    channel.topic, self._kind(file, channel, d), message.log_time, message.data
-                )
-                for channel, d, message in mcap.messages_of(topics)
-            ]
-            found = [*there, *found]
+            if len(found) < most:
+                found = [*self.read(file, topics, picked=True), *found]
         return found
 
     def _unzipped(self, raw: RawMessage) -> RawMessage:
@@ -213,10 +188,8 @@ class Storage:
             except (sqlite3.Error, ValueError) as error:
                 raise RecordingError(file, "a rosbag2 SQLite file", reason(error)) from None
         else:
-            mcap = self.mcap(file)
-            summary = mcap.summary(places=False)
-            described = summary.channels.values() if summary else ()
-            found = {c.topic: self._kind(file, c, s) for c, s in described or mcap.channels()}
+            described = self.mcap(file).channels().values()
+            found = {c.topic: self._kind(file, c, s) for c, s in described}
         for topic, kind in found.items():
             known = self.topics.setdefault(topic, kind)
             if known != kind:
@@ -241,13 +214,26 @@ class Storage:
         return found
 
     def read(
-        self, file: Path, topics: Collection[str] | None = None, begin: int = 0
+        self,
+        file: Path,
+        topics: Collection[str] | None = None,
+        begin: int = 0,
+        picked: bool = False,
     ) -> Iterator[RawMessage]:
-        """Messages of one file; of an MCAP file, from the chunk on that begins at a byte."""
+        """Messages of one file.
+
+        Args:
+            file: of the recording.
+            topics: absolute; None for all.
+            begin: byte of an MCAP file before which nothing is read, a chunk's first one.
+            picked: of the topics, by the index where there is one.
+        """
         if _magic(file) == SQLITE_MAGIC:
             yield from self._read_sqlite(file, topics)
             return
-        for channel, described, message in self.mcap(file).messages(begin):
+        mcap = self.mcap(file)
+        found = mcap.messages_of(topics or ()) if picked else mcap.messages(begin)
+        for channel, described, message in found:
             if topics is None or channel.topic in topics:
                 kind = self._kind(file, channel, described)
                 yield RawMessage(channel.topic, kind, message.log_time, message.data)

@@ -113,8 +113,6 @@ class Lookup:
 
     def _from(self, address: int, topic: str) -> Iterable[tuple[str, Any]]:
         """Records of a topic, and the adaptations beside them, from an address on."""
-        if self._bag.topic(topic) is None:
-            return
         raws = self._bag.messages(topic, ANCHOR, begin=self.places.begin(address))
         for raw, record in self._bag.usable(raws):
             yield raw.topic.rpartition("/")[2], record

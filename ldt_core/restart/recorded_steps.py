@@ -72,7 +72,7 @@ def complete_steps(
         begin: file and byte before which nothing is read (`Storage.messages`).
         done: the steps up to this number are left out.
     """
-    beside = {name: _beside(bag, name, begin) for name in BESIDE if bag.topic(name)}
+    beside = {name: _beside(bag, name, begin) for name in BESIDE}
     models: dict[int, ModelRecord] = {}
     open_: dict[int, _Open] = {}
     held: RecordedStep | None = None  # the last step, after which a rollback may come
@@ -130,8 +130,7 @@ def _beside(bag: Bag, name: str, begin: tuple[int, int]) -> dict[int, Any]:
 
 def _messages(bag: Bag, begin: tuple[int, int], done: int) -> Iterator[tuple[str, Recorded | int]]:
     """Records by topic; of the yardstick, which nothing is computed from, the number alone."""
-    names = [name for name in (*LOOP, YARDSTICK) if bag.topic(name)]
-    for index, raw in enumerate(bag.messages(*names, begin=begin), start=1):
+    for index, raw in enumerate(bag.messages(*LOOP, YARDSTICK, begin=begin), start=1):
         name = raw.topic.rpartition("/")[2]
         number = number_of(raw.topic, raw.kind, raw.data)
         if number is not None and number < done:

@@ -95,7 +95,7 @@ def history(path: str | Path, namespace: str = "", machine: str = "") -> History
     known = load_machine(machine or _recorded_machine(bag))
     check_key(bag, known)
     models: dict[int, ModelRecord] = {}
-    for record in bag.rare("model") if bag.topic("model") else ():
+    for record in bag.rare("model"):
         models.setdefault(record.version, record)
     reigns: list[Reign] = []
     sums: list[float] = []

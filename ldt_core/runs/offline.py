@@ -132,9 +132,9 @@ def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary:
         for signal in opened.records("signal"):
             if signal.experiment in done:
                 summary.add_signal(signal)
-        for diagnosis in opened.records("diagnosis") if opened.topic("diagnosis") else ():
+        for diagnosis in opened.records("diagnosis"):
             summary.add_diagnosis(diagnosis)
-        for advice in opened.records("advice") if opened.topic("advice") else ():
+        for advice in opened.records("advice"):
             summary.add_advice(advice)
         originals = {p.number: p.start for p in opened.records("original_prediction")}
         predictions = opened.records("original_prediction")

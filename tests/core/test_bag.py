@@ -270,6 +270,18 @@ def test_several_machines_need_a_namespace_and_the_error_lists_them(tmp_path):
     assert "/diagnostics" in read_bag(tmp_path / "run", "machine_2").topics
 
 
+def test_of_a_topic_that_a_recording_lacks_nothing_comes(tmp_path):
+    """Neither records nor messages, by either of its names; experiments alone are asked for."""
+    with BagWriter(tmp_path / "run", "rotor") as writer:
+        writer.write("prediction", Prediction(1, 1e9, 0.01, 0, np.zeros(3)), 1e9)
+    bag = read_bag(tmp_path / "run")
+    for name in ("diagnosis", "/diagnosis", "no_such"):
+        assert list(bag.records(name)) == list(bag.rare(name)) == list(bag.messages(name)) == []
+    assert len(list(bag.messages("diagnosis", "prediction"))) == 1
+    with pytest.raises(RecordingError, match="expected the topic /experiment, got only /predict"):
+        list(bag.experiments())
+
+
 def test_repeated_and_missing_numbers_are_noted(tmp_path):
     """They are read all the same."""
     notes = experiments(write(tmp_path / "run", [2, 3, 3, 7, 9])).notes

@@ -52,9 +52,7 @@ def load_run(recording: str | Path, namespace: str = "", number: int | None = No
     adaptations = {a.experiment: a for a in bag.records("adaptation")}
     errors = {n: s.max_error for n, s in signals.items()}
     predictions = {p.number: p for p in bag.records("prediction")}
-    originals = {}
-    if bag.topic("original_prediction"):
-        originals = {p.number: p for p in bag.records("original_prediction")}
+    originals = {p.number: p for p in bag.records("original_prediction")}
     original_errors: dict[int, float] = {}
     best, shown = -np.inf, None
     for experiment in bag.experiments():

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from ldt_core.base.errors import RecordingError
 from ldt_core.base.experiment import (
@@ -104,8 +102,8 @@ def read_run(recording: str | Path, namespace: str = "") -> Run:
     bag = read_twin_run(recording, namespace)
     signals = {s.experiment: s for s in bag.records("signal")}
     run = Run(bag.path.resolve().name, bag, inspect(bag))
-    run.models = list(_records(bag, "model"))
-    run.diagnoses = list(_records(bag, "diagnosis"))
+    run.models = list(bag.records("model"))
+    run.diagnoses = list(bag.records("diagnosis"))
     _read_turns(run, signals)
     if not run.turns:
         raise RecordingError(bag.path, "experiments that a twin has predicted and judged", "none")
@@ -114,9 +112,9 @@ def read_run(recording: str | Path, namespace: str = "") -> Run:
 
 
 def _read_turns(run: Run, signals: dict[int, Signal]) -> None:
-    adaptations = {a.experiment: a for a in _records(run.bag, "adaptation")}
+    adaptations = {a.experiment: a for a in run.bag.records("adaptation")}
     predictions = {p.number: p for p in run.bag.records("prediction")}
-    originals = {p.number: p for p in _records(run.bag, "original_prediction")}
+    originals = {p.number: p for p in run.bag.records("original_prediction")}
     most, shown = room(max(1, len(signals)), CHANNELS)
     worst = sorted(signals.values(), key=lambda s: -s.max_error)[:shown]
     drawn = {s.experiment for s in worst}
@@ -148,11 +146,6 @@ def _read_turns(run: Run, signals: dict[int, Signal]) -> None:
 def _same(prediction: Prediction, experiment: Experiment) -> bool:
     """A number may come twice: the experiment that was predicted has the prediction's start."""
     return prediction.start == experiment.start and len(prediction) == len(experiment)
-
-
-def _records(bag: Bag, topic: str) -> Iterator[Any]:
-    """Records of a topic that not every run has."""
-    return bag.records(topic) if bag.topic(topic) else iter(())
 
 
 def _sum_up(run: Run) -> None:
