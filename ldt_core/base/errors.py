@@ -1,12 +1,13 @@
 """Everything that can go wrong, as one family.
 
 LdtError (exit code 1: the work itself failed)
-└── BadInput (exit code 2: what the user gave cannot be used)
+└── BadInput (exit code 2: what the user gave cannot be used; also a ValueError)
     ├── MachineFileError
     ├── RecordingError
     ├── ExperimentError
     ├── ModelError
-    └── OptionError
+    ├── OptionError
+    └── ArgumentTypeError (also a TypeError)
 
 Each error is built from facts (where, what was expected, what came), so that every message
 names the file, topic or parameter. One place, `ldt_core.cli.main`, turns it into one sentence
@@ -19,6 +20,8 @@ import difflib
 from collections.abc import Iterable
 from typing import Any
 
+LONGEST_SHOWN = 60  # characters of a value in a message
+
 
 class LdtError(Exception):
     """The work itself failed, with a sentence for the user."""
@@ -26,7 +29,7 @@ class LdtError(Exception):
     exit_code = 1
 
 
-class BadInput(LdtError):
+class BadInput(LdtError, ValueError):
     """What the user gave cannot be used.
 
     Args:
@@ -67,6 +70,23 @@ class ModelError(BadInput):
 
 class OptionError(BadInput):
     """An option or parameter outside its declared type or range."""
+
+
+class ArgumentTypeError(BadInput, TypeError):
+    """An argument of a Python function that is no object of the expected kind."""
+
+
+def described(value: object) -> str:
+    """What came, short enough for a message.
+
+    >>> described([1.0, 2.0]), described("rotor")
+    ('[1.0, 2.0]', "'rotor'")
+    """
+    shape = getattr(value, "shape", None)
+    if shape:
+        return f"an array of shape {shape}"
+    text = repr(value)
+    return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 3]}..."
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ldt_core.base.errors import ExperimentError
+from ldt_core.base.errors import ExperimentError, described
 
 Samples = NDArray[np.float64]
 Scalar = float | int | str | bool | None
@@ -27,7 +27,10 @@ SAME_PERIOD = 1e-6
 
 
 def _samples(where: str, values: ArrayLike, length: int | None = None) -> Samples:
-    array = np.array(values, dtype=np.float64)
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ExperimentError(where, "a row of numbers", described(values)) from None
     if array.ndim != 1 or array.size == 0:
         raise ExperimentError(where, "a non-empty row of samples", f"shape {array.shape}")
     if length is not None and array.size != length:
@@ -42,18 +45,27 @@ def _samples(where: str, values: ArrayLike, length: int | None = None) -> Sample
 
 
 def _number(where: str, value: Any, least: int) -> int:
-    if not float(value).is_integer() or value < least:
-        raise ExperimentError(where, f"a whole number from {least}", repr(value))
+    number = _real(value)
+    if not number.is_integer() or number < least:
+        raise ExperimentError(where, f"a whole number from {least}", described(value))
     return int(value)
 
 
-def _time(where: str, start: float, period: float) -> tuple[float, float]:
-    start, period = float(start), float(period)
-    if not math.isfinite(start):
-        raise ExperimentError(f"{where}, start time", "seconds since the epoch", start)
-    if not (math.isfinite(period) and period > 0):
-        raise ExperimentError(f"{where}, sample period", "seconds above 0", period)
-    return start, period
+def _real(value: Any) -> float:
+    """As a number, not finite where it is none."""
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+
+
+def _time(where: str, start: Any, period: Any) -> tuple[float, float]:
+    begin, step = _real(start), _real(period)
+    if not math.isfinite(begin):
+        raise ExperimentError(f"{where}, start time", "seconds since the epoch", described(start))
+    if not (math.isfinite(step) and step > 0):
+        raise ExperimentError(f"{where}, sample period", "seconds above 0", described(period))
+    return begin, step
 
 
 def rms(samples: Samples) -> float:
@@ -98,6 +110,10 @@ class Experiment:
 
     def __len__(self) -> int:
         return self.voltage.size
+
+    def __repr__(self) -> str:
+        length = f"{len(self)} samples at {self.period:g} s, {self.duration:g} s"
+        return f"Experiment({self.number}, {length})"
 
     @property
     def time(self) -> Samples:
@@ -169,6 +185,14 @@ class Prediction:
     def __len__(self) -> int:
         return self.speed.size
 
+    def __repr__(self) -> str:
+        return f"Prediction({self.number}, {len(self)} samples, model {self.model_version})"
+
+    @property
+    def experiment(self) -> int:
+        """Number of the experiment."""
+        return self.number
+
     def residual(self, experiment: Experiment) -> Samples:
         """(L,) measured minus predicted speed [rad/s].
 
@@ -214,8 +238,17 @@ class Action(enum.StrEnum):
     REFUSED = "refused"
 
 
+class _AboutExperiment:
+    experiment: int
+
+    @property
+    def number(self) -> int:
+        """Of the experiment."""
+        return self.experiment
+
+
 @dataclass(frozen=True)
-class Signal:
+class Signal(_AboutExperiment):
     """The detector's answer to one experiment.
 
     Args:
@@ -233,6 +266,10 @@ class Signal:
     model_version: int
     max_error: float
     statistics: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        error = f"max error {self.max_error:.4g} rad/s"
+        return f"Signal({self.number}, {self.level.word}, {error}, {self.detector})"
 
 
 @dataclass(frozen=True)
@@ -253,7 +290,7 @@ class ModelRecord:
 
 
 @dataclass(frozen=True)
-class Adaptation:
+class Adaptation(_AboutExperiment):
     """What the adaptor did with one experiment, and with which model the twin goes on.
 
     Args:
@@ -270,9 +307,12 @@ class Adaptation:
     reason: str
     details: Mapping[str, float] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return f"Adaptation({self.number}, {self.action}, model {self.model_version})"
+
 
 @dataclass(frozen=True)
-class DiagnosisRecord:
+class DiagnosisRecord(_AboutExperiment):
     """The verdict of a gap diagnosis that an experiment gave rise to.
 
     Args:
@@ -313,7 +353,7 @@ class DiagnosisRecord:
 
 
 @dataclass(frozen=True)
-class AdviceRecord:
+class AdviceRecord(_AboutExperiment):
     """What the people at the machine are advised; never a command.
 
     Args:
@@ -343,3 +383,11 @@ class Step:
     model: ModelRecord | None = None
     diagnosis: DiagnosisRecord | None = None
     advice: AdviceRecord | None = None
+
+    def __repr__(self) -> str:
+        return f"Step({self.number}, {self.signal.level.word}, {self.adaptation.action})"
+
+    @property
+    def number(self) -> int:
+        """Of the experiment."""
+        return self.experiment.number

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 import msgs_config
-from ldt_core.base.errors import OptionError, did_you_mean
+from ldt_core.base.errors import BadInput, OptionError, did_you_mean
 from ldt_core.base.registry import Registry
 
 if TYPE_CHECKING:
@@ -59,6 +59,8 @@ def build_detector(name: str, settings: Mapping[str, Any]) -> Detector:
         arguments[argument] = value
     try:
         return kind(**arguments)
+    except BadInput:
+        raise
     except (TypeError, ValueError) as error:
         got = f"{arguments} ({error})"
         raise OptionError(f"detector {name}", "arguments that it takes", got) from error

@@ -88,6 +88,8 @@ def _read(file: str | Path) -> Mapping[str, Any]:
         if path.stat().st_size > MOST_BYTES:
             raise BadInput(file, f"at most {MOST_BYTES} bytes", path.stat().st_size)
         found = json.loads(path.read_text(encoding="utf-8"))
+    except BadInput:
+        raise
     except (OSError, ValueError, RecursionError) as error:
         got = getattr(error, "strerror", None) or "no JSON"
         raise BadInput(file, "a readable diagnosis.json", got) from error

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import yaml
 
 import msgs_config
-from ldt_core.base.errors import ExperimentError, MachineFileError, OptionError, did_you_mean
+from ldt_core.base.errors import (
+    ArgumentTypeError,
+    ExperimentError,
+    MachineFileError,
+    OptionError,
+    described,
+    did_you_mean,
+)
 from ldt_core.physics import PHYSICS
 
 if TYPE_CHECKING:
@@ -25,9 +33,12 @@ MAX_BYTES = 1_000_000  # a machine file is a page of text; more is a mistake or 
 VOLTAGE_SLACK = 1e-6  # of the range: measured voltages are rounded when they are written to text
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False, repr=False)
 class Machine:
     """A machine as the twin knows it.
+
+    `Machine("rotor")` reads one that ships with LDT, `Machine("my_motor.yaml")` a machine file, and
+    a mapping stands for the keys of such a file. Attributes are read-only.
 
     Args:
         name: of the machine.
@@ -39,6 +50,10 @@ class Machine:
         simulation: how the simulated machine is excited and worn (see `ldt_core.machine`).
         calibration: how `ldt calibrate` found the parameters, verbatim; empty when it did not.
         source: the file it came from, for messages.
+
+    Raises:
+        MachineFileError: as `load_machine`.
+        ArgumentTypeError: neither a name nor a file nor the keys of one.
     """
 
     name: str
@@ -50,6 +65,32 @@ class Machine:
     simulation: Mapping[str, Any] = field(default_factory=dict)
     calibration: Mapping[str, Any] = field(default_factory=dict)
     source: str = "machine"
+
+    @overload
+    def __init__(self, file: str | os.PathLike[str] | Mapping[str, Any] | Machine, /) -> None: ...
+    @overload
+    def __init__(
+        self,
+        *,
+        name: str,
+        physics: str,
+        parameters: Mapping[str, float],
+        voltage_limits: tuple[float, float],
+        duration: float,
+        sample_period: float,
+        simulation: Mapping[str, Any] = ...,
+        calibration: Mapping[str, Any] = ...,
+        source: str = ...,
+    ) -> None: ...
+    def __init__(self, *file: Any, **fields: Any) -> None:
+        if file is not None or not fields:
+            fields = vars(_machine_of(file))
+        optional = {"simulation": {}, "calibration": {}, "source": "machine"}
+        vars(self).update({**optional, **fields})
+
+    def __repr__(self) -> str:
+        count, period = self.samples, self.sample_period
+        return f"Machine({self.name!r}, {self.physics}, {count} samples at {period:g} s)"
 
     @property
     def model(self) -> Physics:
@@ -109,6 +150,17 @@ class Machine:
         if self.calibration:
             record["calibration"] = dict(self.calibration)
         return record
+
+
+def _machine_of(given: object) -> Machine:
+    if isinstance(given, Machine):
+        return given
+    if isinstance(given, Mapping):
+        return machine_from_dict(given, "machine")
+    if isinstance(given, str | os.PathLike):
+        return load_machine(given if isinstance(given, str) else Path(given))
+    expected = "a Machine, the name of one such as 'rotor', or a machine file"
+    raise ArgumentTypeError("machine", expected, described(given))
 
 
 def load_machine(file: str | Path) -> Machine:
@@ -185,13 +237,8 @@ def machine_from_dict(data: Any, source: str) -> Machine:
 
 def _mapping(where: str, value: Any) -> dict[str, Any]:
     if not isinstance(value, Mapping) or not all(isinstance(k, str) for k in value):
-        raise MachineFileError(where, "names with values (a YAML mapping)", _shown(value))
+        raise MachineFileError(where, "names with values (a YAML mapping)", described(value))
     return dict(value)
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _keys(
@@ -213,15 +260,15 @@ def real_number(where: str, value: Any) -> float:
         try:
             value = float(value)
         except ValueError:
-            raise MachineFileError(where, "a number in SI units", _shown(value)) from None
+            raise MachineFileError(where, "a number in SI units", described(value)) from None
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise MachineFileError(where, "a number in SI units", _shown(value))
+        raise MachineFileError(where, "a number in SI units", described(value))
     try:
         number = float(value)
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
-        raise MachineFileError(where, "a finite number", _shown(value))
+        raise MachineFileError(where, "a finite number", described(value))
     return number
 
 
@@ -234,10 +281,10 @@ def _positive(where: str, value: Any) -> float:
 
 def _limits(where: str, value: Any) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2:
-        raise MachineFileError(where, "[lowest, highest] in V", _shown(value))
+        raise MachineFileError(where, "[lowest, highest] in V", described(value))
     low, high = real_number(where, value[0]), real_number(where, value[1])
     if low >= high:
-        raise MachineFileError(where, "[lowest, highest] in V", _shown(value))
+        raise MachineFileError(where, "[lowest, highest] in V", described(value))
     return low, high
 
 

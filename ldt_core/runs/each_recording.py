@@ -221,7 +221,7 @@ def _origin(recording: str, machine: Machine, options: Options) -> dict[str, Any
         **code_version(),
         "recording": os.path.abspath(recording),
         "content": [digest(Path(p)) for p in (recording, *files)],
-        "machine": hashlib.sha256(repr(machine).encode()).hexdigest(),
+        "machine": hashlib.sha256(repr(vars(machine)).encode()).hexdigest(),
         "options": asdict(options),
     }
     return dict(json.loads(json.dumps(about)))

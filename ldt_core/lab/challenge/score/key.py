@@ -186,6 +186,8 @@ def _entries(
 ) -> list[tuple[str, dict[str, Any]]]:
     try:
         found = json.loads(_bytes(file).decode(), object_pairs_hook=kept)
+    except BadInput:
+        raise
     except (ValueError, RecursionError) as error:
         raise BadInput(file, "a key, which is JSON", "something else") from error
     for entry in found if isinstance(found, list) else [None]:
