@@ -1,1 +1,77 @@
-"""The learning digital twin, without ROS: records, physics, models, detectors, and the loop."""
+"""A learning digital twin, without ROS; `ldt docs python` shows how to use it.
+
+Each name below is imported when it is first used, so that the package itself loads at once.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module, metadata
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ldt_core.base.errors import BadInput, LdtError
+    from ldt_core.base.experiment import (
+        Action,
+        Adaptation,
+        Experiment,
+        Level,
+        Prediction,
+        Signal,
+        Step,
+    )
+    from ldt_core.detectors.base import Detector
+    from ldt_core.machine.machine_file import Machine
+    from ldt_core.models.base import Model
+    from ldt_core.physics.base import Physics
+    from ldt_core.physics.effect import Effect
+    from ldt_core.physics.parameter import Parameter
+    from ldt_core.twin.loop import Twin
+
+__all__ = [
+    "Action",
+    "Adaptation",
+    "BadInput",
+    "Detector",
+    "Effect",
+    "Experiment",
+    "LdtError",
+    "Level",
+    "Machine",
+    "Model",
+    "Parameter",
+    "Physics",
+    "Prediction",
+    "Signal",
+    "Step",
+    "Twin",
+]
+
+#: Module → what is public of it.
+_NAMES = {
+    "base.errors": ("BadInput", "LdtError"),
+    "base.experiment": (
+        *("Action", "Adaptation", "Experiment", "Level", "Prediction", "Signal", "Step"),
+    ),
+    "detectors.base": ("Detector",),
+    "machine.machine_file": ("Machine",),
+    "models.base": ("Model",),
+    "physics.base": ("Physics",),
+    "physics.effect": ("Effect",),
+    "physics.parameter": ("Parameter",),
+    "twin.loop": ("Twin",),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return metadata.version("ldt")
+    for module, names in _NAMES.items():
+        if name in names:
+            found = getattr(import_module(f"ldt_core.{module}"), name)
+            globals()[name] = found
+            return found
+    raise AttributeError(f"module 'ldt_core' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, "__version__"})

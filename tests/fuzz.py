@@ -31,7 +31,6 @@ from ldt_core.base.experiment import (
     Prediction,
     Signal,
 )
-from ldt_core.base.settings import resolve
 from ldt_core.machine.machine_file import load_machine, parse_machine
 from ldt_core.recording.codec import DECODERS, decode, encode, encode_cdr
 from ldt_core.recording.messages import deserialize, standard
@@ -147,7 +146,7 @@ def turn(data: st.DataObject, told: Counter[str]) -> None:
     """What is let through as an experiment goes through predictor, detector and adaptor."""
     number = data.draw(st.integers(1, 3))
     rows = st.lists(NUMBER, min_size=1, max_size=12)
-    twin = Twin(MACHINE, resolve({"model": data.draw(st.sampled_from(["linear", "physics"]))}))
+    twin = Twin(MACHINE, model=data.draw(st.sampled_from(["linear", "physics"])))
     try:
         voltage = data.draw(rows)
         speed = data.draw(st.lists(NUMBER, min_size=len(voltage), max_size=len(voltage)))

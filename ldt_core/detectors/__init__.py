@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import inspect
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,13 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 import msgs_config
-from ldt_core.base.errors import BadInput, OptionError, did_you_mean
+from ldt_core.base.errors import (
+    ArgumentTypeError,
+    BadInput,
+    OptionError,
+    described,
+    did_you_mean,
+)
 from ldt_core.base.registry import Registry
 
 if TYPE_CHECKING:
@@ -30,11 +37,31 @@ DETECTORS = Registry(
 )
 
 
-def build_detector(name: str, settings: Mapping[str, Any]) -> Detector:
+def as_detector(given: object) -> Detector:
+    """A copy of a detector object, with what it has seen, as the loop uses it.
+
+    Args:
+        given: a `Detector`, or any object with river's `update(x)` and `drift_detected`.
+
+    Raises:
+        ArgumentTypeError: something else.
+    """
+    from ldt_core.detectors.base import Detector
+    from ldt_core.detectors.foreign import Foreign, Updatable
+
+    if isinstance(given, Detector):
+        return copy.deepcopy(given)
+    if isinstance(given, Updatable) and not isinstance(given, type):
+        return Foreign(given)
+    expected = "a name, a Detector, or an object with update(x) and drift_detected"
+    raise ArgumentTypeError("detector", expected, described(given))
+
+
+def build_detector(name: str | type[Detector], settings: Mapping[str, Any]) -> Detector:
     """The detector of that name, fresh, with the settings that its constructor names.
 
     Args:
-        name: of `DETECTORS`, or `path/to/file.py:Name`.
+        name: of `DETECTORS`, or `path/to/file.py:Name`; or a class.
         settings: parameters of the group detector (`parameters.yaml`); the rest is not looked at.
             `detector_argument` holds entries "NAME=VALUE" for arguments without a parameter.
 
@@ -43,7 +70,7 @@ def build_detector(name: str, settings: Mapping[str, Any]) -> Detector:
     """
     from ldt_core.detectors.base import Detector
 
-    kind = DETECTORS.get(name)
+    kind = DETECTORS.get(name) if isinstance(name, str) else name
     if not (isinstance(kind, type) and issubclass(kind, Detector)):
         raise OptionError(f"detector {name}", "a subclass of Detector", repr(kind))
     signature = inspect.signature(kind).parameters.values()

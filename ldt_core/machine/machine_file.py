@@ -83,8 +83,8 @@ class Machine:
         source: str = ...,
     ) -> None: ...
     def __init__(self, *file: Any, **fields: Any) -> None:
-        if file is not None or not fields:
-            fields = vars(_machine_of(file))
+        if file or not fields:
+            fields = vars(_machine_of(*file))
         optional = {"simulation": {}, "calibration": {}, "source": "machine"}
         vars(self).update({**optional, **fields})
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from ldt_core.base.errors import BadInput
 from ldt_core.machine.machine_file import Machine
+from ldt_core.models import learns_by_diagnosis
 from ldt_core.recording.storage import RECORDINGS
 
 #: Nodes from which experiments can come.
@@ -32,7 +33,7 @@ def roles(settings: Mapping[str, Any]) -> list[str]:
 
     Where the model learns by the diagnosed effect the adaptor makes the diagnoses.
     """
-    in_adaptor = settings["model"] == "diagnosed" and settings["cause"] == "auto"
+    in_adaptor = learns_by_diagnosis(settings)
     beside = ["diagnoser"] if settings["diagnose"] and not in_adaptor else []
     beside += ["advisor"] if settings["advice"] else []
     return ["recorder", *beside, "adaptor", "detector", "twin", source_of(settings)]

@@ -43,7 +43,7 @@ def run(
         BadInput: settings, machine or bag that cannot be used.
         LdtError: a recording that is damaged beyond mending.
     """
-    twin = Twin(machine, settings)
+    twin = Twin.from_settings(machine, settings)
     untrained = twin.model.record()
     summary = Summary()
 

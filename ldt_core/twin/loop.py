@@ -7,16 +7,25 @@ and the node graph give the same numbers on the same experiments.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+import msgs_config
 from ldt_core.base.bounded import forget_oldest
-from ldt_core.base.errors import ExperimentError, RecordingError, RepeatedExperiment
+from ldt_core.base.errors import (
+    ArgumentTypeError,
+    ExperimentError,
+    RecordingError,
+    RepeatedExperiment,
+    described,
+)
 from ldt_core.base.experiment import Experiment, Prediction, Signal, Step
-from ldt_core.detectors import build_detector
+from ldt_core.base.settings import resolve
+from ldt_core.detectors import as_detector, build_detector
 from ldt_core.detectors.base import Detector
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models import build_model, restore_model
@@ -27,9 +36,12 @@ from ldt_core.twin.memory import Memory
 from ldt_core.twin.stage import WINDOW, Archive, RecordedStep, Stage
 
 if TYPE_CHECKING:
+    from ldt_core.detectors.foreign import Updatable
     from ldt_core.twin.advisor import Advisor
     from ldt_core.twin.diagnoser import Diagnoser
 
+#: Of the parameters that make a twin (`parameters.yaml`).
+GROUPS = ("model", "detector", "adaptor", "diagnosis", "advice")
 #: Samples of the idle experiment; compiled code is loaded whatever the length.
 WARM_UP_SAMPLES = 3
 
@@ -154,30 +166,64 @@ class Twin:
     """A learning twin: model, detector, adaptor and memory.
 
     Args:
-        machine: the machine as it is known beforehand.
-        settings: parameters of the groups model, detector, adaptor, diagnosis and advice
-            (`parameters.yaml`; the last two have their defaults where they are missing).
-        detector: stage 2, where it is not the detector of the settings.
+        machine: the machine as it is known beforehand, its name or its file.
+        model: name, `path/to/file.py:Name`, class, or a model to begin with. "auto" is the best
+            that there is: at present `diagnosed` with cause `auto`, which takes its time when the
+            machine changes, as it then diagnoses why.
+        detector: name, `path/to/file.py:Name`, class, or an object, of which a copy is used: a
+            `Detector`, or one with river's `update(x)` and `drift_detected`, which is fed with the
+            maximum error of each experiment [rad/s]. None takes the default of `ldt run`.
+        settings: further options of `ldt run` about model, detector, adaptor, diagnosis and advice,
+            by their names in Python (`error_threshold=0.5`).
 
     Raises:
-        OptionError: an unknown model or detector, or arguments that they refuse.
+        OptionError: an unknown model, detector or setting, or arguments that they refuse.
+        MachineFileError: no such machine, or a file that cannot be used.
+        ArgumentTypeError: an argument of another kind.
     """
 
     def __init__(
         self,
-        machine: Machine,
-        settings: Mapping[str, Any],
-        detector: DetectorStage | None = None,
+        machine: Machine | str | os.PathLike[str],
+        model: str | Model | type[Model] = "auto",
+        detector: str | Detector | type[Detector] | Updatable | DetectorStage | None = None,
+        **settings: Any,
     ) -> None:
-        self.settings = settings
-        model = build_model(settings["model"], machine, settings)
-        self.predictor = Predictor(machine, model)
-        self.detector = detector or build_detector_stage(settings)
-        self.adaptor = build_adaptor(model, settings)
+        known = Machine(machine)
+        by_name = {"model": model, "detector": detector}
+        named = {name: given for name, given in by_name.items() if isinstance(given, str)}
+        self.settings: Mapping[str, Any] = resolve({**settings, **named}, *GROUPS)
+        first = build_model(model, known, self.settings)
+        self.predictor = Predictor(known, first)
+        self.detector = as_detector_stage(detector, self.settings)
+        self.adaptor = build_adaptor(first, self.settings)
         # A model that asks for diagnoses gets them in the adaptor; one machine needs no two.
-        asked = settings.get("diagnose") and not model.asks_for_diagnosis
-        self.diagnoser = build_diagnoser(machine, settings) if asked else None
-        self.advisor = build_advisor(machine, settings) if settings.get("advice") else None
+        asked = self.settings["diagnose"] and not first.asks_for_diagnosis
+        self.diagnoser = build_diagnoser(known, self.settings) if asked else None
+        self.advisor = build_advisor(known, self.settings) if self.settings["advice"] else None
+
+    @classmethod
+    def from_settings(
+        cls, machine: Machine, settings: Mapping[str, Any], detector: DetectorStage | None = None
+    ) -> Self:
+        """The twin that the parameters of a run describe (`parameters.yaml`).
+
+        Args:
+            machine: the machine as it is known beforehand.
+            settings: with those of `GROUPS`, the defaults where they are missing.
+            detector: stage 2, where it is not the detector of the settings.
+
+        Raises:
+            OptionError: an unknown model or detector, or arguments that they refuse.
+        """
+        given = {n: settings[n] for n in msgs_config.parameters(*GROUPS) if n in settings}
+        twin = cls(machine, **({**given, "detector": detector} if detector else given))
+        twin.settings = settings
+        return twin
+
+    def __repr__(self) -> str:
+        machine, model = self.predictor.machine.name, self.model
+        return f"Twin({machine!r}, {model.kind} version {model.version}, {self.detector.name})"
 
     @property
     def model(self) -> Model:
@@ -195,7 +241,10 @@ class Twin:
 
         Raises:
             ExperimentError: as `Predictor.predict`; the twin is as before then.
+            ArgumentTypeError: no experiment at all.
         """
+        if not isinstance(experiment, Experiment):
+            raise ArgumentTypeError("experiment", "an ldt.Experiment", described(experiment))
         prediction = self.predictor.predict(experiment)
         original = self.predictor.original.predict(experiment)
         signal = self.detector.step(experiment, prediction)
@@ -255,6 +304,20 @@ def out_of_order(experiment: Experiment, last: int, known: bool) -> ExperimentEr
     """
     kind = RepeatedExperiment if known else ExperimentError
     return kind(f"experiment {experiment.number}", f"a number above {last}", experiment.number)
+
+
+def as_detector_stage(detector: object, settings: Mapping[str, Any]) -> DetectorStage:
+    """Stage 2 of a detector: name, class or object; None takes that of the settings."""
+    if isinstance(detector, DetectorStage):
+        return detector
+    if detector is None or isinstance(detector, str):
+        return build_detector_stage(settings)
+    built = (
+        build_detector(detector, settings)
+        if isinstance(detector, type) and issubclass(detector, Detector)
+        else as_detector(detector)
+    )
+    return DetectorStage(getattr(built, "name", type(built).__name__), built)
 
 
 def build_detector_stage(settings: Mapping[str, Any]) -> DetectorStage:

@@ -40,7 +40,7 @@ STAGES = ("detector", "adaptor")
 
 def write(folder: Path, count: int) -> None:
     """A run of so many experiments, and the checkpoints that it would have kept."""
-    twin = Twin(MACHINE, GIVEN)
+    twin = Twin.from_settings(MACHINE, GIVEN)
     untrained = twin.model.record()
     recoveries = [_recovery(twin, folder, GIVEN["checkpoint_every"], s) for s in STAGES]
     noise = np.random.default_rng(0)
@@ -77,7 +77,7 @@ def _recovery(twin: Twin, folder: Path, every: int, role: str) -> Recovery:
 
 def stage(folder: Path, every: int, name: str) -> int:
     """What a stage's node does when it is started again; steps recalled."""
-    recovery = _recovery(Twin(MACHINE, GIVEN), folder, every, name)
+    recovery = _recovery(Twin.from_settings(MACHINE, GIVEN), folder, every, name)
     known = recovery.return_to_checkpoint()
     recalled = 0
     for step in recovery.run.steps(known):

@@ -50,7 +50,7 @@ def made_up():
 
     At a positive a model is adopted, and a diagnosis made, which says no more than its number.
     """
-    twin = Twin(MACHINE, GIVEN)
+    twin = Twin.from_settings(MACHINE, GIVEN)
     untrained = twin.model.record()
     version, steps = 0, []
     for number in range(1, COUNT + 1):
@@ -117,7 +117,7 @@ class Killed:
 
     def taken_up(self, **other):
         """What a twin knows that goes on there, how many steps it recalled, and what was told."""
-        twin, told, steps = Twin(MACHINE, {**GIVEN, **other}), [], []
+        twin, told, steps = Twin.from_settings(MACHINE, {**GIVEN, **other}), [], []
         recall = twin.adaptor.recall
         twin.adaptor.recall = lambda step: (steps.append(step), recall(step))
         TwinRecovery(twin, recorded(self.folder), told.append).resume()
@@ -128,7 +128,7 @@ class Killed:
 def runs(tmp_path_factory):
     """The run, killed after each of the steps in `KILLS`, so that its last file has no end."""
     place, found = tmp_path_factory.mktemp("checkpoints"), {}
-    twin = Twin(MACHINE, GIVEN)
+    twin = Twin.from_settings(MACHINE, GIVEN)
     with BagWriter(place / "run", "rotor", split_size=0.2) as writer:
         writer.write("model", twin.model.record(), 1e9)
         recovery = TwinRecovery(twin, recorded(place / "run"), pytest.fail)
@@ -187,7 +187,7 @@ def returned(folder, told):
 
 
 def detector_recovery(folder, told):
-    stage = Twin(MACHINE, GIVEN).detector
+    stage = Twin.from_settings(MACHINE, GIVEN).detector
     return Recovery(stage, "detector", recorded(folder), GIVEN, told.append)
 
 
@@ -271,7 +271,7 @@ def test_without_a_checkpoint_that_counts_the_recording_alone_decides(runs, tmp_
 )  # fmt: skip
 def test_nothing_is_taken_of_a_state_that_cannot_be(stage, change, runs, lookup):
     """Whole, under the run's key, and made up: the stage is left as it was."""
-    own = Twin(MACHINE, GIVEN).stages[stage]
+    own = Twin.from_settings(MACHINE, GIVEN).stages[stage]
     before = own.state()
     newest = runs[COUNT].files(stage)[0]
     state = json.loads(newest.read_text())["state"]
@@ -297,9 +297,11 @@ def test_a_rollback_behind_a_checkpoint_counts(run):
 def test_checkpoints_take_turns_and_stop_with_the_run(run):
     """Two files a stage, whatever the length; the older one is replaced, also after a restart."""
     names = {f.name for f in run.files()}
-    assert names == {f"{s}.{i}.checkpoint" for s in Twin(MACHINE, GIVEN).stages for i in (0, 1)}
+    assert names == {
+        f"{s}.{i}.checkpoint" for s in Twin.from_settings(MACHINE, GIVEN).stages for i in (0, 1)
+    }
     before = {f.name: json.loads(f.read_text())["experiment"] for f in run.files()}
-    twin = Twin(MACHINE, GIVEN)
+    twin = Twin.from_settings(MACHINE, GIVEN)
     recovery = TwinRecovery(twin, recorded(run.folder), pytest.fail)
     recovery.resume()
     for number in range(COUNT + 1, COUNT + EVERY + 1):
@@ -315,7 +317,7 @@ class Own(LDDM):
 
 def test_a_detector_that_does_not_say_its_state_is_told_all_of_the_recording(runs):
     """It has no checkpoint; the other stages go on from theirs, and nothing comes out other."""
-    twin = Twin(MACHINE, GIVEN, DetectorStage("lddm", Own()))
+    twin = Twin.from_settings(MACHINE, GIVEN, DetectorStage("lddm", Own()))
     assert (twin.detector.state(), twin.adaptor.state() is None) == (None, False)
     (runs[640].folder / "own").mkdir()
     recovery = TwinRecovery(twin, recorded(runs[640].folder / "own"), pytest.fail)
@@ -418,7 +420,7 @@ def test_what_was_kept_long_ago_is_found_again(lookup):
 def test_an_adaptor_that_diagnoses_knows_what_was_named_last(lookup):
     """The record is read again; its diagnoser knows that it explains the machine."""
     given = {**GIVEN, "model": "diagnosed", "cause": "auto", "diagnose": False}
-    one, other = (Twin(MACHINE, given).adaptor for _ in range(2))
+    one, other = (Twin.from_settings(MACHINE, given).adaptor for _ in range(2))
     step = next(step for step in STEPS if step.diagnosis)
     one.diagnoser.recall(step)
     one.named = step.diagnosis

@@ -86,12 +86,12 @@ def test_a_twin_goes_on_from_any_step_as_if_nothing_had_happened(given, tmp_path
     """Recalled to any step, it predicts, judges, learns and advises as the one that ran through."""
     given = settings(**given)
     made = experiments(given)
-    steps = list(Twin(SHORT, given).steps(made))
+    steps = list(Twin.from_settings(SHORT, given).steps(made))
     assert any(s.adaptation.action is Action.ADAPTED for s in steps[:-2])  # there is a state
     told = list(complete_steps(recorded(tmp_path / "run", given, made), SHORT))
     assert [p.experiment.number for p in told] == [s.experiment.number for s in steps]
     for end in range(0, len(steps), 5):
-        twin = Twin(SHORT, given)
+        twin = Twin.from_settings(SHORT, given)
         recalled(twin, told[:end])
         # As far as one cycle of everything that follows: all of it costs the square of the run.
         for ran, step in zip(steps[end : end + 4], twin.steps(made[end:]), strict=False):
@@ -118,7 +118,7 @@ def test_a_recording_in_the_disorder_of_a_restart_gives_the_same_steps(tmp_path)
 def test_the_past_ends_with_the_last_complete_step(tmp_path):
     """A model or an adaptation that is missing at the end is made again; nothing is passed over."""
     given = settings(model="linear", gate="none")
-    steps = list(Twin(SHORT, given).steps(experiments(given)))
+    steps = list(Twin.from_settings(SHORT, given).steps(experiments(given)))
     learned = next(i for i, s in enumerate(steps) if s.model is not None)
     for missing in ("model", "adaptation", "signal"):
         path = tmp_path / missing
@@ -137,7 +137,7 @@ def test_the_past_ends_with_the_last_complete_step(tmp_path):
 def test_what_stays_incomplete_for_long_is_passed_over(tmp_path):
     """A recorder that was away for longer than messages are sent again left a gap for good."""
     given = settings(model="physics", experiments=WINDOW + 10)
-    steps = list(Twin(SHORT, given).steps(experiments(given)))
+    steps = list(Twin.from_settings(SHORT, given).steps(experiments(given)))
     with BagWriter(tmp_path / "run", "rotor") as writer:
         for step in steps:
             if step.experiment.number == 5:
@@ -157,7 +157,7 @@ def test_a_recording_of_another_detector_or_model_is_refused(tmp_path):
         ({"detector": "lddm"}, RecordingError, "detector"),
         ({"model": "hybrid"}, ModelError, "kind 'hybrid'"),
     ):
-        twin = Twin(SHORT, settings(**{"model": "linear", **other}))
+        twin = Twin.from_settings(SHORT, settings(**{"model": "linear", **other}))
         with pytest.raises(error, match=words):
             recalled(twin, told)
 
@@ -165,7 +165,7 @@ def test_a_recording_of_another_detector_or_model_is_refused(tmp_path):
 def test_experiments_that_the_twin_refused_do_not_hold_up_what_follows(tmp_path):
     """They are recorded, and nothing ever answers to them."""
     given = settings(model="physics", experiments=6)
-    steps = list(Twin(SHORT, given).steps(experiments(given)))
+    steps = list(Twin.from_settings(SHORT, given).steps(experiments(given)))
     with BagWriter(tmp_path / "run", "rotor") as writer:
         for step, number in zip(steps, itertools.count(1)):
             if number == 3:
@@ -191,7 +191,7 @@ def unusable(topic):
 def test_what_nobody_could_use_does_not_keep_a_run_from_going_on(tmp_path):
     """The recorder writes what comes, and every node refused it: one that is started again, too."""
     given = settings(model="linear", gate="none")
-    steps = list(Twin(SHORT, given).steps(experiments(given)))
+    steps = list(Twin.from_settings(SHORT, given).steps(experiments(given)))
     with BagWriter(tmp_path / "run", "rotor") as writer:
         for step in steps:
             write_step(writer, step)

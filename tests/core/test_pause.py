@@ -50,7 +50,7 @@ def test_the_twin_goes_on_as_if_the_time_had_never_been(given):
     """Model, warning set and what is learned later are those of a twin that never saw it."""
     given = settings(**given)
     experiments = made(given)
-    steps = steps_of(Twin(SHORT, given), experiments)
+    steps = steps_of(Twin.from_settings(SHORT, given), experiments)
     during = [s for s in steps if s.experiment.number in OFF]
     assert all(s.adaptation.details[PAUSED] == 1 and s.model is None for s in during)
     assert {s.adaptation.action for s in during} == {Action.KEPT}
@@ -58,7 +58,7 @@ def test_the_twin_goes_on_as_if_the_time_had_never_been(given):
     assert any(s.model is not None for s in others[:11])
     assert any(s.model is not None for s in others[11:])
     spared = [e for e in experiments if e.number not in OFF]
-    for step, alone in zip(others, Twin(SHORT, given).steps(spared), strict=True):
+    for step, alone in zip(others, Twin.from_settings(SHORT, given).steps(spared), strict=True):
         assert np.array_equal(step.prediction.speed, alone.prediction.speed)
         assert step.adaptation == alone.adaptation
 
@@ -67,7 +67,7 @@ def test_a_run_with_such_a_time_goes_on_from_its_recording(tmp_path):
     """Recalled to any step, the twin is the one that ran through."""
     given = settings(detector="calibrated")
     experiments = made(given)
-    twin = Twin(SHORT, given)
+    twin = Twin.from_settings(SHORT, given)
     untrained = twin.model.record()
     steps = steps_of(twin, experiments)
     with BagWriter(tmp_path / "run", "rotor") as writer:
@@ -76,7 +76,7 @@ def test_a_run_with_such_a_time_goes_on_from_its_recording(tmp_path):
             write_step(writer, step)
     told = list(complete_steps(read_bag(tmp_path / "run"), SHORT))
     for end in (10, 12, 14, 15, 16, 20):
-        again = Twin(SHORT, given)
+        again = Twin.from_settings(SHORT, given)
         recovery = TwinRecovery(again, RecordedRun("", "", SHORT), pytest.fail)
         for step in told[:end]:
             recovery.recall(step)

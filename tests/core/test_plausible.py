@@ -82,7 +82,7 @@ def test_the_twin_goes_on_as_if_the_faulty_experiments_had_never_been(fails, gat
     given = settings(gate=gate, data="evidence" if gate == "holdout" else "warning-set")
     experiments = made(14)
     spared = [e for e in experiments if not 6 <= e.number <= 9]
-    steps = list(Twin(SHORT, given).steps(broken(experiments, fails, 6, 9)))
+    steps = list(Twin.from_settings(SHORT, given).steps(broken(experiments, fails, 6, 9)))
     during = [s for s in steps if 6 <= s.experiment.number <= 9]
     for step in during:
         told = step.adaptation
@@ -92,7 +92,7 @@ def test_the_twin_goes_on_as_if_the_faulty_experiments_had_never_been(fails, gat
         assert step.model is None
     others = [s for s in steps if s not in during]
     assert any(s.model is not None for s in others)  # it does learn
-    for step, alone in zip(others, Twin(SHORT, given).steps(spared), strict=True):
+    for step, alone in zip(others, Twin.from_settings(SHORT, given).steps(spared), strict=True):
         assert np.array_equal(step.prediction.speed, alone.prediction.speed)
         assert step.adaptation == alone.adaptation
 
@@ -100,7 +100,7 @@ def test_the_twin_goes_on_as_if_the_faulty_experiments_had_never_been(fails, gat
 def test_without_the_check_the_same_twin_learns_from_them():
     """The refusals above are the check's doing; `--no-sensor-check` is there for odd sensors."""
     given = settings(gate="none", data="warning-set", sensor_check=False)
-    steps = list(Twin(SHORT, given).steps(broken(made(9), sensors.saturates, 6, 9)))
+    steps = list(Twin.from_settings(SHORT, given).steps(broken(made(9), sensors.saturates, 6, 9)))
     assert any(s.model is not None for s in steps[5:])
     with pytest.raises(OptionError, match="sensor_check"):
         settings(sensor_check="perhaps")
@@ -110,12 +110,12 @@ def test_a_run_with_a_faulty_sensor_goes_on_from_its_recording(tmp_path):
     """Recalled to any step, the twin is the one that ran through."""
     given = settings(detector="calibrated", experiments=14)
     experiments = broken(made(14), sensors.sticks, 5, 8)
-    steps = list(Twin(SHORT, given).steps(experiments))
+    steps = list(Twin.from_settings(SHORT, given).steps(experiments))
     assert sum(FAULTY in s.adaptation.details for s in steps) == 4
     run(SHORT, given, experiments, tmp_path / "run")
     told = list(complete_steps(read_bag(tmp_path / "run"), SHORT))
     for end in (5, 6, 9, 12):
-        twin = Twin(SHORT, given)
+        twin = Twin.from_settings(SHORT, given)
         recovery = TwinRecovery(twin, RecordedRun("", "", SHORT), pytest.fail)
         for step in told[:end]:
             recovery.recall(step)

@@ -92,7 +92,7 @@ def test_a_stated_rate_of_false_alarms_is_kept(tmp_path):
     assert {i for i, v in enumerate(best.level, start=1) if v == 1} >= set(STEPS)
     quiet = recording(steps=(), count=1000, seed=7)
     settings_ = {**SETTINGS, **best.setting.settings}
-    false = sum(s.signal.level == 1 for s in Twin(MACHINE, settings_).steps(quiet))
+    false = sum(s.signal.level == 1 for s in Twin.from_settings(MACHINE, settings_).steps(quiet))
     assert false <= 12  # 5 are allowed; more than 12 has a chance of 0.2 %
 
 

@@ -47,7 +47,7 @@ def recorded(tmp_path_factory):
     folder = tmp_path_factory.mktemp("checkpoints") / "run"
     given = resolve({**GIVEN, "advice_every": 100})
     run(load_machine("rotor"), given, MADE, folder)
-    twin = Twin(load_machine("rotor"), given)
+    twin = Twin.from_settings(load_machine("rotor"), given)
     for _ in twin.steps(MADE):
         pass
     return folder, twin

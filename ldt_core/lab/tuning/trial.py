@@ -113,7 +113,7 @@ def try_setting(task: tuple[Setting, Job]) -> Tried:
 def _try(setting: Setting, job: Job) -> Tried:
     settings = {**job.settings, **setting.settings}
     begin = time.perf_counter()
-    steps = list(Twin(job.machine, settings).steps(job.experiments, _refuse))
+    steps = list(Twin.from_settings(job.machine, settings).steps(job.experiments, _refuse))
     seconds = time.perf_counter() - begin
     detector = build_detector(setting.detector, settings)
     return Tried(
