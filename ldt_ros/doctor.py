@@ -13,9 +13,9 @@ import re
 import shutil
 import socket
 import subprocess
-import sys
 import tempfile
 import time
+from functools import partial
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from ldt_core.doctor.check import Finding, Probe, ok, problem, warning
 from ldt_ros.graph.environment import MODULES, one_line, require_ros
 from ldt_ros.graph.leftovers import SHARED, SharedMemory, leftovers
 from ldt_ros.graph.secure import has_security
+from ldt_ros.graph.trial import trial
 
 MIB = 1024**2
 DISTRIBUTION = "jazzy"
@@ -47,7 +48,7 @@ def ros() -> list[Finding]:
     if missing:
         remedy = "pip install 'ldt[ros]', or source a ROS 2 workspace; ldt run works without"
         return [problem("ROS 2", f"this Python has no module {missing[0]}", remedy)]
-    found = [_distribution(), *_profile()]
+    found = [distribution(), *profile()]
     try:
         require_ros()
     except BadInput as error:
@@ -57,11 +58,12 @@ def ros() -> list[Finding]:
         met = exchange()
     except BadInput as error:
         remedy = "see multicast and DDS profile in this list; unset RMW_IMPLEMENTATION"
-        return [*found, problem("DDS", error.got, remedy), *_security(None)]
-    return [*found, _message(met), *_domain(met), *_security(met["middleware"])]
+        return [*found, problem("DDS", error.got, remedy), *security(None)]
+    return [*found, _message(met), *_domain(met), *security(met["middleware"])]
 
 
-def _distribution() -> Finding:
+def distribution() -> Finding:
+    """Which ROS 2 it is, and whether another one is sourced."""
     name = "ROS 2"
     shown = []
     for wheel in WHEELS:
@@ -77,7 +79,7 @@ def _distribution() -> Finding:
     return ok(name, where)
 
 
-def _profile() -> list[Finding]:
+def profile() -> list[Finding]:
     """Whose DDS profile counts."""
     name = "DDS profile"
     found = []
@@ -109,28 +111,12 @@ def exchange(patience: float = EXCHANGE) -> dict[str, Any]:
     with SharedMemory(), tempfile.TemporaryDirectory(prefix="ldt-") as logs:
         environment = {**os.environ, "ROS_LOG_DIR": logs}
         topic = f"/ldt_doctor_{os.getpid()}"
-        ends = [
-            subprocess.Popen(
-                # -P: nothing in the user's folder may stand in for a module of ours.
-                [sys.executable, "-P", "-m", "ldt_ros.graph.probe", role, topic, str(os.getpid())],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-                env=environment,
-                start_new_session=True,
-            )
-            for role in ("voice", "ear")
-        ]
-        ear = ends[1]
-        try:
-            output, errors = ear.communicate(timeout=patience)
-        except subprocess.TimeoutExpired:
-            raise BadInput("DDS", "an answer", f"no answer within {patience:g} s") from None
-        finally:
-            for end in ends:
-                end.kill()
-                end.communicate()
+        begun = partial(trial, "ldt_ros.graph.probe", environment=environment)
+        with begun("voice", topic), begun("ear", topic) as ear:
+            try:
+                output, errors = ear.communicate(timeout=patience)
+            except subprocess.TimeoutExpired:
+                raise BadInput("DDS", "an answer", f"no answer within {patience:g} s") from None
     lines = output.strip().splitlines()
     if ear.returncode or not lines:
         said = [line.strip() for line in errors.splitlines() if line.strip()]
@@ -167,7 +153,7 @@ def _domain(met: dict[str, Any]) -> list[Finding]:
     return [ok("domain", f"{where}, nobody else is in it")]
 
 
-def _security(library: str | None) -> list[Finding]:
+def security(library: str | None) -> list[Finding]:
     """Whether the middleware can do what SROS 2 would ask of it."""
     name = "security"
     asked = os.environ.get("ROS_SECURITY_ENABLE", "").lower() == "true"

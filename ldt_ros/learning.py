@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,8 +13,13 @@ from ldt_core.cli.options import json_option, namespace_option
 from ldt_core.cli.terminal import echo
 from ldt_core.restart.learning_switch import Pause
 from ldt_core.security.permissions import OPERATOR, check_namespace, enclave_name
-from ldt_ros.graph.environment import begin, one_line, prepare, require_ros
+from ldt_ros.graph.environment import prepare, require_ros, spun_nodes
 from ldt_ros.graph.secure import OVERRIDE
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+    from rclpy.executors import Executor
+    from rclpy.node import Node
 
 PATIENCE = 5.0  # s; who is there is met within 0.5
 LEARNS = "active"  # state of a managed node
@@ -60,62 +65,46 @@ def _of_graph(namespace: str, wanted: str | None) -> str:
     adaptor = f"/{check_namespace(namespace)}/adaptor".replace("//", "/")
     os.environ.setdefault(OVERRIDE, enclave_name(OPERATOR, ""))  # counts where there is security
     prepare()
-    import rclpy
-
-    context = rclpy.Context()
-    try:
-        begin(context)
-        node = rclpy.create_node(
-            OPERATOR, context=context, enable_rosout=False, start_parameter_services=False
-        )
-    except Exception as error:
-        what = "a domain that a node can be created in"
-        raise BadInput("ROS 2", what, one_line(error)) from error
-    try:
-        return _asked(node, adaptor, wanted)
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown(context=context)
-
-
-def _asked(node: Any, adaptor: str, wanted: str | None) -> str:
     from lifecycle_msgs.msg import Transition
     from lifecycle_msgs.srv import ChangeState, GetState
+    from rclpy import create_node
+    from rclpy.executors import SingleThreadedExecutor
 
-    def state() -> str:
-        answer = _answer(node, GetState, f"{adaptor}/get_state", GetState.Request())
-        return "on" if answer.current_state.label == LEARNS else "off"
+    def make(context: Context) -> list[Node]:
+        quiet = create_node(
+            OPERATOR, context=context, enable_rosout=False, start_parameter_services=False
+        )
+        return [quiet]
 
-    found = state()
-    if wanted and wanted != found:
-        request = ChangeState.Request(transition=Transition(label=TRANSITIONS[wanted]))
-        _answer(node, ChangeState, f"{adaptor}/change_state", request)
+    with spun_nodes(make, executor_type=SingleThreadedExecutor) as ((node,), executor):
+
+        def state() -> str:
+            told = _answer(node, executor, GetState, f"{adaptor}/get_state", GetState.Request())
+            return "on" if told.current_state.label == LEARNS else "off"
+
         found = state()
-        if found != wanted:
-            raise LdtError(f"{adaptor}: learning is {found}, and could not be switched {wanted}")
-    return found
+        if wanted and wanted != found:
+            request = ChangeState.Request(transition=Transition(label=TRANSITIONS[wanted]))
+            _answer(node, executor, ChangeState, f"{adaptor}/change_state", request)
+            found = state()
+            if found != wanted:
+                raise LdtError(
+                    f"{adaptor}: learning is {found}, and could not be switched {wanted}"
+                )
+        return found
 
 
-def _answer(node: Any, kind: Any, service: str, request: Any) -> Any:
+def _answer(node: Node, executor: Executor, kind: Any, service: str, request: Any) -> Any:
     """What a service says.
 
     Raises:
         BadInput: nobody answers.
     """
-    from rclpy.executors import SingleThreadedExecutor
-
     client = node.create_client(kind, service)
-    executor = SingleThreadedExecutor(context=node.context)
-    executor.add_node(node)
-    try:
-        if client.wait_for_service(timeout_sec=PATIENCE):
-            future = client.call_async(request)
-            executor.spin_until_future_complete(future, timeout_sec=PATIENCE)
-            if future.done():
-                return future.result()
-    finally:
-        executor.remove_node(node)
-        executor.shutdown()
-        node.destroy_client(client)
+    if client.wait_for_service(timeout_sec=PATIENCE):
+        future = client.call_async(request)
+        executor.spin_until_future_complete(future, timeout_sec=PATIENCE)
+        if future.done():
+            return future.result()
     expected = "an adaptor (of a graph that runs in this ROS_DOMAIN_ID; --namespace says of which)"
     raise BadInput(service, expected, f"no answer within {PATIENCE:g} s")

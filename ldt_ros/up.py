@@ -26,7 +26,8 @@ from ldt_ros.graph.secure import secured
 from ldt_ros.graph.supervisor import Supervisor
 
 if TYPE_CHECKING:
-    from ldt_ros.graph.node_graph import OnStep, Run
+    from ldt_ros.graph.machine_run import MachineRun
+    from ldt_ros.graph.node_graph import OnStep
 
 #: Groups of parameters that `ldt up` offers and hands on to the nodes.
 GROUPS = (
@@ -39,7 +40,7 @@ def launch(
     settings: Mapping[str, Any] | None = None,
     on_step: OnStep = lambda machine, signal, adaptation: None,
     stopped: Callable[[], bool] = lambda: False,
-) -> list[Run]:
+) -> list[MachineRun]:
     """Run the node graph to its end.
 
     Args:
@@ -61,7 +62,7 @@ def launch(
 @contextmanager
 def _prepared(
     given: Mapping[str, Any],
-) -> Iterator[Callable[[OnStep, Callable[[], bool]], list[Run]]]:
+) -> Iterator[Callable[[OnStep, Callable[[], bool]], list[MachineRun]]]:
     """Runs the graph when called; from the first, a process loads what its nodes need.
 
     That takes a second. This process imports what it needs itself, and whatever else the caller
@@ -75,16 +76,13 @@ def _prepared(
         environment = secured(given, _roles(given), prepare(folder))
         with SharedMemory(), Supervisor(folder, environment, given) as supervisor:
 
-            def run(on_step: OnStep, stopped: Callable[[], bool]) -> list[Run]:
+            def run(on_step: OnStep, stopped: Callable[[], bool]) -> list[MachineRun]:
+                from ldt_ros.graph.machine_run import machine_runs
                 from ldt_ros.graph.node_graph import Graph
-                from ldt_ros.graph.plan import plan
 
-                graph = Graph(plan(given), supervisor, on_step)
-                try:
-                    graph.run(stopped)
-                finally:
-                    graph.close()
-                return graph.runs
+                runs = machine_runs(given)
+                Graph(runs, supervisor, on_step).run(stopped)
+                return runs
 
             yield run
     except LdtError as error:

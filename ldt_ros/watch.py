@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from ldt_core.base.errors import BadInput
-from ldt_core.security.permissions import enclave_name
+from ldt_core.security.permissions import check_namespace, enclave_name
 from ldt_core.views.watch.fleet import Fleet
-from ldt_ros.graph.environment import begin, one_line, prepare, require_ros
+from ldt_ros.graph.environment import prepare, require_ros, spun_nodes
 from ldt_ros.graph.secure import OVERRIDE
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
 
 SPIN = 0.1  # s, how late a stop may be noticed when nothing arrives
 
@@ -31,15 +34,7 @@ class GraphSource:
         require_ros()
         os.environ.setdefault(OVERRIDE, enclave_name("watch", ""))  # counts where there is security
         prepare()
-        from rclpy.exceptions import InvalidNamespaceException
-        from rclpy.validate_namespace import validate_namespace
-
-        self.namespace = namespace.strip("/")
-        try:
-            validate_namespace(f"/{self.namespace}")
-        except InvalidNamespaceException as error:
-            words = "words of letters, digits and underscores, joined by slashes"
-            raise BadInput("namespace", words, repr(namespace)) from error
+        self.namespace = check_namespace(namespace)
         self.words = f"machine {self.namespace}" if self.namespace else "the running graph"
 
     def run(self, fleet: Fleet, stop: threading.Event, begun: Callable[[], object]) -> None:
@@ -48,27 +43,13 @@ class GraphSource:
         Raises:
             BadInput: a domain in which no node can be created.
         """
-        import rclpy
-        from rclpy.experimental import EventsExecutor
-
         from ldt_ros.nodes.watch_node import WatchNode
 
-        context = rclpy.Context()
-        try:
-            begin(context)
-            ear = WatchNode(fleet, self.namespace, context=context)
-        except Exception as error:
-            rclpy.try_shutdown(context=context)
-            what = "a domain that a node can be created in"
-            raise BadInput("ROS 2", what, one_line(error)) from error
-        executor = EventsExecutor(context=context)
-        executor.add_node(ear)
-        begun()
-        fleet.say("live: the running graph")
-        try:
+        def make(context: Context) -> list[WatchNode]:
+            return [WatchNode(fleet, self.namespace, context=context)]
+
+        with spun_nodes(make) as (_, executor):
+            begun()
+            fleet.say("live: the running graph")
             while not stop.is_set():
                 executor.spin_once(timeout_sec=SPIN)
-        finally:
-            ear.destroy_node()
-            executor.shutdown()
-            rclpy.try_shutdown(context=context)

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import os
 import re
 import sys
+from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, TypeVar
 
 from ldt_core.base.errors import BadInput
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+    from rclpy.executors import Executor
+    from rclpy.node import Node
+
+    SomeNode = TypeVar("SomeNode", bound=Node)
 
 MODULES = ("rclpy", "std_msgs", "diagnostic_msgs", "sensor_msgs")
 DOMAINS = range(233)  # Fast DDS computes port numbers from it, and ends the process above 232
@@ -67,7 +76,7 @@ def prepare(log_folder: Path | str | None = None) -> dict[str, str]:
     return dict(os.environ)
 
 
-def begin(context: Any) -> None:
+def begin(context: Context) -> None:
     """Initialise a context; signals stay with the process, and its terminal is its own.
 
     The library under rclpy remarks on standard error which enclave it has found.
@@ -78,3 +87,38 @@ def begin(context: Any) -> None:
 
     set_logger_level("rcl", LoggingSeverity.WARN)
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+
+
+@contextlib.contextmanager
+def spun_nodes(
+    make: Callable[[Context], list[SomeNode]],
+    expected: str = "a domain that a node can be created in",
+    executor_type: Callable[..., Executor] | None = None,
+) -> Iterator[tuple[list[SomeNode], Executor]]:
+    """Nodes and what spins them, in a context of their own: the default one may be the caller's.
+
+    Args:
+        make: creates the nodes.
+        expected: what is wanted of the surroundings, for the error.
+        executor_type: of what spins them; None for `EventsExecutor`, which costs least.
+
+    Raises:
+        BadInput: no node can be created.
+    """
+    import rclpy
+    from rclpy.experimental import EventsExecutor
+
+    context = rclpy.Context()
+    with contextlib.ExitStack() as stack:
+        stack.callback(rclpy.try_shutdown, context=context)
+        try:
+            begin(context)
+            nodes = make(context)
+        except Exception as error:
+            raise BadInput("ROS 2", expected, one_line(error)) from error
+        executor = (executor_type or EventsExecutor)(context=context)
+        stack.callback(executor.shutdown)
+        for node in nodes:
+            stack.callback(node.destroy_node)
+            executor.add_node(node)
+        yield nodes, executor

@@ -5,6 +5,9 @@ fork copies only one of them. It never creates a node, so that there is no middl
 it forks becomes a child of the process that asked for it, by way of a process in between that ends
 at once; so a node outlives this server, and its parent learns its exit code.
 
+The fork server of `multiprocessing` does not do: there is one a process, with the environment of
+its start; it imports the user's script anew in each child, and takes all for dead when it ends.
+
 Where rclpy is linked with LTTng, two threads of that library wait here for a session daemon.
 Whoever traces a graph preloads `liblttng-ust-fork.so`, as LTTng asks of programs that fork.
 """
@@ -12,7 +15,6 @@ Whoever traces a graph preloads `liblttng-ust-fork.so`, as LTTng asks of program
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import gc
 import importlib
 import json
@@ -22,12 +24,26 @@ import socket
 import sys
 import time
 import traceback
-from pathlib import Path
 from typing import Any, NoReturn
 
+import rclpy.experimental  # noqa: F401  for the forks
+
+import msgs_config
+from ldt_core.base.errors import LdtError
+from ldt_core.base.settings import resolve
+from ldt_core.detectors import DETECTORS
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
+from ldt_core.models import MODELS, build_model
+from ldt_core.physics import PHYSICS
+from ldt_core.recording.messages import schema
+from ldt_core.twin.loop import Predictor
+from ldt_ros.graph import process
+from ldt_ros.graph.parentage import end_with
+from ldt_ros.graph.process_title import entitle
+
 REQUEST = 65536  # bytes of one request at most; parameters are in a file
-ROOM = 1000  # bytes of a command line as `ps` shows it
-POLL = 0.0005  # s
+POLL = 0.0005  # s between two looks whether the process in between has ended
 #: Whose messages nodes have, those that rclpy gives every node among them.
 PACKAGES = (
     *("rcl_interfaces.msg", "rcl_interfaces.srv", "type_description_interfaces.srv"),
@@ -45,8 +61,6 @@ def main(channel: socket.socket, parent: int) -> int:
             the output goes to. Takes the answers, a process id or a sentence.
         parent: process that asks; the server ends with it.
     """
-    from ldt_ros.graph.parentage import end_with
-
     if not end_with(parent, signal.SIGKILL):
         return 1
     entitle("-m", "ldt_ros.graph.fork_server")
@@ -69,13 +83,8 @@ def main(channel: socket.socket, parent: int) -> int:
 
 def preload() -> None:
     """Import what nodes need, and prepare what every one of them would prepare by itself."""
-    import msgs_config
-    from ldt_core.recording.messages import schema
-    from ldt_ros.graph.process import ROLES, node_class
-
-    importlib.import_module("rclpy.experimental")
-    for role in ROLES:
-        node_class(role)
+    for role in process.ROLES:
+        process.node_class(role)
     for package in PACKAGES:
         for kind in vars(importlib.import_module(package)).values():
             if hasattr(kind, "__import_type_support__"):
@@ -94,15 +103,6 @@ def warm_up(settings: dict[str, Any]) -> None:
     Args:
         settings: `machine`, `model` and `detector`.
     """
-    from ldt_core.base.errors import LdtError
-    from ldt_core.base.settings import resolve
-    from ldt_core.detectors import DETECTORS
-    from ldt_core.machine import Plant
-    from ldt_core.machine.machine_file import load_machine
-    from ldt_core.models import MODELS, build_model
-    from ldt_core.physics import PHYSICS
-    from ldt_core.twin.loop import Predictor
-
     with contextlib.suppress(LdtError):  # the node that comes by it says so
         resolved = resolve(settings)
         if resolved["detector"] in DETECTORS.builtin:
@@ -133,10 +133,7 @@ def _become(
     channel: socket.socket, output: int, arguments: list[str], parent: int, between: int
 ) -> NoReturn:
     """Be the process of a node from here on."""
-    from ldt_ros.graph.process import CRASHED, Stop, leave
-    from ldt_ros.graph.process import main as host
-
-    code = CRASHED
+    code = process.CRASHED
     try:
         os.setsid()
         nothing = os.open(os.devnull, os.O_RDONLY)
@@ -148,30 +145,16 @@ def _become(
             time.sleep(POLL)
         entitle("-m", "ldt_ros.graph.process", *arguments)
         # From the moment it is known, it may be told to stop.
-        signal.pthread_sigmask(signal.SIG_BLOCK, Stop.SIGNALS)
+        signal.pthread_sigmask(signal.SIG_BLOCK, process.Stop.SIGNALS)
         channel.send(str(os.getpid()).encode())
         channel.close()
-        code = host(["--parent", str(parent), *arguments])
+        code = process.main(["--parent", str(parent), *arguments])
     except SystemExit as stop:
-        code = stop.code if isinstance(stop.code, int) else CRASHED
+        code = stop.code if isinstance(stop.code, int) else process.CRASHED
     except BaseException:
         traceback.print_exc()
     finally:
-        leave(code)
-
-
-def entitle(*arguments: str) -> None:
-    """Show these arguments as this process's command line, within the room that it has.
-
-    `setproctitle` would write over the environment as well, by which tests and tools know whose a
-    process is.
-    """
-    # Fields 48 and 49 of proc(5), of which the third is the first after the command's name.
-    fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
-    begin, end = int(fields[45]), int(fields[46])
-    line = " ".join((sys.executable, *arguments)).encode()[: end - begin - 2]
-    # A last byte other than 0 tells the kernel that this is one text, ended by the first 0.
-    ctypes.memmove(begin, line.ljust(end - begin - 1, b"\0") + b" ", end - begin)
+        process.leave(code)
 
 
 if __name__ == "__main__":

@@ -21,21 +21,22 @@ class SharedMemory:
     """
 
     def __enter__(self) -> Self:
-        self._before = _files()
+        self._before = middleware_files()
         return self
 
     def __exit__(self, *_: object) -> None:
-        for name in _files() - self._before - _mapped_by_others():
+        for name in middleware_files() - self._before - _mapped_by_others():
             with contextlib.suppress(OSError):
                 (SHARED / name).unlink()
 
 
 def leftovers() -> set[str]:
     """Names of Fast DDS' files of this user that no live process has mapped."""
-    return {n for n in _files() - _mapped_by_others() if n.startswith(DDS)}
+    return {n for n in middleware_files() - _mapped_by_others() if n.startswith(DDS)}
 
 
-def _files() -> set[str]:
+def middleware_files() -> set[str]:
+    """Names of the middleware's files of this user."""
     if not SHARED.is_dir():
         return set()
     own = set()

@@ -23,7 +23,6 @@ from typing import Any, NoReturn
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_ros.graph.environment import one_line, prepare, require_ros
 from ldt_ros.graph.parentage import end_with
-from ldt_ros.graph.supervisor import CRASHED
 
 ROLES = {
     "plant": "ldt_ros.nodes.plant_node:PlantNode",
@@ -36,6 +35,7 @@ ROLES = {
     "advisor": "ldt_ros.nodes.advisor_node:AdvisorNode",
     "recorder": "ldt_ros.nodes.recorder_node:RecorderNode",
 }
+CRASHED = 70  # exit code of a program that an error of its own has ended (EX_SOFTWARE, sysexits)
 SPIN = 0.1  # s, how late a stop signal may be noticed when nothing arrives
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from ldt_core.base.errors import BadInput
 from ldt_core.security.keystore import check_keystore
 from ldt_core.security.permissions import enclave_name
 from ldt_ros.graph.environment import one_line
+from ldt_ros.graph.trial import trial
 
 ENABLE, STRATEGY = "ROS_SECURITY_ENABLE", "ROS_SECURITY_STRATEGY"
 KEYSTORE, OVERRIDE = "ROS_SECURITY_KEYSTORE", "ROS_SECURITY_ENCLAVE_OVERRIDE"
@@ -71,23 +71,11 @@ def unable(environment: Mapping[str, str], patience: float = PATIENCE) -> str:
     It is tried, in a process of its own: one participant in the enclave, and one without security,
     which must not see the first.
     """
-    done = subprocess.Popen(
-        # -P: nothing in the user's folder may stand in for a module of ours.
-        [sys.executable, "-P", "-m", "ldt_ros.graph.secure_trial", str(os.getpid())],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        env=dict(environment),
-        start_new_session=True,
-    )
-    try:
-        output, _ = done.communicate(timeout=patience)
-    except subprocess.TimeoutExpired:
-        return f"no answer within {patience:g} s"
-    finally:
-        done.kill()
-        done.communicate()
+    with trial("ldt_ros.graph.secure_trial", environment=environment) as done:
+        try:
+            output, _ = done.communicate(timeout=patience)
+        except subprocess.TimeoutExpired:
+            return f"no answer within {patience:g} s"
     try:
         told = json.loads(output.strip().splitlines()[-1])
     except (ValueError, IndexError):
@@ -107,6 +95,15 @@ def _refuse_permissive(environment: Mapping[str, str]) -> None:
         expected = f"{STRATEGY}=Enforce with it, ldt up --secure, or that it is not set"
         got = "the strategy Permissive, under which what has no enclave runs open"
         raise BadInput(ENABLE, expected, got)
+
+
+def dds_library() -> str | None:
+    """The file of the DDS library that this process has loaded."""
+    for line in Path("/proc/self/maps").read_text().splitlines():
+        path = line.rpartition(" ")[2]
+        if Path(path).name.startswith(("libfastrtps.", "libfastdds.")):
+            return path
+    return None
 
 
 def has_security(library: Path | str | None) -> bool:

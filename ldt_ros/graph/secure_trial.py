@@ -1,20 +1,19 @@
 """Two participants of one process, one in an enclave and one without security, as a trial.
 
-`python -m ldt_ros.graph.secure_trial PARENT` prints as JSON why the first could not be made, or
-whether the second sees it. A process of its own, because the middleware can end its process.
+It tells why the first could not be made, or whether the second sees it.
 """
 
 from __future__ import annotations
 
-import json
 import os
-import signal
-import sys
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ldt_ros.graph.environment import begin, prepare
-from ldt_ros.graph.parentage import end_with
+from ldt_ros.graph.trial import conduct
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
 
 LOOK_ROUND = 0.8  # s; whoever can be met is met within 0.5
 POLL = 0.05  # s
@@ -22,16 +21,20 @@ TOPIC = "/rosout"  # every node may publish it
 UNKNOWN = "_NODE_NAME_UNKNOWN_"  # of a publisher that is met before its node
 
 
-def main(parent: str) -> int:
-    """Try it."""
-    if not end_with(int(parent), signal.SIGKILL):
-        return 1
+def main() -> dict[str, Any]:
+    """Why none is in the enclave (`failure`), whether it is `seen`, and by which `rmw`."""
     asked = os.environ.get("ROS_SECURITY_ENABLE", "")
     prepare()
+    from rclpy.utilities import get_rmw_implementation_identifier
+
     outside = _node("outside", "false")
     time.sleep(LOOK_ROUND)  # others who are there already are not meant
     before = {bytes(i.endpoint_gid) for i in outside.get_publishers_info_by_topic(TOPIC)}
-    told: dict[str, Any] = {"failure": "", "seen": False, "rmw": _middleware()}
+    told: dict[str, Any] = {
+        "failure": "",
+        "seen": False,
+        "rmw": get_rmw_implementation_identifier(),
+    }
     try:
         inside = _node("monitor", asked)  # as its permissions call it
     except Exception as error:  # whatever the middleware has against it
@@ -39,11 +42,10 @@ def main(parent: str) -> int:
     else:
         told["seen"] = _look(outside, before)
         inside.destroy_node()
-    print(json.dumps(told), flush=True)
-    return 0
+    return told
 
 
-def _node(name: str, secured: str) -> Any:
+def _node(name: str, secured: str) -> Node:
     """A node in a context of its own, which reads its security from the environment."""
     import rclpy
 
@@ -56,7 +58,7 @@ def _node(name: str, secured: str) -> Any:
     )
 
 
-def _look(node: Any, known: set[bytes]) -> bool:
+def _look(node: Node, known: set[bytes]) -> bool:
     """Whether the node meets, within the time, somebody new who may be the other one."""
     end = time.monotonic() + LOOK_ROUND
     while time.monotonic() < end:
@@ -68,13 +70,5 @@ def _look(node: Any, known: set[bytes]) -> bool:
     return False
 
 
-def _middleware() -> str:
-    from rclpy.utilities import get_rmw_implementation_identifier
-
-    return get_rmw_implementation_identifier()
-
-
 if __name__ == "__main__":
-    code = main(*sys.argv[1:])
-    sys.stdout.flush()
-    os._exit(code)
+    conduct(main)

@@ -28,14 +28,14 @@ def named(found) -> dict:
 def test_a_message_goes_across_in_a_domain_of_one_s_own(domain):
     """By the profile that `ldt up` uses, and nobody else is seen."""
     pytest.importorskip("rclpy")
-    before = leftovers._files()
+    before = leftovers.middleware_files()
     found = named(doctor.ros())
     assert found["DDS"].grade is OK
     assert "rmw_fastrtps_cpp" in found["DDS"].message
     assert found["domain"].grade is OK
     assert f"ROS_DOMAIN_ID {domain}, nobody else" in found["domain"].message
     assert found["security"].grade is OK
-    assert leftovers._files() <= before
+    assert leftovers.middleware_files() <= before
 
 
 def test_a_foreign_node_is_a_warning_and_a_graph_a_problem(stranger):
@@ -105,24 +105,24 @@ def test_a_profile_that_is_none_is_a_warning(monkeypatch, tmp_path):
     for name in doctor.PROFILES:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
-    assert [f.grade for f in doctor._profile()] == [OK]
+    assert [f.grade for f in doctor.profile()] == [OK]
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    assert [f.grade for f in doctor._profile()] == [OK, WARNING]
+    assert [f.grade for f in doctor.profile()] == [OK, WARNING]
     monkeypatch.setenv(doctor.PROFILES[0], str(tmp_path / "nowhere.xml"))
-    (found,) = doctor._profile()
+    (found,) = doctor.profile()
     assert found.grade is WARNING
     assert "No such file" in found.message
     (tmp_path / "nowhere.xml").write_text("<dds>")
-    assert "it is no XML" in doctor._profile()[0].message
+    assert "it is no XML" in doctor.profile()[0].message
 
 
 def test_another_distribution_that_is_sourced_is_a_warning(monkeypatch):
     """The wheels and a sourced installation get in each other's way."""
     pytest.importorskip("rclpy")
     monkeypatch.setenv("ROS_DISTRO", "humble")
-    assert doctor._distribution().grade is WARNING
+    assert doctor.distribution().grade is WARNING
     monkeypatch.delenv("ROS_DISTRO")
-    assert doctor._distribution().grade is OK
+    assert doctor.distribution().grade is OK
 
 
 def test_security_that_the_middleware_cannot_give_is_told(monkeypatch, tmp_path):
@@ -130,14 +130,14 @@ def test_security_that_the_middleware_cannot_give_is_told(monkeypatch, tmp_path)
     plain, able = tmp_path / "plain", tmp_path / "able"
     plain.write_bytes(b"nothing")
     able.write_bytes(b"..dds.sec.auth.plugin..")
-    (found,) = doctor._security(str(plain))
+    (found,) = doctor.security(str(plain))
     assert (found.grade, "DDS-Security: not in this build" in found.message) == (OK, True)
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
-    (found,) = doctor._security(str(plain))
+    (found,) = doctor.security(str(plain))
     assert (found.grade, "nothing is secured" in found.message) == (WARNING, True)
-    assert doctor._security(str(able))[0].grade is OK
+    assert doctor.security(str(able))[0].grade is OK
     monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
-    (found,) = doctor._security(str(plain))
+    (found,) = doctor.security(str(plain))
     assert (found.grade, "no node starts" in found.message) == (PROBLEM, True)
 
 

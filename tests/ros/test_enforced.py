@@ -21,10 +21,10 @@ from ldt_core.recording.bag import read_bag
 from ldt_core.restart.recorded_steps import LOOP
 from ldt_core.security.keystore import make_keystore
 from ldt_ros.graph import secure
-from ldt_ros.graph.probe import _middleware
 
 pytestmark = pytest.mark.skipif(
-    not secure.has_security(_middleware()), reason="this Fast DDS is built without DDS-Security"
+    not secure.has_security(secure.dds_library()),
+    reason="this Fast DDS is built without DDS-Security",
 )
 
 HERE = Path(__file__).parent

@@ -55,10 +55,8 @@ def test_what_is_forked_is_a_process_of_its_own_and_needs_the_server_no_more(
     monkeypatch.chdir(tmp_path)
     with Supervisor(tmp_path, environment, SETTINGS) as supervisor:
         twin = supervisor.start("twin", *TWIN)
-        (server,) = (
-            c for c in set(psutil.Process().children()) - others if c.pid != twin.process.pid
-        )
-        process = psutil.Process(twin.process.pid)
+        (server,) = (c for c in set(psutil.Process().children()) - others if c.pid != twin.pid)
+        process = psutil.Process(twin.pid)
         line = process.cmdline()
         assert line[line.index("ldt_ros.graph.process") :] == ["ldt_ros.graph.process", *TWIN]
         assert "ldt_ros.graph.fork_server" in server.cmdline()
@@ -70,7 +68,7 @@ def test_what_is_forked_is_a_process_of_its_own_and_needs_the_server_no_more(
         process.kill()
         ended(twin)
         supervisor.restart(twin)  # by a server that takes the other's place
-        again = psutil.Process(twin.process.pid)
+        again = psutil.Process(twin.pid)
         assert again.pid != process.pid
         assert again.cmdline() == line
         # One that was killed has that for its exit code; one that is told to stop ends well.
@@ -78,9 +76,9 @@ def test_what_is_forked_is_a_process_of_its_own_and_needs_the_server_no_more(
         other = supervisor.start("other", *TWIN)
         again.kill()
         ended(twin)
-        assert (twin.process.returncode, twin.crashed) == (-signal.SIGKILL, True)
+        assert (twin.returncode, twin.crashed) == (-signal.SIGKILL, True)
         supervisor.stop(other)
-        assert (other.process.returncode, other.crashed) == (0, False)
+        assert (other.returncode, other.crashed) == (0, False)
     assert set(psutil.Process().children()) <= others
 
 
@@ -104,7 +102,7 @@ def test_servers_that_are_killed_one_after_the_other_do_not_end_the_run(
         twin = supervisor.start("twin", *TWIN)
         killer.join(PATIENCE)
         assert len(seen) == 3
-        assert twin.process.pid not in seen
+        assert twin.pid not in seen
         assert twin.running
 
 
@@ -114,7 +112,7 @@ def test_a_process_that_is_stopped_as_soon_as_it_is_known_ends_well(environment,
         for number in range(5):
             child = supervisor.start(f"twin_{number}", *TWIN)
             supervisor.stop(child)
-            assert child.ended_well, child.last_words()
+            assert child.ended_well, child.last_line()
 
 
 def test_a_server_that_cannot_load_is_told_in_a_sentence(environment, tmp_path, others):

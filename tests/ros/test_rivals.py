@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from types import SimpleNamespace
 
 import pytest
 
@@ -13,9 +12,10 @@ from std_msgs.msg import String  # noqa: E402
 from stranger import experiment, log_of  # noqa: E402
 
 from ldt_core.base.experiment import ModelRecord  # noqa: E402
-from ldt_core.base.metrics import Summary  # noqa: E402
+from ldt_core.base.settings import resolve  # noqa: E402
+from ldt_core.machine.machine_file import load_machine  # noqa: E402
 from ldt_core.recording.model_json import model_text  # noqa: E402
-from ldt_ros.graph.node_graph import Graph  # noqa: E402
+from ldt_ros.graph.machine_run import MachineRun  # noqa: E402
 from ldt_ros.nodes import rivals as module  # noqa: E402
 from ldt_ros.nodes.interfaces import message_type, qos  # noqa: E402
 from ldt_ros.nodes.twin_node import PredictorNode  # noqa: E402
@@ -104,7 +104,7 @@ def test_a_model_whose_digest_is_wrong_never_comes_into_force(stranger):
     assert isinstance(node.predictor.model.record(), ModelRecord)
 
 
-def test_the_summary_tells_of_the_alarm(stranger, intruder, monitor):
+def test_the_summary_tells_of_the_alarm(stranger, intruder, monitor, tmp_path):
     """Of a run into which somebody has published a model, whatever became of it."""
     node, _ = monitor
     stranger.start(PredictorNode, **PHYSICS)
@@ -112,6 +112,6 @@ def test_the_summary_tells_of_the_alarm(stranger, intruder, monitor):
     intruder.create_publisher(String, "model", qos("model"))
     key = "second publisher of model"
     stranger.until(lambda: node.health["twin"].values.get(key) if "twin" in node.health else "")
-    run = SimpleNamespace(summary=Summary(), source="plant")
-    Graph._collect_notes(SimpleNamespace(runs=[run], monitors=[node], _crashes={}))
+    run = MachineRun("rotor", "", resolve({}), tmp_path, load_machine("rotor"))
+    run.note_health(node.health)
     assert run.summary.notes == [f"alarm: a {key}, 1x as twin saw it"]

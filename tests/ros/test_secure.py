@@ -99,7 +99,7 @@ def test_every_process_has_an_enclave():
 
 def test_what_cannot_be_secured_does_not_start(keystore, monkeypatch, capfd, tmp_path):
     """One sentence, exit code 2, nothing recorded, no process; the environment is as it was."""
-    if secure.has_security(_library()):
+    if secure.has_security(secure.dds_library()):
         pytest.skip("this Fast DDS is built with DDS-Security")
     monkeypatch.setattr("ldt_ros.up.Supervisor", lambda *_: pytest.fail("it started"))
     before = dict(os.environ)
@@ -113,12 +113,6 @@ def test_what_cannot_be_secured_does_not_start(keystore, monkeypatch, capfd, tmp
     )
     assert not (tmp_path / "run").exists()
     assert dict(os.environ) == before
-
-
-def _library() -> str | None:
-    from ldt_ros.graph.probe import _middleware
-
-    return _middleware()
 
 
 def test_a_middleware_that_takes_the_keys_and_stays_open_is_noticed(keystore):
@@ -193,11 +187,11 @@ def test_the_doctor_says_which_it_is(monkeypatch, tmp_path):
         monkeypatch.delenv(name, raising=False)
     plain = tmp_path / "plain"
     plain.write_bytes(b"nothing")
-    (found,) = doctor._security(str(plain))
+    (found,) = doctor.security(str(plain))
     assert found.message.startswith("DDS-Security: not in this build of Fast DDS, so that ldt up ")
     assert "every user" in found.message
     plain.write_bytes(b"..dds.sec.auth..")
-    (found,) = doctor._security(str(plain))
+    (found,) = doctor.security(str(plain))
     assert found.message.startswith("DDS-Security: in this build; by our profile")
 
 

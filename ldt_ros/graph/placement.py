@@ -6,23 +6,20 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import yaml
 
 import msgs_config
+from ldt_ros.graph.machine_run import MachineRun
 from ldt_ros.graph.process import machine_arguments
 from ldt_ros.graph.secure import enclave_arguments
 
-if TYPE_CHECKING:
-    from ldt_ros.graph.node_graph import Run
-
-FEWEST = 8  # processes that a fleet may have, however few cores there are
+MIN_FLEET_PROCESSES = 8  # that a fleet may have, however few cores there are
 
 
 @dataclass(frozen=True)
-class Place:
-    """A process.
+class HostProcess:
+    """A process that hosts nodes.
 
     Args:
         name: for messages and for the file of its output.
@@ -32,7 +29,7 @@ class Place:
     """
 
     name: str
-    runs: Sequence[Run]
+    runs: Sequence[MachineRun]
     role: str
     arguments: Sequence[str]
 
@@ -42,7 +39,7 @@ class Place:
         return self.role in ("", "recorder")
 
 
-def placed(runs: Sequence[Run], folder: Path) -> list[Place]:
+def host_processes(runs: Sequence[MachineRun], folder: Path) -> list[HostProcess]:
     """A process a node; of a fleet, all nodes of one machine or of several in a process.
 
     A process more holds 60 MB, and has to get to know all topics of all others, as they have to get
@@ -53,28 +50,29 @@ def placed(runs: Sequence[Run], folder: Path) -> list[Place]:
         folder: gets the files of the nodes' parameters.
     """
     first = runs[0]
+    roles = first.settings["graph"]
     if len(runs) == 1:
         ros = machine_arguments(first.namespace, write_parameters(first, folder))
         return [
-            Place(role, runs, role, ["--node", role, *ros, *_enclave(first, role)])
-            for role in first.roles
+            HostProcess(role, runs, role, ["--node", role, *ros, *_enclave(first, role)])
+            for role in roles
         ]
-    count = first.settings["processes"] or max(FEWEST, 2 * (os.cpu_count() or 1))
+    count = first.settings["processes"] or max(MIN_FLEET_PROCESSES, 2 * (os.cpu_count() or 1))
     # An enclave is one machine's, and a process is in one enclave.
     most = 1 if first.settings["secure"] else -(-len(runs) // count)
-    nodes = [word for role in first.roles for word in ("--node", role)]
+    nodes = [word for role in roles for word in ("--node", role)]
     found = []
     for begin in range(0, len(runs), most):
         group = runs[begin : begin + most]
         name = "-".join(dict.fromkeys((group[0].name, group[-1].name)))
         files = ((run.namespace, write_parameters(run, folder)) for run in group)
         machines = [word for one in files for word in ("--machine", *one)]
-        ros = ["--ros-args", *_enclave(group[0], first.roles[0])]
-        found.append(Place(name, group, "", [*nodes, *machines, *ros]))
+        ros = ["--ros-args", *_enclave(group[0], roles[0])]
+        found.append(HostProcess(name, group, "", [*nodes, *machines, *ros]))
     return found
 
 
-def write_parameters(run: Run, folder: Path, **others: str) -> str:
+def write_parameters(run: MachineRun, folder: Path, **others: str) -> str:
     """Write what a machine's nodes are told, those that start from now on; the file's name."""
     defaults = {n: d["default"] for n, d in msgs_config.parameters().items()}
     values = {n: v for n, v in run.settings.items() if v != defaults[n]}
@@ -83,5 +81,5 @@ def write_parameters(run: Run, folder: Path, **others: str) -> str:
     return str(file)
 
 
-def _enclave(run: Run, role: str) -> list[str]:
+def _enclave(run: MachineRun, role: str) -> list[str]:
     return enclave_arguments(run.settings, run.namespace, role)

@@ -1,0 +1,111 @@
+"""One machine of a graph, and the machines that a graph's settings ask for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgs_config
+from ldt_core.base.errors import BadInput
+from ldt_core.base.metrics import Summary
+from ldt_core.base.settings import FROM_FILE
+from ldt_core.detectors import DETECTORS
+from ldt_core.machine.machine_file import Machine, load_machine
+from ldt_core.models import MODELS
+from ldt_core.recording.bag import read_bag
+from ldt_core.recording.node_status import LEFT_OUT, SECOND_PUBLISHER, NodeStatus
+from ldt_core.recording.pace import parse_rate
+from ldt_core.recording.run_settings import settings_text
+from ldt_core.restart.run_key import begin_of, check_key
+from ldt_core.runs.fleet_members import Member, fleet, roles, source_of
+from ldt_core.security.permissions import check_namespace
+
+#: Counts in a node's health that are worth a note unless they are 0.
+NOTED_COUNTS = ("dropped", "adaptation time-outs", "unpaired", "missing", "overdue")
+
+
+@dataclass(frozen=True)
+class MachineRun(Member):
+    """One machine of a graph, and what happened with it.
+
+    Args:
+        machine: as its twin knows it.
+        summary: of its steps.
+    """
+
+    machine: Machine
+    summary: Summary = field(default_factory=Summary)
+
+    @property
+    def source(self) -> str:
+        """The role that sends the experiments."""
+        return source_of(self.settings)
+
+    @property
+    def own_topics(self) -> list[str]:
+        """That nobody else may publish: all, but samples only where the graph has them."""
+        declared = msgs_config.topics().items()
+        wanted = (t for t, d in declared if d["recorded"] or self.settings["stream"])
+        return [topic for topic in wanted if not topic.startswith("/")]
+
+    def note_health(self, health: Mapping[str, NodeStatus]) -> None:
+        """Note in the summary what the nodes counted, and how many experiments are missing.
+
+        Args:
+            health: role → what its node told of itself last.
+        """
+        summary = self.summary
+        for role, told in health.items():
+            for key, count in told.values.items():
+                if key in ("no diagnosis", "no advice"):
+                    summary.note(f"{key}: {count}")
+                elif key.startswith(SECOND_PUBLISHER):
+                    summary.note(f"alarm: a {key}, {count}x as {role} saw it")
+                elif (key in NOTED_COUNTS or key.startswith(LEFT_OUT)) and count != "0":
+                    summary.note(f"{role}, {key}: {count}")
+            for kind, times in told.rejected.items():
+                summary.note(f"{role} rejected {kind}: {times} ({told.last_rejection})")
+        if twin := health.get("twin"):
+            refused = (n for kind, n in twin.rejected.items() if kind.startswith("experiment:"))
+            summary.rejected += sum(refused)
+            summary.repeated += twin.number("repeated") or 0
+        source = health.get(self.source)
+        sent = (source.number("sent") if source else 0) or 0
+        missing = sent - summary.rejected - summary.repeated - summary.experiments
+        if missing > 0:
+            summary.note(f"{missing} of {sent} experiments sent did not go all the way")
+
+
+def machine_runs(settings: Mapping[str, Any]) -> list[MachineRun]:
+    """One run a machine, checked before any node begins.
+
+    Raises:
+        LdtError: settings that cannot be used.
+    """
+    machine = load_machine(settings["machine"])
+    # What a node would refuse as well, but a second later and in a process of its own.
+    parse_rate(settings["rate"])
+    MODELS.require(settings["model"])
+    DETECTORS.require(settings["detector"])
+    if settings["play"]:
+        read_bag(settings["play"], settings["play_namespace"])
+    if settings["source"] and (settings["play"] or settings["stream"]):
+        raise BadInput("source", "no play and no stream beside it", settings["source"])
+    if settings["stream"] == "only":
+        alone = "'beside' in a graph; `ldt_plant --ros-args -p stream:=only` is a machine alone"
+        raise BadInput("stream", alone, "only")
+    check_namespace(settings["namespace"])
+    runs = [MachineRun(**vars(member), machine=machine) for member in fleet(machine, settings)]
+    for run in runs:
+        own = run.settings
+        own["graph"] = roles(own)
+        own["run_settings"] = settings_text(own)
+        if own["resume"]:
+            check_key(read_bag(run.bag, listed=True), machine)
+            own["start_time"] = begin_of(run.bag, own["start_time"])
+        if run.source == "plant" and own["start_time"] == FROM_FILE:
+            # A plant that is started again must not take another moment for the present.
+            own["start_time"] = time.time()
+    return runs

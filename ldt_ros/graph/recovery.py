@@ -1,0 +1,137 @@
+"""Processes that crash or hang: killed, started again, and given up when it keeps happening."""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+from dataclasses import dataclass
+
+from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.runs.fleet_members import SOURCES
+from ldt_ros.graph.placement import HostProcess, write_parameters
+from ldt_ros.graph.supervisor import Child, Supervisor
+from ldt_ros.nodes.monitor import Monitor
+from ldt_ros.nodes.silence import Silence
+
+
+@dataclass
+class Crashes:
+    """Of one process.
+
+    Attributes:
+        count: of all.
+        in_a_row: of those without an experiment dealt with in between.
+        hung: of those that were killed since nothing came of them any more.
+        told: how often it had told something of itself before the last one.
+    """
+
+    count: int = 0
+    in_a_row: int = 0
+    hung: int = 0
+    told: int = 0
+    _step: int = -1
+
+    def add(self, step: int) -> None:
+        """One more, after the experiment of this number was dealt with."""
+        self.count += 1
+        self.in_a_row = self.in_a_row + 1 if step == self._step else 1
+        self._step = step
+
+
+class Recovery:
+    """Keeps the processes of a graph running.
+
+    Supervisors of services (systemd, supervisord) count restarts in a time; here a process is given
+    up that crashes again before the run has got any further.
+
+    Args:
+        supervisor: of the processes.
+        monitors: machine's name → what hears its nodes.
+    """
+
+    def __init__(self, supervisor: Supervisor, monitors: dict[str, Monitor]) -> None:
+        self.supervisor = supervisor
+        self._monitors = monitors
+        self._hosts: dict[str, HostProcess] = {}  # by the name of a child
+        self._crashes: dict[str, Crashes] = {}
+        self._silence = Silence()
+        #: When a process was started again last [s of the steady clock].
+        self.restarted_at = -math.inf
+
+    def start(self, host: HostProcess) -> Child:
+        """Start a process, and keep it running from now on."""
+        self._hosts[host.name] = host
+        return self.supervisor.start(host.name, *host.arguments)
+
+    def look(self) -> None:
+        """Kill what hangs, and start again what has crashed.
+
+        Raises:
+            LdtError: a process refused its input, ended otherwise, or crashes again and again.
+        """
+        self._kill_hung()
+        for child in self.supervisor.dead():
+            if child.ended_well and child.name in SOURCES:
+                continue  # a source ends by itself after its last experiment
+            code, told = child.returncode, child.last_line()
+            if code == BadInput.exit_code:
+                _, _, sentence = told.partition(": ")
+                raise _Refused(sentence or told)
+            if not child.crashed or not self._start_again(child):
+                raise LdtError(
+                    f"{child.name} ended with code {code}: {told} (all output: {child.log.parent})"
+                )
+
+    def note(self) -> None:
+        """Note in the summaries of the machines what crashed and hung."""
+        for name, crashes in self._crashes.items():
+            crashed, hung = crashes.count - crashes.hung, crashes.hung
+            for run in self._hosts[name].runs:
+                if crashed:
+                    run.summary.note(f"{name} crashed {_times(crashed)} and was started again")
+                if hung:
+                    run.summary.note(f"{name} hung {_times(hung)}, was killed and started again")
+
+    def _kill_hung(self) -> None:
+        """Kill whoever has told nothing of itself for too long, once it had begun to."""
+        running = [c for c in self.supervisor.children if c.running]
+        self._silence.look({c.name: self._statements(c) for c in running})
+        for child in running:
+            after = self._hosts[child.name].runs[0].settings["hung_after"]
+            before = self._crashes.get(child.name, Crashes()).told
+            heard = self._silence.told(child.name) > before
+            if heard and after and self._silence.hung(child.name, after):
+                self._crashes.setdefault(child.name, Crashes()).hung += 1
+                self._silence.forgive(child.name)
+                child.send(signal.SIGKILL)  # it is found dead a moment later
+
+    def _start_again(self, child: Child) -> bool:
+        """Start a crashed child once more, unless it crashes again and again; whether it was."""
+        host = self._hosts[child.name]
+        crashes = self._crashes.setdefault(child.name, Crashes())
+        crashes.add(sum(self._monitors[run.name].last_step for run in host.runs))
+        crashes.told = self._silence.told(child.name)
+        if crashes.in_a_row > host.runs[0].settings["restarts"]:
+            return False
+        self.restarted_at = time.monotonic()
+        for run in host.runs:
+            write_parameters(run, self.supervisor.folder, resume=str(run.bag))
+        self.supervisor.restart(child)
+        return True
+
+    def _statements(self, child: Child) -> int:
+        """How often the nodes of a process have told something of themselves."""
+        host = self._hosts[child.name]
+        told = [self._monitors[run.name].statements for run in host.runs]
+        return sum(t[host.role] if host.role else t.total() for t in told)
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
+
+
+class _Refused(LdtError):
+    """A node refused its input; the sentence is the node's own."""
+
+    exit_code = BadInput.exit_code
