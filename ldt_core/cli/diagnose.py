@@ -16,7 +16,7 @@ from ldt_core.cli.resumable import ResumableProgress, compute_options
 from ldt_core.cli.terminal import echo, one_line
 
 if TYPE_CHECKING:
-    from ldt_core.diagnosis.result import Diagnosis
+    from ldt_core.diagnosis.diagnosis import Diagnosis
     from ldt_core.machine.machine_file import Machine
     from ldt_core.runs.each_recording import Options
 
@@ -101,8 +101,8 @@ def command(
     Example: ldt diagnose bag --machine rotor --out diagnosis
     """
     from ldt_core.base.errors import BadInput
-    from ldt_core.diagnosis.diagnose import diagnose, library
-    from ldt_core.diagnosis.own_effects import own_effects
+    from ldt_core.diagnosis.diagnose import diagnose
+    from ldt_core.diagnosis.library import library, refitted_effects
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.runs.each_recording import Options
     from ldt_core.views.diagnosis_page import picture
@@ -113,7 +113,7 @@ def command(
     machine = load_machine(settings["machine"])
     effects = library(machine, more, without)
     fitted_along = None if refit is None else [n.strip() for n in refit.split(",")]
-    own_effects(machine, fitted_along)
+    refitted_effects(machine, fitted_along)
     if (jobs or scheduler) and not each:
         raise BadInput("--jobs" if jobs else "--scheduler", "--each with it", "a single diagnosis")
     if figure:

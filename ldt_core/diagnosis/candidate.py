@@ -11,27 +11,29 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ldt_core.physics.motor import memory
+
 if TYPE_CHECKING:
     from ldt_core.physics.effect import Effect
     from ldt_core.physics.parameter import Parameter
 
 Array = NDArray[np.float64]
 
-FACTORS = (
-    0.4,
-    0.7,
-    0.9,
-    1.1,
-    1.4,
-    2.5,
-)  # tried of a parameter that multiplies one of the machine's
-SIZES = (0.1, 0.3, 1.0, 3.0)  # of a parameter's scale
-PARTS = (0.4, 0.55, 0.7, 0.85, 0.95)  # of the largest voltage, for a limit on it
-LEAST_PART = 0.05  # of it, that a fit may come down to
-PHASES = 8  # of a turn
-MOST_STARTS = 96  # of one effect
+# Where searches begin: close enough to each other that a fit gets from one to the next.
+START_FACTORS = (0.4, 0.7, 0.9, 1.1, 1.4, 2.5)  # of a parameter that multiplies the machine's
+START_SIZES = (0.1, 0.3, 1.0, 3.0)  # of a parameter's scale
+START_SHAPES = (0.3, 1.0, 3.0)  # of the default of a shape, such as a time constant
+START_VOLTAGES = (0.4, 0.55, 0.7, 0.85, 0.95)  # of the largest voltage, for a limit on it
+START_PHASES = 8  # of a turn
+MOST_STARTS = 96  # of one effect: bounds the time that it takes
+# How far a fit may go.
+LEAST_VOLTAGE = 0.05  # of the largest voltage: a lower limit would have stopped the machine
 LEAST_FACTOR = 0.05  # a machine further below its file than that is another machine
-NEAR_BOUND = 1e-6  # of a scale: a fit stays so far inside an open bound
+OPEN_BOUND_MARGIN = 1e-6  # of a parameter's scale: a fit stays so far inside an open bound
+# How large an effect may be on this machine.
+#: The worked case at 16 V: torque [N m], speed [rad/s], voltage [V], current [A], memory [s].
+REFERENCE = (4.8, 53.3, 16.0, 16.0, 0.2)
+SAME_SIZE = 3.0  # factor within which a machine keeps the library's own round numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,7 @@ class Candidate:
     Args:
         effect: of the library or the user's.
         most_voltage: largest voltage of the recordings [V].
-        sizes: unit to the size of this machine's quantities, see `scale.factors`.
+        sizes: unit to the size of this machine's quantities, see `machine_scales`.
     """
 
     effect: Effect
@@ -94,7 +96,7 @@ class Candidate:
         value = neutral * math.exp(z) if logarithmic(p) else neutral + z * self.scale(j)
         if turning(p) and not p.low <= value <= p.high:
             return p.low + (value - p.low) % (2 * math.pi)
-        low = p.low + (NEAR_BOUND * self.scale(j) if p.open_low else 0.0)
+        low = p.low + (OPEN_BOUND_MARGIN * self.scale(j) if p.open_low else 0.0)
         return min(max(value, low), p.high)
 
     def given(self, z: Sequence[float] | Array) -> dict[str, float]:
@@ -122,7 +124,7 @@ class Candidate:
             elif logarithmic(p):
                 limit = 1e-6
                 if p.unit == "V" and p.default:
-                    limit = LEAST_PART * self.most_voltage / p.default
+                    limit = LEAST_VOLTAGE * self.most_voltage / p.default
                 low.append(math.log(limit if p.high < math.inf else LEAST_FACTOR))
                 high.append(
                     self.coordinate(j, p.high)
@@ -131,7 +133,7 @@ class Candidate:
                 )
             else:
                 s = self.scale(j)
-                low.append((p.low + NEAR_BOUND * s * p.open_low - (p.default or 0.0)) / s)
+                low.append((p.low + OPEN_BOUND_MARGIN * s * p.open_low - (p.default or 0.0)) / s)
                 high.append((p.high - (p.default or 0.0)) / s)
         return np.array(low), np.array(high)
 
@@ -176,13 +178,52 @@ def turning(p: Parameter) -> bool:
 def _levels(p: Parameter, most_voltage: float) -> list[float]:
     default, scale = float(p.default or 0.0), p.scale or 1.0
     if logarithmic(p) and p.unit == "V":
-        return [part * most_voltage for part in PARTS]  # already this machine's
+        return [part * most_voltage for part in START_VOLTAGES]  # already this machine's
     if logarithmic(p):
-        return [default * f for f in FACTORS]
+        return [default * f for f in START_FACTORS]
     if math.isfinite(p.low) and math.isfinite(p.high) and p.low < default < p.high:
-        return [float(v) for v in np.linspace(p.low, p.high, PHASES, endpoint=False)]
+        return [float(v) for v in np.linspace(p.low, p.high, START_PHASES, endpoint=False)]
     if default > p.low and p.low >= 0:  # a shape, such as a time constant
-        return [max(default * f, p.low) for f in (0.3, 1.0, 3.0) if default * f <= p.high]
-    up = [default + s * scale for s in SIZES]
-    down = [default - s * scale for s in SIZES]
+        return [max(default * f, p.low) for f in START_SHAPES if default * f <= p.high]
+    up = [default + s * scale for s in START_SIZES]
+    down = [default - s * scale for s in START_SIZES]
     return [v for v in down + up if p.accepts(v)]
+
+
+def machine_scales(values: Mapping[str, float], most_voltage: float) -> dict[str, float]:
+    """Unit to the factor by which this machine's sizes differ from the worked case's.
+
+    The library's sizes are written for the rotor of the worked case. On another machine they are
+    taken in its own units: of torque at standstill, no-load speed, voltage, current, and the time
+    in which the motor forgets its speed.
+
+    Args:
+        values: the machine's parameters.
+        most_voltage: largest voltage of the recordings [V].
+    """
+    current = most_voltage / values["R"]
+    own = (
+        values["K_t"] * current,
+        most_voltage / values["K_t"],
+        most_voltage,
+        current,
+        memory(values),
+    )
+    ratio = [a / b for a, b in zip(own, REFERENCE, strict=True)]
+    torque, speed, voltage, amps, time = (
+        1.0 if 1 / SAME_SIZE < r < SAME_SIZE else r for r in ratio
+    )
+    return {
+        "N m": torque,
+        "N m s": torque / speed,
+        "N m s^2": torque / speed**2,
+        "N m s^3": torque / speed**3,
+        "N m/rad": torque / (speed * time),
+        "N m s/rad": torque / speed,
+        "rad/s": speed,
+        "V": voltage,
+        "A": amps,
+        "Ohm": voltage / amps,
+        "s": time,
+        "K/W": 1.0 / (voltage * amps),
+    }

@@ -2,119 +2,55 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.base.errors import BadInput, OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.threads import one_thread
-from ldt_core.diagnosis.amounts import amounts
-from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.closing import closed, errors, free_run, noise_there, regimes
-from ldt_core.diagnosis.decide import Decision, decide
-from ldt_core.diagnosis.explain import Search
-from ldt_core.diagnosis.isolability import EXPERIMENTS, ambiguities, undetectable
-from ldt_core.diagnosis.next_experiment import next_experiment
-from ldt_core.diagnosis.own_effects import own_effects
-from ldt_core.diagnosis.remainder import depends_on
-from ldt_core.diagnosis.result import (
-    Amount,
+from ldt_core.diagnosis.attribution import amounts, shapley_shares
+from ldt_core.diagnosis.candidate import Candidate, machine_scales
+from ldt_core.diagnosis.diagnosis import (
     Diagnosis,
     Gap,
+    GapLocation,
     NextExperiment,
-    Place,
-    Ranked,
+    ParameterAmount,
+    RankedCandidate,
     Remainder,
-    Shown,
+    ShownExperiment,
     Verdict,
 )
-from ldt_core.diagnosis.scale import factors
+from ldt_core.diagnosis.effect_search import EffectSetSearch
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.gap_location import places, steady_places
+from ldt_core.diagnosis.holdout import (
+    FEWEST_EXPERIMENTS,
+    HOLDOUT,
+    closed,
+    errors,
+    free_run,
+    noise_there,
+    regimes,
+    split,
+)
+from ldt_core.diagnosis.isolability import isolability
+from ldt_core.diagnosis.library import library, refitted_effects
+from ldt_core.diagnosis.next_experiment import next_experiment
+from ldt_core.diagnosis.remainder import depends_on
+from ldt_core.diagnosis.residual_torque import TorqueEstimator, added_torque, residual_torque
 from ldt_core.diagnosis.sentence import not_measured, sentence
-from ldt_core.diagnosis.shares import shapley
-from ldt_core.diagnosis.torque import Torque
-from ldt_core.diagnosis.trials import Bench
-from ldt_core.diagnosis.where import change, places, residual, steady_places
-from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.diagnosis.verdict import Decision, decide
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.sensor_check import sound
 from ldt_core.physics.effect import Effect
 
 Array = NDArray[np.float64]
 
-TOLERANCE = 0.03  # of the gap, by which a law may be off
-HOLDOUT = 0.25  # of the experiments, unless the user says otherwise
-PARTS = 4  # of a single experiment
-SAMPLES = 200  # of a part of an experiment, at least
-
-
-def library(
-    machine: Machine, more: Sequence[str] = (), without: Sequence[str] = ()
-) -> list[Effect]:
-    """The effects that may explain a gap of this machine.
-
-    Args:
-        machine: those that it cannot have are left out.
-        more: further effects, by name or `path/to/file.py:NAME`.
-        without: names to leave out.
-
-    Raises:
-        OptionError: a name that is not known, or an own effect that this machine cannot have.
-    """
-    known = EFFECTS.names()
-    for name in without:
-        EFFECTS.require(name)
-    found = []
-    for name in known:
-        effect = get_effect(name)
-        try:
-            effect.require(machine.model)
-        except OptionError:
-            continue
-        if name not in without:
-            found.append(effect)
-    for name in more:
-        effect = get_effect(name)
-        effect.require(machine.model)
-        if effect.name not in [e.name for e in found]:
-            found.append(effect)
-    return found
-
-
-def split(
-    experiments: Sequence[Experiment], holdout: float, seed: int
-) -> tuple[list[Experiment], list[Experiment]]:
-    """(to fit, held out); a few experiments are cut into parts first.
-
-    Raises:
-        BadInput: too few samples, or a share outside 0..1.
-    """
-    if not 0 < holdout < 1:
-        raise BadInput("holdout", "a share between 0 and 1", f"{holdout:g}")
-    whole = list(experiments)
-    if len(whole) < PARTS:
-        whole = [part for e in whole for part in _parts(e)]
-    if len(whole) < 2:
-        samples = sum(len(e) for e in experiments)
-        raise BadInput("the recording", f"at least {2 * SAMPLES} samples", str(samples))
-    count = min(max(round(holdout * len(whole)), 1), len(whole) - 1)
-    # Evenly spread over the recording, so that what changes in its course is in both parts.
-    random = np.random.default_rng(seed)
-    edges = np.linspace(0, len(whole), count + 1)
-    held = {
-        int(random.integers(int(a), max(int(b), int(a) + 1))) for a, b in itertools.pairwise(edges)
-    }
-    fit = [e for i, e in enumerate(whole) if i not in held]
-    return fit, [e for i, e in enumerate(whole) if i in held]
-
-
-def _parts(e: Experiment) -> list[Experiment]:
-    count = max(1, min(PARTS, len(e) // SAMPLES))
-    edges = np.linspace(0, len(e), count + 1).astype(int)
-    return [e.part(a, b) for a, b in itertools.pairwise(edges)]
+LEAST_SCORE = 0.01  # of the gap: an effect that explains less is said to explain nothing
 
 
 def diagnose(
@@ -131,16 +67,16 @@ def diagnose(
 ) -> Diagnosis:
     """Where the gap between a machine and its file lies, what causes it, how far that closes it.
 
-    From the first experiment on whose speed no such machine can have (`plausible`) nothing is gone
-    by. Where fewer than `PARTS` came before it the verdict is "unknown": what a faulty sensor shows
-    is no effect of the machine.
+    The first experiment with a speed that no such machine can have, and all after it, are left out.
+    Where fewer than `trusted_experiments` came before it, the verdict is "unknown": what a faulty
+    sensor shows is no effect of the machine.
 
     Args:
         machine: as its file knows it.
         experiments: measured.
         recordings: where they are from, for the record.
         effects: candidates; None takes the library.
-        refit: parameters of the machine to fit with every set, see `own.own_effects`.
+        refit: parameters of the machine to fit with every set, see `library.refitted_effects`.
         holdout: share of the experiments that closure is measured on.
         seed: of what is drawn at random.
         workers: threads; None takes one for each processor.
@@ -151,13 +87,13 @@ def diagnose(
     """
     workers = workers or os.cpu_count() or 1
     trusted, fault = sound(machine, experiments)
-    only = len(trusted) < PARTS
+    only = len(trusted) < THRESHOLDS.trusted_experiments
     if fault and not only:
         experiments = trusted
     fitted, held = split(experiments, holdout, seed)
     most = max(float(np.abs(e.voltage).max()) for e in fitted)
-    sizes = factors(machine.parameters, most or 1.0)
-    own = [Candidate(e, most or 1.0, sizes) for e in own_effects(machine, refit)]
+    sizes = machine_scales(machine.parameters, most or 1.0)
+    own = [Candidate(e, most or 1.0, sizes) for e in refitted_effects(machine, refit)]
     mine = [c.name for c in own]
     candidates = [
         Candidate(e, most or 1.0, sizes)
@@ -165,8 +101,10 @@ def diagnose(
         if e.name not in mine
     ]
     with one_thread():  # matrices are small: more threads wait for each other, and round otherwise
-        bench = Bench(machine, fitted, workers=workers, tolerance=TOLERANCE)
-        search = Search(bench, candidates, tick, own)
+        residuals = FreeRunResiduals(
+            machine, fitted, workers=workers, tolerance=THRESHOLDS.law_error
+        )
+        search = EffectSetSearch(residuals, candidates, tick, own)
         tick("what this recording can tell apart")
         silent, groups = isolability(search)
         search.twins = {
@@ -177,22 +115,13 @@ def diagnose(
         return report.diagnosis(silent, groups)
 
 
-def isolability(search: Search) -> tuple[list[str], list[list[str]]]:
-    """(effects that do not show, groups that look alike), by the recording's input alone."""
-    few = search.scout
-    small = few.part(range(min(EXPERIMENTS, len(few.pieces))))
-    scale = search.bench.size / small.size
-    silent = undetectable(small, search.candidates, scale)
-    return silent, ambiguities(small, search.found.responses, silent, scale)
-
-
 class _Report:
     """Puts the diagnosis together from what was decided."""
 
     def __init__(
         self,
         machine: Machine,
-        search: Search,
+        search: EffectSetSearch,
         decision: Decision,
         fitted: Sequence[Experiment],
         held: Sequence[Experiment],
@@ -207,7 +136,7 @@ class _Report:
         self.machine, self.search, self.decision = machine, search, decision
         self.fitted, self.held, self.recordings = list(fitted), list(held), list(recordings)
         self.seed, self.tick = seed, tick
-        self.bench = decision.bench
+        self.residuals = decision.residuals
         self.named = decision.best if decision.kind in ("effect", "ambiguous") else None
         self.use = self.named.use if self.named else []
 
@@ -223,7 +152,7 @@ class _Report:
         before = [free_run(self.machine, e) for e in self.held]
         after = [free_run(self.machine, e, self.use) for e in self.held] if self.use else before
         band = self.search.found.band.limit
-        noise = noise_there(self.held, after, self.bench.noise[0], band)
+        noise = noise_there(self.held, after, self.residuals.noise[0], band)
         part, interval = closed(self.held, before, after, noise, self.seed)
         if d.kind == "none":
             part, interval = None, None
@@ -240,7 +169,10 @@ class _Report:
             words = not_measured(self.fault, "" if self.faulty else words)
         best = d.best.use if d.best else []
         depends = (
-            depends_on(self.bench, residual(self.bench, best, d.best.starts if d.best else None))
+            depends_on(
+                self.residuals,
+                residual_torque(self.residuals, best, d.best.starts if d.best else None),
+            )
             if d.structured
             else []
         )
@@ -266,20 +198,21 @@ class _Report:
             shown=self._shown(before, after),
         )
 
-    def _where(self) -> list[Place]:
+    def _where(self) -> list[GapLocation]:
         """By what was named, free of noise, or else by all that is wrong."""
         if self.decision.kind == "none" or self.faulty:
             return []
         none = self.search.found.fits[frozenset()].use
         if self.named is None:
-            return places(residual(self.bench, none))
-        found = change(self.bench, none, self.use, self.named.starts)
+            return places(residual_torque(self.residuals, none))
+        found = added_torque(self.residuals, none, self.use, self.named.starts)
         return [*places(found), *steady_places(found, self.use)]
 
     def _notes(self) -> list[str]:
         if {e.number for e in self.fitted} & {e.number for e in self.held}:
             return [
-                f"fewer than {PARTS} experiments: each was cut into parts, some of them held out"
+                f"fewer than {FEWEST_EXPERIMENTS} experiments: "
+                "each was cut into parts, some of them held out"
             ]
         return []
 
@@ -294,13 +227,16 @@ class _Report:
         if len(self.decision.alike) < 2:
             return None
         self.tick("looking for the experiment that settles it")
-        return next_experiment(self.bench, self.decision.alike, self.seed)
+        return next_experiment(self.residuals, self.decision.alike, self.seed)
 
     def _ranked(
-        self, found: Mapping[str, Mapping[str, Amount]], before: Sequence[Array], noise: float
-    ) -> list[Ranked]:
+        self,
+        found: Mapping[str, Mapping[str, ParameterAmount]],
+        before: Sequence[Array],
+        noise: float,
+    ) -> list[RankedCandidate]:
         d, explained = self.decision, self.search.found
-        shares = shapley(self.search, self.named) if self.named else {}
+        shares = shapley_shares(self.search, self.named) if self.named else {}
         ranked = []
         for c in self.search.candidates:
             alone = explained.fits.get(frozenset([c.name])) or explained.scouted.get(
@@ -312,16 +248,16 @@ class _Report:
                 after = [free_run(self.machine, e, alone.use) for e in self.held]
                 part, _ = closed(self.held, before, after, noise)
                 rmse = errors(self.held, after).rmse
-                whole = alone.rest.size == self.bench.size
+                whole = alone.residual.size == self.residuals.size
                 base = explained.base if whole else explained.responses.base
                 band = explained.band if whole else self.search.band
                 power = max(band.excess(base), float(base @ base) - alone.loss)
-                score = 1 - band.excess(alone.rest) / power if power > 0 else None
+                score = 1 - band.excess(alone.residual) / power if power > 0 else None
                 if not parameters:
-                    left = max(band.excess(alone.rest), 0.0)
+                    left = max(band.excess(alone.residual), 0.0)
                     parameters = amounts(alone, left, max(power, 0.0))[c.name]
             ranked.append(
-                Ranked(
+                RankedCandidate(
                     c.name,
                     parameters,
                     rmse,
@@ -333,7 +269,7 @@ class _Report:
             )
         effects = [n for group in (d.acting if self.named else []) for n in group]
 
-        def order(r: Ranked) -> tuple[int, float]:
+        def order(r: RankedCandidate) -> tuple[int, float]:
             place = effects.index(r.effect) if r.effect in effects else len(effects)
             return place, -(r.score if r.score is not None else -np.inf)
 
@@ -347,7 +283,7 @@ class _Report:
             return None
         if self.faulty:
             return "not tried: the sensor is faulty"
-        if score is None or score < 0.01:
+        if score is None or score < LEAST_SCORE:
             return "explains nothing of the gap"
         if d.kind == "unknown":
             return f"leaves {1 - score:.0%} of the gap"
@@ -357,7 +293,7 @@ class _Report:
     def _left(self) -> float:
         return max(self.decision.left / self.decision.excess, 0.0)
 
-    def _shown(self, before: Sequence[Array], after: Sequence[Array]) -> list[Shown]:
+    def _shown(self, before: Sequence[Array], after: Sequence[Array]) -> list[ShownExperiment]:
         """All experiments for the page, from the free runs of those held out."""
         was = [free_run(self.machine, e) for e in self.fitted]
         now = [free_run(self.machine, e, self.use) for e in self.fitted] if self.use else was
@@ -368,9 +304,9 @@ class _Report:
             *(self._drawn(e, False, a, b) for e, a, b in fitted),
         ]
 
-    def _drawn(self, e: Experiment, held_out: bool, before: Array, after: Array) -> Shown:
-        turn = Torque(self.bench.values["J"], self.bench.memory, e.period, len(e))
-        return Shown(
+    def _drawn(self, e: Experiment, held_out: bool, before: Array, after: Array) -> ShownExperiment:
+        turn = TorqueEstimator(self.residuals.values["J"], self.residuals.memory, e.period, len(e))
+        return ShownExperiment(
             e,
             held_out,
             before,

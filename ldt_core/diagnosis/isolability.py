@@ -13,61 +13,73 @@ from dataclasses import replace
 import numpy as np
 
 from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.search import Dictionary, fit
-from ldt_core.diagnosis.trials import Bench
+from ldt_core.diagnosis.effect_fit import fit
+from ldt_core.diagnosis.effect_search import EffectSetSearch
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.responses import Responses
+from ldt_core.diagnosis.thresholds import THRESHOLDS
 
-SEEN = 25.0  # sum of squares, in noise deviations, that a visible effect moves
-ALIKE = 10.8  # that an imitation leaves at most: chi-square of one degree, p = 0.001
-RELATED = 0.995  # cosine of two responses from which an imitation is worth a fit
-EXPERIMENTS = 3  # on which imitation is tried
-EVALUATIONS = 6  # of one imitation
+SIMILAR_RESPONSES = 0.995  # cosine of two responses from which an imitation is worth a fit
+IMITATED_EXPERIMENTS = 3  # on which imitations are fitted: a few show the input's kinds
+IMITATION_STEPS = 6  # least-squares steps: a good imitation starts close
 
 
-def undetectable(bench: Bench, candidates: Sequence[Candidate], scale: float = 1.0) -> list[str]:
+def isolability(search: EffectSetSearch) -> tuple[list[str], list[list[str]]]:
+    """(effects that do not show, groups that look alike), by the recording's input alone."""
+    few = search.scout
+    small = few.part(range(min(IMITATED_EXPERIMENTS, len(few.pieces))))
+    scale = search.residuals.size / small.size
+    silent = undetectable(small, search.candidates, scale)
+    return silent, ambiguities(small, search.responses, silent, scale)
+
+
+def undetectable(
+    residuals: FreeRunResiduals, candidates: Sequence[Candidate], scale: float = 1.0
+) -> list[str]:
     """Effects whose typical size moves nothing that could be seen.
 
     Args:
-        bench: a part of the experiments.
+        residuals: of a part of the experiments.
         candidates: effects.
-        scale: samples of all experiments over those of the bench.
+        scale: samples of all experiments over those of this part.
     """
-    base = bench.rest()
+    base = residuals.of()
     found = []
     for c in candidates:
-        moved = base - bench.rest([(c.effect, c.typical)])
-        if float(moved @ moved) * scale < SEEN:
+        moved = base - residuals.of([(c.effect, c.typical)])
+        if float(moved @ moved) * scale < THRESHOLDS.visible_change:
             found.append(c.name)
     return found
 
 
 def ambiguities(
-    bench: Bench, responses: Dictionary, silent: Sequence[str], scale: float = 1.0
+    residuals: FreeRunResiduals, responses: Responses, silent: Sequence[str], scale: float = 1.0
 ) -> list[list[str]]:
     """Groups of effects that imitate each other to within noise, on this input.
 
     Args:
-        bench: a few experiments.
+        residuals: of a few experiments.
         responses: of all candidates, for which pairs are worth a fit.
         silent: effects that do not show.
-        scale: samples of all experiments over those of the bench.
+        scale: samples of all experiments over those of this part.
     """
     candidates = responses.candidates
     loud = [i for i, c in enumerate(candidates) if c.name not in silent]
     imitates: set[tuple[int, int]] = set()
     for i in loud:
         mine = np.flatnonzero(responses.owner == i)
-        truth: Bench | None = None
+        truth: FreeRunResiduals | None = None
         for j in loud:
             theirs = np.flatnonzero(responses.owner == j)
             if i == j or mine.size == 0 or theirs.size == 0:
                 continue
             block = responses.cosine[np.ix_(mine, theirs)]
-            if block.max() < RELATED:
+            if block.max() < SIMILAR_RESPONSES:
                 continue
             start = responses.z[theirs[int(np.argmax(block.max(axis=0)))]]
-            truth = truth or _made(bench, candidates[i])
-            copy = fit(truth, [candidates[j]], [start], evaluations=EVALUATIONS)
-            if copy.loss * scale < ALIKE:
+            truth = truth or _made(residuals, candidates[i])
+            copy = fit(truth, [candidates[j]], [start], steps=IMITATION_STEPS)
+            if copy.loss * scale < THRESHOLDS.indistinguishable_loss:
                 imitates.add((i, j))
     mutual = {(i, j) for i, j in imitates if (j, i) in imitates}
     groups: list[set[int]] = []
@@ -80,11 +92,11 @@ def ambiguities(
     return [sorted(candidates[i].name for i in g) for g in groups]
 
 
-def _made(bench: Bench, candidate: Candidate) -> Bench:
-    """The bench with noise-free experiments of a machine that has the effect."""
+def _made(residuals: FreeRunResiduals, candidate: Candidate) -> FreeRunResiduals:
+    """The residuals of noise-free experiments of a machine that has the effect."""
     use = [(candidate.effect, candidate.typical)]
     made = []
-    for i, e in enumerate(bench.experiments):
-        speed, current = bench.outputs(i, use, follow=False)
+    for i, e in enumerate(residuals.experiments):
+        speed, current = residuals.outputs(i, use, follow=False)
         made.append(replace(e, speed=speed, current=None if e.current is None else current))
-    return Bench(bench.machine, made, bench.noise, bench.workers)
+    return FreeRunResiduals(residuals.machine, made, residuals.noise, residuals.workers)

@@ -12,14 +12,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.search import Fit
-
-WORTH = 0.025  # of the gap in the speed that a further effect must explain, and
-HALF = 0.5  # of what is left; or
-LITTLE = 0.003  # of the gap, if that is also
-NEARLY_ALL = 0.75  # of what is left
-LAWS = 0.01  # of the gap, that a simpler set may leave in addition and still be the answer
-KIN = 0.06  # of the gap, if the set has an effect of its family already
+from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.thresholds import THRESHOLDS
 
 
 def kin(members: Sequence[Candidate]) -> int:
@@ -28,7 +22,7 @@ def kin(members: Sequence[Candidate]) -> int:
     return len(families) - len(set(families))
 
 
-def plain_enough(simpler: Fit, best: Fit, behind: float, gap: float) -> bool:
+def plain_enough(simpler: EffectFit, best: EffectFit, behind: float, gap: float) -> bool:
     """Whether a set with fewer parameters leaves so little more that it may be the answer.
 
     Sets that differ only in the laws of their families are told apart by no less than a second
@@ -41,7 +35,9 @@ def plain_enough(simpler: Fit, best: Fit, behind: float, gap: float) -> bool:
         gap: power of the whole gap.
     """
     mine, its = (sorted(c.effect.family or c.name for c in f.effects) for f in (simpler, best))
-    return simpler.free < best.free and behind <= (KIN if mine == its else LAWS) * gap
+    limits = THRESHOLDS
+    share = limits.same_family_of_gap if mine == its else limits.simpler_set_of_gap
+    return simpler.free < best.free and behind <= share * gap
 
 
 def earned(
@@ -62,7 +58,10 @@ def earned(
     """
     added = len(larger) - len(smaller)
     related = max(0, kin(larger) - kin(smaller))
-    need = (WORTH * max(0, added - related) + KIN * related) * gap
-    if gain > need and gain > HALF * left:
+    limits = THRESHOLDS
+    further = limits.further_effect_of_gap * max(0, added - related)
+    need = (further + limits.same_family_of_gap * related) * gap
+    if gain > need and gain > limits.further_effect_of_remainder * left:
         return True
-    return related == 0 and gain > LITTLE * added * gap and gain > NEARLY_ALL * left
+    small = gain > limits.small_effect_of_gap * added * gap
+    return related == 0 and small and gain > limits.small_effect_of_remainder * left

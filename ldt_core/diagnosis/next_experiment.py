@@ -10,29 +10,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.diagnosis.result import NextExperiment
-from ldt_core.diagnosis.search import DIFFERENCE, Fit, split, used
-from ldt_core.diagnosis.trials import COARSE, Bench
+from ldt_core.diagnosis.diagnosis import NextExperiment
+from ldt_core.diagnosis.effect_fit import DIFFERENCE_STEP, EffectFit, by_member, used
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.start_states import SEARCH_STEP
+from ldt_core.diagnosis.thresholds import THRESHOLDS
 
 Array = NDArray[np.float64]
 
-SETTLED = 25.0  # sum of squares, in noise deviations, by which sets are told apart for good
-CURRENT_NOISE = 0.01  # of the current's largest value, where nothing is known of its sensor
-SAMPLES = 2000
+CURRENT_NOISE = 0.01  # share of the largest current, where nothing is known of its sensor
+MOST_SAMPLES = 2000  # of a proposed experiment, so that people can still look at it
+CURRENT_SENSOR_GAIN = 4.0  # times better, from which an experiment is worth a further sensor
 
 
-def next_experiment(bench: Bench, alike: Sequence[Fit], seed: int = 0) -> NextExperiment | None:
+def next_experiment(
+    residuals: FreeRunResiduals, alike: Sequence[EffectFit], seed: int = 0
+) -> NextExperiment | None:
     """The design that splits sets which are as good as each other, or None if none does."""
     if len(alike) < 2:
         return None
     best: tuple[float, NextExperiment] | None = None
-    measured = bench.experiments[0].current is not None
-    for name, volts in _designs(bench, seed):
+    measured = residuals.experiments[0].current is not None
+    for name, volts in _designs(residuals, seed):
         for current in (False, True) if not measured else (True,):
-            power = _separation(bench, alike, volts, current)
+            power = _separation(residuals, alike, volts, current)
             channels = ["voltage", "speed", *(["current"] if current else [])]
             # The plainer experiment is the better one unless the other tells far more.
-            worth = power if not current or measured else power / 4
+            worth = power if not current or measured else power / CURRENT_SENSOR_GAIN
             if best is None or worth > best[0]:
                 with_current = " with the current measured" if current and not measured else ""
                 names = [" and ".join(f.names) for f in alike]
@@ -41,21 +45,21 @@ def next_experiment(bench: Bench, alike: Sequence[Fit], seed: int = 0) -> NextEx
                     f"{name}{with_current} tells {told} apart: one such experiment moves them "
                     f"{math.sqrt(power):.3g} noise deviations from each other, at least"
                 )
-                period = bench.experiments[0].period
+                period = residuals.experiments[0].period
                 best = worth, NextExperiment(why, [float(v) for v in volts], period, channels)
                 enough = power
-    return best[1] if best is not None and enough > SETTLED else None
+    return best[1] if best is not None and enough > THRESHOLDS.settling_distance else None
 
 
-def _designs(bench: Bench, seed: int) -> list[tuple[str, Array]]:
+def _designs(residuals: FreeRunResiduals, seed: int) -> list[tuple[str, Array]]:
     """Inputs within the machine's limits, each with its name."""
     random = np.random.default_rng(seed)
-    e = bench.experiments[0]
-    low, high = bench.machine.voltage_limits
-    most = min(max(float(np.abs(x.voltage).max()) for x in bench.experiments), max(-low, high))
-    length = min(max(len(e), round(8 * bench.memory / e.period)), SAMPLES)
+    e = residuals.experiments[0]
+    low, high = residuals.machine.voltage_limits
+    most = min(max(float(np.abs(x.voltage).max()) for x in residuals.experiments), max(-low, high))
+    length = min(max(len(e), round(8 * residuals.memory / e.period)), MOST_SAMPLES)
     time = np.arange(length) * e.period
-    hold = max(round(4 * bench.memory / e.period), 1)
+    hold = max(round(4 * residuals.memory / e.period), 1)
     index = np.arange(length) // hold
     steps = random.uniform(-1.0, 1.0, int(index[-1]) + 1)
     sign = np.where(np.arange(steps.size) % 2 == 0, 1.0, -1.0)
@@ -72,16 +76,18 @@ def _designs(bench: Bench, seed: int) -> list[tuple[str, Array]]:
     return [(name, np.clip(volts, low, high)) for name, volts in made]
 
 
-def _separation(bench: Bench, alike: Sequence[Fit], volts: Array, current: bool) -> float:
+def _separation(
+    residuals: FreeRunResiduals, alike: Sequence[EffectFit], volts: Array, current: bool
+) -> float:
     """Least distance between any two of the sets, after one has been fitted to the other."""
-    e = bench.experiments[0]
+    e = residuals.experiments[0]
     rest = np.zeros(volts.size)
     blank = Experiment(1, 0.0, e.period, volts, rest, rest if current else None)
-    noise = bench.noise
+    noise = residuals.noise
     if current and e.current is None:
-        largest = float(np.abs(volts).max()) / bench.values["R"]
-        noise = (bench.noise[0], CURRENT_NOISE * largest)
-    tried = Bench(bench.machine, [blank], noise, 1)
+        largest = float(np.abs(volts).max()) / residuals.values["R"]
+        noise = (residuals.noise[0], CURRENT_NOISE * largest)
+    tried = FreeRunResiduals(residuals.machine, [blank], noise, 1)
     least = math.inf
     for f in alike:
         z = np.concatenate(f.z)
@@ -89,9 +95,9 @@ def _separation(bench: Bench, alike: Sequence[Fit], volts: Array, current: bool)
         columns = []
         for j in range(z.size):
             moved = z.copy()
-            moved[j] += DIFFERENCE
-            use = used(f.members, split(f.members, moved))
-            columns.append((_run(tried, use) - base) / DIFFERENCE)
+            moved[j] += DIFFERENCE_STEP
+            use = used(f.members, by_member(f.members, moved))
+            columns.append((_run(tried, use) - base) / DIFFERENCE_STEP)
         span = np.linalg.qr(np.column_stack(columns))[0]
         for other in alike:
             if other is f:
@@ -102,9 +108,9 @@ def _separation(bench: Bench, alike: Sequence[Fit], volts: Array, current: bool)
     return least
 
 
-def _run(bench: Bench, use: Sequence[Any]) -> Array:
+def _run(residuals: FreeRunResiduals, use: Sequence[Any]) -> Array:
     """Free run in noise deviations, speed and current in one row."""
-    speed, current = bench.outputs(0, use, COARSE, follow=False)
-    if bench.experiments[0].current is None:
-        return speed / bench.noise[0]
-    return np.concatenate([speed / bench.noise[0], current / bench.noise[1]])
+    speed, current = residuals.outputs(0, use, SEARCH_STEP, follow=False)
+    if residuals.experiments[0].current is None:
+        return speed / residuals.noise[0]
+    return np.concatenate([speed / residuals.noise[0], current / residuals.noise[1]])

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.diagnosis.trials import Bench
-from ldt_core.diagnosis.where import Residual
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.residual_torque import ResidualTorque
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ RIDGE = 1.0
 FOLDS = 5
 
 
-def depends_on(bench: Bench, left: Residual) -> list[str]:
+def depends_on(residuals: FreeRunResiduals, left: ResidualTorque) -> list[str]:
     """What the torque left over can be predicted from, in the order of the ladder."""
     from sklearn.linear_model import Ridge
     from sklearn.model_selection import GroupKFold, cross_val_predict
@@ -41,7 +41,7 @@ def depends_on(bench: Bench, left: Residual) -> list[str]:
     columns: list[Array] = []
     found: list[str] = []
     best = float(np.mean(target**2))
-    for name, added in _ladder(bench, left):
+    for name, added in _ladder(residuals, left):
         tried = np.column_stack([*columns, *(c[take] for c in added)])
         tried = tried[:, np.ptp(tried, axis=0) > 0]
         if tried.shape[1] == 0:
@@ -58,14 +58,14 @@ def depends_on(bench: Bench, left: Residual) -> list[str]:
     return found
 
 
-def _ladder(bench: Bench, left: Residual) -> list[tuple[str, list[Array]]]:
+def _ladder(residuals: FreeRunResiduals, left: ResidualTorque) -> list[tuple[str, list[Array]]]:
     over = left.over
     angle, before = [], []
     at = 0
     for length, period in zip(left.pieces, left.periods, strict=True):
         part = slice(at, at + length)
         angle.append(np.cumsum(over["speed"][part]) * period)
-        steps = [max(1, round(k * bench.memory / period)) for k in LAGS]
+        steps = [max(1, round(k * residuals.memory / period)) for k in LAGS]
         volts = over["voltage"][part]
         before.append(
             np.column_stack([np.concatenate([np.full(s, volts[0]), volts])[:length] for s in steps])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ldt_core.base.sentences import spoken
-from ldt_core.diagnosis.result import Amount, Gap, Place
+from ldt_core.diagnosis.diagnosis import Gap, GapLocation, ParameterAmount
 
 ALIKE = 0.5  # of two ranges together, that both hold: they need not be said both
 MOST = 0.9  # of the gap: with less in a place, its share is said
@@ -15,9 +15,9 @@ def sentence(
     machine: str,
     kind: str,
     acting: Sequence[Sequence[str]],
-    amounts: Mapping[str, Mapping[str, Amount]],
+    amounts: Mapping[str, Mapping[str, ParameterAmount]],
     gap: Gap,
-    where: Sequence[Place],
+    where: Sequence[GapLocation],
     left: float | None,
 ) -> str:
     """One or two sentences for a person.
@@ -66,7 +66,7 @@ def not_measured(fault: str, verdict: str) -> str:
     return f"{verdict} That is by the experiments before a sensor fault: {fault}."
 
 
-def _one(group: Sequence[str], amounts: Mapping[str, Mapping[str, Amount]]) -> str:
+def _one(group: Sequence[str], amounts: Mapping[str, Mapping[str, ParameterAmount]]) -> str:
     named = f"{spoken(group[0])} ({values(amounts[group[0]])})"
     if len(group) == 1:
         return named
@@ -74,7 +74,7 @@ def _one(group: Sequence[str], amounts: Mapping[str, Mapping[str, Amount]]) -> s
     return f"{named} or, not to be told apart here, {others}"
 
 
-def values(parameters: Mapping[str, Amount]) -> str:
+def values(parameters: Mapping[str, ParameterAmount]) -> str:
     """Parameters with their intervals: "e = 4.9 ± 0.2 mm"."""
     parts = []
     for name, a in parameters.items():
@@ -93,7 +93,7 @@ def _exponent(value: float) -> int:
     return int(f"{value:e}".split("e")[1])
 
 
-def _lies(where: Sequence[Place]) -> str:
+def _lies(where: Sequence[GapLocation]) -> str:
     """Where the clearest place is, both directions together if it is the same in both."""
     place, share = where[0], where[0].share_of_gap
     both = [p for p in where[1:] if (p.begin, p.end) == (-place.end, -place.begin)]
@@ -104,7 +104,7 @@ def _lies(where: Sequence[Place]) -> str:
     return f"{part} {_place(place)}{' in both directions' if both else ''}{_steady(place, where)}"
 
 
-def _steady(place: Place, where: Sequence[Place]) -> str:
+def _steady(place: GapLocation, where: Sequence[GapLocation]) -> str:
     """Where else the effect acts when the machine turns steadily, if that is not the same."""
     steady = next((p for p in where if p.steady), None)
     if steady is None or place.steady:
@@ -116,7 +116,7 @@ def _steady(place: Place, where: Sequence[Place]) -> str:
     return f" (at steady speeds it acts from {steady.begin:.3g} to {steady.end:.3g} {steady.unit})"
 
 
-def _place(place: Place) -> str:
+def _place(place: GapLocation) -> str:
     unit = f" {place.unit}" if place.unit else ""
     if place.quantity == "experiment":
         first, last = round(place.begin), round(place.end)

@@ -30,7 +30,7 @@ ANCHOR = 1e-3  # of the random walk, that draws its level to 0
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class TorqueCurve:
     """Mean torque over a quantity.
 
     Attributes:
@@ -54,7 +54,7 @@ def torque_curve(
     inertia: float,
     memory: float,
     noise: float,
-) -> Curve:
+) -> TorqueCurve:
     """The torque over a quantity that explains residuals best.
 
     Args:
@@ -95,7 +95,7 @@ def torque_curve(
             power -= known**2
     torque, deviation, taken = _likeliest(gram, along, power, count)
     beyond = max(power - count * noise**2, 1e-12 * power, 1e-300)
-    return Curve(knots, torque, deviation, min(max(taken / beyond, 0.0), 1.0))
+    return TorqueCurve(knots, torque, deviation, min(max(taken / beyond, 0.0), 1.0))
 
 
 def _hats(q: Array, knots: Array) -> Array:

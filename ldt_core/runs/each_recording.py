@@ -167,7 +167,8 @@ def diagnose_one(task: Task) -> Made:
 
 
 def _diagnosed(task: Task) -> Made:
-    from ldt_core.diagnosis.diagnose import diagnose, library
+    from ldt_core.diagnosis.diagnose import diagnose
+    from ldt_core.diagnosis.library import library
     from ldt_core.recording.bag import read_bag
     from ldt_core.views.diagnosis_page import page
 

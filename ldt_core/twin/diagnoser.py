@@ -30,9 +30,9 @@ from ldt_core.base.experiment import (
 )
 from ldt_core.base.settings import resolve
 from ldt_core.base.threads import one_thread
-from ldt_core.diagnosis.closing import free_run
 from ldt_core.diagnosis.diagnose import diagnose
-from ldt_core.diagnosis.result import Diagnosis
+from ldt_core.diagnosis.diagnosis import Diagnosis
+from ldt_core.diagnosis.holdout import free_run
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.machine_file import Machine
 from ldt_core.twin.stage import Archive, RecordedStep

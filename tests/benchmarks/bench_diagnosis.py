@@ -10,9 +10,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.diagnose import HOLDOUT, TOLERANCE, diagnose, library, split
-from ldt_core.diagnosis.search import fit
-from ldt_core.diagnosis.trials import Bench
+from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.diagnosis.effect_fit import fit
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.holdout import HOLDOUT, split
+from ldt_core.diagnosis.library import library
+from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.effects import parse_effect
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
@@ -41,7 +44,9 @@ def run() -> Iterator[Row]:
     fitted, _ = split(recorded, HOLDOUT, 0)
     most = max(float(np.abs(e.voltage).max()) for e in fitted)
     candidates = [Candidate(e, most) for e in effects]
-    bench = Bench(machine, fitted, workers=os.cpu_count() or 1, tolerance=TOLERANCE)
+    bench = FreeRunResiduals(
+        machine, fitted, workers=os.cpu_count() or 1, tolerance=THRESHOLDS.law_error
+    )
     pairs = list(itertools.combinations(candidates, 2))
     tried = pairs[:: len(pairs) // TRIED]
     begin = time.perf_counter()

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import savgol_filter
 
-from ldt_core.diagnosis.result import (
-    Amount,
+from ldt_core.diagnosis.diagnosis import (
     Diagnosis,
-    Errors,
     Gap,
+    GapLocation,
+    HeldOutErrors,
     NextExperiment,
-    Place,
-    Ranked,
+    ParameterAmount,
+    RankedCandidate,
     Remainder,
-    Shown,
+    ShownExperiment,
     Verdict,
 )
 from ldt_core.effects import EFFECTS, get_effect
@@ -93,7 +93,7 @@ def fake_diagnosis(kind: str = "effect", experiments: int = 8, machine: str = "r
     )
 
 
-def fake_shown(kind: str, experiments: int) -> list[Shown]:
+def fake_shown(kind: str, experiments: int) -> list[ShownExperiment]:
     """Experiments of a plant with what truly acts, and free runs without and with the verdict."""
     machine = load_machine("rotor")
     truth, added = (
@@ -108,7 +108,7 @@ def fake_shown(kind: str, experiments: int) -> list[Shown]:
         runs = [m.predict(e).speed for m in (before, after)]
         torques = [_torque(machine.parameters, e, run) for run in runs]
         smooth, slope = (savgol_filter(e.speed, 15, 2, deriv=d, delta=e.period) for d in (0, 1))
-        found.append(Shown(e, number % 3 == 0, *runs, *torques, smooth, slope))
+        found.append(ShownExperiment(e, number % 3 == 0, *runs, *torques, smooth, slope))
     return found
 
 
@@ -122,7 +122,7 @@ def _torque(values, experiment, predicted):
 def _errors(shown, name):
     rest = [s.experiment.speed - getattr(s, name) for s in shown]
     rmse = float(np.sqrt(np.mean(np.concatenate(rest) ** 2)))
-    return Errors(rmse, float(np.mean([np.abs(r).max() for r in rest])))
+    return HeldOutErrors(rmse, float(np.mean([np.abs(r).max() for r in rest])))
 
 
 def fake_regimes(before, after, closed):
@@ -144,13 +144,16 @@ def fake_places(kind):
     if kind == "none":
         return []
     if kind == "pair":
-        return [Place("order", 0.9, 1.1, "", 0.71, 0.03), Place("speed", 2, 46, "rad/s", 1, 1)]
+        return [
+            GapLocation("order", 0.9, 1.1, "", 0.71, 0.03),
+            GapLocation("speed", 2, 46, "rad/s", 1, 1),
+        ]
     if kind == "unknown":
-        return [Place("speed", 0.0, 9.7, "rad/s", 0.55, 0.02)]
+        return [GapLocation("speed", 0.0, 9.7, "rad/s", 0.55, 0.02)]
     return [
-        Place("speed", 15.2, 31.4, "rad/s", 0.92, 0.41),
-        Place("frequency", 0.35, 3.1, "Hz", 0.9, 0.31),
-        Place("experiment", 3, 6, "", 0.88, 0.5),
+        GapLocation("speed", 15.2, 31.4, "rad/s", 0.92, 0.41),
+        GapLocation("frequency", 0.35, 3.1, "Hz", 0.9, 0.31),
+        GapLocation("experiment", 3, 6, "", 0.88, 0.5),
     ]
 
 
@@ -179,7 +182,9 @@ def fake_candidates(kind, named, rmse, closed):
         left = rmse if part is None else float(np.sqrt(max(rmse**2 * (1 - part), 0.01)))
         score = None if part is None else max(part, 0.0)
         found.append(
-            Ranked(name, _amounts(name, TRUTH[kind][1].get(name)), left, part, share, score, reason)
+            RankedCandidate(
+                name, _amounts(name, TRUTH[kind][1].get(name)), left, part, share, score, reason
+            )
         )
     return found
 
@@ -188,7 +193,7 @@ def _amounts(name, added):
     effect = get_effect(name)
     given = effect.check(added or effect.typical)
     return {
-        p.name: Amount(
+        p.name: ParameterAmount(
             given[p.name],
             p.unit,
             None if p.name == "phase" else (0.95 * given[p.name], 1.06 * given[p.name]),

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ldt_core.base.errors import LdtError
-from ldt_core.diagnosis.result import Amount, Errors, Gap, Place
+from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount
 from ldt_core.views.diagnosis_page import picture, write_page
 from ldt_core.views.diagnosis_page.curves import binned, orders, spectrum, thinned
 from ldt_core.views.diagnosis_page.fits import fits
@@ -198,7 +198,9 @@ def test_a_diagnosis_with_next_to_nothing_is_a_page_as_well(diagnoses, tmp_path)
         diagnoses["none"],
         recordings=[],
         experiments={},
-        gap=Gap(0.1, Errors(math.nan, math.nan), Errors(math.nan, math.nan), None, None),
+        gap=Gap(
+            0.1, HeldOutErrors(math.nan, math.nan), HeldOutErrors(math.nan, math.nan), None, None
+        ),
         candidates=[],
         where=[],
         undetectable=[],
@@ -346,15 +348,18 @@ def test_numbers_keep_their_digits(value, text):
 @pytest.mark.parametrize(
     ("found", "text"),
     [
-        (Amount(0.0049, "m", (0.0047, 0.0051)), ("p = 4.90 mm", "4.70 to 5.10")),
-        (Amount(0.0049991, "m", (0.0049956, 0.0050026)), ("p = 4.999 mm", "4.996 to 5.003")),
-        (Amount(2e-5, "N m s^2", None), ("p", "not determined")),
+        (ParameterAmount(0.0049, "m", (0.0047, 0.0051)), ("p = 4.90 mm", "4.70 to 5.10")),
         (
-            Amount(2e-5, "N m s^2", (1e-5, 3e-5)),
+            ParameterAmount(0.0049991, "m", (0.0049956, 0.0050026)),
+            ("p = 4.999 mm", "4.996 to 5.003"),
+        ),
+        (ParameterAmount(2e-5, "N m s^2", None), ("p", "not determined")),
+        (
+            ParameterAmount(2e-5, "N m s^2", (1e-5, 3e-5)),
             ("p = 2.00 · 10⁻⁵ N m s²", "1.00 · 10⁻⁵ to 3.00 · 10⁻⁵"),
         ),
-        (Amount(0.0, "rad", (0.0, 0.0)), ("p = 0 rad", "0 to 0")),
-        (Amount(0.3, "Ohm", (0.0, math.inf)), ("p = 0.300 Ω", "0 to –")),
+        (ParameterAmount(0.0, "rad", (0.0, 0.0)), ("p = 0 rad", "0 to 0")),
+        (ParameterAmount(0.3, "Ohm", (0.0, math.inf)), ("p = 0.300 Ω", "0 to –")),
     ],
 )
 def test_amounts_show_their_intervals_width(found, text):
@@ -374,6 +379,6 @@ def test_a_place_is_marked_in_its_panel(diagnoses):
     from ldt_core.views.diagnosis_page.places import places
 
     found = diagnoses["effect"]
-    everywhere = Place("voltage", 0, 20, "V", 1.0, 1.0)
+    everywhere = GapLocation("voltage", 0, 20, "V", 1.0, 1.0)
     marked = places(replace(found, where=[*found.where, everywhere])).marked
     assert set(marked) == {"speed", "frequency", "experiment"}

@@ -13,7 +13,14 @@ from fake_archive import FakeArchive
 from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.experiment import Action, Adaptation, Level, Prediction, Signal
 from ldt_core.base.settings import resolve
-from ldt_core.diagnosis.result import Diagnosis, Errors, Gap, Ranked, Remainder, Verdict
+from ldt_core.diagnosis.diagnosis import (
+    Diagnosis,
+    Gap,
+    HeldOutErrors,
+    RankedCandidate,
+    Remainder,
+    Verdict,
+)
 from ldt_core.effects import get_effect, parse_effect
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
@@ -36,7 +43,7 @@ def worn(e, number):
 def verdict(kind, *found, shares=()):
     """A diagnosis that says so; `found` are (effect, parameters)."""
     names = [name for name, _ in found]
-    errors = Errors(1.0, 2.0)
+    errors = HeldOutErrors(1.0, 2.0)
     closed = None if kind == "none" else 0.9
     shares = shares or [1.0] * len(names)
     return Diagnosis(
@@ -47,7 +54,8 @@ def verdict(kind, *found, shares=()):
         gap=Gap(0.1, errors, errors, closed, None),
         where=[],
         candidates=[
-            Ranked(n, {}, 1.0, 0.5, s, 0.5, None) for n, s in zip(names, shares, strict=True)
+            RankedCandidate(n, {}, 1.0, 0.5, s, 0.5, None)
+            for n, s in zip(names, shares, strict=True)
         ],
         remainder=Remainder(0.1, False, []),
         undetectable=[],

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.result_files import write
-from ldt_core.diagnosis.result import Diagnosis
+from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.views.diagnosis_page import sections
 from ldt_core.views.diagnosis_page.fits import fits, fits_on
 from ldt_core.views.diagnosis_page.places import places, places_on

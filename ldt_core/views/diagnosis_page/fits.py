@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ldt_core.diagnosis.result import Diagnosis, Shown
+from ldt_core.diagnosis.diagnosis import Diagnosis, ShownExperiment
 from ldt_core.views.diagnosis_page.curves import thinned
 from ldt_core.views.diagnosis_page.quantities import known, value_of
 from ldt_core.views.page.style import (
@@ -30,7 +30,7 @@ BEFORE, AFTER = ("before", VERMILION, (0, (4, 1.4))), ("after", BLUE, "-")
 BUCKETS = 420  # of a curve: about one for each pixel of its panel
 
 
-def changed(shown: Sequence[Shown]) -> bool:
+def changed(shown: Sequence[ShownExperiment]) -> bool:
     """Whether there are effects that change a prediction."""
     return any(not np.array_equal(s.before, s.after, equal_nan=True) for s in shown)
 
@@ -46,7 +46,7 @@ class Fits:
         held_out: whether they were held out.
     """
 
-    chosen: Sequence[tuple[Shown, str]]
+    chosen: Sequence[tuple[ShownExperiment, str]]
     noise: float
     after: bool
     held_out: bool
@@ -111,7 +111,7 @@ def fits_on(figure: Figure | SubFigure, found: Fits, layout: Layout) -> None:
     legend(figure, [pairs[0][0]], layout, 4)
 
 
-def _draw(upper: Axes, lower: Axes, shown: Shown, found: Fits) -> None:
+def _draw(upper: Axes, lower: Axes, shown: ShownExperiment, found: Fits) -> None:
     e = shown.experiment
     upper.plot(*thinned(e.time, e.speed, BUCKETS), color=INK, lw=2.2, alpha=0.5, label="measured")
     lower.axhspan(-2 * found.noise, 2 * found.noise, color=SHADE, lw=0, zorder=0)
@@ -125,13 +125,13 @@ def _draw(upper: Axes, lower: Axes, shown: Shown, found: Fits) -> None:
     upper.tick_params(labelbottom=False)
 
 
-def _error(shown: Shown, predicted: np.ndarray) -> float:
+def _error(shown: ShownExperiment, predicted: np.ndarray) -> float:
     """Root mean square; without bound where the prediction diverges."""
     error = float(np.sqrt(np.mean((shown.experiment.speed - predicted) ** 2)))
     return error if known(error) else np.inf
 
 
-def _rms(shown: Shown) -> str:
+def _rms(shown: ShownExperiment) -> str:
     before, after = (_error(shown, p) for p in (shown.before, shown.after))
     words = "diverges" if not known(before) else value_of(before)
     if np.array_equal(shown.before, shown.after, equal_nan=True):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ldt_core.diagnosis.result import NextExperiment
+from ldt_core.diagnosis.diagnosis import NextExperiment
 from ldt_core.views.diagnosis_page.curves import Array, thinned
 from ldt_core.views.diagnosis_page.quantities import value_of
 from ldt_core.views.page.style import BLUE, Drawing, Layout, panels

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ldt_core.base.sentences import listed
-from ldt_core.diagnosis.result import Diagnosis, Place, Shown
+from ldt_core.diagnosis.diagnosis import Diagnosis, GapLocation, ShownExperiment
 from ldt_core.views.diagnosis_page.curves import MOST_ORDER, Array, Binned, binned, orders, spectrum
 from ldt_core.views.diagnosis_page.fits import changed
 from ldt_core.views.diagnosis_page.quantities import percent, unit_of, value_of
@@ -61,7 +61,7 @@ class Places:
 
     bins: Mapping[str, Sequence[Binned]]
     spectra: Mapping[str, Sequence[tuple[Array, Array]]]
-    marked: Mapping[str, Sequence[Place]]
+    marked: Mapping[str, Sequence[GapLocation]]
     scale: float
     unit: str
 
@@ -89,7 +89,7 @@ def places(diagnosis: Diagnosis) -> Places | None:
     }
     largest = max((float(np.abs(b.mean).max()) for b in bins["speed"] if b.mean.size), default=1)
     scale, unit = (1e3, "mN m") if largest < MILLI else (1.0, "N m")
-    marked: dict[str, list[Place]] = {}
+    marked: dict[str, list[GapLocation]] = {}
     for place in diagnosis.where:
         if place.share_of_data < EVERYWHERE and not place.steady:
             marked.setdefault(place.quantity, []).append(place)
@@ -122,12 +122,12 @@ def drawing(diagnosis: Diagnosis) -> Drawing | None:
     )
 
 
-def where(place: Place) -> str:
+def where(place: GapLocation) -> str:
     """A place in words."""
     return f"{place.quantity} {span(place)} ({shares(place)})"
 
 
-def span(place: Place) -> str:
+def span(place: GapLocation) -> str:
     """From where to where."""
     ends = place.begin, place.end
     if place.quantity == "experiment":
@@ -135,7 +135,7 @@ def span(place: Place) -> str:
     return f"{' to '.join(map(value_of, ends))} {unit_of(place.unit)}".rstrip()
 
 
-def shares(place: Place) -> str:
+def shares(place: GapLocation) -> str:
     """How much of the gap and of the data it holds."""
     return f"{percent(place.share_of_gap)} of the gap, {percent(place.share_of_data)} of the data"
 
@@ -192,7 +192,7 @@ def _spectrum(axes: Axes, found: Places, name: str) -> None:
     axes.minorticks_off()
 
 
-def _mark(axes: Axes, marked: Sequence[Place]) -> None:
+def _mark(axes: Axes, marked: Sequence[GapLocation]) -> None:
     if not marked:
         return
     low, high = axes.get_xlim()
@@ -212,7 +212,7 @@ def _known(torque: Array, predicted: Array) -> Array:
     return np.where(np.isfinite(predicted), torque, math.nan)
 
 
-def _row(shown: Shown, name: str) -> Array:
+def _row(shown: ShownExperiment, name: str) -> Array:
     rows = {
         "speed": shown.smooth_speed,
         "voltage": shown.experiment.voltage,

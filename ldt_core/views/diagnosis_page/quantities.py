@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TypeGuard
 
 from ldt_core.base.sentences import number
-from ldt_core.diagnosis.result import Amount
+from ldt_core.diagnosis.diagnosis import ParameterAmount
 from ldt_core.effects import EFFECTS, get_effect
 
 NOTHING = "–"
@@ -70,12 +70,12 @@ def unit_of(unit: str) -> str:
     return SYMBOLS.get(unit, unit)
 
 
-def amount(name: str, found: Amount) -> tuple[str, str]:
+def amount(name: str, found: ParameterAmount) -> tuple[str, str]:
     """A parameter, and its interval, in digits that show the interval's width.
 
-    >>> amount("e", Amount(0.0049, "m", (0.0047, 0.0051)))
+    >>> amount("e", ParameterAmount(0.0049, "m", (0.0047, 0.0051)))
     ('e = 4.90 mm', '4.70 to 5.10')
-    >>> amount("factor", Amount(1.30004, "", (1.30001, 1.30009)))
+    >>> amount("factor", ParameterAmount(1.30004, "", (1.30001, 1.30009)))
     ('factor = 1.30004', '1.30001 to 1.30009')
     """
     if found.ci95 is None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ldt_core.base.sentences import listed
-from ldt_core.diagnosis.result import Diagnosis, Ranked
+from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate
 from ldt_core.views.diagnosis_page.quantities import known, percent, short
 from ldt_core.views.page.style import (
     BLUE,
@@ -33,7 +33,7 @@ SIGNS = {"found": ("● ", BLUE), "vague": ("◆ ", ORANGE), "": ("", GREY)}
 PARTS = (BLUE, ORANGE, GREEN, PURPLE, SKY, GREY)
 
 
-def standing(diagnosis: Diagnosis, candidate: Ranked) -> str:
+def standing(diagnosis: Diagnosis, candidate: RankedCandidate) -> str:
     """found, where the verdict names a candidate; vague, where it may be it; else nothing."""
     groups = [group for group in diagnosis.verdict.acting if candidate.effect in group]
     named = candidate.effect in diagnosis.verdict.effects
@@ -121,7 +121,7 @@ def shares(diagnosis: Diagnosis) -> Drawing | None:
     )
 
 
-def shared(diagnosis: Diagnosis) -> list[Ranked]:
+def shared(diagnosis: Diagnosis) -> list[RankedCandidate]:
     """The candidates that have a share, the largest first."""
     found = [c for c in diagnosis.candidates if known(c.shapley_share)]
     return sorted(found, key=lambda c: -(c.shapley_share or 0.0))

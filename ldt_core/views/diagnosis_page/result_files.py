@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from ldt_core.base.result_files import write
-from ldt_core.diagnosis.result import Diagnosis
+from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.views.diagnosis_page import page
 
 JSON, PAGE = "diagnosis.json", "diagnosis.html"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ldt_core.base.sentences import listed, ranges, spans, spoken
-from ldt_core.diagnosis.result import Diagnosis, Ranked
+from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate
 from ldt_core.views.diagnosis_page import fits, further, places, ranking
 from ldt_core.views.diagnosis_page.quantities import (
     NOTHING,
@@ -162,12 +162,14 @@ def candidates(diagnosis: Diagnosis) -> Section:
     return section
 
 
-def _ranked(caption: str, rows: Sequence[Ranked], diagnosis: Diagnosis, note: str) -> Table:
+def _ranked(
+    caption: str, rows: Sequence[RankedCandidate], diagnosis: Diagnosis, note: str
+) -> Table:
     made = [_row(c, diagnosis) for c in rows]
     return Table(caption, HEAD, made, numbers=(3, 4, 5), note=note, cards=True)
 
 
-def _row(c: Ranked, diagnosis: Diagnosis) -> tuple[Value, ...]:
+def _row(c: RankedCandidate, diagnosis: Diagnosis) -> tuple[Value, ...]:
     mark: Value = c.rejected_because or NOTHING
     if standing := ranking.standing(diagnosis, c):
         mark = MARKS[standing]

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.scale import factors
+from ldt_core.diagnosis.candidate import Candidate, machine_scales
 from ldt_core.effects import get_effect, parse_effect
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.physics.effect import Effect
@@ -76,6 +75,6 @@ def record(
 
 def candidates(machine: Machine, names: Sequence[str | Effect], most: float = 12.0) -> list:
     """Candidates of a machine, by name or as effects of one's own."""
-    sizes = factors(machine.parameters, most)
+    sizes = machine_scales(machine.parameters, most)
     effects = [get_effect(n) if isinstance(n, str) else n for n in names]
     return [Candidate(e, most, sizes) for e in effects]

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded_machines import MOTOR, ROTOR, candidates
 
-from ldt_core.diagnosis.candidate import MOST_STARTS, logarithmic, turning
-from ldt_core.diagnosis.scale import factors
+from ldt_core.diagnosis.candidate import MOST_STARTS, logarithmic, machine_scales, turning
 from ldt_core.effects import EFFECTS
 
 NAMES = EFFECTS.names()
@@ -107,7 +106,7 @@ def test_factors_are_told_from_increments():
 def test_a_machine_that_is_larger_has_larger_effects(torque, speed):
     """Sizes follow from the machine's own units: those of drag from torque and speed."""
     values = {"J": 1.0, "K_t": 16.0 / speed, "R": 16.0 * 16.0 / (torque * speed), "b": 0.0}
-    found = factors(values, 16.0)
+    found = machine_scales(values, 16.0)
     assert all(math.isfinite(v) and v > 0 for v in found.values())
     for unit, power in (("N m s", 1), ("N m s^2", 2), ("N m s^3", 3)):
         assert found[unit] == pytest.approx(found["N m"] / found["rad/s"] ** power)

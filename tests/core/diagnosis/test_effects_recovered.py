@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 from recorded_machines import NOISE, ROTOR, candidates, record
 
-from ldt_core.diagnosis.amounts import amounts
-from ldt_core.diagnosis.search import best_alone, fit, simulate_all
-from ldt_core.diagnosis.trials import Bench
+from ldt_core.diagnosis.attribution import amounts
+from ldt_core.diagnosis.effect_fit import fit
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.responses import best_alone, simulate_all
 from ldt_core.effects import EFFECTS, get_effect
 
 WIDER = 3.0  # times its interval that a parameter may be off
@@ -27,17 +28,19 @@ COARSE = {"brush_drop": 1.7}
 
 @pytest.fixture(scope="module")
 def fitted():
-    """Name of an effect to its candidate, bench and best fit."""
+    """Name of an effect to its candidate, residuals and best fit."""
     known = {}
 
     def of(name):
         if name not in known:
             machine, volts = SUITED.get(name, (ROTOR, (-16.0, 16.0)))
-            bench = Bench(machine, record(machine, name, count=2, volts=volts), (NOISE, 1.0))
+            residuals = FreeRunResiduals(
+                machine, record(machine, name, count=2, volts=volts), (NOISE, 1.0)
+            )
             members = candidates(machine, [name], 16.0)
-            responses = simulate_all(bench, members)
-            fits = [fit(bench, members, [z]) for z in best_alone(responses, 0)]
-            known[name] = bench, min(fits, key=lambda f: f.loss)
+            responses = simulate_all(residuals, members)
+            fits = [fit(residuals, members, [z]) for z in best_alone(responses, 0)]
+            known[name] = residuals, min(fits, key=lambda f: f.loss)
         return known[name]
 
     return of
@@ -61,8 +64,8 @@ def test_an_effect_of_typical_size_is_recovered(fitted, name):
 @pytest.mark.parametrize("name", EFFECTS.names())
 def test_the_right_law_leaves_the_noise_alone(fitted, name):
     """Per sample, and far less than the gap was."""
-    bench, found = fitted(name)
-    base = bench.rest()
+    residuals, found = fitted(name)
+    base = residuals.of()
     low, high = NOISE_ALONE
-    assert low < found.loss / bench.size < COARSE.get(name, high)
+    assert low < found.loss / residuals.size < COARSE.get(name, high)
     assert float(base @ base) > 2 * found.loss

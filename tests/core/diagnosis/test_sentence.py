@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from ldt_core.diagnosis.result import Errors, Gap, Place
+from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors
 from ldt_core.diagnosis.sentence import sentence
 
-GAP = Gap(0.1, Errors(2.0, 5.0), Errors(2.0, 5.0), None, None, [])
+GAP = Gap(0.1, HeldOutErrors(2.0, 5.0), HeldOutErrors(2.0, 5.0), None, None, [])
 
 
 def told(*places):
@@ -17,7 +17,7 @@ def told(*places):
 
 
 def place(begin, end, share, quantity="speed", unit="rad/s"):
-    return Place(quantity, begin, end, unit, share, 0.2)
+    return GapLocation(quantity, begin, end, unit, share, 0.2)
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def test_the_sentence_says_where_and_how_much(places, words):
 
 def test_a_gap_that_is_everywhere_has_no_place_in_the_sentence():
     """Its place is all of the data."""
-    assert "lies" not in told(Place("speed", 0.0, 40.0, "rad/s", 1.0, 1.0))
+    assert "lies" not in told(GapLocation("speed", 0.0, 40.0, "rad/s", 1.0, 1.0))
 
 
 def test_where_an_unbalance_acts_at_steady_speeds_is_said_if_it_is_elsewhere():

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
-from ldt_core.diagnosis.closing import closed, free_run
-from ldt_core.diagnosis.diagnose import HOLDOUT, split
-from ldt_core.diagnosis.trials import channel_noise
+from ldt_core.diagnosis.free_run_residuals import channel_noise
+from ldt_core.diagnosis.holdout import HOLDOUT, closed, free_run, split
 from ldt_core.lab.challenge.comparators.fits import Fits
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect

@@ -12,16 +12,9 @@ from numpy.typing import NDArray
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.search import (
-    SHRINK,
-    STRETCH,
-    Fit,
-    best_alone,
-    fit,
-    rank_pairs,
-    simulate_all,
-)
-from ldt_core.diagnosis.trials import Bench
+from ldt_core.diagnosis.effect_fit import EffectFit, fit
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.responses import SHRINK, STRETCH, best_alone, rank_pairs, simulate_all
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 
@@ -48,12 +41,12 @@ class Fits:
     ) -> None:
         most = max(float(np.abs(e.voltage).max()) for e in fitted) or 1.0
         self.candidates = [Candidate(e, most) for e in effects]
-        self.bench = Bench(machine, fitted)
-        self.base = self.bench.rest()
+        self.bench = FreeRunResiduals(machine, fitted)
+        self.base = self.bench.of()
         places = {round(i) for i in np.linspace(0, len(fitted) - 1, min(FEW, len(fitted)))}
         self._few = self.bench.part(sorted(places))
         self.responses = simulate_all(self._few, self.candidates)
-        self._known: dict[frozenset[str], Fit] = {}
+        self._known: dict[frozenset[str], EffectFit] = {}
         found = []
         for i, candidate in enumerate(self.candidates):
             starts = best_alone(self.responses, i)
@@ -62,7 +55,7 @@ class Fits:
         #: The best effects alone, fitted to all experiments, best first.
         self.alone = self.finished(found)
 
-    def finished(self, rough: Sequence[Fit], count: int = BEST) -> list[Fit]:
+    def finished(self, rough: Sequence[EffectFit], count: int = BEST) -> list[EffectFit]:
         """The best of some fits to a few experiments, fitted to all; best first."""
         for f in sorted(rough, key=_loss)[:count]:
             names = frozenset(f.names)
@@ -71,12 +64,12 @@ class Fits:
         chosen = {frozenset(f.names) for f in sorted(rough, key=_loss)[:count]}
         return sorted((self._known[names] for names in chosen), key=_loss)
 
-    def grown(self, base: Fit, count: int) -> list[Fit]:
+    def grown(self, base: EffectFit, count: int) -> list[EffectFit]:
         """The set with one effect more, for the effects that promise most beside it.
 
         Fitted to a few experiments.
         """
-        d, left = self.responses, self._few.rest(base.use)
+        d, left = self.responses, self._few.of(base.use)
         size, target = np.diag(d.gram), d.responses @ left
         scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
         best: dict[int, int] = {}
@@ -89,15 +82,15 @@ class Fits:
             for i, k in list(best.items())[:count]
         ]
 
-    def pairs(self, count: int) -> list[Fit]:
+    def pairs(self, count: int) -> list[EffectFit]:
         """The pairs whose responses together promise most, fitted to a few experiments."""
         ranked = sorted(rank_pairs(self.responses).items(), key=lambda q: -q[1][0])[:count]
         c, z = self.candidates, self.responses.z
         return [self._fit([c[i], c[j]], [z[k], z[m]]) for (i, j), (_, k, m) in ranked]
 
-    def _fit(self, members: Sequence[Candidate], start: Sequence[Array]) -> Fit:
+    def _fit(self, members: Sequence[Candidate], start: Sequence[Array]) -> EffectFit:
         return fit(self._few, members, start, precision=ROUGH)
 
 
-def _loss(f: Fit) -> float:
+def _loss(f: EffectFit) -> float:
     return f.loss

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from ldt_core.diagnosis.closing import free_run
+from ldt_core.diagnosis.holdout import free_run
 from ldt_core.lab.challenge.comparators.held_out import Array, block_errors, improves
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from ldt_core.diagnosis.search import Fit
+from ldt_core.diagnosis.effect_fit import EffectFit
 
 if TYPE_CHECKING:
     from ldt_core.lab.challenge.comparators.compare import Data, Found
@@ -38,14 +38,14 @@ def _least(data: Data, price: float) -> Found:
     """
     fits, size = data.fits, data.fits.bench.size
     loss = float(fits.base @ fits.base)
-    best: tuple[float, Fit | None] = (size * math.log(loss / size), None)
+    best: tuple[float, EffectFit | None] = (size * math.log(loss / size), None)
     for f in [*fits.alone, *data.shared("pairs", lambda: _pairs(fits))]:
         value = size * math.log(max(f.loss, 1e-300) / size) + price * f.free
         best = min(best, (value, f), key=lambda q: q[0])
     return data.with_effects(best[1].use if best[1] else [])
 
 
-def _pairs(fits: Fits) -> list[Fit]:
+def _pairs(fits: Fits) -> list[EffectFit]:
     found = fits.pairs(PAIRS)
     for base in fits.alone[:BASES]:
         found += fits.grown(base, ADDED)

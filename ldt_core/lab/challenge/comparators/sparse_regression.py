@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.errors import LdtError
-from ldt_core.diagnosis.closing import free_run
-from ldt_core.diagnosis.torque import Torque
+from ldt_core.diagnosis.holdout import free_run
+from ldt_core.diagnosis.residual_torque import TorqueEstimator
 from ldt_core.lab.challenge.comparators.held_out import block_errors, improves
 from ldt_core.models.hybrid import HybridModel
 from ldt_core.physics.motor import memory
@@ -93,13 +93,13 @@ def sparse_regression(data: Data) -> Found:
     Raises:
         LdtError: PySINDy is not installed.
     """
-    from ldt_core.diagnosis.trials import Bench
-    from ldt_core.diagnosis.where import residual
+    from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+    from ldt_core.diagnosis.residual_torque import residual_torque
     from ldt_core.lab.challenge.comparators.compare import Found
 
     if not installed():
         raise LdtError("sparse regression needs PySINDy: pip install 'ldt[challenge]'")
-    torque = residual(Bench(data.machine, data.fitted)).torque
+    torque = residual_torque(FreeRunResiduals(data.machine, data.fitted)).torque
     edges = np.cumsum([len(e) for e in data.fitted])[:-1]
     allowed = {e.name for e in data.effects}
     terms = [t for t in TERMS if t.effect in allowed]
@@ -135,7 +135,7 @@ def _signals(machine: Machine, e: Experiment, simulated: bool) -> dict[str, Arra
     The current is that of the motor in slow motion where it is not recorded.
     """
     v = machine.parameters
-    turn = Torque(v["J"], memory(v), e.period, len(e))
+    turn = TorqueEstimator(v["J"], memory(v), e.period, len(e))
     speed = np.nan_to_num(free_run(machine, e)) if simulated else e.speed
     w, volts = turn.smooth(speed), np.asarray(e.voltage)
     current = (volts - v["K_t"] * w) / v["R"] if e.current is None else turn.smooth(e.current)

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from ldt_core.base.code_version import code_version
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
-from ldt_core.diagnosis.closing import free_run
-from ldt_core.diagnosis.diagnose import diagnose, library
+from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.diagnosis.holdout import free_run
+from ldt_core.diagnosis.library import library
 from ldt_core.effects import get_effect
 from ldt_core.lab.challenge.comparators import COMPARATORS, compare
 from ldt_core.lab.challenge.score.answer import DIAGNOSIS, Answer, Further

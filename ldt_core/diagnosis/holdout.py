@@ -1,27 +1,71 @@
-"""How far effects close the gap: free runs of experiments that the diagnosis never fitted."""
+"""The hold-out: which experiments are never fitted, and how far effects close their gap."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.base.errors import LdtError
+from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
-from ldt_core.diagnosis.result import Errors
-from ldt_core.diagnosis.trials import Use
+from ldt_core.diagnosis.diagnosis import HeldOutErrors
+from ldt_core.diagnosis.free_run_residuals import Use
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.physics import PhysicsModel
 
 Array = NDArray[np.float64]
 
-DRAWS = 2000  # of the bootstrap over experiments
-LEAST = 20  # samples of a regime
-SURE = 3.0  # deviations of a noise's estimate, beyond which it is no chance
-FLAT = 0.005  # of the noise's power: with a smaller gap before, a closed fraction says nothing
+HOLDOUT = 0.25  # share of the experiments held out, unless the user says otherwise
+FEWEST_EXPERIMENTS = 4  # with fewer, each is cut into so many parts to fit and to hold out
+FEWEST_SAMPLES = 200  # of such a part: a shorter one shows little of the machine
+RESAMPLES = 2000  # bootstrap draws of experiments: the ends of a 95 % interval need fifty beyond
+REGIME_SAMPLES = 20  # of a regime, at least: the error of fewer is chance
+NOISE_DEVIATIONS = 3.0  # by which the noise here may differ from its average by chance
+LEAST_GAP = 0.005  # of the noise's power: a fraction of a smaller gap says nothing
+LEAST_REGIME_GAP = 0.1  # of the noise's power: the same for the few samples of a regime
+STEADY_SLOPE = 0.05  # of the largest acceleration: below, a speed counts as steady
+
+
+def split(
+    experiments: Sequence[Experiment], holdout: float, seed: int
+) -> tuple[list[Experiment], list[Experiment]]:
+    """(to fit, held out); a few experiments are cut into parts first.
+
+    Args:
+        experiments: measured.
+        holdout: share of them to hold out, in 0..1.
+        seed: of the draw.
+
+    Raises:
+        BadInput: too few samples, or a share outside 0..1.
+    """
+    if not 0 < holdout < 1:
+        raise BadInput("holdout", "a share between 0 and 1", f"{holdout:g}")
+    whole = list(experiments)
+    if len(whole) < FEWEST_EXPERIMENTS:
+        whole = [part for e in whole for part in _parts(e)]
+    if len(whole) < 2:
+        samples = sum(len(e) for e in experiments)
+        raise BadInput("the recording", f"at least {2 * FEWEST_SAMPLES} samples", str(samples))
+    count = min(max(round(holdout * len(whole)), 1), len(whole) - 1)
+    # Evenly spread over the recording, so that what changes in its course is in both parts.
+    random = np.random.default_rng(seed)
+    edges = np.linspace(0, len(whole), count + 1)
+    held = {
+        int(random.integers(int(a), max(int(b), int(a) + 1))) for a, b in itertools.pairwise(edges)
+    }
+    fit = [e for i, e in enumerate(whole) if i not in held]
+    return fit, [e for i, e in enumerate(whole) if i in held]
+
+
+def _parts(e: Experiment) -> list[Experiment]:
+    count = max(1, min(FEWEST_EXPERIMENTS, len(e) // FEWEST_SAMPLES))
+    edges = np.linspace(0, len(e), count + 1).astype(int)
+    return [e.part(a, b) for a, b in itertools.pairwise(edges)]
 
 
 def free_run(machine: Machine, experiment: Experiment, use: Use = ()) -> Array:
@@ -32,12 +76,12 @@ def free_run(machine: Machine, experiment: Experiment, use: Use = ()) -> Array:
         return np.full(len(experiment), math.nan)
 
 
-def errors(experiments: Sequence[Experiment], predicted: Sequence[Array]) -> Errors:
+def errors(experiments: Sequence[Experiment], predicted: Sequence[Array]) -> HeldOutErrors:
     """Root mean square over all samples, and mean over experiments of the largest error."""
     found = FreeRunError()
     for experiment, run in zip(experiments, predicted, strict=True):
         found.add(experiment.speed - run)
-    return Errors(found.rmse, found.mean_max_error)
+    return HeldOutErrors(found.rmse, found.mean_max_error)
 
 
 def noise_there(
@@ -63,7 +107,7 @@ def noise_there(
         power += float(squared[high].sum()) / len(e) + noise**2 * 2 * float(np.sum(~high))
         count += len(e)
     there = math.sqrt(power / count) if math.isfinite(power) else noise
-    chance = SURE / math.sqrt(2 * count)
+    chance = NOISE_DEVIATIONS / math.sqrt(2 * count)
     return min(max(there, noise * (1 - chance)), noise * (1 + chance))
 
 
@@ -81,12 +125,12 @@ def closed(
         for run in (before, after)
     )
     gap = was - size * noise**2
-    if not gap.sum() > FLAT * noise**2 * size.sum():
+    if not gap.sum() > LEAST_GAP * noise**2 * size.sum():
         return None, None
     part = float(np.clip((was - now).sum() / gap.sum(), 0.0, 1.0))
     if len(experiments) < 2:
         return part, None
-    pick = np.random.default_rng(seed).integers(0, size.size, (DRAWS, size.size))
+    pick = np.random.default_rng(seed).integers(0, size.size, (RESAMPLES, size.size))
     below = gap[pick].sum(axis=1)
     drawn = (was - now)[pick].sum(axis=1)[below > 0] / below[below > 0]
     low, high = np.clip(np.quantile(drawn, [0.025, 0.975]), 0.0, 1.0)
@@ -105,7 +149,7 @@ def regimes(
     slope = np.concatenate(
         [np.gradient(p, e.period) for e, p in zip(experiments, after, strict=True)]
     )
-    turning = 0.05 * float(np.nanmax(np.abs(slope)))
+    turning = STEADY_SLOPE * float(np.nanmax(np.abs(slope)))
     low, high = np.quantile(speed, [1 / 3, 2 / 3])
     parts = {
         f"speed below {low:.3g} rad/s": speed < low,
@@ -117,7 +161,7 @@ def regimes(
     }
     found: list[dict[str, float | str | None]] = []
     for name, inside in parts.items():
-        if np.count_nonzero(inside) < LEAST:
+        if np.count_nonzero(inside) < REGIME_SAMPLES:
             continue
         one, other = (float(np.mean((speed - run)[inside] ** 2)) for run in (was, now))
         gap = one - noise**2
@@ -127,7 +171,9 @@ def regimes(
                 "samples": int(np.count_nonzero(inside)),
                 "rmse_before": math.sqrt(one),
                 "rmse_after": math.sqrt(other),
-                "closed_fraction": (one - other) / gap if gap > 0.1 * noise**2 else None,
+                "closed_fraction": (one - other) / gap
+                if gap > LEAST_REGIME_GAP * noise**2
+                else None,
             }
         )
     return found

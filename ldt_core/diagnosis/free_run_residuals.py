@@ -23,7 +23,14 @@ from numpy.typing import NDArray
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.threads import spread
-from ldt_core.diagnosis.starts import NO_OFFSET, Starts, basis_of, settle, settled
+from ldt_core.diagnosis.start_states import (
+    NO_OFFSET,
+    SEARCH_STEP,
+    StartStates,
+    basis_of,
+    searched_start_states,
+    start_states_for,
+)
 from ldt_core.estimation.effect.cause import white_noise
 from ldt_core.physics.constants import NOT_TRACKED
 from ldt_core.physics.integrate import propagate
@@ -38,33 +45,32 @@ Values = Mapping[str, float]
 Used = tuple["Effect", Values]
 Use = Sequence[Used]
 
-DIVERGED = 1e4  # rad/s, in place of a free run that grows for ever
-AT_REST = 4.0  # noise deviations: a first sample nearer to 0 than this is a machine at rest
-NOISE_FLOOR = 1e-4  # of a channel's size: noise-free simulations must not divide by 0
-ANGULAR = 1e-3  # noise deviations by which a typical size of an effect shows another start angle
-COARSE = 2e-3  # s, integration step of a search
-LEAST = 0.5e-3  # s, shortest step, whatever the search tries
+DIVERGED_SPEED = 1e4  # rad/s, in place of a free run that grows for ever
+AT_REST = 4.0  # noise deviations: a first sample nearer to 0 is that of a machine at rest
+NOISE_FLOOR = 1e-4  # of a channel's size: a simulation without noise must not divide by 0
+ANGLE_SHOWS = 1e-3  # noise deviations by which an effect that depends on the angle shows it
+SHORTEST_STEP = 0.5e-3  # s, of the integration, whatever a fit tries: bounds the time it takes
 ANGLE, SPEED, CURRENT = range(3)
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
-    """One experiment of the bench.
+class PreparedExperiment:
+    """One experiment, prepared for its residuals.
 
     Attributes:
         experiment: measured.
-        rest: whether the machine stood still at the first sample.
+        at_rest: whether the machine stood still at the first sample.
         rows: where its residuals lie in the row of all.
         columns: (rows, s) change of the residuals per unknown first speed and current.
     """
 
     experiment: Experiment
-    rest: bool
+    at_rest: bool
     rows: slice
     columns: Array
 
 
-class Bench:
+class FreeRunResiduals:
     """Experiments and the machine that is thought to have made them.
 
     Args:
@@ -76,9 +82,6 @@ class Bench:
             law is exactly a machine's, and a channel measured very well must not count for more.
         workers: threads among which the experiments are spread.
     """
-
-    #: Integration step of a search [s].
-    coarse = COARSE
 
     def __init__(
         self,
@@ -96,18 +99,18 @@ class Bench:
         self.workers = workers
         #: Time constant with which the motor forgets its speed [s].
         self.memory = memory(self.values)
-        self.pieces: list[Piece] = []
+        self.pieces: list[PreparedExperiment] = []
         at = 0
         for e in self.experiments:
             rows = len(e) * (1 if e.current is None else 2)
             rest = abs(float(e.speed[0])) <= AT_REST * self.noise[0]
             columns = np.zeros((rows, 0)) if rest else self._motor_columns(e)
-            self.pieces.append(Piece(e, rest, slice(at, at + rows), columns))
+            self.pieces.append(PreparedExperiment(e, rest, slice(at, at + rows), columns))
             at += rows
         #: Residuals in all.
         self.size = at
         #: Start states as they are known before any effect is.
-        self.starts = Starts(
+        self.starts = StartStates(
             np.zeros(len(self.pieces)),
             tuple(basis_of(p.columns) for p in self.pieces),
             (NO_OFFSET,) * len(self.pieces),
@@ -116,13 +119,13 @@ class Bench:
         #: Whether the machine shakes a foundation as its file knows it.
         self.shaking = not self.physics.is_linear(self.values)
         if self.shaking:
-            self.starts = settled(self, (), True, 0, True, True, COARSE)
+            self.starts = searched_start_states(self, (), True, 0, True, True, SEARCH_STEP)
         if tolerance > 0:
             self._tolerate(tolerance)
 
     def _tolerate(self, tolerance: float) -> None:
         """Take the noise to be as large as the laws' own errors are likely to be."""
-        rest, gap, count = self.rest(), [0.0, 0.0], [0, 0]
+        rest, gap, count = self.of(), [0.0, 0.0], [0, 0]
         for piece in self.pieces:
             length = len(piece.experiment)
             for channel, begin in enumerate(range(piece.rows.start, piece.rows.stop, length)):
@@ -141,24 +144,26 @@ class Bench:
             piece.columns[:length] /= wider[0]
             piece.columns[length:] /= wider[1]
         bases = tuple(basis_of(p.columns) for p in self.pieces)
-        self.starts = Starts(self.starts.angles, bases, self.starts.offsets)
+        self.starts = StartStates(self.starts.angles, bases, self.starts.offsets)
         if self.shaking:
-            self.starts = settled(self, (), True, 0, True, True, COARSE)
+            self.starts = searched_start_states(self, (), True, 0, True, True, SEARCH_STEP)
 
-    def part(self, numbers: Sequence[int], workers: int | None = None) -> Bench:
-        """The bench with some of the experiments only, by their place in the list."""
+    def part(self, numbers: Sequence[int], workers: int | None = None) -> FreeRunResiduals:
+        """The residuals with some of the experiments only, by their place in the list."""
         chosen = [self.experiments[i] for i in numbers]
-        part = Bench(self.machine, chosen, self.noise, workers or self.workers)
+        part = FreeRunResiduals(self.machine, chosen, self.noise, workers or self.workers)
         part.level = self.level
         return part
 
-    def rest(self, use: Use = (), step: float = COARSE, starts: Starts | None = None) -> Array:
+    def of(
+        self, use: Use = (), step: float = SEARCH_STEP, starts: StartStates | None = None
+    ) -> Array:
         """(size,) residuals with these effects, in noise deviations, start states projected out.
 
         Args:
             use: effects with all their values.
             step: longest integration step [s].
-            starts: as `settle` found them for such effects; None takes the bench's.
+            starts: as `start_states` found them for such effects; None takes `self.starts`.
         """
         begun = self.starts if starts is None else starts
         row = np.empty(self.size)
@@ -170,11 +175,15 @@ class Bench:
         self.each(fill)
         return row
 
-    def settle(
-        self, use: Use, free: bool = False, step: float = COARSE, near: Starts | None = None
-    ) -> Starts:
-        """Start states for these effects; see `starts.settle`."""
-        return settle(self, use, free, step, near)
+    def start_states(
+        self,
+        use: Use,
+        free: bool = False,
+        step: float = SEARCH_STEP,
+        near: StartStates | None = None,
+    ) -> StartStates:
+        """Start states for these effects; see `start_states_for`."""
+        return start_states_for(self, use, free, step, near)
 
     def changed(self, use: Use) -> Values | None:
         """The machine's parameters with these effects; None where they are impossible."""
@@ -200,14 +209,14 @@ class Bench:
         rest = (e.speed - speed) / self.noise[0]
         if e.current is not None:
             rest = np.concatenate([rest, (e.current - current) / self.noise[1]])
-        limit = DIVERGED / self.noise[0]
+        limit = DIVERGED_SPEED / self.noise[0]
         return np.clip(np.nan_to_num(rest, nan=limit, posinf=limit, neginf=-limit), -limit, limit)
 
     def outputs(
         self,
         i: int,
         use: Use,
-        step: float = COARSE,
+        step: float = SEARCH_STEP,
         angle: float = 0.0,
         follow: bool = True,
         offset: Array = NO_OFFSET,
@@ -224,16 +233,16 @@ class Bench:
         """
         piece = self.pieces[i]
         e, physics = piece.experiment, self.physics
-        wild = np.full(len(e), DIVERGED)
+        wild = np.full(len(e), DIVERGED_SPEED)
         values = self.changed(use)
         if values is None:
             return wild, wild
         try:
             seen = physics.behind_sensor(e.speed, e.period, use)
-            first = 0.0 if piece.rest else float(seen[0])
+            first = 0.0 if piece.at_rest else float(seen[0])
             known = None if e.current is None else float(e.current[0])
             start = physics.initial_state(values, first, known)
-            if not piece.rest and not physics.is_linear(values):
+            if not piece.at_rest and not physics.is_linear(values):
                 start = physics.running_state(values, first, angle, known)
             start[ANGLE] = angle
             terms = [(x, p) for x, p in use if x.torque is not None or x.terminal is not None]
@@ -246,10 +255,10 @@ class Bench:
                 follow
                 and (not physics.is_linear(values) or self.angular(effect for effect, _ in use))
             ):
-                states = physics.simulate(self.values, *about, least_step=LEAST)
+                states = physics.simulate(self.values, *about, least_step=SHORTEST_STEP)
             else:
                 gain = -math.expm1(-e.period / self.memory)
-                states = physics.simulate(self.values, *about, (seen, gain), LEAST)
+                states = physics.simulate(self.values, *about, (seen, gain), SHORTEST_STEP)
                 states = states.copy()
                 states[:, : CURRENT + 1] -= self._corrections(values, e, states, seen, gain)
         except LdtError:
@@ -266,7 +275,7 @@ class Bench:
                 given = [(effect, effect.check(effect.typical))]
                 one, other = (self.outputs(0, given, angle=a, follow=False)[0] for a in (0.0, 1.0))
                 moved = float(np.max(np.abs(one - other)))
-                self._angles[effect.name] = moved > ANGULAR * self.noise[0]
+                self._angles[effect.name] = moved > ANGLE_SHOWS * self.noise[0]
             if self._angles[effect.name]:
                 return True
         return False

@@ -9,12 +9,13 @@ import pytest
 from recorded_machines import MOTOR, NOISE, ROTOR, candidates, record, uses
 
 from ldt_core.base.errors import BadInput, OptionError
-from ldt_core.diagnosis.closing import closed, errors, free_run, noise_there, regimes
-from ldt_core.diagnosis.decide import is_gap
-from ldt_core.diagnosis.diagnose import TOLERANCE, diagnose, library, split
-from ldt_core.diagnosis.explain import Search
-from ldt_core.diagnosis.own_effects import own_effects
-from ldt_core.diagnosis.trials import Bench
+from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.diagnosis.effect_search import EffectSetSearch
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.holdout import closed, errors, free_run, noise_there, regimes, split
+from ldt_core.diagnosis.library import library, refitted_effects
+from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.diagnosis.verdict import is_gap
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
@@ -100,8 +101,10 @@ def test_where_there_is_no_gap_none_is_seen(machine, lead):
     seen = 0
     for seed in range(20):
         experiments = record(machine, count=3, samples=400, seed=seed, lead=lead)
-        bench = Bench(machine, experiments, workers=1, tolerance=TOLERANCE)
-        search = Search(bench, candidates(machine, ["coulomb_friction", "inertia"]))
+        residuals = FreeRunResiduals(
+            machine, experiments, workers=1, tolerance=THRESHOLDS.law_error
+        )
+        search = EffectSetSearch(residuals, candidates(machine, ["coulomb_friction", "inertia"]))
         found = search.found
         found.band.level = search.band.level = found.band.channel_noise(found.base)
         seen += is_gap(found, seed)
@@ -113,8 +116,10 @@ def test_a_small_gap_is_seen():
     experiments = record(ROTOR, "coulomb_friction:torque=0.005")
     moved = [e.speed - free_run(ROTOR, e) for e in record(ROTOR, "coulomb_friction:torque=0.005")]
     assert float(np.std(np.concatenate(moved))) < 1.6 * NOISE
-    bench = Bench(ROTOR, experiments, workers=1, tolerance=TOLERANCE)
-    assert is_gap(Search(bench, candidates(ROTOR, ["coulomb_friction", "inertia"])).found, 0)
+    residuals = FreeRunResiduals(ROTOR, experiments, workers=1, tolerance=THRESHOLDS.law_error)
+    assert is_gap(
+        EffectSetSearch(residuals, candidates(ROTOR, ["coulomb_friction", "inertia"])).found, 0
+    )
 
 
 # ---- verdicts
@@ -295,10 +300,10 @@ def test_a_machine_that_only_its_own_parameters_change_has_no_gap():
 
 
 def test_no_refit_can_be_asked_for():
-    assert own_effects(ROTOR, ["none"]) == []
-    assert [e.name for e in own_effects(ROTOR, ["J", "b"])] == ["inertia", "viscous_friction"]
+    assert refitted_effects(ROTOR, ["none"]) == []
+    assert [e.name for e in refitted_effects(ROTOR, ["J", "b"])] == ["inertia", "viscous_friction"]
     with pytest.raises(OptionError, match="refit"):
-        own_effects(MOTOR, ["e"])
+        refitted_effects(MOTOR, ["e"])
 
 
 def test_effects_can_be_left_out_and_a_machine_has_only_those_that_it_can_have():

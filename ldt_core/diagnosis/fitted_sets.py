@@ -8,36 +8,35 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.diagnosis.energy import Band
-from ldt_core.diagnosis.search import Dictionary, Fit
-from ldt_core.diagnosis.trials import Bench
+from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.error_band import ErrorBand
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.responses import Responses
+from ldt_core.diagnosis.thresholds import THRESHOLDS
 
 Array = NDArray[np.float64]
 Names = frozenset[str]
 
-OPPOSED = -0.95  # cosine of two effects' responses, at which they cancel each other
-
 
 @dataclass(eq=False)
-class Explained:
+class FittedSets:
     """What the search has found.
 
     Attributes:
-        bench: all experiments.
+        residuals: all experiments.
         band: its low frequencies.
         base: (size,) residuals without any effect.
-        responses: of the scout, with its bench.
+        responses: of all candidates, on a few experiments.
         fits: every set that was fitted on all experiments.
         scouted: every set that the scout has fitted.
     """
 
-    bench: Bench
-    band: Band
+    residuals: FreeRunResiduals
+    band: ErrorBand
     base: Array
-    scout: Bench
-    responses: Dictionary
-    fits: dict[Names, Fit] = field(default_factory=dict)
-    scouted: dict[Names, Fit] = field(default_factory=dict)
+    responses: Responses
+    fits: dict[Names, EffectFit] = field(default_factory=dict)
+    scouted: dict[Names, EffectFit] = field(default_factory=dict)
     _cancelling: dict[Names, bool] = field(default_factory=dict)
 
     @property
@@ -45,7 +44,7 @@ class Explained:
         """Of the residuals without any effect."""
         return self.band.excess(self.base)
 
-    def of_size(self, count: int) -> list[Fit]:
+    def of_size(self, count: int) -> list[EffectFit]:
         """Sets of so many effects, fitted on all experiments, best first.
 
         Without those in which two effects all but cancel each other: a drag beside a friction that
@@ -54,7 +53,7 @@ class Explained:
         found = [f for names, f in self.fits.items() if len(names) == count]
         return sorted((f for f in found if not self.cancels(f)), key=lambda f: f.loss)
 
-    def cancels(self, fitted: Fit) -> bool:
+    def cancels(self, fitted: EffectFit) -> bool:
         """Whether two members of a set move the experiments in nearly opposite directions."""
         names = frozenset(fitted.names)
         if len(names) < 2:
@@ -62,12 +61,14 @@ class Explained:
         if names not in self._cancelling:
             # The machine's own parameters are the set's: without any effect they make up for it.
             own = fitted.use[len(names) :]
-            base = self.scout.rest(own)
+            base = self.responses.residuals.of(own)
             moved = []
             for c, z in zip(fitted.effects, fitted.z, strict=False):
-                with_it = self.scout.rest([(c.effect, c.given(z)), *own])
+                with_it = self.responses.residuals.of([(c.effect, c.given(z)), *own])
                 change = base - with_it
                 moved.append(change / max(float(np.linalg.norm(change)), 1e-12))
             pairs = itertools.combinations(moved, 2)
-            self._cancelling[names] = any(float(a @ b) < OPPOSED for a, b in pairs)
+            self._cancelling[names] = any(
+                float(a @ b) < THRESHOLDS.opposed_responses for a, b in pairs
+            )
         return self._cancelling[names]

@@ -15,61 +15,56 @@ from numpy.typing import NDArray
 
 from ldt_core.base.threads import spread
 from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.energy import Band
-from ldt_core.diagnosis.explained import Explained, Names
-from ldt_core.diagnosis.model_selection import HALF, LITTLE, earned, plain_enough
-from ldt_core.diagnosis.promise import Promises
-from ldt_core.diagnosis.search import (
-    Fit,
-    best_alone,
-    ceiling,
-    fit,
-    rank_pairs,
-    simulate_all,
-)
-from ldt_core.diagnosis.starts import Starts
-from ldt_core.diagnosis.trials import Bench
+from ldt_core.diagnosis.effect_fit import EffectFit, fit
+from ldt_core.diagnosis.error_band import ErrorBand
+from ldt_core.diagnosis.fitted_sets import FittedSets, Names
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.model_selection import earned, plain_enough
+from ldt_core.diagnosis.responses import best_alone, rank_pairs, simulate_all
+from ldt_core.diagnosis.start_states import StartStates
+from ldt_core.diagnosis.thresholds import THRESHOLDS
 
 Array = NDArray[np.float64]
 
-SCOUT_SAMPLES = 12_000  # of the experiments that the scout works on, and
-SCOUT_EXPERIMENTS = 8  # at most so many of them
-MOST = 6  # effects in a set
-TRIPLE = 3  # effects, up to which sets are tried even where the last one did not help
-PAIRS = 5  # fitted because their responses promise most
-BASES = 3  # sets of one size that are built upon
-ADDED = 3  # effects added to each of them, and as many again
-NEXT_TO = 0.5  # if they promise this part of what the best of them does
-RIVALS = 6  # effects that may take the place of one in the chosen set,
-CLOSE = 0.7  # if they promise this part of what the best promises
-KEPT = 4  # sets of each size that are fitted on all experiments, and
-PLAIN = 2  # more that are further behind, but have fewer parameters
-HOPELESS = 0.5  # of the gap: if all effects together explain no more, no set of them will
-HOPEFUL = 0.3  # of the gap: where a set leaves more, an effect is tried with it only if it promises
-PROMISE = 0.1  # to take away this part of that
-PROMISED = 0.7  # of what an effect explains that its response alone promises, at worst
-QUICK = 8  # steps of the scout's fits, and
-ROUGH = 1e-4  # of the sum of squares: the scout's fits end there
-MANY = 3  # parameters, with which a fit may not have reached its best, and
-UNSURE = 0.005  # of the gap that it then leaves: it goes on, for
-PATIENT = 30  # steps
-NEAR = 1.5  # times what the best of its size leaves, that a set may leave more, to be kept
-CLEAR = 30.0  # fall of the sum of squares that chance does not reach, over all sets that are tried
+# The scout: the fits on a few experiments.
+SCOUT_SAMPLES = 12_000  # in its experiments together, at most: bounds the time of a fit
+SCOUT_EXPERIMENTS = 8  # at most: enough to show every part of a recording
+SCOUT_STEPS = 8  # least-squares steps of its fits: a ranking needs no more
+SCOUT_PRECISION = 1e-4  # of the loss, where its fits end
+# Which sets are tried. They save time: everything else would be tried in vain.
+PAIRS = 5  # pairs fitted, those whose responses promise most
+BASES = 3  # sets of one size that larger ones are built upon
+ADDED = 3  # effects added to each of them whatever they promise, and as many that come close
+ADDED_CLOSE = 0.5  # of the best promise: what an effect of the second half of those reaches
+RIVALS = 6  # effects that may take the place of a member of the chosen set
+RIVAL_CLOSE = 0.7  # of the best promise: what a rival reaches
+SIZE_TRIED_ANYWAY = 3  # effects: sets up to this size are tried even where the last did not help
+EXPLAINABLE = 0.5  # of the loss: where all responses together take off less, only singles are tried
+FAR_OFF = 0.3  # of the loss: with more left, an addition is tried only if its response promises
+WORTH_A_FIT = 0.1  # of the power left: what the response of such an addition promises
+RESPONSE_SHOWS = 0.7  # of what an effect explains: its response promises no less
+# Which sets are fitted on all experiments.
+FINISHED = 4  # sets of each size
+FINISHED_PLAINER = 2  # further sets of each size, with fewer parameters
+BEHIND = 1.5  # times the power that the best of a size leaves: a set further behind is not fitted
+MANY_PARAMETERS = 3  # with which a fit may end before its best
+UNFINISHED = 0.005  # of the gap: a fit with many parameters that leaves more goes on
+UNFINISHED_STEPS = 30  # least-squares steps for which it goes on
 
 
-class Try(NamedTuple):
+class TriedSet(NamedTuple):
     """A set of effects, where its fit is to begin, and the start states that are nearly its own."""
 
     members: Sequence[Candidate]
     start: Sequence[Array]
-    known: Starts | None = None
+    known: StartStates | None = None
 
 
-class Search:
-    """The search on one bench.
+class EffectSetSearch:
+    """The search on one residuals.
 
     Args:
-        bench: experiments to explain.
+        residuals: experiments to explain.
         candidates: effects that may explain them.
         tick: called with what is being done.
         own: the machine's own parameters that are not known for certain: they are fitted with
@@ -78,44 +73,44 @@ class Search:
 
     def __init__(
         self,
-        bench: Bench,
+        residuals: FreeRunResiduals,
         candidates: Sequence[Candidate],
         tick: Callable[[str], None] = lambda doing: None,
         own: Sequence[Candidate] = (),
     ) -> None:
-        self.bench, self.candidates, self.tick = bench, tuple(candidates), tick
+        self.residuals, self.candidates, self.tick = residuals, tuple(candidates), tick
         self.own = tuple(own)
         #: Effect to those that this recording cannot tell from it, whatever the data are.
         self.twins: dict[str, set[str]] = {}
         # Its fits run side by side: over so few experiments each of them could not be spread well.
-        self.scout, self.workers = bench.part(scouted(bench), workers=1), bench.workers
+        self.scout, self.workers = residuals.part(scouted(residuals), workers=1), residuals.workers
         zeros = [np.zeros(len(c)) for c in self.own]
         count = len(self.own)
         fitted = fit(self.scout, self.own, zeros, own=count) if own else None
-        responses = simulate_all(
+        self.responses = simulate_all(
             self.scout,
             self.candidates,
             lambda: tick("simulating effects"),
             fitted,
             self.workers,
         )
-        alone = fit(bench, self.own, fitted.z, own=count) if fitted else _empty(bench)
-        self.found = Explained(bench, Band(bench), alone.rest, self.scout, responses)
-        self.promises = Promises(self.scout, responses)
+        alone = fit(residuals, self.own, fitted.z, own=count) if fitted else _empty(residuals)
+        self.found = FittedSets(residuals, ErrorBand(residuals), alone.residual, self.responses)
         # Without any effect: the machine's own parameters alone.
         self.found.fits[frozenset()] = alone
         self.found.scouted[frozenset()] = fitted or _empty(self.scout)
-        self.band = Band(self.scout)
+        self.band = ErrorBand(self.scout)
 
-    def run(self) -> Explained:
+    def run(self) -> FittedSets:
         """Fit sets of one effect, then of two and three as long as something is left.
 
         Larger sets are built only on a triple that a pair could not replace.
         """
-        enough = self.band.limit_of(0.01)
+        enough = self.band.limit_of(THRESHOLDS.remainder_false_alarm)
         self._alone()
         bases = BASES
-        most = MOST if ceiling(self.found.responses) > HOPELESS else 1
+        explainable = self.responses.explainable > EXPLAINABLE
+        most = THRESHOLDS.largest_set if explainable else 1
         for count in range(1, most + 1):
             if count == 2:
                 self._pairs()
@@ -123,58 +118,62 @@ class Search:
                 self._build_on(count - 1, bases)
             self._finish(count)
             best = self._best(count)
-            if not best or self.band.excess(best[0].rest) < enough or self._explained(best[0]):
+            if not best or self.band.excess(best[0].residual) < enough or self._explained(best[0]):
                 break
             if count > 1 and not self._gained(count):
                 bases = 1
-            if count >= TRIPLE and not self._gained(count):
+            if count >= SIZE_TRIED_ANYWAY and not self._gained(count):
                 break
         return self.found
 
-    def _explained(self, best: Fit) -> bool:
+    def _explained(self, best: EffectFit) -> bool:
         """Whether so little of the speed's gap is left that no further effect would be named.
 
         What lies above the band, such as a ripple, is judged by what the effects promise.
         """
         band, none = self.band, self.found.scouted[frozenset()]
-        left = max(band.speed_excess(best.rest), 0.0)
-        taken = float((band.speed_loss(none.rest) - band.speed_loss(best.rest)).sum())
-        gap = max(taken, 0.0) + left
-        return left < LITTLE * gap and not any(
-            gain > CLEAR and earned(best.effects, [*best.effects, c], gain / PROMISED, left, gap)
-            for c, _, gain in self.promises.ranked(best)
+        left = max(band.speed_excess(best.residual), 0.0)
+        gap = band.speed_gap(none.residual, best.residual)
+        return left < THRESHOLDS.small_effect_of_gap * gap and not any(
+            gain > THRESHOLDS.chance_gain
+            and earned(best.effects, [*best.effects, c], gain / RESPONSE_SHOWS, left, gap)
+            for c, _, gain in self.responses.promised_beside(best)
         )
 
     def _gained(self, count: int) -> bool:
         """Whether the best set of a size takes away half of what the best smaller one leaves."""
         now, before = self._best(count)[0], self._best(count - 1)[0]
-        return before.loss - now.loss > HALF * max(self.band.excess(before.rest), 0.0)
+        left = max(self.band.excess(before.residual), 0.0)
+        return before.loss - now.loss > THRESHOLDS.further_effect_of_remainder * left
 
     def _alone(self) -> None:
         tries = [
-            Try([c], [start])
+            TriedSet([c], [start])
             for i, c in enumerate(self.candidates)
-            for start in best_alone(self.found.responses, i)
+            for start in best_alone(self.responses, i)
         ]
         none = self.found.scouted[frozenset()]
-        turned = self.promises.turned
-        ranked = self.promises.ranked(none) if turned else ()
-        self._scout([*tries, *(Try([c], [start]) for c, start, _ in ranked if c.name in turned)])
+        turned = self.responses.with_free_phase
+        ranked = self.responses.promised_beside(none) if turned else ()
+        tries += [TriedSet([c], [start]) for c, start, _ in ranked if c.name in turned]
+        self._scout(tries)
 
     def _pairs(self) -> None:
-        ranked = sorted(rank_pairs(self.found.responses).items(), key=lambda q: -q[1][0])
-        z, c = self.found.responses.z, self.candidates
-        self._scout([Try([c[i], c[j]], [z[k], z[m]]) for (i, j), (_, k, m) in ranked[:PAIRS]])
+        ranked = sorted(rank_pairs(self.responses).items(), key=lambda q: -q[1][0])
+        z, c = self.responses.z, self.candidates
+        self._scout([TriedSet([c[i], c[j]], [z[k], z[m]]) for (i, j), (_, k, m) in ranked[:PAIRS]])
 
     def _build_on(self, count: int, bases: int) -> None:
         tries = []
         for base in _of_each_kind(self._best(count))[:bases]:
-            more = [*self.additions(base, ADDED), *self.additions(base, 2 * ADDED, NEXT_TO)]
+            more = [*self.additions(base, ADDED), *self.additions(base, 2 * ADDED, ADDED_CLOSE)]
             chosen = {c.name: (c, z) for c, z in more}.values()
             tries += [self._with(base, candidate, start) for candidate, start in chosen]
         self._scout(tries)
 
-    def additions(self, base: Fit, count: int, close: float = 0.0) -> list[tuple[Candidate, Array]]:
+    def additions(
+        self, base: EffectFit, count: int, close: float = 0.0
+    ) -> list[tuple[Candidate, Array]]:
         """Effects that promise most beside a set, with the values to begin with.
 
         Args:
@@ -182,18 +181,18 @@ class Search:
             count: of effects, at most.
             close: part of the best promise that each must reach.
         """
-        enough = max(self.band.excess(base.rest), 0.0)
+        enough = max(self.band.excess(base.residual), 0.0)
         start = self.found.scouted[frozenset()].loss
-        promise = PROMISE * enough if enough > HOPEFUL * start else 0.0
-        ranked = self.promises.ranked(base)
+        promise = WORTH_A_FIT * enough if enough > FAR_OFF * start else 0.0
+        ranked = self.responses.promised_beside(base)
         best = ranked[0][2] if ranked else 0.0
         enough_for = [(c, z) for c, z, gain in ranked if gain >= max(promise, close * best)]
         # Where each experiment may choose an angle, a ripple promises more than it can keep.
-        turned = self.promises.turned
+        turned = self.responses.with_free_phase
         kept = [(c, z) for c, z in enough_for if c.name not in turned][:count]
         return [(c, z) for c, z in enough_for[:count] if c.name in turned] + kept
 
-    def _with(self, base: Fit, candidate: Candidate, start: Array) -> Try:
+    def _with(self, base: EffectFit, candidate: Candidate, start: Array) -> TriedSet:
         """A scouted set and one more effect.
 
         The start angles are sought beside those of the set, but not where the effect depends on
@@ -205,21 +204,21 @@ class Search:
             turned = self.scout.angular([candidate.effect])
         members = [*base.effects, candidate]
         known = None if turned else base.starts
-        return Try(members, [*base.z[: len(base.effects)], start], known)
+        return TriedSet(members, [*base.z[: len(base.effects)], start], known)
 
-    def _scout(self, tries: Sequence[Try]) -> list[Fit]:
+    def _scout(self, tries: Sequence[TriedSet]) -> list[EffectFit]:
         """Fit sets on a few experiments, side by side; the best of each set so far."""
         none = self.found.scouted[frozenset()]
 
-        def work(k: int) -> Fit:
+        def work(k: int) -> EffectFit:
             members, start, known = tries[k]
             order = sorted(range(len(members)), key=lambda i: members[i].name)
             return fit(
                 self.scout,
                 [*(members[i] for i in order), *self.own],
                 [*(start[i] for i in order), *none.z],
-                evaluations=QUICK,
-                precision=ROUGH,
+                steps=SCOUT_STEPS,
+                precision=SCOUT_PRECISION,
                 own=len(self.own),
                 known=known,
             )
@@ -233,7 +232,7 @@ class Search:
                 self.found.scouted[names[-1]] = tried
         return [self.found.scouted[n] for n in names]
 
-    def _best(self, count: int) -> list[Fit]:
+    def _best(self, count: int) -> list[EffectFit]:
         found = [f for names, f in self.found.scouted.items() if len(names) == count]
         return sorted(found, key=lambda f: f.loss)
 
@@ -242,30 +241,35 @@ class Search:
         best = self._best(count)
         if not best:
             return
-        near = [f for f in best if self._near(f, best[0])][:KEPT]
-        plain = [f for f in best if f not in near and self._plainer(f, best[0])][:PLAIN]
+        near = [f for f in best if self._near(f, best[0])][:FINISHED]
+        plain = [f for f in best if f not in near and self._plainer(f, best[0])][:FINISHED_PLAINER]
         for f in (*near, *plain):
             self.finish(f)
 
-    def _near(self, scouted: Fit, best: Fit) -> bool:
+    def _near(self, scouted: EffectFit, best: EffectFit) -> bool:
         behind = scouted.loss - best.loss
-        return behind <= NEAR * max(self.band.excess(best.rest), 0.0) + CLEAR
+        return behind <= self._reach(self.band, best)
 
-    def _plainer(self, scouted: Fit, best: Fit) -> bool:
+    @staticmethod
+    def _reach(band: ErrorBand, best: EffectFit) -> float:
+        """Loss up to which a set behind the best may still turn out to be the better one."""
+        return BEHIND * max(band.excess(best.residual), 0.0) + THRESHOLDS.chance_gain
+
+    def _plainer(self, scouted: EffectFit, best: EffectFit) -> bool:
         """Whether a set with fewer parameters might be preferred to another one."""
         gap = self.found.scouted[frozenset()].loss - best.loss
         return plain_enough(scouted, best, scouted.loss - best.loss, gap)
 
-    def finish(self, scouted: Fit) -> Fit:
+    def finish(self, scouted: EffectFit) -> EffectFit:
         """The same set, fitted on all experiments."""
         names = frozenset(scouted.names)
         if names not in self.found.fits:
             self.tick("fitting the best sets on all experiments")
-            if self.scout.size == self.bench.size:
+            if self.scout.size == self.residuals.size:
                 self.found.fits[names] = scouted
             else:
                 self.found.fits[names] = fit(
-                    self.bench, scouted.members, scouted.z, own=len(self.own)
+                    self.residuals, scouted.members, scouted.z, own=len(self.own)
                 )
             self._polish(names)
         return self.found.fits[names]
@@ -276,68 +280,72 @@ class Search:
         Not with one that is far behind another of its size.
         """
         found, band = self.found.fits[names], self.found.band
-        left, whole = band.excess(found.rest), self.found.excess
+        left, whole = band.excess(found.residual), self.found.excess
         best = min(self.found.of_size(len(names)), key=lambda f: f.loss, default=found)
-        behind = found.loss - best.loss > NEAR * max(band.excess(best.rest), 0.0) + CLEAR
-        if found.free < MANY or behind or not UNSURE * whole < left < HOPEFUL * whole:
+        behind = found.loss - best.loss > self._reach(band, best)
+        if (
+            found.free < MANY_PARAMETERS
+            or behind
+            or not UNFINISHED * whole < left < FAR_OFF * whole
+        ):
             return
         more = fit(
-            self.bench,
+            self.residuals,
             found.members,
             found.z,
-            evaluations=PATIENT,
+            steps=UNFINISHED_STEPS,
             own=len(self.own),
             known=found.starts,
         )
         self.found.fits[names] = min(found, more, key=lambda f: f.loss)
 
-    def subset(self, base: Fit, names: Sequence[str]) -> Fit:
+    def subset(self, base: EffectFit, names: Sequence[str]) -> EffectFit:
         """A part of a set, fitted on all experiments."""
         wanted = frozenset(names)
         if wanted not in self.found.scouted:
             chosen = [i for i, m in enumerate(base.effects) if m.name in wanted]
-            self._scout([Try([base.members[i] for i in chosen], [base.z[i] for i in chosen])])
+            self._scout([TriedSet([base.members[i] for i in chosen], [base.z[i] for i in chosen])])
         return self.finish(self.found.scouted[wanted])
 
-    def alternatives(self, base: Fit, count: int = RIVALS) -> list[Fit]:
+    def alternatives(self, base: EffectFit, count: int = RIVALS) -> list[EffectFit]:
         """Sets that differ from a set in one member, the most promising, fitted on all."""
         tries = []
         for leave in range(len(base.effects)):
             members = [m for j, m in enumerate(base.effects) if j != leave]
             z = [base.z[j] for j in range(len(base.effects)) if j != leave]
             known = self.found.scouted.get(frozenset(m.name for m in members))
-            rest = self._scout([Try(members, z)])[0] if known is None else known
+            rest = self._scout([TriedSet(members, z)])[0] if known is None else known
             twins = self.twins.get(base.effects[leave].name, ())
-            tried = self.additions(rest, count + 1, CLOSE)
-            tried += [(c, z) for c, z, _ in self.promises.ranked(rest) if c.name in twins]
+            tried = self.additions(rest, count + 1, RIVAL_CLOSE)
+            tried += [(c, z) for c, z, _ in self.responses.promised_beside(rest) if c.name in twins]
             for candidate, start in tried:
                 if candidate.name not in base.names:
                     tries.append(self._with(rest, candidate, start))
         return self._worth(base, self._scout(tries))
 
-    def _worth(self, base: Fit, found: Iterable[Fit]) -> list[Fit]:
+    def _worth(self, base: EffectFit, found: Iterable[EffectFit]) -> list[EffectFit]:
         scouted = self.found.scouted.get(frozenset(base.names), base)
         return [
             self.finish(f) for f in found if self._near(f, scouted) or self._plainer(f, scouted)
         ]
 
 
-def _of_each_kind(fits: Sequence[Fit]) -> list[Fit]:
+def _of_each_kind(fits: Sequence[EffectFit]) -> list[EffectFit]:
     """The first of those sets that consist of effects of the same families."""
-    first: dict[Names, Fit] = {}
+    first: dict[Names, EffectFit] = {}
     for f in fits:
         first.setdefault(frozenset(c.effect.family or c.name for c in f.effects), f)
     return list(first.values())
 
 
-def _empty(bench: Bench) -> Fit:
-    rest = bench.rest()
-    return Fit((), (), rest, np.zeros((rest.size, 0)), float(rest @ rest))
+def _empty(residuals: FreeRunResiduals) -> EffectFit:
+    rest = residuals.of()
+    return EffectFit((), (), rest, np.zeros((rest.size, 0)), float(rest @ rest))
 
 
-def scouted(bench: Bench) -> list[int]:
+def scouted(residuals: FreeRunResiduals) -> list[int]:
     """Places of the experiments that the scout works on, spread evenly over the recording."""
-    sizes = [p.rows.stop - p.rows.start for p in bench.pieces]
+    sizes = [p.rows.stop - p.rows.start for p in residuals.pieces]
     count = max(1, min(SCOUT_EXPERIMENTS, int(SCOUT_SAMPLES // max(np.mean(sizes), 1))))
     count = min(count, len(sizes))
     return sorted({round(i) for i in np.linspace(0, len(sizes) - 1, count)})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,12 @@ from ldt_core.base.experiment import Experiment
 
 Array = NDArray[np.float64]
 
+#: Field to its key in `diagnosis.json`, where they differ: `from` is a keyword of Python.
+KEYS = {"begin": "from", "end": "to"}
+
 
 @dataclass(frozen=True)
-class Amount:
+class ParameterAmount:
     """A parameter of an effect, as it was found.
 
     Attributes:
@@ -29,13 +32,9 @@ class Amount:
     unit: str
     ci95: tuple[float, float] | None
 
-    def as_dict(self) -> dict[str, Any]:
-        """Keys of the contract."""
-        return {"value": self.value, "unit": self.unit, "ci95": self.ci95 and list(self.ci95)}
-
 
 @dataclass(frozen=True)
-class Ranked:
+class RankedCandidate:
     """A candidate and how it fared.
 
     Attributes:
@@ -49,28 +48,16 @@ class Ranked:
     """
 
     effect: str
-    parameters: Mapping[str, Amount]
+    parameters: Mapping[str, ParameterAmount]
     held_out_rmse: float | None
     closed_fraction: float | None
     shapley_share: float | None
     score: float | None
     rejected_because: str | None
 
-    def as_dict(self) -> dict[str, Any]:
-        """Keys of the contract."""
-        return {
-            "effect": self.effect,
-            "parameters": {n: a.as_dict() for n, a in self.parameters.items()},
-            "held_out_rmse": self.held_out_rmse,
-            "closed_fraction": self.closed_fraction,
-            "shapley_share": self.shapley_share,
-            "score": self.score,
-            "rejected_because": self.rejected_because,
-        }
-
 
 @dataclass(frozen=True)
-class Place:
+class GapLocation:
     """Where a part of the gap lies.
 
     Attributes:
@@ -92,18 +79,6 @@ class Place:
     share_of_data: float
     steady: bool = False
 
-    def as_dict(self) -> dict[str, Any]:
-        """Keys of the contract."""
-        return {
-            "quantity": self.quantity,
-            "from": self.begin,
-            "to": self.end,
-            "unit": self.unit,
-            "share_of_gap": self.share_of_gap,
-            "share_of_data": self.share_of_data,
-            "steady": self.steady,
-        }
-
 
 @dataclass(frozen=True)
 class Verdict:
@@ -123,19 +98,9 @@ class Verdict:
     confidence: float
     sentence: str
 
-    def as_dict(self) -> dict[str, Any]:
-        """Keys of the contract, and `acting`."""
-        return {
-            "kind": self.kind,
-            "effects": list(self.effects),
-            "acting": [list(group) for group in self.acting],
-            "confidence": self.confidence,
-            "sentence": self.sentence,
-        }
-
 
 @dataclass(frozen=True)
-class Errors:
+class HeldOutErrors:
     """Free-run errors on the held-out experiments.
 
     Attributes:
@@ -161,22 +126,11 @@ class Gap:
     """
 
     noise_std: float
-    before: Errors
-    after: Errors
+    before: HeldOutErrors
+    after: HeldOutErrors
     closed_fraction: float | None
     closed_fraction_ci95: tuple[float, float] | None
     regimes: Sequence[Mapping[str, Any]] = ()
-
-    def as_dict(self) -> dict[str, Any]:
-        """Keys of the contract, and `regimes`."""
-        return {
-            "noise_std": self.noise_std,
-            "before": vars(self.before),
-            "after": vars(self.after),
-            "closed_fraction": self.closed_fraction,
-            "closed_fraction_ci95": self.closed_fraction_ci95 and list(self.closed_fraction_ci95),
-            "regimes": [dict(r) for r in self.regimes],
-        }
 
 
 @dataclass(frozen=True)
@@ -192,14 +146,6 @@ class Remainder:
     share_of_gap: float | None
     structured: bool
     depends_on: Sequence[str]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Keys of the contract."""
-        return {
-            "share_of_gap": self.share_of_gap,
-            "structured": self.structured,
-            "depends_on": list(self.depends_on),
-        }
 
 
 @dataclass(frozen=True)
@@ -218,18 +164,9 @@ class NextExperiment:
     sample_period: float
     channels: Sequence[str]
 
-    def as_dict(self) -> dict[str, Any]:
-        """Keys of the contract."""
-        return {
-            "why": self.why,
-            "voltage": list(self.voltage),
-            "sample_period": self.sample_period,
-            "channels": list(self.channels),
-        }
-
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownExperiment:
     """One experiment as the page draws it.
 
     Attributes:
@@ -279,43 +216,32 @@ class Diagnosis:
     experiments: Mapping[str, Sequence[int]]
     verdict: Verdict
     gap: Gap
-    where: Sequence[Place]
-    candidates: Sequence[Ranked]
+    where: Sequence[GapLocation]
+    candidates: Sequence[RankedCandidate]
     remainder: Remainder
     undetectable: Sequence[str]
     ambiguities: Sequence[Sequence[str]]
     next_experiment: NextExperiment | None
     notes: Sequence[str] = ()
     effects: Sequence[Mapping[str, Any]] = ()
-    shown: Sequence[Shown] = field(default=(), compare=False)
+    shown: Sequence[ShownExperiment] = field(default=(), compare=False)
 
     def as_dict(self) -> dict[str, Any]:
         """The content of `diagnosis.json`: JSON values only, undefined quantities null."""
-        return _clean(
-            {
-                "machine": self.machine,
-                "recordings": list(self.recordings),
-                "experiments": {k: list(v) for k, v in self.experiments.items()},
-                "verdict": self.verdict.as_dict(),
-                "gap": self.gap.as_dict(),
-                "where": [p.as_dict() for p in self.where],
-                "candidates": [c.as_dict() for c in self.candidates],
-                "remainder": self.remainder.as_dict(),
-                "undetectable": list(self.undetectable),
-                "ambiguities": [list(group) for group in self.ambiguities],
-                "next_experiment": self.next_experiment and self.next_experiment.as_dict(),
-                "notes": list(self.notes),
-                "effects": [dict(e) for e in self.effects],
-            }
-        )
+        content = _json(replace(self, shown=()))
+        del content["shown"]
+        return content
 
 
-def _clean(value: Any) -> Any:
-    """The same in JSON types, with null for numbers that are not finite."""
+def _json(value: Any) -> Any:
+    """The same in JSON types: records by their fields, null for numbers that are not finite."""
+    if is_dataclass(value):
+        named = {f.name: getattr(value, f.name) for f in fields(value)}
+        return {KEYS.get(name, name): _json(v) for name, v in named.items()}
     if isinstance(value, Mapping):
-        return {str(k): _clean(v) for k, v in value.items()}
+        return {str(k): _json(v) for k, v in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
-        return [_clean(v) for v in value]
+        return [_json(v) for v in value]
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
     if isinstance(value, (float, np.floating)):

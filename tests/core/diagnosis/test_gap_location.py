@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from recorded_machines import NOISE, ROTOR, record, steps
 
-from ldt_core.diagnosis.trials import Bench
-from ldt_core.diagnosis.where import LIFT, MOST, change, places, residual, steady_places
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.gap_location import BAND_POWER, NAMED_LIFT, places, steady_places
+from ldt_core.diagnosis.residual_torque import added_torque, residual_torque
 from ldt_core.effects import get_effect
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
@@ -53,8 +54,8 @@ def turning(t, theta, omega, current, voltage, p):
 def found(*recordings):
     """Places of all experiments together, by quantity."""
     experiments = [e for recording in recordings for e in recording]
-    bench = Bench(ROTOR, experiments, (NOISE, 1.0))
-    return places(residual(bench))
+    residuals = FreeRunResiduals(ROTOR, experiments, (NOISE, 1.0))
+    return places(residual_torque(residuals))
 
 
 def overlap(place, begin, end):
@@ -85,8 +86,8 @@ def test_the_range_in_which_an_effect_acts_is_found(quantity, torque, begin, end
     listed = found(made(confined(f"at_some_{quantity}", torque), count=4))
     place = named(listed, quantity)
     assert overlap(place, begin, end) >= 0.5
-    assert MOST <= place.share_of_gap <= 1.0
-    assert place.share_of_data <= place.share_of_gap - LIFT
+    assert BAND_POWER <= place.share_of_gap <= 1.0
+    assert place.share_of_data <= place.share_of_gap - NAMED_LIFT
     assert listed[0].quantity == quantity
 
 
@@ -123,16 +124,18 @@ def test_a_gap_that_lies_everywhere_alike_has_one_place_that_is_everything():
 
 def test_the_torque_of_an_effect_is_read_off_the_residual():
     """A constant load's, within 5 % on average."""
-    bench = Bench(ROTOR, record(ROTOR, "constant_load:torque=0.3", volts=(2.0, 16.0)), (NOISE, 1.0))
-    wrong = residual(bench)
+    residuals = FreeRunResiduals(
+        ROTOR, record(ROTOR, "constant_load:torque=0.3", volts=(2.0, 16.0)), (NOISE, 1.0)
+    )
+    wrong = residual_torque(residuals)
     assert float(np.mean(wrong.torque)) == pytest.approx(-0.3, rel=0.05)
 
 
 def test_the_noise_alone_has_no_power():
     """What is left of a right model is no more than what its noise makes."""
-    bench = Bench(ROTOR, record(ROTOR), (NOISE, 1.0))
-    power = residual(bench).power
-    assert abs(float(power.mean())) < 0.3 * float(np.mean(residual(bench).noise ** 2))
+    residuals = FreeRunResiduals(ROTOR, record(ROTOR), (NOISE, 1.0))
+    power = residual_torque(residuals).power
+    assert abs(float(power.mean())) < 0.3 * float(np.mean(residual_torque(residuals).noise ** 2))
 
 
 def both_ways(t, theta, omega, current, voltage, p):
@@ -156,11 +159,11 @@ def test_a_named_effect_lies_where_it_acts_not_where_the_recording_was():
     limit = {"limit": 13.0}
     effect = get_effect("voltage_saturation")
     experiments = made((effect, limit), volts=(2.0, 14.0), count=6)
-    bench = Bench(ROTOR, experiments, (NOISE, 1.0))
-    (first, *_) = places(change(bench, [], [(effect, limit)]))
+    residuals = FreeRunResiduals(ROTOR, experiments, (NOISE, 1.0))
+    (first, *_) = places(added_torque(residuals, [], [(effect, limit)]))
     assert first.quantity == "voltage"
     assert 12.9 < first.begin < 13.4
-    assert first.share_of_gap > MOST
+    assert first.share_of_gap > BAND_POWER
     assert first.share_of_data < 0.3
 
 
@@ -184,8 +187,8 @@ def test_a_ripple_everywhere_hides_no_place():
     """As large as what acts there, it has no mean."""
     effect = confined("rippled", rippled)
     experiments = made(effect, count=6, hold=160)
-    bench = Bench(ROTOR, experiments, (NOISE, 1.0))
-    listed = places(change(bench, [], [effect]))
+    residuals = FreeRunResiduals(ROTOR, experiments, (NOISE, 1.0))
+    listed = places(added_torque(residuals, [], [effect]))
     assert overlap(named(listed, "speed"), 20.0, 26.0) >= 0.5
 
 
@@ -211,17 +214,20 @@ def test_a_weak_range_is_not_narrowed_by_noise():
 def test_an_unbalance_acts_at_its_resonances_however_it_was_run():
     """Run through quickly it shows above them; a steady shaft would feel it from 16 to 31 rad/s."""
     experiments = record(ROTOR, volts=(15.0, 16.0), count=3, samples=600, hold=600)
-    bench = Bench(ROTOR, experiments, (NOISE, 1.0))
+    residuals = FreeRunResiduals(ROTOR, experiments, (NOISE, 1.0))
     use = [(get_effect("unbalance"), {"e": 0.004})]
-    (place,) = steady_places(change(bench, (), use), use)
+    (place,) = steady_places(added_torque(residuals, (), use), use)
     assert place.steady
     assert overlap(place, 16.0, 31.0) >= 0.8
-    assert steady_places(residual(bench), [(get_effect("constant_load"), {"torque": 0.1})]) == []
+    assert (
+        steady_places(residual_torque(residuals), [(get_effect("constant_load"), {"torque": 0.1})])
+        == []
+    )
 
 
 def test_a_parameter_called_e_is_no_foundation():
     """A physics of one's own may have one: nothing of it shakes."""
     values = {"J": 0.02, "e": 1.0}
-    bench = SimpleNamespace(changed=lambda use: values, values=values)
-    found = SimpleNamespace(bench=bench, over={"speed": np.array([0.0, 30.0])})
+    residuals = SimpleNamespace(changed=lambda use: values, values=values)
+    found = SimpleNamespace(residuals=residuals, over={"speed": np.array([0.0, 30.0])})
     assert steady_places(found, []) == []

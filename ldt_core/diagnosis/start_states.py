@@ -23,19 +23,20 @@ Array = NDArray[np.float64]
 Use = Sequence[tuple[Effect, Mapping[str, float]]]
 
 MOTOR_NAMES = ("J", "K_t", "R", "L", "b")  # parameters that shake nothing
-ROUNDS = 4  # Gauss-Newton steps for the start of a foundation in motion
-STILL = 0.98  # of the sum of squares: a step that gains less was the last
 NO_OFFSET = np.zeros(0)
-ANGLES = 13  # tried of a turn; a prime, so that a ripple of few periods a turn is seen at each, and
-ANGLE_FOUND = 2e-3  # rad, to which the best is then found
-SENSITIVE = 0.1  # noise deviations: a start angle that moves no sample by more does not matter
-START_STEP = 0.01  # rad, K, ...: of a start state, for difference quotients, and
-MOTION = 0.01  # of that for a foundation's, in m and m/s
 ANGLE, CURRENT = 0, 2
+SEARCH_STEP = 2e-3  # s, longest integration step: its error is far below the noise
+GAUSS_NEWTON_STEPS = 4  # for a foundation in motion, whose start is not linear in the speed
+LEAST_DECREASE = 0.98  # of the loss: a step after which more than that is left is the last
+ANGLES_TRIED = 13  # in a turn: a prime, so that a ripple of few periods a turn is seen at each
+ANGLE_TOLERANCE = 2e-3  # rad, to which the best angle is then found
+ANGLE_MATTERS = 0.1  # noise deviations by which a start angle moves some sample, if it matters
+DIFFERENCE_OF_START = 0.01  # rad, K, ...: of a start state, for difference quotients
+FOUNDATION_SCALE = 0.01  # of that difference: a foundation moves by millimetres
 
 
 @dataclass(frozen=True, eq=False)
-class Starts:
+class StartStates:
     """What is taken of the states at the first samples.
 
     Attributes:
@@ -50,15 +51,14 @@ class Starts:
     offsets: tuple[Array, ...]
 
 
-class Simulated(Protocol):
-    """Experiments beside free runs of their machine: what of a `Bench` start states need."""
+class FreeRuns(Protocol):
+    """What the estimation of start states needs of `FreeRunResiduals`."""
 
     physics: Physics
     values: dict[str, float]
     pieces: list[Any]
-    starts: Starts
+    starts: StartStates
     shaking: bool
-    coarse: float
 
     def changed(self, use: Use) -> Mapping[str, float] | None:
         """The machine's parameters with these effects; None where they are impossible."""
@@ -72,50 +72,52 @@ class Simulated(Protocol):
         """Do something with every experiment, by its place."""
 
 
-def settle(
-    bench: Simulated, use: Use, free: bool, step: float, near: Starts | None = None
-) -> Starts:
+def start_states_for(
+    residuals: FreeRuns, use: Use, free: bool, step: float, near: StartStates | None = None
+) -> StartStates:
     """Start states for these effects, where more is unknown than a motor's speed and current.
 
     A machine that was running has a foundation in motion, a warm winding and the like, each of
     which moves the residuals in a direction of its own, and an angle that is sought.
 
     Args:
-        bench: experiments.
+        residuals: experiments.
         use: effects with all their values.
         free: seek the angle of machines at rest as well; else it is 0.
         step: longest integration step [s].
         near: starts for nearly the same effects, beside whose angles these are sought.
     """
-    values = bench.changed(use)
+    values = residuals.changed(use)
     if values is None:
-        return bench.starts
-    shaken = any(v != bench.values[n] for n, v in values.items() if n not in MOTOR_NAMES)
+        return residuals.starts
+    shaken = any(v != residuals.values[n] for n, v in values.items() if n not in MOTOR_NAMES)
     states = sum(len(e.states) for e, _ in use if e.torque is not None or e.terminal is not None)
     # The angles that a shaking machine is known by were sought without the effects.
-    free = free or bench.shaking
-    turning = bool(use) and (bench.shaking or turns(bench, use))
-    running = any(not p.rest for p in bench.pieces)
+    free = free or residuals.shaking
+    turning = bool(use) and (residuals.shaking or turns(residuals, use))
+    running = any(not p.at_rest for p in residuals.pieces)
     if not ((running and (shaken or states or turning)) or (free and turning)):
-        return bench.starts
-    moving = not bench.physics.is_linear(values)
-    return settled(bench, use, moving, states, turning or (shaken and moving), free, step, near)
+        return residuals.starts
+    moving = not residuals.physics.is_linear(values)
+    return searched_start_states(
+        residuals, use, moving, states, turning or (shaken and moving), free, step, near
+    )
 
 
-def settled(
-    bench: Simulated,
+def searched_start_states(
+    residuals: FreeRuns,
     use: Use,
     moving: bool,
     states: int,
     turning: bool,
     free: bool,
     step: float,
-    near: Starts | None = None,
-) -> Starts:
+    near: StartStates | None = None,
+) -> StartStates:
     """The same, once it is known what is unknown.
 
     Args:
-        bench: experiments.
+        residuals: experiments.
         use: effects with all their values.
         moving: the foundation moves.
         states: how many states the effects have.
@@ -124,37 +126,42 @@ def settled(
         step: longest integration step [s].
         near: starts beside whose angles these are sought.
     """
-    angles, bases = bench.starts.angles.copy(), list(bench.starts.bases)
-    offsets = list(bench.starts.offsets)
-    n = len(bench.physics.states)
+    angles, bases = residuals.starts.angles.copy(), list(residuals.starts.bases)
+    offsets = list(residuals.starts.offsets)
+    n = len(residuals.physics.states)
     # The states of a foundation in motion and of the effects, each with its difference step.
-    unknown = {k: START_STEP * MOTION for k in range(CURRENT + 1, n)} if moving else {}
-    unknown |= {k: START_STEP for k in range(n, n + states)}
+    unknown = (
+        {k: DIFFERENCE_OF_START * FOUNDATION_SCALE for k in range(CURRENT + 1, n)} if moving else {}
+    )
+    unknown |= {k: DIFFERENCE_OF_START for k in range(n, n + states)}
     if turning:
-        unknown[ANGLE] = START_STEP
+        unknown[ANGLE] = DIFFERENCE_OF_START
 
     def work(i: int) -> None:
-        piece = bench.pieces[i]
-        if turning and (free or not piece.rest):
+        piece = residuals.pieces[i]
+        if turning and (free or not piece.at_rest):
             about = None if near is None else float(near.angles[i])
-            angles[i] = _best_angle(bench, i, use, step, about)
-        if not piece.rest and unknown:
-            rounds = ROUNDS if moving else 1
-            found = _start_of(bench, i, use, step, float(angles[i]), unknown, n + states, rounds)
+            angles[i] = _best_angle(residuals, i, use, step, about)
+        if not piece.at_rest and unknown:
+            rounds = GAUSS_NEWTON_STEPS if moving else 1
+            found = _start_of(
+                residuals, i, use, step, float(angles[i]), unknown, n + states, rounds
+            )
             offsets[i], bases[i] = found
-        elif turning and free and not bench.shaking:
+        elif turning and free and not residuals.shaking:
             # Else a fit could move the effects only as far as these angles let it.
             now, moved = (
-                bench.difference(i, use, step, float(angles[i]) + by) for by in (0.0, START_STEP)
+                residuals.difference(i, use, step, float(angles[i]) + by)
+                for by in (0.0, DIFFERENCE_OF_START)
             )
             bases[i] = basis_of(np.column_stack([piece.columns, moved - now]))
 
-    bench.each(work)
-    return Starts(angles, tuple(bases), tuple(offsets))
+    residuals.each(work)
+    return StartStates(angles, tuple(bases), tuple(offsets))
 
 
 def _start_of(
-    bench: Simulated,
+    residuals: FreeRuns,
     i: int,
     use: Use,
     step: float,
@@ -168,25 +175,25 @@ def _start_of(
     Gauss-Newton steps from the guess, as long as they help; the first speed and current are
     left to the directions, in which they are linear.
     """
-    piece, offset = bench.pieces[i], np.zeros(count)
+    piece, offset = residuals.pieces[i], np.zeros(count)
     names = list(unknown)
-    best, basis, kept = math.inf, bench.starts.bases[i], offset
+    best, basis, kept = math.inf, residuals.starts.bases[i], offset
     motor = basis_of(piece.columns)
     for _ in range(rounds):
-        rest = bench.difference(i, use, step, angle, offset)
+        rest = residuals.difference(i, use, step, angle, offset)
         loss = float(rest @ rest - np.sum((motor.T @ rest) ** 2))
-        if loss >= best * STILL:
+        if loss >= best * LEAST_DECREASE:
             break
         columns = np.empty((rest.size, len(names)))
         for j, state in enumerate(names):
             moved = offset.copy()
             moved[state] += unknown[state]
-            columns[:, j] = bench.difference(i, use, step, angle, moved) - rest
+            columns[:, j] = residuals.difference(i, use, step, angle, moved) - rest
         both = np.column_stack([piece.columns, columns])
         directions = basis_of(both)
         left = rest - directions @ (directions.T @ rest)
         best, basis, kept = loss, directions, offset
-        if float(left @ left) > loss * STILL:
+        if float(left @ left) > loss * LEAST_DECREASE:
             break
         size = np.linalg.norm(both, axis=0) + 1e-300
         solved = np.linalg.lstsq(both / size, -rest, rcond=1e-8)[0] / size
@@ -196,27 +203,27 @@ def _start_of(
     return kept, basis
 
 
-def turns(bench: Simulated, use: Use) -> bool:
+def turns(residuals: FreeRuns, use: Use) -> bool:
     """Whether the start angle makes a difference with these effects."""
-    if not use or not bench.pieces:
+    if not use or not residuals.pieces:
         return False
-    one, other = (bench.difference(0, use, bench.coarse, angle) for angle in (0.0, 1.0))
-    return bool(np.max(np.abs(one - other)) > SENSITIVE)
+    one, other = (residuals.difference(0, use, SEARCH_STEP, angle) for angle in (0.0, 1.0))
+    return bool(np.max(np.abs(one - other)) > ANGLE_MATTERS)
 
 
-def _best_angle(bench: Simulated, i: int, use: Use, step: float, about: float | None) -> float:
-    basis = bench.starts.bases[i]
+def _best_angle(residuals: FreeRuns, i: int, use: Use, step: float, about: float | None) -> float:
+    basis = residuals.starts.bases[i]
 
     def loss(angle: float) -> float:
-        rest = bench.difference(i, use, step, angle)
+        rest = residuals.difference(i, use, step, angle)
         along = basis.T @ rest
         return float(rest @ rest - along @ along)
 
-    width = 2 * math.pi / ANGLES
+    width = 2 * math.pi / ANGLES_TRIED
     best = about
     if best is None:
-        best = min((loss(k * width), k * width) for k in range(ANGLES))[1]
-    near, exact = (best - width, best + width), {"xatol": ANGLE_FOUND}
+        best = min((loss(k * width), k * width) for k in range(ANGLES_TRIED))[1]
+    near, exact = (best - width, best + width), {"xatol": ANGLE_TOLERANCE}
     return float(minimize_scalar(loss, bounds=near, method="bounded", options=exact).x)
 
 

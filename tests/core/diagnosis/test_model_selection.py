@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from recorded_machines import MOTOR, NOISE, ROTOR, candidates, record
 
-from ldt_core.diagnosis.decide import _plainest
-from ldt_core.diagnosis.diagnose import TOLERANCE, diagnose
-from ldt_core.diagnosis.explain import Search
-from ldt_core.diagnosis.model_selection import (
-    HALF,
-    KIN,
-    LAWS,
-    LITTLE,
-    NEARLY_ALL,
-    WORTH,
-    earned,
-    kin,
-    plain_enough,
-)
-from ldt_core.diagnosis.search import Fit, fit
-from ldt_core.diagnosis.shares import shapley
-from ldt_core.diagnosis.trials import Bench
+from ldt_core.diagnosis.attribution import shapley_shares
+from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.diagnosis.effect_fit import EffectFit, fit
+from ldt_core.diagnosis.effect_search import EffectSetSearch
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.model_selection import earned, kin, plain_enough
+from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.diagnosis.verdict import plainest
 from ldt_core.effects import EFFECTS, get_effect
 
 GAP = 1000.0
+LIMITS = THRESHOLDS
+FURTHER = LIMITS.further_effect_of_gap * GAP
+SMALL = LIMITS.small_effect_of_gap * GAP
+KIN = LIMITS.same_family_of_gap * GAP
 
 
 def members(*names):
@@ -52,26 +46,38 @@ def test_every_family_has_at_least_two_effects():
 def test_a_large_part_of_the_gap_and_of_what_is_left_earns_a_name():
     """Neither alone is enough."""
     one, two = members("inertia"), members("inertia", "coulomb_friction")
-    gain = 1.1 * WORTH * GAP
-    assert earned(one, two, gain, gain / HALF * 0.9, GAP)
-    assert not earned(one, two, gain, gain / HALF * 1.1, GAP)
-    assert not earned(one, two, 0.9 * WORTH * GAP, 0.9 * WORTH * GAP / NEARLY_ALL * 1.1, GAP)
+    gain = 1.1 * FURTHER
+    assert earned(one, two, gain, gain / LIMITS.further_effect_of_remainder * 0.9, GAP)
+    assert not earned(one, two, gain, gain / LIMITS.further_effect_of_remainder * 1.1, GAP)
+    assert not earned(
+        one,
+        two,
+        0.9 * FURTHER,
+        0.9 * FURTHER / LIMITS.small_effect_of_remainder * 1.1,
+        GAP,
+    )
 
 
 def test_a_small_part_earns_it_if_it_is_nearly_all_that_was_left():
     """Not one so small that the laws' own errors reach it."""
     one, two = members("quadratic_drag"), members("quadratic_drag", "coulomb_friction")
-    gain = 2 * LITTLE * GAP
-    assert earned(one, two, gain, gain / NEARLY_ALL * 0.9, GAP)
-    assert not earned(one, two, gain, gain / NEARLY_ALL * 1.1, GAP)
-    assert not earned(one, two, 0.9 * LITTLE * GAP, 0.9 * LITTLE * GAP, GAP)
+    gain = 2 * SMALL
+    assert earned(one, two, gain, gain / LIMITS.small_effect_of_remainder * 0.9, GAP)
+    assert not earned(one, two, gain, gain / LIMITS.small_effect_of_remainder * 1.1, GAP)
+    assert not earned(
+        one,
+        two,
+        0.9 * SMALL,
+        0.9 * SMALL,
+        GAP,
+    )
 
 
 def test_a_relative_of_what_is_named_needs_more():
     """A harmonic beside gravity is what gravity's own law may look like."""
     one, two = members("gravity_imbalance"), members("gravity_imbalance", "cogging_torque")
-    assert not earned(one, two, 0.9 * KIN * GAP, 0.9 * KIN * GAP, GAP)
-    assert earned(one, two, 1.1 * KIN * GAP, 1.1 * KIN * GAP, GAP)
+    assert not earned(one, two, 0.9 * KIN, 0.9 * KIN, GAP)
+    assert earned(one, two, 1.1 * KIN, 1.1 * KIN, GAP)
 
 
 def test_a_weak_friction_beside_a_strong_drag_is_named():
@@ -88,16 +94,16 @@ def test_a_weak_friction_beside_a_strong_drag_is_named():
     assert {n for group in found.verdict.acting for n in group} >= {names[0], names[1]}
     assert len(found.verdict.acting) == 2
     alone = next(c.score for c in found.candidates if c.effect == names[0])
-    assert 1 - WORTH < alone < 1 - LITTLE
+    assert 1 - LIMITS.further_effect_of_gap < alone < 1 - LIMITS.small_effect_of_gap
 
 
 def test_a_fit_passes_from_one_end_of_a_turn_to_the_other():
     """A phase just below pi is found from a start just above -pi."""
     experiments = record(MOTOR, "gravity_imbalance:torque=0.02,phase=3.0", volts=(-6.0, 6.0))
-    bench = Bench(MOTOR, experiments, (NOISE, 1.0))
+    residuals = FreeRunResiduals(MOTOR, experiments, (NOISE, 1.0))
     (c,) = candidates(MOTOR, ["gravity_imbalance"])
     start = c.coordinates({"torque": 0.015, "phase": -3.0})
-    found = fit(bench, [c], [start])
+    found = fit(residuals, [c], [start])
     phase = c.given(found.z[0])["phase"]
     assert abs(math.remainder(phase - 3.0, 2 * math.pi)) < 0.1
     assert -math.pi <= phase <= math.pi
@@ -106,9 +112,9 @@ def test_a_fit_passes_from_one_end_of_a_turn_to_the_other():
 def test_a_set_is_built_on_the_best_of_each_family():
     """Three frictions that fit alike do not take every place."""
     experiments = record(ROTOR, "coulomb_friction:torque=0.1", "constant_load:torque=0.1")
-    bench = Bench(ROTOR, experiments, tolerance=TOLERANCE)
+    residuals = FreeRunResiduals(ROTOR, experiments, tolerance=THRESHOLDS.law_error)
     names = ["coulomb_friction", "stribeck_friction", "gear_friction", "constant_load"]
-    search = Search(bench, candidates(ROTOR, names))
+    search = EffectSetSearch(residuals, candidates(ROTOR, names))
     search.run()
     built = [set(names) for names in search.found.scouted if len(names) == 2]
     assert {"coulomb_friction", "constant_load"} in built
@@ -116,20 +122,22 @@ def test_a_set_is_built_on_the_best_of_each_family():
 
 def test_the_angle_matters_for_what_pulls_at_an_angle_alone():
     """Gravity and cogging follow the measured speed; friction runs free."""
-    bench = Bench(ROTOR, record(ROTOR), (NOISE, 1.0))
+    residuals = FreeRunResiduals(ROTOR, record(ROTOR), (NOISE, 1.0))
     for name, expected in (("gravity_imbalance", True), ("coulomb_friction", False)):
         effect = get_effect(name)
-        assert bench.angular([effect]) is expected
-    assert np.isfinite(bench.rest()).all()
+        assert residuals.angular([effect]) is expected
+    assert np.isfinite(residuals.of()).all()
 
 
 def test_shares_are_those_of_a_game_and_sum_to_1():
     """Of two effects: the mean of what each explains alone and after the other one."""
     experiments = record(ROTOR, "coulomb_friction:torque=0.2", "inertia:factor=1.2")
-    search = Search(Bench(ROTOR, experiments), candidates(ROTOR, ["coulomb_friction", "inertia"]))
+    search = EffectSetSearch(
+        FreeRunResiduals(ROTOR, experiments), candidates(ROTOR, ["coulomb_friction", "inertia"])
+    )
     search.run()
     both = search.found.of_size(2)[0]
-    shares = shapley(search, both)
+    shares = shapley_shares(search, both)
     start = float(search.found.base @ search.found.base)
     alone = {f.names[0]: start - f.loss for f in search.found.of_size(1)}
     whole = start - both.loss
@@ -141,7 +149,7 @@ def test_shares_are_those_of_a_game_and_sum_to_1():
 def fitted(*names, left=0.0):
     """A set that leaves so much power."""
     chosen, rest = tuple(members(*names)), np.array([math.sqrt(left)])
-    return Fit(chosen, tuple(np.zeros(len(c)) for c in chosen), rest, np.zeros((1, 0)), left)
+    return EffectFit(chosen, tuple(np.zeros(len(c)) for c in chosen), rest, np.zeros((1, 0)), left)
 
 
 class Noiseless:
@@ -163,20 +171,19 @@ def test_a_simpler_set_may_leave_a_little_more_and_one_of_the_same_families_more
     """Whatever the members' order; one with as many parameters must be as good."""
     best = fitted("stribeck_friction", "inertia")
     relative, other = fitted("inertia", "coulomb_friction"), fitted("inertia", "viscous_friction")
-    assert plain_enough(other, best, 0.9 * LAWS * GAP, GAP)
-    assert not plain_enough(other, best, 1.1 * LAWS * GAP, GAP)
-    assert plain_enough(relative, best, 0.9 * KIN * GAP, GAP)
-    assert not plain_enough(relative, best, 1.1 * KIN * GAP, GAP)
+    assert plain_enough(other, best, 0.9 * LIMITS.simpler_set_of_gap * GAP, GAP)
+    assert not plain_enough(other, best, 1.1 * LIMITS.simpler_set_of_gap * GAP, GAP)
+    assert plain_enough(relative, best, 0.9 * KIN, GAP)
+    assert not plain_enough(relative, best, 1.1 * KIN, GAP)
     assert not plain_enough(other, relative, 0.0, GAP)
 
 
 def test_a_simpler_law_is_no_answer_where_it_leaves_what_would_be_unknown():
     """Coulomb's friction may stand for Stribeck's as long as it explains the gap."""
-    found = SimpleNamespace(band=Noiseless())
     best = fitted("stribeck_friction", left=0.01 * GAP)
     for left, names in ((0.04, "coulomb_friction"), (0.06, "stribeck_friction")):
         plain = fitted("coulomb_friction", left=left * GAP)
-        assert _plainest(found, [best], [best, plain], GAP)[0].names == (names,)
+        assert plainest(Noiseless(), [best], [best, plain], GAP)[0].names == (names,)
 
 
 def test_laws_of_one_family_that_hardly_differ_are_a_group():

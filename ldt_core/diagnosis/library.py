@@ -1,8 +1,8 @@
-"""The machine's own parameters that its file does not know for certain.
+"""The effects that may explain a gap, and those that are fitted with every set of them.
 
-A file that was fitted to measured data has a gap of its own: its parameters have made up for what
-the machine has and the file lacks. So they are fitted again with every set of effects, and a change
-of theirs is never the diagnosis.
+The latter change the machine's own parameters that its file does not know for certain. A file that
+was fitted to measured data has a gap of its own: its parameters have made up for what the machine
+has and the file lacks. So a change of theirs is never the diagnosis.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ldt_core.base.errors import OptionError, did_you_mean
-from ldt_core.effects import get_effect
+from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 
@@ -31,6 +31,39 @@ EQUIVALENT = ("J", "K_t", "L")  # of an identified motor; its R and b are conven
 NONE = "none"
 
 
+def library(
+    machine: Machine, more: Sequence[str] = (), without: Sequence[str] = ()
+) -> list[Effect]:
+    """The effects that may explain a gap of this machine.
+
+    Args:
+        machine: those that it cannot have are left out.
+        more: further effects, by name or `path/to/file.py:NAME`.
+        without: names to leave out.
+
+    Raises:
+        OptionError: a name that is not known, or an own effect that this machine cannot have.
+    """
+    known = EFFECTS.names()
+    for name in without:
+        EFFECTS.require(name)
+    found = []
+    for name in known:
+        effect = get_effect(name)
+        try:
+            effect.require(machine.model)
+        except OptionError:
+            continue
+        if name not in without:
+            found.append(effect)
+    for name in more:
+        effect = get_effect(name)
+        effect.require(machine.model)
+        if effect.name not in [e.name for e in found]:
+            found.append(effect)
+    return found
+
+
 def uncertain(machine: Machine) -> list[str]:
     """Parameters that the machine file says were fitted, which it then knows about itself."""
     if machine.calibration.get("equivalent"):
@@ -39,7 +72,7 @@ def uncertain(machine: Machine) -> list[str]:
     return [name for name in free if name in EFFECT] if isinstance(free, dict) else []
 
 
-def own_effects(machine: Machine, refit: Sequence[str] | None = None) -> list[Effect]:
+def refitted_effects(machine: Machine, refit: Sequence[str] | None = None) -> list[Effect]:
     """The effects that change the uncertain parameters.
 
     Args:

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from recorded_machines import MOTOR, NOISE, PERIOD, ROTOR, candidates, record, uses
 from scipy.stats import chi2
 
-from ldt_core.diagnosis.search import fit
-from ldt_core.diagnosis.trials import AT_REST, Bench, channel_noise
+from ldt_core.diagnosis.effect_fit import fit
+from ldt_core.diagnosis.free_run_residuals import AT_REST, FreeRunResiduals, channel_noise
 
 FASTER = (6.0, 16.0)  # V: through the resonance of the foundation
 UNBALANCED = ROTOR.with_parameters(e=0.006)
-CHANCE = 1e-4  # of each test to fail a right bench
+CHANCE = 1e-4  # of each test to fail a right residuals
 
 
 def white(rest, unknown=0):
@@ -49,19 +49,19 @@ RIGHT = {
 def test_a_right_model_leaves_white_noise_of_deviation_1(name, volts):
     """From rest, with the effects' true values."""
     machine, effects = RIGHT[name]
-    bench = Bench(machine, record(machine, *effects, volts=volts), (NOISE, 1.0))
+    residuals = FreeRunResiduals(machine, record(machine, *effects, volts=volts), (NOISE, 1.0))
     use = uses(effects)
-    starts = bench.settle(use)
-    assert white(bench.rest(use, starts=starts), unknown(starts))
+    starts = residuals.start_states(use)
+    assert white(residuals.of(use, starts=starts), unknown(starts))
 
 
 def test_the_current_counts_in_its_own_deviations():
     """Two channels in one row, each white."""
     experiments = record(ROTOR, "inertia", current=True)
-    bench = Bench(ROTOR, experiments, (NOISE, 0.02))
-    rest = bench.rest(uses(["inertia"]))
-    assert bench.size == rest.size == 2 * sum(map(len, experiments))
-    for piece in bench.pieces:
+    residuals = FreeRunResiduals(ROTOR, experiments, (NOISE, 0.02))
+    rest = residuals.of(uses(["inertia"]))
+    assert residuals.size == rest.size == 2 * sum(map(len, experiments))
+    for piece in residuals.pieces:
         speed, current = np.split(rest[piece.rows], 2)
         assert white(speed)
         assert white(current)
@@ -72,9 +72,9 @@ def test_a_current_measured_well_does_not_outweigh_the_speed():
     late = record(ROTOR, "input_delay:delay=0.01", current=True)
     power = []
     for tolerance in (0.0, 0.03):
-        bench = Bench(ROTOR, late, tolerance=tolerance)
-        rest = bench.rest()
-        both = sum(np.sum(rest[p.rows].reshape(2, -1) ** 2, axis=1) for p in bench.pieces)
+        residuals = FreeRunResiduals(ROTOR, late, tolerance=tolerance)
+        rest = residuals.of()
+        both = sum(np.sum(rest[p.rows].reshape(2, -1) ** 2, axis=1) for p in residuals.pieces)
         power.append(both.tolist())
     assert power[0][1] > 5 * power[0][0]  # as measured, the current would decide alone
     assert power[1][1] == pytest.approx(power[1][0], rel=0.02)
@@ -90,20 +90,20 @@ def test_the_noise_is_found_from_the_signals():
 def test_a_free_run_and_a_followed_one_agree_for_a_linear_machine():
     """A linear machine's corrections come back out whole, also where the effect is wrong."""
     experiments = record(ROTOR, "inertia:factor=1.3")
-    bench = Bench(ROTOR, experiments, (NOISE, 1.0))
+    residuals = FreeRunResiduals(ROTOR, experiments, (NOISE, 1.0))
     for use in ([], uses(["inertia:factor=1.3"]), uses(["viscous_friction"])):
-        free, followed = (bench.outputs(0, use, follow=f)[0] for f in (False, True))
+        free, followed = (residuals.outputs(0, use, follow=f)[0] for f in (False, True))
         np.testing.assert_allclose(followed, free, atol=1e-9)
 
 
 def test_they_agree_for_a_rotor_that_is_not_captured():
     """Below the resonance: to a fiftieth of what the foundation takes."""
     experiments = record(ROTOR, "unbalance:e=0.002", volts=(5.0, 6.0), samples=800)
-    bench = Bench(ROTOR, experiments, (NOISE, 1.0))
+    residuals = FreeRunResiduals(ROTOR, experiments, (NOISE, 1.0))
     use = uses(["unbalance:e=0.002"])
-    assert bench.physics.is_linear(ROTOR.parameters)
-    free, followed = (bench.outputs(0, use, follow=f)[0] for f in (False, True))
-    still, _ = bench.outputs(0, [], follow=False)
+    assert residuals.physics.is_linear(ROTOR.parameters)
+    free, followed = (residuals.outputs(0, use, follow=f)[0] for f in (False, True))
+    still, _ = residuals.outputs(0, [], follow=False)
     taken = np.abs(free - still).max()
     assert taken > 5 * NOISE
     np.testing.assert_allclose(followed, free, atol=taken / 50)
@@ -128,16 +128,16 @@ def test_what_is_not_known_of_a_running_machine_is_projected_out(name):
     """
     machine, effects, more = RUNNING[name]
     experiments = record(machine, *effects, volts=(6.0, 9.0), samples=600, lead=333, hold=111)
-    bench = Bench(machine, experiments, (NOISE, 1.0))
+    residuals = FreeRunResiduals(machine, experiments, (NOISE, 1.0))
     use = uses(effects)
-    starts = bench.settle(use)
-    assert not any(p.rest for p in bench.pieces)
-    rest = bench.rest(use, starts=starts)
+    starts = residuals.start_states(use)
+    assert not any(p.at_rest for p in residuals.pieces)
+    rest = residuals.of(use, starts=starts)
     if more:
-        assert float(rest @ rest) < (1 + more) * chi2.ppf(1 - CHANCE, bench.size)
+        assert float(rest @ rest) < (1 + more) * chi2.ppf(1 - CHANCE, residuals.size)
     else:
         assert white(rest, unknown(starts))
-    along = [b.T @ rest[p.rows] for b, p in zip(starts.bases, bench.pieces, strict=True)]
+    along = [b.T @ rest[p.rows] for b, p in zip(starts.bases, residuals.pieces, strict=True)]
     assert max(np.abs(a).max() for a in along) < 1e-6
 
 
@@ -146,20 +146,20 @@ def test_a_first_sample_that_is_far_off_does_no_harm():
     (good,) = record(ROTOR, volts=(6.0, 12.0), lead=307, count=1)
     speed = np.array(good.speed)
     speed[0] += 40 * NOISE
-    bench = Bench(ROTOR, [replace(good, speed=speed)], (NOISE, 1.0))
-    wrong = (speed - bench.outputs(0, [])[0]) / NOISE
-    assert float(wrong[1:] @ wrong[1:]) > 5 * bench.size
-    left = bench.rest()[1:]
+    residuals = FreeRunResiduals(ROTOR, [replace(good, speed=speed)], (NOISE, 1.0))
+    wrong = (speed - residuals.outputs(0, [])[0]) / NOISE
+    assert float(wrong[1:] @ wrong[1:]) > 5 * residuals.size
+    left = residuals.of()[1:]
     # The one sample itself pulls at two unknowns, less than as if it were all that they move.
     assert float(left @ left) < 40**2
-    assert white(bench.rest()[200:])
+    assert white(residuals.of()[200:])
 
 
 def test_rest_is_told_from_running_by_the_noise():
     """A first sample within four deviations of 0 is rest."""
     experiments = record(ROTOR) + record(ROTOR, lead=400, volts=FASTER)
-    bench = Bench(ROTOR, experiments, (NOISE, 1.0))
-    assert [p.rest for p in bench.pieces] == [True] * 3 + [False] * 3
+    residuals = FreeRunResiduals(ROTOR, experiments, (NOISE, 1.0))
+    assert [p.at_rest for p in residuals.pieces] == [True] * 3 + [False] * 3
     first = [abs(float(e.speed[0])) for e in experiments]
     assert max(first[:3]) <= AT_REST * NOISE < min(first[3:])
 
@@ -168,7 +168,7 @@ def test_rest_is_told_from_running_by_the_noise():
 def captured():
     """A rotor that is caught in the resonance in some experiments and passes it in others."""
     experiments = record(ROTOR, "unbalance:e=0.006", volts=(9.0, 16.0), samples=800, hold=100)
-    return Bench(ROTOR, experiments, (NOISE, 1.0))
+    return FreeRunResiduals(ROTOR, experiments, (NOISE, 1.0))
 
 
 def test_the_followed_loss_has_one_minimum_in_the_eccentricity(captured):
@@ -224,25 +224,25 @@ def test_a_part_of_the_bench_leaves_the_same(captured):
     """Experiments do not touch each other."""
     use = uses(["unbalance:e=0.005"])
     part = captured.part([1])
-    np.testing.assert_allclose(part.rest(use), captured.rest(use)[captured.pieces[1].rows])
+    np.testing.assert_allclose(part.of(use), captured.of(use)[captured.pieces[1].rows])
 
 
 def test_threads_change_nothing():
     """Each experiment is its own piece of work."""
     experiments = record(ROTOR, "unbalance:e=0.006", volts=FASTER, lead=200, count=4)
     use = uses(["unbalance:e=0.006"])
-    one, four = (Bench(ROTOR, experiments, (NOISE, 1.0), workers=w) for w in (1, 4))
+    one, four = (FreeRunResiduals(ROTOR, experiments, (NOISE, 1.0), workers=w) for w in (1, 4))
     np.testing.assert_array_equal(
-        one.rest(use, starts=one.settle(use)), four.rest(use, starts=four.settle(use))
+        one.of(use, starts=one.start_states(use)), four.of(use, starts=four.start_states(use))
     )
 
 
 def test_impossible_values_are_a_very_wrong_answer_not_an_error():
     """A search that comes by them turns back."""
-    bench = Bench(ROTOR, record(ROTOR), (NOISE, 1.0))
-    rest = bench.rest(uses(["viscous_friction:b=-0.5"]))
+    residuals = FreeRunResiduals(ROTOR, record(ROTOR), (NOISE, 1.0))
+    rest = residuals.of(uses(["viscous_friction:b=-0.5"]))
     assert np.isfinite(rest).all()
-    assert float(rest @ rest) > 1e6 * bench.size
+    assert float(rest @ rest) > 1e6 * residuals.size
 
 
 def test_a_torque_is_found_whatever_the_angles_at_which_the_machine_stood():
@@ -256,8 +256,8 @@ def test_a_torque_is_found_whatever_the_angles_at_which_the_machine_stood():
         )  # fmt: skip
         recorded.append(replace(e, number=k + 1))
     (gravity,) = candidates(ROTOR, ["gravity_imbalance"])
-    bench = Bench(ROTOR, recorded, (NOISE, 1.0))
+    residuals = FreeRunResiduals(ROTOR, recorded, (NOISE, 1.0))
     start = gravity.coordinates({"torque": 0.09, "phase": 0.0})
-    found = fit(bench, [gravity], [start])
+    found = fit(residuals, [gravity], [start])
     assert gravity.given(found.z[0])["torque"] == pytest.approx(0.14, rel=0.03)
-    assert found.loss < 1.1 * bench.size
+    assert found.loss < 1.1 * residuals.size

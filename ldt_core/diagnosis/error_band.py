@@ -15,48 +15,45 @@ from numpy.typing import NDArray
 from scipy.signal.windows import tukey
 from scipy.stats import f as fisher
 
-from ldt_core.diagnosis.trials import Bench
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.thresholds import THRESHOLDS
 
 Array = NDArray[np.float64]
 
-BANDWIDTHS = 10.0  # of the motor: the band in which its errors lie, and
-ORDERS = 1.5  # of the shaft at its fastest, whichever reaches further
-ABOVE = 2.0  # times that band's limit, begins what counts as noise alone
-TAPER = 0.2  # of an experiment, at both ends together
-NEAR = 1.2  # times more or less than the measured signals' white part, that noise may be
-MEDIAN = 2.1  # times the variance of a mean that a median of powers has
-LEAST_ABOVE = 20  # frequencies of an experiment there; with fewer, the noise is not judged anew
+TAPER = 0.2  # share of an experiment, both ends together: keeps strong low frequencies from leaking
+MEDIAN_VARIANCE = 2.1  # variance of the median of exponential powers over that of their mean
 
 
-class Band:
-    """The low frequencies of a bench's residuals.
+class ErrorBand:
+    """The low frequencies of residuals, in which the errors of a machine lie.
 
     Args:
-        bench: whose experiments give lengths and periods.
+        residuals: of the experiments, whose lengths and periods count.
     """
 
-    def __init__(self, bench: Bench) -> None:
-        self.bench = bench
-        fastest = max((float(np.abs(e.speed).max()) for e in bench.experiments), default=0.0)
-        #: [Hz].
-        self.limit = max(BANDWIDTHS / bench.memory, ORDERS * fastest) / (2 * math.pi)
+    def __init__(self, residuals: FreeRunResiduals) -> None:
+        self.residuals = residuals
+        fastest = max((float(np.abs(e.speed).max()) for e in residuals.experiments), default=0.0)
+        motor = THRESHOLDS.error_bandwidths / residuals.memory
+        #: Upper limit of the band [Hz].
+        self.limit = max(motor, THRESHOLDS.error_orders * fastest) / (2 * math.pi)
         self._rows: list[tuple[int, int, slice]] = []  # experiment, channel, rows
         unknown = 0
-        for i, piece in enumerate(bench.pieces):
+        for i, piece in enumerate(residuals.pieces):
             length = len(piece.experiment)
-            unknown += bench.starts.bases[i].shape[1]
+            unknown += residuals.starts.bases[i].shape[1]
             for channel, begin in enumerate(range(piece.rows.start, piece.rows.stop, length)):
                 self._rows.append((i, channel, slice(begin, begin + length)))
         #: Degrees of freedom of the band in each channel.
         self.free = [0.0, 0.0]
         #: Degrees of freedom of each frequency of an experiment, in the band and above it.
-        self._low = [self._in_band(i) for i in range(len(bench.pieces))]
-        self._high = [self._above(i) for i in range(len(bench.pieces))]
+        self._low = [self._in_band(i) for i in range(len(residuals.pieces))]
+        self._high = [self._above(i) for i in range(len(residuals.pieces))]
         for i, channel, _ in self._rows:
             self.free[channel] += float(np.sum(self._low[i]))
         self.free[0] -= unknown
-        #: What the noise of each channel is, in the deviations that the bench assumes.
-        self.level = bench.level
+        #: What the noise of each channel is, in the deviations that the residuals are divided by.
+        self.level = residuals.level
         self.above = sum(float(np.sum(self._high[i])) for i, _, _ in self._rows)
 
     @property
@@ -65,11 +62,11 @@ class Band:
         return sum(f * size**2 for f, size in zip(self.free, self.level, strict=True))
 
     def _frequency(self, i: int) -> Array:
-        e = self.bench.experiments[i]
+        e = self.residuals.experiments[i]
         return np.asarray(np.fft.rfftfreq(len(e), e.period), dtype=np.float64)
 
     def _in_band(self, i: int) -> Array:
-        e, frequency = self.bench.experiments[i], self._frequency(i)
+        e, frequency = self.residuals.experiments[i], self._frequency(i)
         count = np.full(frequency.size, 2.0)
         count[0] = 1.0
         if len(e) % 2 == 0:
@@ -77,8 +74,8 @@ class Band:
         return np.where(frequency <= self.limit, count, 0.0)
 
     def _above(self, i: int) -> Array:
-        count = np.where(self._frequency(i) > ABOVE * self.limit, 2.0, 0.0)
-        return count if np.count_nonzero(count) >= LEAST_ABOVE else 0.0 * count
+        count = np.where(self._frequency(i) > THRESHOLDS.noise_band_start * self.limit, 2.0, 0.0)
+        return count if np.count_nonzero(count) >= THRESHOLDS.noise_frequencies else 0.0 * count
 
     def power(self, rest: Array, speed: bool = False) -> Array:
         """(experiments,) power of (size,) residuals in the band, noise included.
@@ -87,7 +84,7 @@ class Band:
             rest: residuals.
             speed: count the speed alone.
         """
-        found = np.zeros(len(self.bench.pieces))
+        found = np.zeros(len(self.residuals.pieces))
         for i, channel, rows in self._rows:
             if speed and channel:
                 continue
@@ -105,30 +102,49 @@ class Band:
 
     def speed_loss(self, rest: Array) -> Array:
         """(experiments,) sum of squares of the speed's residuals."""
-        found = np.zeros(len(self.bench.pieces))
+        found = np.zeros(len(self.residuals.pieces))
         for i, channel, rows in self._rows:
             if not channel:
                 found[i] += float(rest[rows] @ rest[rows])
         return found
 
+    def speed_gain(self, before: Array, after: Array) -> float:
+        """Loss in the speed that the step from some residuals to others takes away."""
+        return float((self.speed_loss(before) - self.speed_loss(after)).sum())
+
+    def speed_gap(self, base: Array, residual: Array) -> float:
+        """Power of the gap in the speed: what a set explains, and what it leaves.
+
+        The speed alone, since it is what is to be predicted. A current that was measured well
+        shows how the laws differ from the machine's long before that matters.
+
+        Args:
+            base: (size,) residuals without any effect.
+            residual: (size,) residuals with the set.
+        """
+        explained, left = self.speed_gain(base, residual), self.speed_excess(residual)
+        return max(explained, 0.0) + max(left, 0.0)
+
     def channel_noise(self, rest: Array) -> tuple[float, float]:
         """What the noise of speed and current is, in the deviations assumed: from above the band.
 
-        Within NEAR of what the measured signals say; that alone for a channel with nothing there.
+        It differs by a factor of at most `noise_level_change` from what the measured signals say.
+        Where nothing lies above the band, it is what they say.
         """
         power: tuple[list[Array], list[Array]] = ([], [])
+        change = THRESHOLDS.noise_level_change
         for i, channel, rows in self._rows:
             part, seen = rest[rows], self._high[i] > 0
-            window = tukey(part.size, TAPER)  # keeps the strong low frequencies from leaking up
+            window = tukey(part.size, TAPER)
             window /= math.sqrt(float(np.mean(window**2)))
             power[channel].append(_periodogram(part * window)[seen])
         # The median, so that a ripple which sweeps through some of them does not count.
         found = [np.concatenate(p) if p else np.zeros(0) for p in power]
         first, second = (
-            min(max(math.sqrt(float(np.median(p)) / math.log(2)), known / NEAR), known * NEAR)
+            min(max(math.sqrt(float(np.median(p)) / math.log(2)), known / change), known * change)
             if p.size
             else known
-            for p, known in zip(found, self.bench.level, strict=True)
+            for p, known in zip(found, self.residuals.level, strict=True)
         )
         return first, second
 
@@ -141,7 +157,7 @@ class Band:
         return self._limit(chance, self.free[0] * self.level[0] ** 2, self.free[0])
 
     def _limit(self, chance: float, noise: float, free: float) -> float:
-        above = self.above / MEDIAN if self.above else free
+        above = self.above / MEDIAN_VARIANCE if self.above else free
         return noise * (float(fisher.isf(chance, free, above)) - 1)
 
 

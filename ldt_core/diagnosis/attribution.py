@@ -1,0 +1,94 @@
+"""What each member of a set contributes: its amounts with confidence intervals, its Shapley share.
+
+Noise alone would give the covariance (J'J)^-1. But no candidate's law is exactly the machine's: a
+structured remainder R, in the same units, shows how far off they are where the parameters cannot
+follow. What is off where they can follow is as likely of the same size in each direction. So a
+remainder of `REMAINDER_SHAPES` independent shapes adds its share of R to the variance of each.
+Where nothing structured is left, the law may still be off in just the way that its parameters can
+follow: `TRACELESS_ERROR` of the gap's power is taken to be so.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.diagnosis.candidate import turning
+from ldt_core.diagnosis.diagnosis import ParameterAmount
+from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.effect_search import EffectSetSearch
+
+Array = NDArray[np.float64]
+
+DEVIATIONS = 1.96  # half width of a 95 % interval of a normal distribution
+REMAINDER_SHAPES = 3.0  # independent shapes that a remainder is taken to consist of
+TRACELESS_ERROR = 0.005  # of the gap's power, by which a law may be off and leave no remainder
+UNDETERMINED = 3.0  # standard deviation, in coordinates, from which a parameter has no interval
+
+
+def deviations(fit: EffectFit, left: float, gap: float) -> tuple[Array, ...]:
+    """Standard deviation of each member's coordinates; infinite where nothing depends on them.
+
+    Args:
+        fit: the set.
+        left: power that it leaves beyond noise.
+        gap: power of the whole gap.
+    """
+    size = np.linalg.norm(fit.jacobian, axis=0)
+    seen = size > 1e-9
+    found = np.full(size.size, math.inf)
+    if seen.any():
+        scaled = fit.jacobian[:, seen] / size[seen]
+        _, s, right = np.linalg.svd(scaled, full_matrices=False)
+        variance = np.sum((right.T / np.maximum(s, 1e-7)) ** 2, axis=1) / size[seen] ** 2
+        found[seen] = np.sqrt(
+            variance * (1 + (max(left, 0.0) + TRACELESS_ERROR * gap) / REMAINDER_SHAPES)
+        )
+    edges = np.cumsum([len(c) for c in fit.members])[:-1]
+    return tuple(np.split(found, edges))
+
+
+def amounts(fit: EffectFit, left: float, gap: float) -> dict[str, dict[str, ParameterAmount]]:
+    """Effect to parameter to amount, of every member of a set; arguments as of `deviations`."""
+    found: dict[str, dict[str, ParameterAmount]] = {}
+    for c, z, spread in zip(fit.effects, fit.z, deviations(fit, left, gap), strict=False):
+        low, high = c.bounds
+        own = {}
+        for j, p in enumerate(c.parameters):
+            interval = None
+            if spread[j] < UNDETERMINED:
+                ends = np.clip(z[j] + DEVIATIONS * spread[j] * np.array([-1, 1]), low[j], high[j])
+                interval = c.value(j, float(ends[0])), c.value(j, float(ends[1]))
+                if turning(p):  # of which an end may lie beyond the range
+                    half, value = DEVIATIONS * spread[j] * c.scale(j), c.value(j, float(z[j]))
+                    interval = value - half, value + half
+            own[p.name] = ParameterAmount(c.value(j, float(z[j])), p.unit, interval)
+        found[c.name] = own
+    return found
+
+
+def shapley_shares(search: EffectSetSearch, fit: EffectFit) -> dict[str, float]:
+    """Each member's share of what the set takes off the sum of squares; they sum to 1.
+
+    It is the mean, over all orders of adding the members, of what the member then takes off
+    (Shapley, "A value for n-person games", 1953). Every subset is fitted on all experiments.
+    """
+    if len(fit.names) == 1:
+        return {fit.names[0]: 1.0}
+    found = search.found
+    worth: dict[frozenset[str], float] = {frozenset(): 0.0}
+    start = float(found.base @ found.base)
+    for count in range(1, len(fit.names) + 1):
+        for names in itertools.combinations(fit.names, count):
+            worth[frozenset(names)] = start - search.subset(fit, names).loss
+    whole = worth[frozenset(fit.names)]
+    shares = dict.fromkeys(fit.names, 0.0)
+    orders = list(itertools.permutations(fit.names))
+    for order in orders:
+        for k, name in enumerate(order):
+            gain = worth[frozenset(order[: k + 1])] - worth[frozenset(order[:k])]
+            shares[name] += gain / whole / len(orders)
+    return shares

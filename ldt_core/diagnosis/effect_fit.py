@@ -1,0 +1,169 @@
+"""A set of effects fitted to the residuals: all its parameters, by nonlinear least squares."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ldt_core.diagnosis.candidate import Candidate
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
+from ldt_core.diagnosis.start_states import SEARCH_STEP, StartStates, turns
+from ldt_core.diagnosis.thresholds import THRESHOLDS
+
+Array = NDArray[np.float64]
+
+DIFFERENCE_STEP = 1e-3  # of a coordinate: far above rounding, far below any curvature
+STEPS = 12  # least-squares steps of one fit: from good starts, more gain nothing
+STEPS_TO_START_STATES = 4  # least-squares steps after which start states are estimated again
+PRECISION = 1e-5  # of the loss: a step that gains less ends the fit
+START_ANGLE_ROUNDS = 4  # in which start angles and parameters are fitted in turn, at most
+START_ANGLE_GAIN = 0.02  # of the loss: a round that gains less is the last
+
+
+@dataclass(frozen=True, eq=False)
+class EffectFit:
+    """A set of effects, fitted.
+
+    Attributes:
+        members: its candidates, then those of the machine's own parameters that are fitted with it.
+        z: their coordinates, one array each.
+        residual: (size,) residuals that it leaves, in noise deviations.
+        jacobian: (size, p) change of the residuals per coordinate.
+        loss: sum of squares of `residual`.
+        own: how many of the members are the machine's own parameters.
+        starts: states at the first samples.
+    """
+
+    members: tuple[Candidate, ...]
+    z: tuple[Array, ...]
+    residual: Array
+    jacobian: Array
+    loss: float
+    own: int = 0
+    starts: StartStates | None = None
+
+    @property
+    def effects(self) -> tuple[Candidate, ...]:
+        """The set itself."""
+        return self.members[: len(self.members) - self.own]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the set itself."""
+        return tuple(c.name for c in self.effects)
+
+    @property
+    def use(self) -> list[Used]:
+        """The effects with all their values, as a simulation takes them."""
+        return used(self.members, self.z)
+
+    @property
+    def free(self) -> int:
+        """Parameters fitted."""
+        return sum(len(c) for c in self.effects)
+
+
+def used(members: Sequence[Candidate], z: Sequence[Array]) -> list[Used]:
+    """Effects with all their values, as a simulation takes them."""
+    return [(c.effect, c.given(part)) for c, part in zip(members, z, strict=True)]
+
+
+def by_member(members: Sequence[Candidate], z: Array) -> tuple[Array, ...]:
+    """A row of coordinates, an array for each member."""
+    edges = np.cumsum([len(c) for c in members])[:-1]
+    return tuple(np.split(z, edges))
+
+
+def fit(
+    residuals: FreeRunResiduals,
+    members: Sequence[Candidate],
+    start: Sequence[Array],
+    step: float = SEARCH_STEP,
+    steps: int = STEPS,
+    precision: float = PRECISION,
+    own: int = 0,
+    known: StartStates | None = None,
+) -> EffectFit:
+    """Least squares of a set's parameters, from a start.
+
+    Args:
+        residuals: experiments to fit.
+        members: the set, then the machine's own parameters.
+        start: coordinates of each.
+        step: longest integration step [s].
+        steps: least-squares steps, at most.
+        precision: part of the sum of squares; a step that gains less was the last.
+        own: how many members are the machine's own parameters.
+        known: states at the first samples, nearly, if an earlier fit has found them.
+    """
+    members = tuple(members)
+    low = np.concatenate([c.bounds[0] for c in members])
+    high = np.concatenate([c.bounds[1] for c in members])
+
+    starts = [residuals.starts]
+
+    def rest(z: Array) -> Array:
+        return residuals.of(used(members, by_member(members, z)), step, starts[0])
+
+    last: dict[str, Array] = {}
+
+    def jacobian(z: Array) -> Array:
+        base = last["rest"] if np.array_equal(last.get("z", z * np.nan), z) else rest(z)
+        columns = np.empty((residuals.size, z.size))
+        for j in range(z.size):
+            moved = z.copy()
+            moved[j] += DIFFERENCE_STEP if z[j] + DIFFERENCE_STEP <= high[j] else -DIFFERENCE_STEP
+            columns[:, j] = (rest(moved) - base) / (moved[j] - z[j])
+        return columns
+
+    def remembered(z: Array) -> Array:
+        last["rest"], last["z"] = rest(z), z.copy()
+        return last["rest"]
+
+    def descend(z: Array, count: int) -> tuple[Array, Array, Array]:
+        solved = least_squares(
+            remembered,
+            np.clip(z, low + margin, high - margin),
+            jacobian,
+            bounds=(low, high),
+            ftol=precision,
+            xtol=1e-6,
+            gtol=1e-8,
+            max_nfev=count,
+        )
+        return solved.x, solved.fun, solved.jac
+
+    def settled(z: Array, free: bool = False, near: StartStates | None = None) -> StartStates:
+        return residuals.start_states(used(members, by_member(members, z)), free, step, near)
+
+    margin = 1e-7 * np.maximum(1.0, np.minimum(high - low, 1.0))
+    first = np.clip(np.concatenate(start), low + margin, high - margin)
+    starts[0] = settled(first, near=known)
+    if starts[0] is residuals.starts:
+        z, left, slopes = descend(first, steps)
+    else:
+        quick = residuals.shaking and precision > PRECISION  # nearly the right angles will do
+        z = first if quick else descend(first, STEPS_TO_START_STATES)[0]
+        starts[0] = starts[0] if quick else settled(z, near=known)
+        z, left, slopes = descend(z, steps)
+    sought = residuals.shaking or not any(p.at_rest for p in residuals.pieces)
+    if not sought and turns(residuals, used(members, by_member(members, z))):
+        shared, kept = (z, left, slopes), starts[0]
+        before = math.inf
+        for turn in range(START_ANGLE_ROUNDS):
+            starts[0] = settled(z, free=True, near=starts[0] if turn else None)
+            z, left, slopes = descend(z, steps // 2)
+            if float(left @ left) > (1 - START_ANGLE_GAIN) * before:
+                break
+            before = float(left @ left)
+        gain = float(shared[1] @ shared[1] - left @ left)
+        if gain < len(residuals.pieces) * THRESHOLDS.start_angle_gain:
+            (z, left, slopes), starts[0] = shared, kept
+    return EffectFit(
+        members, by_member(members, z), left, slopes, float(left @ left), own, starts[0]
+    )

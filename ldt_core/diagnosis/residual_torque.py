@@ -1,0 +1,185 @@
+"""The torque on the shaft that would explain a residual.
+
+The residual speed of a motor under an extra torque T follows J r' = T - (J / tau) r, tau being the
+time in which the motor forgets its speed. Turned round, with the residual smoothed, it gives the
+torque at each moment, where the free run's error itself would smear it over tau.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Use
+from ldt_core.diagnosis.start_states import StartStates
+from ldt_core.diagnosis.torque_curve import TorqueCurve, torque_curve
+
+Array = NDArray[np.float64]
+
+WINDOW = 0.7  # of the motor's memory: a longer window would smear the torque over speeds
+DEGREE = 2  # of the smoothing polynomial: it has a slope and a curvature
+QUANTITIES = {
+    "speed": "rad/s",
+    "voltage": "V",
+    "acceleration": "rad/s^2",
+    "time": "s",
+    "experiment": "",
+}
+
+
+class TorqueEstimator:
+    """The torque behind a residual speed, for one sample period.
+
+    Args:
+        inertia: J [kg m^2].
+        memory: tau [s].
+        period: of the samples [s].
+        length: of the experiment, in samples.
+    """
+
+    def __init__(self, inertia: float, memory: float, period: float, length: int) -> None:
+        samples = max(int(WINDOW * memory / period) | 1, DEGREE + 3)
+        self.window = min(samples, length - 1 + length % 2)
+        self.inertia, self.memory, self.period = inertia, memory, period
+
+    def smooth(self, signal: Array, derivative: int = 0) -> Array:
+        """(L,) signal or its derivative."""
+        if self.window <= DEGREE:
+            return np.gradient(signal, self.period) if derivative else signal
+        return np.asarray(
+            savgol_filter(signal, self.window, DEGREE, deriv=derivative, delta=self.period)
+        )
+
+    def of(self, residual: Array) -> Array:
+        """(L,) torque [N m] that explains (L,) measured minus simulated speed [rad/s]."""
+        return self.inertia * (self.smooth(residual, 1) + self.smooth(residual) / self.memory)
+
+    @property
+    def noise(self) -> float:
+        """Deviation of the torque [N m] per deviation of white noise on the speed [rad/s]."""
+        if self.window <= DEGREE:
+            return self.inertia / self.memory
+        slope = savgol_coeffs(self.window, DEGREE, deriv=1, delta=self.period)
+        mean = savgol_coeffs(self.window, DEGREE)
+        return float(self.inertia * np.linalg.norm(slope + mean / self.memory))
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualTorque:
+    """The torque that explains what is wrong, sample by sample, over all experiments.
+
+    Attributes:
+        torque: (N,) smoothed so long that ripples and noise are small [N m].
+        noise: (N,) its deviation that comes from the sensor's noise [N m].
+        over: quantity to (N,) values.
+        pieces: length of each experiment.
+        periods: sample period of each [s].
+        window: samples over which `torque` is smoothed.
+        residuals: experiments.
+        left: (L,) what is wrong with the speed in each [rad/s].
+        speeds: (L,) speed in each, not smoothed [rad/s].
+        deviation: of the sensor's noise on `left` [rad/s].
+    """
+
+    torque: Array
+    noise: Array
+    over: dict[str, Array]
+    pieces: list[int]
+    periods: list[float]
+    window: int
+    residuals: FreeRunResiduals
+    left: list[Array]
+    speeds: list[Array]
+    deviation: float
+
+    @functools.cached_property
+    def power(self) -> Array:
+        """(N,) squared torque beyond noise."""
+        return self.torque**2 - self.noise**2
+
+    def curve(self, quantity: str) -> TorqueCurve:
+        """The mean torque over a quantity."""
+        values = self.speeds if quantity == "speed" else self._each(self.over[quantity])
+        return torque_curve(
+            self.left,
+            values,
+            self.periods,
+            [p.at_rest for p in self.residuals.pieces],
+            self.residuals.values["J"],
+            self.residuals.memory,
+            self.deviation,
+        )
+
+    def _each(self, values: Array) -> list[Array]:
+        return np.split(values, np.cumsum(self.pieces)[:-1])
+
+
+def residual_torque(
+    residuals: FreeRunResiduals, use: Use = (), starts: StartStates | None = None
+) -> ResidualTorque:
+    """The torque left by these effects, and what it may depend on."""
+    simulated = [
+        residuals.outputs(i, use, angle=_angle(residuals, starts, i))[0]
+        for i in range(len(residuals.pieces))
+    ]
+    measured = [e.speed for e in residuals.experiments]
+    left = [a - b for a, b in zip(measured, simulated, strict=True)]
+    return _torque_of(residuals, left, measured, residuals.noise[0])
+
+
+def added_torque(
+    residuals: FreeRunResiduals, use: Use, to: Use, starts: StartStates | None = None
+) -> ResidualTorque:
+    """The torque that effects add to others, as simulated: free of noise.
+
+    Args:
+        residuals: experiments.
+        use: effects before.
+        to: effects after.
+        starts: states at the first samples, with the latter.
+    """
+    moved, after = [], []
+    for i in range(len(residuals.pieces)):
+        after.append(residuals.outputs(i, to, angle=_angle(residuals, starts, i))[0])
+        moved.append(
+            after[-1] - residuals.outputs(i, use, angle=_angle(residuals, residuals.starts, i))[0]
+        )
+    return _torque_of(residuals, moved, after, 0.0)
+
+
+def _angle(residuals: FreeRunResiduals, starts: StartStates | None, i: int) -> float:
+    return float((starts or residuals.starts).angles[i])
+
+
+def _torque_of(
+    residuals: FreeRunResiduals, left: Sequence[Array], speeds: Sequence[Array], deviation: float
+) -> ResidualTorque:
+    torque, noise, window = [], [], 1
+    over: dict[str, list[Array]] = {name: [] for name in QUANTITIES}
+    for e, wrong, speed in zip(residuals.experiments, left, speeds, strict=True):
+        turn = TorqueEstimator(residuals.values["J"], residuals.memory, e.period, len(e))
+        torque.append(turn.of(wrong))
+        noise.append(np.full(len(e), turn.noise * deviation))
+        window = max(window, turn.window)
+        over["speed"].append(turn.smooth(speed))
+        over["voltage"].append(np.asarray(e.voltage))
+        over["acceleration"].append(turn.smooth(speed, 1))
+        over["time"].append(e.time)
+        over["experiment"].append(np.full(len(e), float(e.number)))
+    return ResidualTorque(
+        np.concatenate(torque),
+        np.concatenate(noise),
+        {name: np.concatenate(parts) for name, parts in over.items()},
+        [len(e) for e in residuals.experiments],
+        [e.period for e in residuals.experiments],
+        window,
+        residuals,
+        list(left),
+        list(speeds),
+        deviation,
+    )

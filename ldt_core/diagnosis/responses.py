@@ -1,0 +1,231 @@
+"""Responses of the effects, and what each promises by them before anything is fitted.
+
+Every candidate is simulated at the values its search starts with. The responses, all of the same
+residuals, are columns; how well any one, two or three of them together explain the residual needs
+only their inner products, so every pair is tried, also of effects that explain nothing alone.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.base.threads import spread
+from ldt_core.diagnosis.candidate import Candidate
+from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+
+Array = NDArray[np.float64]
+
+#: Least and largest factor by which a response may be scaled: within, it hardly changes shape.
+SHRINK, STRETCH = 0.02, 4.0
+OTHER_START = 0.3  # change of a response's scale factor from which it counts as another start
+
+
+@dataclass(frozen=True, eq=False)
+class Responses:
+    """Responses of all candidates at their starts.
+
+    Attributes:
+        residuals: of the experiments on which the candidates were simulated.
+        candidates: in order.
+        owner: (K,) place of each response's candidate.
+        z: coordinates of each response.
+        responses: (K, size) what each takes off the residual.
+        gram: (K, K) inner products of the responses.
+        base: (size,) residual without any effect.
+    """
+
+    residuals: FreeRunResiduals
+    candidates: tuple[Candidate, ...]
+    owner: NDArray[np.int64]
+    z: list[Array]
+    responses: Array
+    gram: Array
+    base: Array
+
+    @functools.cached_property
+    def cosine(self) -> Array:
+        """(K, K) inner products of the responses, each scaled to length 1."""
+        return np.asarray(self.gram / np.outer(self.length, self.length))
+
+    @functools.cached_property
+    def length(self) -> Array:
+        """(K,) of the responses."""
+        return np.sqrt(np.maximum(np.diag(self.gram), 1e-12))
+
+    @property
+    def target(self) -> Array:
+        """(K,) inner products of the responses with the residual."""
+        return np.asarray(self.responses @ self.base)
+
+    @property
+    def explainable(self) -> float:
+        """Share of the residual's loss that all responses together could take away at most.
+
+        To first order: effects that distort each other's responses can do better.
+        """
+        values, vectors = np.linalg.eigh(self.cosine)
+        kept = values > 1e-9 * values[-1]
+        along = vectors[:, kept].T @ (self.target / self.length)
+        return float(np.sum(along**2 / values[kept])) / float(self.base @ self.base)
+
+    def promised_beside(self, base: EffectFit) -> list[tuple[Candidate, Array, float]]:
+        """What each other effect promises beside a set, the most promising first.
+
+        Returns:
+            The effect, its most promising coordinates, and the loss that it then takes away,
+            to first order and with the set's own parameters free to follow.
+        """
+        left, moved = base.residual, self.responses
+        if base.members:
+            span = np.linalg.qr(base.jacobian)[0]
+            moved = moved - (moved @ span) @ span.T
+            left = left - span @ (span.T @ left)
+        size, target = np.einsum("ij,ij->i", moved, moved), moved @ left
+        scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
+        gain = 2 * scale * target - scale**2 * size
+        for group in self._phases:
+            gain[group], scale[group] = self._at_any_angle(moved[group], left)
+        chosen: dict[int, int] = {}
+        for k in np.argsort(-gain):
+            owner = int(self.owner[k])
+            if self.candidates[owner].name not in base.names:
+                chosen.setdefault(owner, int(k))
+        return [
+            (c := self.candidates[i], c.scaled(self.z[k], float(scale[k])), float(gain[k]))
+            for i, k in chosen.items()
+        ]
+
+    @functools.cached_property
+    def with_free_phase(self) -> frozenset[str]:
+        """Effects whose phase each experiment may choose, since start angles are not known."""
+        return frozenset(self.candidates[int(self.owner[group[0]])].name for group in self._phases)
+
+    @functools.cached_property
+    def _phases(self) -> list[NDArray[np.int64]]:
+        """Places of responses that differ by a phase alone, if start angles are not known."""
+        found = []
+        if all(p.at_rest for p in self.residuals.pieces):
+            return []
+        for i, c in enumerate(self.candidates):
+            own = np.flatnonzero(self.owner == i)
+            other = [j for j, p in enumerate(c.parameters) if p.unit != "rad"]
+            if len(other) == len(c.parameters) or not self.residuals.angular([c.effect]):
+                continue
+            same: dict[bytes, list[int]] = {}
+            for k in own:
+                same.setdefault(self.z[k][other].tobytes(), []).append(int(k))
+            found += [np.array(group) for group in same.values()]
+        return found
+
+    def _at_any_angle(self, moved: Array, left: Array) -> tuple[float, float]:
+        """(promise, how many times as strong) of an effect whose phase each experiment may choose.
+
+        Args:
+            moved: (phases, size) responses that differ by the phase alone.
+            left: (size,) residuals.
+        """
+        gain = size = 0.0
+        for piece in self.residuals.pieces:
+            part = moved[:, piece.rows]
+            power, along = np.linalg.eigh(part @ part.T)
+            kept = along[:, -2:][:, power[-2:] > 1e-9 * max(power[-1], 1e-300)]  # a sine, a cosine
+            onto = kept.T @ (part @ left[piece.rows])
+            gain += float(np.sum(onto**2 / power[-2:][-kept.shape[1] :])) if onto.size else 0.0
+            size += float(power.sum()) / power.size
+        scale = float(np.clip(np.sqrt(gain / max(size, 1e-9)), SHRINK, STRETCH))
+        return gain, scale
+
+
+def simulate_all(
+    residuals: FreeRunResiduals,
+    candidates: Sequence[Candidate],
+    tick: Callable[[], None] = lambda: None,
+    own: EffectFit | None = None,
+    workers: int = 1,
+) -> Responses:
+    """Simulate every candidate at its starts; responses that do not show are left out.
+
+    Args:
+        residuals: experiments.
+        candidates: effects.
+        tick: called after each simulation.
+        own: the machine's own parameters as fitted, whose directions are projected out.
+        workers: threads among which the candidates are spread.
+    """
+    given = own.use if own else []
+    base = residuals.of(given)
+    span = np.linalg.qr(own.jacobian)[0] if own else np.zeros((residuals.size, 0))
+    owner, z = [], []
+    for i, c in enumerate(candidates):
+        starts = c.starts()
+        owner += [i] * len(starts)
+        z += starts
+    rows = np.empty((len(z), residuals.size))
+
+    def fill(k: int) -> None:
+        c = candidates[owner[k]]
+        rows[k] = base - residuals.of([(c.effect, c.given(z[k])), *given])
+
+    for _ in spread(fill, len(z), workers):
+        tick()
+    rows -= (rows @ span) @ span.T
+    shown = np.flatnonzero(np.einsum("ij,ij->i", rows, rows) > 1e-12)
+    rows = rows[shown]
+    return Responses(
+        residuals,
+        tuple(candidates),
+        np.array(owner, dtype=np.int64)[shown],
+        [z[k] for k in shown],
+        rows,
+        rows @ rows.T,
+        base,
+    )
+
+
+def best_alone(d: Responses, i: int, count: int = 2) -> list[Array]:
+    """StartStates of candidate i from which to fit: best as simulated, and best when scaled."""
+    own = np.flatnonzero(d.owner == i)
+    if own.size == 0:
+        return []
+    size, target = np.diag(d.gram)[own], d.target[own]
+    exact = size - 2 * target
+    scale = np.clip(target / size, SHRINK, STRETCH)
+    scaled = scale**2 * size - 2 * scale * target
+    first, c = int(np.argmin(exact)), d.candidates[i]
+    found = [d.z[own[first]]]
+    for k in np.argsort(scaled):
+        if len(found) < count and (k != first or abs(scale[k] - 1) > OTHER_START):
+            found.append(c.scaled(d.z[own[k]], float(scale[k])))
+    return found
+
+
+def rank_pairs(d: Responses) -> dict[tuple[int, int], tuple[float, int, int]]:
+    """For each pair of candidates: (what its best two responses gain, the two responses).
+
+    The gain is a reduction of the sum of squares, both responses scaled within SHRINK..STRETCH.
+    """
+    size, target = np.diag(d.gram), d.target
+    determinant = size[:, None] * size - d.gram**2
+    determinant[determinant < 1e-9 * size[:, None] * size] = np.inf
+    first = (target[:, None] * size - d.gram * target) / determinant
+    second = first.T
+    a = np.clip(first, SHRINK, STRETCH)
+    b = np.clip(second, SHRINK, STRETCH)
+    gain = 2 * (a * target[:, None] + b * target) - (
+        a**2 * size[:, None] + b**2 * size + 2 * a * b * d.gram
+    )
+    best: dict[tuple[int, int], tuple[float, int, int]] = {}
+    groups = [np.flatnonzero(d.owner == i) for i in range(len(d.candidates))]
+    for i in range(len(groups)):
+        for j in range(i + 1, len(groups)):
+            block = gain[np.ix_(groups[i], groups[j])]
+            if block.size:
+                k, m = np.unravel_index(int(np.argmax(block)), block.shape)
+                best[i, j] = float(block[k, m]), int(groups[i][k]), int(groups[j][m])
+    return best

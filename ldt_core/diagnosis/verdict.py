@@ -1,0 +1,228 @@
+"""The decision between none, effect, ambiguous and unknown; its limits are in `thresholds`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.diagnosis.attribution import shapley_shares
+from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.effect_search import EffectSetSearch
+from ldt_core.diagnosis.error_band import ErrorBand
+from ldt_core.diagnosis.fitted_sets import FittedSets
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.model_selection import earned, kin, plain_enough
+from ldt_core.diagnosis.thresholds import THRESHOLDS
+
+Array = NDArray[np.float64]
+
+RESAMPLES = 400  # draws of experiments for the confidence, which is then known to 0.01 near 0.95
+NOISE_DRAWS = 2000  # of white noise: four beyond the quantile that a test takes of them
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What explains the gap.
+
+    Attributes:
+        kind: none, effect, ambiguous or unknown.
+        best: the chosen set's fit; None for `none`.
+        alike: all sets that are as good, the chosen one first.
+        excess: power of the gap in the speed beyond noise, without any effect.
+        left: the same with the chosen set.
+        structured: whether what is left is more than noise.
+        residuals: all experiments, with the noise as it was found.
+        confidence: that the verdict is right, as far as the experiments agree with each other.
+    """
+
+    kind: str
+    best: EffectFit | None
+    alike: tuple[EffectFit, ...]
+    excess: float
+    left: float
+    structured: bool
+    residuals: FreeRunResiduals
+    confidence: float
+
+    @property
+    def acting(self) -> list[list[str]]:
+        """For each effect that acts, the names that it may have; the best first."""
+        if self.best is None:
+            return []
+        groups = [[name] for name in self.best.names]
+        for other in self.alike[1:]:
+            new = [n for n in other.names if n not in self.best.names]
+            gone = [n for n in self.best.names if n not in other.names]
+            for group in groups:
+                if group[0] in gone:
+                    group += [n for n in new if n not in group]
+        return groups
+
+
+def is_gap(found: FittedSets, seed: int) -> bool:
+    """Whether the residuals without any effect are more than white noise.
+
+    Two tests: power at low frequencies, and the best match with a candidate's response, whose limit
+    comes from draws of white noise on this very input.
+    """
+    if found.excess > found.band.limit_of(THRESHOLDS.gap_false_alarm):
+        return True
+    d = found.responses
+    score = np.max(d.target / d.length)
+    random = np.random.default_rng(seed)
+    values, vectors = np.linalg.eigh(d.cosine)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    drawn = np.max(root @ random.standard_normal((values.size, NOISE_DRAWS)), axis=0)
+    return bool(score > np.quantile(drawn, 1 - THRESHOLDS.gap_false_alarm))
+
+
+def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Decision:
+    """The verdict: none, effect, ambiguous or unknown.
+
+    Args:
+        search: that has not run yet.
+        seed: of the draws.
+        faulty: a sensor is faulty, so nothing is sought and the verdict is unknown.
+    """
+    found = search.found
+    band = found.band
+    band.level = search.band.level = band.channel_noise(found.base)
+    if faulty or not is_gap(found, seed):
+        kind, sure = "unknown" if faulty else "none", THRESHOLDS.confidence_without_search
+        residuals = _with_noise(found.residuals, band.level)
+        return Decision(kind, None, (), found.excess, found.excess, False, residuals, sure)
+    search.run()
+    best = found.of_size(1)[0]
+    for size in range(1, THRESHOLDS.largest_set + 1):
+        best = min([best, *found.of_size(size)[:1]], key=lambda f: band.excess(f.residual))
+    band.level = search.band.level = band.channel_noise(best.residual)
+    gap = band.speed_gap(found.base, best.residual)
+    chosen = _largest_that_all_share(search, _growing_sets(found, gap))
+    search.alternatives(chosen)
+    pool = found.of_size(len(chosen.names))
+    gap = band.speed_gap(found.base, pool[0].residual)
+    alike = plainest(band, _as_good(band, pool), pool, gap)
+    alike = sorted(alike, key=lambda f: kin(f.effects))  # else the best first, as before
+    best = alike[0]
+    left, gap = band.speed_excess(best.residual), band.speed_gap(found.base, best.residual)
+    structured = band.excess(best.residual) > band.limit_of(THRESHOLDS.remainder_false_alarm)
+    unknown = bool(_unexplained(band, left, gap))
+    kind = "unknown" if unknown else "ambiguous" if len(alike) > 1 else "effect"
+    least = min(alike, key=lambda f: f.loss)
+    rivals = [f for f in pool if f not in alike and f.loss > least.loss]
+    sure = _confidence(found, least, [] if unknown else rivals, unknown, seed)
+    residuals = _with_noise(found.residuals, band.level)
+    return Decision(kind, best, tuple(alike), gap, left, structured, residuals, sure)
+
+
+def _unexplained(band: ErrorBand, left: Any, gap: Any) -> Any:
+    """Whether so much of the gap is left, in one draw or in each of many, that it is no cause."""
+    limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
+    return left - limit > THRESHOLDS.unexplained_of_gap * gap
+
+
+def _with_noise(residuals: FreeRunResiduals, level: tuple[float, float]) -> FreeRunResiduals:
+    noise = residuals.noise[0] * level[0], residuals.noise[1] * level[1]
+    return FreeRunResiduals(residuals.machine, residuals.experiments, noise, residuals.workers)
+
+
+def _confidence(
+    found: FittedSets, best: EffectFit, rivals: Sequence[EffectFit], unknown: bool, seed: int
+) -> float:
+    """Share of the draws of experiments (with replacement) that give the same verdict."""
+    band = found.band
+    count = len(found.residuals.pieces)
+    pick = np.random.default_rng(seed).integers(0, count, (RESAMPLES, count))
+    explained = (band.speed_loss(found.base) - band.speed_loss(best.residual))[pick].sum(axis=1)
+    noise = band.free[0] * band.level[0] ** 2 / count
+    left = (band.power(best.residual, speed=True) - noise)[pick].sum(axis=1)
+    gap = np.maximum(explained, 0.0) + np.maximum(left, 0.0)
+    same = _unexplained(band, left, gap) == unknown
+    own = _losses(found.residuals, best)[pick].sum(axis=1)
+    for rival in rivals:
+        same = same & (own < _losses(found.residuals, rival)[pick].sum(axis=1))
+    return float(np.clip(np.mean(same), 1 / RESAMPLES, 1 - 1 / RESAMPLES))
+
+
+def _losses(residuals: FreeRunResiduals, fit: EffectFit) -> Array:
+    rows = [fit.residual[p.rows] for p in residuals.pieces]
+    return np.array([float(r @ r) for r in rows])
+
+
+def _growing_sets(found: FittedSets, gap: float) -> list[EffectFit]:
+    """From the best effect alone, ever larger sets that are each better by enough."""
+    chosen, band = [found.of_size(1)[0]], found.band
+    for size in range(2, THRESHOLDS.largest_set + 1):
+        pool = found.of_size(size)
+        if not pool:
+            continue
+        # Of the sets that are as good as the best, one with the fewest effects of one family.
+        larger, smaller = min(_as_good(band, pool), key=lambda f: kin(f.effects)), chosen[-1]
+        gain = band.speed_gain(smaller.residual, larger.residual)
+        left = max(band.speed_excess(smaller.residual), 0.0)
+        clear = gain > THRESHOLDS.chance_gain * (len(larger.names) - len(smaller.names))
+        if clear and earned(smaller.effects, larger.effects, gain, left, gap):
+            chosen.append(larger)
+    return chosen
+
+
+def _largest_that_all_share(search: EffectSetSearch, chosen: Sequence[EffectFit]) -> EffectFit:
+    """The largest of these sets to which each member brings more than a trifle."""
+    for tried in reversed(chosen[1:]):
+        if min(shapley_shares(search, tried).values()) >= THRESHOLDS.shapley_share:
+            return tried
+    return chosen[0]
+
+
+def _as_good(band: ErrorBand, pool: Sequence[EffectFit]) -> list[EffectFit]:
+    """Sets that cannot be told from the first, by all channels and by the speed alone."""
+    best, limits = pool[0], THRESHOLDS
+    least, share = limits.indistinguishable_loss, limits.indistinguishable_of_remainder
+    reach = max(least, share * band.excess(best.residual))
+    speed_reach = max(least, share * band.speed_excess(best.residual))
+    return [
+        f for f in pool if f.loss - best.loss <= reach and _behind(band, f, best) <= speed_reach
+    ]
+
+
+def _behind(band: ErrorBand, fit: EffectFit, best: EffectFit) -> float:
+    """Loss in the speed beyond that of the best set."""
+    return float(band.speed_loss(fit.residual).sum()) - float(band.speed_loss(best.residual).sum())
+
+
+def plainest(
+    band: ErrorBand, alike: Sequence[EffectFit], pool: Sequence[EffectFit], gap: float
+) -> list[EffectFit]:
+    """The sets that need the fewest parameters, the best first.
+
+    A law with more parameters follows a machine better than a simpler one even where the simpler
+    one is right, since no law is exactly right. So where a simpler set leaves hardly more, it is
+    the answer, and the other is named beside it if it does fit better. Laws of the same family
+    are told apart by no less than a second one of that family must explain to be named.
+
+    Args:
+        band: of the residuals.
+        alike: sets that are as good as each other, the best first.
+        pool: all sets of that size.
+        gap: power of the whole gap.
+    """
+    best = alike[0]
+    hopeless = _unexplained(band, band.speed_excess(best.residual), gap)
+    close = [
+        f
+        for f in pool
+        if plain_enough(f, best, _behind(band, f, best), gap)
+        and (hopeless or not _unexplained(band, band.speed_excess(f.residual), gap))
+    ]
+    if not close:
+        least = min(f.free for f in alike)
+        return [f for f in alike if f.free == least]
+    least = min(f.free for f in close)
+    plain = [f for f in close if f.free == least]
+    kept, limit = _as_good(band, plain), THRESHOLDS.indistinguishable_loss
+    related = [f for f in alike if f not in kept and plain[0].loss - f.loss > limit]
+    return [*kept, *related[:1]]
