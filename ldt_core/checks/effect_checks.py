@@ -23,6 +23,7 @@ from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.physics.constants import MAX_STEP
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import MAX_STEP_RATE
+from ldt_core.physics.motor_driven import MotorDriven
 from ldt_core.physics.parameter import Parameter
 
 # rad/s, for a neutral effect: an effect on the equations takes the integrator where the machine
@@ -158,8 +159,11 @@ def _c_function(effect: Effect) -> Callable[..., float]:
 def _check_step(effect: Effect, machine: Machine, speed: np.ndarray) -> float:
     """How much a quarter of the step changes the speed [rad/s], which must be little."""
     typical, limit = effect.check(effect.typical), max(map(abs, machine.voltage_limits))
-    values = effect.change_parameters(machine.model, machine.parameters, typical)
-    rate = max(machine.model.rate(values, limit), effect.rate(values, limit, typical))
+    physics = machine.model
+    values = effect.change_parameters(physics, machine.parameters, typical)
+    rate = effect.rate(values, limit, typical)
+    if isinstance(physics, MotorDriven):
+        rate = max(physics.rate(values, limit), rate)
     step = min(MAX_STEP, MAX_STEP_RATE / rate) / 4
     change = float(np.abs(_speed(machine, effect, typical, step) - speed).max())
     assert change <= STEP_TOLERANCE, (

@@ -58,7 +58,7 @@ def warning_limits(run_length: float, share: float) -> tuple[float, float]:
         share: of values above one of the limits, positives included.
     """
     share = min(share, MOST_WARNINGS)
-    centres, stays = _chain(*limits(run_length))
+    centres, stays = markov_chain(*limits(run_length))
     moves = stays.copy()
     moves[:, AGAIN] += 1 - stays.sum(axis=1)
     equations = np.vstack([moves.T - np.eye(STATES), np.ones(STATES)])
@@ -86,11 +86,11 @@ def average_run_length(single: float, total: float) -> float:
         Lucas, Crosier: Fast initial response for CUSUM quality-control schemes, Technometrics 24
         (1982).
     """
-    _, stays = _chain(single, total)
+    _, stays = markov_chain(single, total)
     return float(np.linalg.solve(np.eye(STATES) - stays, np.ones(STATES))[AGAIN])
 
 
-def _chain(single: float, total: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def markov_chain(single: float, total: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(sums (n,), probabilities (n, n) of going from one to the other without a positive)."""
     width = 2 * total / (2 * STATES - 1)  # the first state is the sum 0, and half as wide
     centres = np.asarray(width * np.arange(STATES), dtype=np.float64)

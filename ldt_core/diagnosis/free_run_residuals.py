@@ -32,9 +32,10 @@ from ldt_core.diagnosis.start_states import (
     start_states_for,
 )
 from ldt_core.estimation.effect.cause import white_noise
+from ldt_core.physics.base import ANGLE, CURRENT, SPEED
 from ldt_core.physics.constants import NOT_TRACKED
 from ldt_core.physics.integrate import propagate
-from ldt_core.physics.motor import memory
+from ldt_core.physics.motor import MOTOR, memory
 
 if TYPE_CHECKING:
     from ldt_core.machine.machine_file import Machine
@@ -50,7 +51,6 @@ AT_REST = 4.0  # noise deviations: a first sample nearer to 0 is that of a machi
 NOISE_FLOOR = 1e-4  # of a channel's size: a simulation without noise must not divide by 0
 ANGLE_SHOWS = 1e-3  # noise deviations by which an effect that depends on the angle shows it
 SHORTEST_STEP = 0.5e-3  # s, of the integration, whatever a fit tries: bounds the time it takes
-ANGLE, SPEED, CURRENT = range(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,10 +306,7 @@ class FreeRunResiduals:
 
 
 def _motor(values: Values, period: float) -> tuple[Array, Array]:
-    from ldt_core.physics.base import _discretise
-    from ldt_core.physics.motor import MOTOR
-
-    return _discretise(MOTOR, tuple(values[p.name] for p in MOTOR.parameters), period)
+    return MOTOR.discretised(values, period)
 
 
 def channel_noise(experiments: Sequence[Experiment]) -> tuple[float, float]:

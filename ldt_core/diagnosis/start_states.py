@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from ldt_core.physics.base import Physics
+from ldt_core.physics.base import ANGLE, CURRENT, Physics
 from ldt_core.physics.effect import Effect
 
 Array = NDArray[np.float64]
@@ -24,7 +24,6 @@ Use = Sequence[tuple[Effect, Mapping[str, float]]]
 
 MOTOR_NAMES = ("J", "K_t", "R", "L", "b")  # parameters that shake nothing
 NO_OFFSET = np.zeros(0)
-ANGLE, CURRENT = 0, 2
 SEARCH_STEP = 2e-3  # s, longest integration step: its error is far below the noise
 GAUSS_NEWTON_STEPS = 4  # for a foundation in motion, whose start is not linear in the speed
 LEAST_DECREASE = 0.98  # of the loss: a step after which more than that is left is the last

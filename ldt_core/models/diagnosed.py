@@ -14,7 +14,7 @@ from ldt_core.base.experiment import DiagnosisRecord, Experiment, Prediction, Sa
 from ldt_core.base.sentences import spoken
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.effects.change_description import change_of
-from ldt_core.estimation.effect.cause import ANGLE, Cause, UncertainStart
+from ldt_core.estimation.effect.cause import Cause, UncertainStart
 from ldt_core.estimation.effect.effect_search import EffectSearch
 from ldt_core.estimation.effect.learn_effect import EffectLearner, LearnedEffect
 from ldt_core.estimation.effect.sigma_points import SigmaPoint
@@ -22,6 +22,7 @@ from ldt_core.estimation.effect.start_angle import FoundAngle, believe
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
 from ldt_core.models.physics import PhysicsModel
+from ldt_core.physics.base import ANGLE
 
 if TYPE_CHECKING:
     from ldt_core.physics.effect import Effect

@@ -20,6 +20,7 @@ from ldt_core.models.gaussian_process.observer import MotorRun
 from ldt_core.models.gaussian_process.sparse import SparsePosterior
 from ldt_core.models.gaussian_process.speed_run import spread
 from ldt_core.models.physics import PhysicsModel
+from ldt_core.physics.zero_order_hold import zero_order_hold
 
 
 class HybridModel(Model):
@@ -157,13 +158,9 @@ def _discretise(
     a: tuple[float, ...], b: tuple[float, ...], period: float
 ) -> tuple[Array, Array, Array]:
     """Exact for what is held over a sample: Ad (2, 2), Bd (2,) of the voltage, Gd (2,) of f_d."""
-    from scipy.linalg import expm
-
-    augmented = np.zeros((4, 4))
-    augmented[:2, :2], augmented[:2, 2], augmented[1, 3] = np.reshape(a, (2, 2)), b, 1.0
-    discrete = expm(augmented * period)[:2]
-    ad, bd, gd = (np.ascontiguousarray(discrete[:, cut]) for cut in (slice(2), 2, 3))
-    return ad, bd, gd
+    inputs = np.column_stack([b, (0.0, 1.0)])
+    ad, held = zero_order_hold(np.reshape(a, (2, 2)), inputs, period)
+    return ad, np.ascontiguousarray(held[:, 0]), np.ascontiguousarray(held[:, 1])
 
 
 _SCALARS = ("noise_std", "disturbance_std", "memory", "span", "rmse")

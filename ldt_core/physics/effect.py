@@ -221,13 +221,13 @@ def gather(
         states += len(effect.states)
     return Terms(
         np.array([effect.compiled.address for effect, _ in terms], dtype=np.int64),
-        np.array([effect.terminal is not None for effect, _ in terms]),
-        np.array([len(effect.states) > 0 for effect, _ in terms]),
+        np.array([effect.terminal is not None for effect, _ in terms], dtype=np.bool_),
+        np.array([len(effect.states) > 0 for effect, _ in terms], dtype=np.bool_),
         np.array(first_parameter, dtype=np.int64),
         np.array(first_state, dtype=np.int64),
         np.array([*parameters, 0.0]),
-        np.array(watched or [False] * len(terms)),
+        np.array(watched, dtype=np.bool_),
         np.zeros(len(terms)),
         np.zeros(len(terms)),
-        np.array([quiet[effect.terminal is not None] for effect, _ in terms]),
+        np.array([quiet[effect.terminal is not None] for effect, _ in terms], dtype=np.float64),
     )

@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.physics.constants import MAX_STEP, NOT_TRACKED, Constants, Equations, Tracked
 from ldt_core.physics.effect import Effect, gather
-from ldt_core.physics.rigid import PATIENCE, run_rigid
 from ldt_core.physics.terms import evaluate, forget, is_quiet
 
 Array = NDArray[np.float64]
 
 MAX_STEP_RATE = 1.0  # step times fastest rate: RK4 is stable to 2.8, and accurate well below
 MAX_STEPS = 2_000_000_000  # of one simulation: some minutes of computing; more is a mistake
-STATES = 7
+STATES, RIGID = 7, 3  # of the machine; of one that shakes no foundation
+LONGEST_PAUSE = 16  # intervals with short steps, at most, before long ones are tried again
 QUIET = 1e-3  # of the stall torque and the voltage: a term that changes less needs no short steps
 SMALL_TURN = 0.1  # rad; below, the series of `_turned` is exact to rounding
 
@@ -93,7 +93,7 @@ def _coefficients(c: Constants) -> Coefficients:
 
 
 @njit(cache=True, nogil=True)
-def _turned(s, o, theta, delta):  # pragma: no cover - compiled
+def turned(s, o, theta, delta):  # pragma: no cover - compiled
     """Sine and cosine of theta + delta from those of theta: a step turns the shaft very little.
 
     Power series to delta^9 and delta^10, exact to rounding below SMALL_TURN, at a fifth of the time
@@ -109,41 +109,60 @@ def _turned(s, o, theta, delta):  # pragma: no cover - compiled
     return s * b + o * a, o * b - s * a
 
 
+# A state y is a tuple of three numbers (a machine that shakes no foundation) or of seven. The
+# compiler resolves `len(y)`, so either length becomes machine code of its own.
+
+
 @njit(cache=True, nogil=True)
-def _rates(y, s, o, torque, volts, c, rigid):  # pragma: no cover - compiled
-    _, omega, current, x, vx, z, vz = y
+def _direction(y):  # pragma: no cover - compiled
+    """Sine and cosine of the angle, which three states do not need."""
+    if len(y) == RIGID:
+        return 0.0, 1.0
+    return math.sin(y[0]), math.cos(y[0])
+
+
+@njit(cache=True, nogil=True)
+def _turned(y, s, o, delta):  # pragma: no cover - compiled
+    if len(y) == RIGID:
+        return s, o
+    return turned(s, o, y[0], delta)
+
+
+@njit(cache=True, nogil=True)
+def _rates(y, s, o, torque, volts, c):  # pragma: no cover - compiled
+    omega, current = y[1], y[2]
     alpha = c.pull * current - c.drag * omega + c.ease * torque
     di = c.supply * volts - c.loss * current - c.emf * omega
-    if rigid:
-        return omega, alpha, di, 0.0, 0.0, 0.0, 0.0
-    fx = -c.damping_x * vx - c.stiffness_x * x
-    fz = -c.damping_y * vz - c.stiffness_y * z
+    if len(y) == RIGID:
+        return omega, alpha, di
+    fx = -c.damping_x * y[4] - c.stiffness_x * y[3]
+    fz = -c.damping_y * y[6] - c.stiffness_y * y[5]
     alpha += c.coupling * (fx * s - fz * o) - c.weight * o
     spin = omega * omega
     ax = fx + c.lever * (alpha * s + spin * o)
     az = fz + c.lever * (spin * s - alpha * o)
-    return omega, alpha, di, vx, ax, vz, az
+    return omega, alpha, di, y[4], ax, y[6], az
 
 
 @njit(cache=True, nogil=True)
 def _moved(y, h, k):  # pragma: no cover - compiled
-    return (
-        y[0] + h * k[0],
-        y[1] + h * k[1],
-        y[2] + h * k[2],
-        y[3] + h * k[3],
-        y[4] + h * k[4],
-        y[5] + h * k[5],
-        y[6] + h * k[6],
-    )
+    a, b, c = y[0] + h * k[0], y[1] + h * k[1], y[2] + h * k[2]
+    if len(y) == RIGID:
+        return a, b, c
+    return a, b, c, y[3] + h * k[3], y[4] + h * k[4], y[5] + h * k[5], y[6] + h * k[6]
 
 
 @njit(cache=True, nogil=True)
 def _summed(a, b, c, d):  # pragma: no cover - compiled
+    x = a[0] + 2 * (b[0] + c[0]) + d[0]
+    y = a[1] + 2 * (b[1] + c[1]) + d[1]
+    z = a[2] + 2 * (b[2] + c[2]) + d[2]
+    if len(a) == RIGID:
+        return x, y, z
     return (
-        a[0] + 2 * (b[0] + c[0]) + d[0],
-        a[1] + 2 * (b[1] + c[1]) + d[1],
-        a[2] + 2 * (b[2] + c[2]) + d[2],
+        x,
+        y,
+        z,
         a[3] + 2 * (b[3] + c[3]) + d[3],
         a[4] + 2 * (b[4] + c[4]) + d[4],
         a[5] + 2 * (b[5] + c[5]) + d[5],
@@ -153,60 +172,45 @@ def _summed(a, b, c, d):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True)
 def _corrected(y, change):  # pragma: no cover - compiled
+    if len(y) == RIGID:
+        return y[0], y[1] + change, y[2]
     return y[0], y[1] + change, y[2], y[3], y[4], y[5], y[6]
 
 
 @njit(cache=True, nogil=True)
-def _run(
-    edges, volts, steps, samples, start, c, rigid, states, seen, gain
-):  # pragma: no cover - compiled
-    """Fill `states` (L, 7); return the index of the first sample that is not finite, or -1."""
-    y = (start[0], start[1], start[2], start[3], start[4], start[5], start[6])
-    if seen.size > 0:
-        y = _corrected(y, gain * (seen[0] - y[1]))
-    for k in range(volts.size):
-        v = volts[k]
-        h = (edges[k + 1] - edges[k]) / steps[k]
-        half, sixth = h / 2, h / 6
-        s, o = math.sin(y[0]), math.cos(y[0])  # anew, so that rounding does not add up
-        for _ in range(steps[k]):
-            k1 = _rates(y, s, o, 0.0, v, c, rigid)
-            w = _moved(y, half, k1)
-            s2, o2 = _turned(s, o, y[0], half * k1[0])
-            k2 = _rates(w, s2, o2, 0.0, v, c, rigid)
-            w = _moved(y, half, k2)
-            s3, o3 = _turned(s, o, y[0], half * k2[0])
-            k3 = _rates(w, s3, o3, 0.0, v, c, rigid)
-            w = _moved(y, h, k3)
-            s4, o4 = _turned(s, o, y[0], h * k3[0])
-            k4 = _rates(w, s4, o4, 0.0, v, c, rigid)
-            total = _summed(k1, k2, k3, k4)
-            s, o = _turned(s, o, y[0], sixth * total[0])
-            y = _moved(y, sixth, total)
-        at = samples[k + 1]
-        if at >= 0:
-            for i in range(7):
-                states[at, i] = y[i]
-            if not math.isfinite(y[0] + y[1] + y[2] + y[3] + y[4] + y[5] + y[6]):
-                return at
-            if seen.size > 0:
-                y = _corrected(y, gain * (seen[at] - y[1]))
-    return -1
+def _is_finite(y, z):  # pragma: no cover - compiled
+    total = z.sum()
+    for i in range(len(y)):
+        total += y[i]
+    return math.isfinite(total)
 
 
 @njit(cache=True, nogil=True)
-def _run_with_terms(
-    edges, volts, steps, long, samples, start, c, rigid, states, seen, gain, terms
+def runge_kutta(
+    edges, volts, steps, long, samples, first, own, c, states, seen, gain, terms
 ):  # pragma: no cover - compiled
-    """As `_run`, with effects: their states are in columns 7 on of `states`, and in `start`.
+    """Fill `states` (L, 7 + own); return the index of the first sample that is not finite, or -1.
 
     Where `long` has fewer steps than `steps`, those are tried first: a watched term is steep, but
     rarely where the machine is. If it turns out to be, the interval is run again.
+
+    Args:
+        edges: (K + 1,) ends of the intervals of constant voltage [s].
+        volts: (K,) [V].
+        steps: (K,) steps in each interval.
+        long: (K,) fewer steps to try first.
+        samples: (K + 1,) sample at each edge, or -1.
+        first: machine's state at the first edge, three or seven numbers.
+        own: (own,) states of the effects there; it is overwritten.
+        c: `Coefficients`.
+        states: (L, 7 + own), first row given.
+        seen: (L,) speeds to follow [rad/s], or empty.
+        gain: part of the difference to them that is taken at a sample.
+        terms: `Terms` of the effects, or None.
     """
-    y = (start[0], start[1], start[2], start[3], start[4], start[5], start[6])
+    y, z = first, own
     if seen.size > 0:
         y = _corrected(y, gain * (seen[0] - y[1]))
-    z = start[7:].copy()
     moved = z.copy()
     d1, d2, d3, d4 = z.copy(), z.copy(), z.copy(), z.copy()
     before, kept = y, z.copy()
@@ -222,52 +226,51 @@ def _run_with_terms(
             forget(terms)
         h = (edges[k + 1] - edges[k]) / count
         half, sixth = h / 2, h / 6
-        s, o = math.sin(y[0]), math.cos(y[0])  # anew, so that rounding does not add up
+        s, o = _direction(y)  # anew, so that rounding does not add up
         for step in range(count):
             t = edges[k] + step * h
             torque, u = evaluate(terms, t, y, v, z, d1)
-            k1 = _rates(y, s, o, torque, u, c, rigid)
+            k1 = _rates(y, s, o, torque, u, c)
             w = _moved(y, half, k1)
-            s2, o2 = _turned(s, o, y[0], half * k1[0])
+            s2, o2 = _turned(y, s, o, half * k1[0])
             for i in range(z.size):
                 moved[i] = z[i] + half * d1[i]
             torque, u = evaluate(terms, t + half, w, v, moved, d2)
-            k2 = _rates(w, s2, o2, torque, u, c, rigid)
+            k2 = _rates(w, s2, o2, torque, u, c)
             w = _moved(y, half, k2)
-            s3, o3 = _turned(s, o, y[0], half * k2[0])
+            s3, o3 = _turned(y, s, o, half * k2[0])
             for i in range(z.size):
                 moved[i] = z[i] + half * d2[i]
             torque, u = evaluate(terms, t + half, w, v, moved, d3)
-            k3 = _rates(w, s3, o3, torque, u, c, rigid)
+            k3 = _rates(w, s3, o3, torque, u, c)
             w = _moved(y, h, k3)
-            s4, o4 = _turned(s, o, y[0], h * k3[0])
+            s4, o4 = _turned(y, s, o, h * k3[0])
             for i in range(z.size):
                 moved[i] = z[i] + h * d3[i]
             torque, u = evaluate(terms, t + h, w, v, moved, d4)
-            k4 = _rates(w, s4, o4, torque, u, c, rigid)
+            k4 = _rates(w, s4, o4, torque, u, c)
             total = _summed(k1, k2, k3, k4)
-            s, o = _turned(s, o, y[0], sixth * total[0])
+            s, o = _turned(y, s, o, sixth * total[0])
             y = _moved(y, sixth, total)
             for i in range(z.size):
                 z[i] += sixth * (d1[i] + 2 * (d2[i] + d3[i]) + d4[i])
         if trial:
-            whole = y[0] + y[1] + y[2] + y[3] + y[4] + y[5] + y[6] + z.sum()
-            again = not (is_quiet(terms) and math.isfinite(whole))
+            again = not (is_quiet(terms) and _is_finite(y, z))
             if again:
                 y = before
                 for i in range(z.size):
                     z[i] = kept[i]
-                wait, pause = pause, min(2 * pause, PATIENCE)
+                wait, pause = pause, min(2 * pause, LONGEST_PAUSE)
                 continue
             pause = 1
         again, wait, k = False, max(wait - 1, 0), k + 1
         at = samples[k]
         if at >= 0:
-            for i in range(7):
+            for i in range(len(y)):
                 states[at, i] = y[i]
             for i in range(z.size):
-                states[at, 7 + i] = z[i]
-            if not math.isfinite(y[0] + y[1] + y[2] + y[3] + y[4] + y[5] + y[6] + z.sum()):
+                states[at, STATES + i] = z[i]
+            if not _is_finite(y, z):
                 return at
             if seen.size > 0:
                 y = _corrected(y, gain * (seen[at] - y[1]))
@@ -334,19 +337,14 @@ def integrate(
     start = np.zeros(STATES + own.size)
     start[:n], start[STATES:] = initial[:n], own
     rigid = bool(c.unbalance == 0 and not start[3:STATES].any())
-    states, k = np.zeros((times.size, STATES + own.size)), _coefficients(c)
+    states = np.zeros((times.size, STATES + own.size))
     states[0] = start
-    if terms:
-        quiet = QUIET * values["K_t"] * most / values["R"], QUIET * most
-        compiled = gather(terms, values, watched, quiet)
-    if terms and rigid:
-        failed = run_rigid(edges, volts, steps, long, samples, start, k, states, *tracked, compiled)
-    elif terms:
-        failed = _run_with_terms(
-            edges, volts, steps, long, samples, start, k, rigid, states, *tracked, compiled
-        )
-    else:
-        failed = _run(edges, volts, steps, samples, start, k, rigid, states, *tracked)
+    quiet = QUIET * values["K_t"] * most / values["R"], QUIET * most
+    failed = runge_kutta(
+        *(edges, volts, steps, long, samples),
+        *(tuple(start[: RIGID if rigid else STATES].tolist()), start[STATES:], _coefficients(c)),
+        *(states, *tracked, gather(terms, values, watched, quiet) if terms else None),
+    )
     if failed >= 0:
         raise LdtError(
             f"the simulation of {physics.name} diverged: its state is not finite "

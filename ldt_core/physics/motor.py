@@ -12,8 +12,9 @@ import math
 
 import numpy as np
 
-from ldt_core.physics.base import Array, Physics, Values
+from ldt_core.physics.base import Array, Values
 from ldt_core.physics.constants import Constants
+from ldt_core.physics.motor_driven import MotorDriven
 from ldt_core.physics.parameter import Parameter
 
 MOTOR_PARAMETERS = (
@@ -27,7 +28,7 @@ MOTOR_PARAMETERS = (
 )
 
 
-class Motor(Physics):
+class Motor(MotorDriven):
     """The motor alone; always linear."""
 
     name = "dc_motor"

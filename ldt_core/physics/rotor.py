@@ -15,15 +15,16 @@ from __future__ import annotations
 
 import cmath
 
-from ldt_core.physics.base import Array, Physics, Values
+from ldt_core.physics.base import Array, Values
 from ldt_core.physics.constants import Constants
 from ldt_core.physics.motor import MOTOR_PARAMETERS, fastest_root, motor_rate, motor_system
+from ldt_core.physics.motor_driven import MotorDriven
 from ldt_core.physics.parameter import Parameter
 
 STEPS_PER_RADIAN = 4  # the unbalance force turns with the shaft: 25 steps a turn, error below 1e-4
 
 
-class Rotor(Physics):
+class Rotor(MotorDriven):
     """Motor, eccentric rotor and foundation; linear when the eccentricity is 0."""
 
     name = "dc_motor_rotor"

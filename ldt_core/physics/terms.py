@@ -95,7 +95,12 @@ def _call_with_states(typing, address, t, theta, omega, current, voltage, p, sta
 
 @njit(cache=True)
 def evaluate(terms, t, y, volts, state, rate):  # pragma: no cover - compiled
-    """(sum of torques [N m], terminal voltage [V]); writes the rates of the effects' states."""
+    """(sum of torques [N m], terminal voltage [V]); writes the rates of the effects' states.
+
+    Without `terms` (None) the compiler leaves all of it out.
+    """
+    if terms is None:
+        return 0.0, volts
     torque, terminal = 0.0, volts
     parameters = terms.parameters.ctypes.data
     for j in range(terms.address.size):
@@ -119,6 +124,8 @@ def evaluate(terms, t, y, volts, state, rate):  # pragma: no cover - compiled
 @njit(cache=True, nogil=True)
 def forget(terms):  # pragma: no cover - compiled
     """Begin to watch anew."""
+    if terms is None:
+        return
     terms.least[:] = math.inf
     terms.most[:] = -math.inf
 
@@ -126,6 +133,8 @@ def forget(terms):  # pragma: no cover - compiled
 @njit(cache=True, nogil=True)
 def is_quiet(terms):  # pragma: no cover - compiled
     """Whether no watched term has changed by more than it may."""
+    if terms is None:
+        return True
     for j in range(terms.watched.size):
         if terms.watched[j] and not terms.most[j] - terms.least[j] <= terms.quiet[j]:
             return False

@@ -94,7 +94,7 @@ def test_the_chart_has_the_stated_run_length_and_warnings(every):
 def test_the_chart_without_a_single_limit_is_page_s():
     """Run length 930 for a limit of 5 and an allowance of 1/2 (Montgomery, table 9.3: 465 for the
     two-sided chart), from a sum of 0."""
-    centres, stays = control_chart._chain(100.0, 5.0)
+    centres, stays = control_chart.markov_chain(100.0, 5.0)
     run = np.linalg.solve(np.eye(centres.size) - stays, np.ones(centres.size))
     assert run[0] == pytest.approx(930.9, rel=0.002)
 

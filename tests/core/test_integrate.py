@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.effects import parse_effect
 from ldt_core.machine.machine_file import load_machine
-from ldt_core.physics.integrate import MAX_STEP, NOT_TRACKED, SMALL_TURN, _turned, integrate
+from ldt_core.physics.integrate import MAX_STEP, NOT_TRACKED, SMALL_TURN, integrate, turned
 from ldt_core.physics.motor import MOTOR
 from ldt_core.physics.rotor import ROTOR
 
@@ -59,7 +59,7 @@ def test_the_default_step_is_accurate_on_random_experiments():
 @given(theta=st.floats(-1e4, 1e4), delta=st.floats(-2 * SMALL_TURN, 2 * SMALL_TURN))
 def test_sine_and_cosine_of_a_small_turn_are_exact(theta, delta):
     """The series agrees with the library to rounding, on both sides of its bound."""
-    s, o = _turned(math.sin(theta), math.cos(theta), theta, delta)
+    s, o = turned(math.sin(theta), math.cos(theta), theta, delta)
     assert s == pytest.approx(math.sin(theta + delta), abs=1e-15 + 2e-16 * abs(theta))
     assert o == pytest.approx(math.cos(theta + delta), abs=1e-15 + 2e-16 * abs(theta))
 

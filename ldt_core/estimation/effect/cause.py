@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
+from ldt_core.physics.base import ANGLE, CURRENT, SPEED
 
 if TYPE_CHECKING:
     from ldt_core.machine.machine_file import Machine
@@ -28,7 +29,6 @@ ALIKE = 1e-6  # of the largest speed: two free runs that differ by rounding alon
 THIRD_DIFFERENCE = math.sqrt(20)  # of white noise with deviation 1
 NORMAL_MEDIAN = 0.6745  # of the size of a standard normal number
 LIVELY_STEP = 1e-3  # s, longest integration step where only the size of a motion is asked for
-ANGLE, SPEED, CURRENT = range(3)
 
 
 @dataclass(frozen=True, eq=False)

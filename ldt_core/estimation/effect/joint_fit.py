@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.estimation.effect.cause import ANGLE, Array, Cause, UncertainStart
+from ldt_core.estimation.effect.cause import Array, Cause, UncertainStart
+from ldt_core.physics.base import ANGLE
 
 STEP = 0.5e-3  # s, longest integration step: worst relative error 8e-5
 DIFFERENCE = 1e-4  # of a scale or of a start state's spread, for difference quotients

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.estimation.effect.cause import ANGLE, Array, UncertainStart
+from ldt_core.estimation.effect.cause import Array, UncertainStart
 from ldt_core.estimation.effect.effect_search import EffectSearch
 from ldt_core.estimation.effect.joint_fit import FittedExperiment, JointFit, Minimum
 from ldt_core.estimation.effect.sigma_points import SigmaPoint, sigma_points
 from ldt_core.estimation.effect.start_angle import AngleBelief, FoundAngle, believe, together
+from ldt_core.physics.base import ANGLE
 
 AGREEING = 1.5  # times the newest experiment's residual: an older one below this still holds
 CONTRADICTION = 25.0  # squared deviations by which a common start angle may fit less well

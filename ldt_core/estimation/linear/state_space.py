@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import expm
 
 from ldt_core.base.errors import ExperimentError
+from ldt_core.physics.zero_order_hold import zero_order_hold
 
 Array = NDArray[np.float64]
 
@@ -112,14 +112,11 @@ def discretise(A: Array, B: Array, period: float) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=KEPT_DISCRETISATIONS)
 def _discretise(A: bytes, B: bytes, order: int, period: float) -> tuple[Array, Array]:
-    block = np.zeros((order + 1, order + 1))
-    block[:order, :order] = np.frombuffer(A).reshape(order, order)
-    block[:order, order] = np.frombuffer(B)
-    moved = expm(block * period)
-    if not np.isfinite(moved).all():
+    moved = zero_order_hold(np.frombuffer(A).reshape(order, order), np.frombuffer(B), period)
+    if not all(np.isfinite(m).all() for m in moved):
         expected = "one at which the linear model can be sampled"
         raise ExperimentError("sample period", expected, f"{period:g} s")
-    return _frozen(moved[:order, :order]), _frozen(moved[:order, order])
+    return _frozen(moved[0]), _frozen(moved[1])
 
 
 def _frozen(values: ArrayLike) -> Array:
