@@ -25,7 +25,7 @@ from ldt_core.base.errors import BadInput
 from ldt_core.base.sentences import few
 from ldt_core.doctor.check import Finding, Probe, ok, problem, warning
 from ldt_ros.graph.environment import MODULES, one_line, require_ros
-from ldt_ros.graph.leftovers import SHARED, SharedMemory, leftovers
+from ldt_ros.graph.leftovers import SHARED, leftovers, shared_memory_cleared
 from ldt_ros.graph.secure import has_security
 from ldt_ros.graph.trial import trial
 
@@ -108,7 +108,7 @@ def exchange(patience: float = EXCHANGE) -> dict[str, Any]:
     Raises:
         BadInput: they did not start or did not end; `got` says what happened.
     """
-    with SharedMemory(), tempfile.TemporaryDirectory(prefix="ldt-") as logs:
+    with shared_memory_cleared(), tempfile.TemporaryDirectory(prefix="ldt-") as logs:
         environment = {**os.environ, "ROS_LOG_DIR": logs}
         topic = f"/ldt_doctor_{os.getpid()}"
         begun = partial(trial, "ldt_ros.graph.probe", environment=environment)

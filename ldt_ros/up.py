@@ -21,7 +21,7 @@ from ldt_core.base.stopping import stop_on_signals
 from ldt_core.cli import invoke
 from ldt_core.cli.options import Command, json_option, parameters
 from ldt_ros.graph.environment import prepare, require_ros
-from ldt_ros.graph.leftovers import SharedMemory
+from ldt_ros.graph.leftovers import shared_memory_cleared
 from ldt_ros.graph.secure import secured
 from ldt_ros.graph.supervisor import Supervisor
 
@@ -74,7 +74,7 @@ def _prepared(
     keep_output = False
     try:
         environment = secured(given, _roles(given), prepare(folder))
-        with SharedMemory(), Supervisor(folder, environment, given) as supervisor:
+        with shared_memory_cleared(), Supervisor(folder, environment, given) as supervisor:
 
             def run(on_step: OnStep, stopped: Callable[[], bool]) -> list[MachineRun]:
                 from ldt_ros.graph.machine_run import machine_runs

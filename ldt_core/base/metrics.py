@@ -60,9 +60,9 @@ class Summary:
         self.add_original(step.original.max_error(step.experiment))
         self.add_adaptation(step.adaptation)
         if step.diagnosis is not None:
-            self.add_diagnosis(step.diagnosis)
+            self.diagnoses.append(step.diagnosis)
         if step.advice is not None:
-            self.add_advice(step.advice)
+            self.advice = step.advice
 
     def add_signal(self, signal: Signal) -> None:
         """Take in the signal, and with it the learning twin's error, of one experiment."""
@@ -79,14 +79,6 @@ class Summary:
         if adaptation.details.get(PAUSED):
             self.note("learning was switched off for a while")
         self.model_version = adaptation.model_version
-
-    def add_diagnosis(self, diagnosis: DiagnosisRecord) -> None:
-        """Take in a verdict."""
-        self.diagnoses.append(diagnosis)
-
-    def add_advice(self, advice: AdviceRecord) -> None:
-        """Take in an advice, which takes the place of the one before."""
-        self.advice = advice
 
     def _add(self, whose: str, error: float) -> None:
         self._sums[whose] += error

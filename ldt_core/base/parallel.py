@@ -16,7 +16,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Generic, Self, TypeVar
 
-from joblib import Parallel, delayed, parallel_config
+from joblib import Parallel, cpu_count, delayed, parallel_config
 from threadpoolctl import threadpool_limits
 
 from ldt_core.base.errors import BadInput
@@ -44,7 +44,7 @@ class Workers:
     def __init__(
         self, jobs: int = 0, scheduler: str = "", identity: Callable[[], Any] | None = None
     ) -> None:
-        self.jobs = jobs or _cores()
+        self.jobs = jobs or cpu_count()
         self.scheduler = scheduler
         self.identity = identity
         self._client: Any = None
@@ -139,10 +139,6 @@ def _end_with(parent: int) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _connect(address: str) -> Any:

@@ -133,9 +133,9 @@ def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary:
             if signal.experiment in done:
                 summary.add_signal(signal)
         for diagnosis in opened.records("diagnosis"):
-            summary.add_diagnosis(diagnosis)
+            summary.diagnoses.append(diagnosis)
         for advice in opened.records("advice"):
-            summary.add_advice(advice)
+            summary.advice = advice
         originals = {p.number: p.start for p in opened.records("original_prediction")}
         predictions = opened.records("original_prediction")
         # Without one that went all the way there may be none: it ended before, which is no damage.

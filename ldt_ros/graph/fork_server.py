@@ -31,6 +31,7 @@ import rclpy.experimental  # noqa: F401  for the forks
 import msgs_config
 from ldt_core.base.errors import LdtError
 from ldt_core.base.settings import resolve
+from ldt_core.base.stopping import SIGNALS
 from ldt_core.detectors import DETECTORS
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
@@ -145,7 +146,7 @@ def _become(
             time.sleep(POLL)
         entitle("-m", "ldt_ros.graph.process", *arguments)
         # From the moment it is known, it may be told to stop.
-        signal.pthread_sigmask(signal.SIG_BLOCK, process.Stop.SIGNALS)
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
         channel.send(str(os.getpid()).encode())
         channel.close()
         code = process.main(["--parent", str(parent), *arguments])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Self
 
 SHARED = Path("/dev/shm")
 # The tracing library that rclpy is linked with makes its files whether or not anything is traced;
@@ -14,18 +14,17 @@ DDS = ("fastrtps_", "fastdds_", "sem.fastrtps_", "sem.fastdds_")
 OURS = ("lttng-ust-wait-", *DDS)
 
 
-class SharedMemory:
-    """Context that removes the middleware's shared-memory files made within it by this user.
+@contextlib.contextmanager
+def shared_memory_cleared() -> Iterator[None]:
+    """Remove the middleware's shared-memory files made within the context by this user.
 
     A file that another live process has mapped stays.
     """
-
-    def __enter__(self) -> Self:
-        self._before = middleware_files()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for name in middleware_files() - self._before - _mapped_by_others():
+    before = middleware_files()
+    try:
+        yield
+    finally:
+        for name in middleware_files() - before - _mapped_by_others():
             with contextlib.suppress(OSError):
                 (SHARED / name).unlink()
 

@@ -13,14 +13,15 @@ import importlib
 import os
 import signal
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable
 from contextlib import ExitStack
-from types import FrameType
 from typing import Any, NoReturn
 
 from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.base.stopping import SIGNALS
 from ldt_ros.graph.environment import one_line, prepare, require_ros
 from ldt_ros.graph.parentage import end_with
 
@@ -39,35 +40,28 @@ CRASHED = 70  # exit code of a program that an error of its own has ended (EX_SO
 SPIN = 0.1  # s, how late a stop signal may be noticed when nothing arrives
 
 
-class Stop:
-    """Turns SIGINT and SIGTERM into a flag.
+def stop_event() -> threading.Event:
+    """An event that SIGINT and SIGTERM set, also those that came while they were blocked.
 
     rclpy's own handlers shut the context down before the last message is out, so they are not used.
     """
-
-    #: Which they are; they may be blocked until then, and one that has come meanwhile counts.
-    SIGNALS = (signal.SIGINT, signal.SIGTERM)
-
-    def __init__(self) -> None:
-        self.asked = False
-        for number in self.SIGNALS:
-            signal.signal(number, self._ask)
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, self.SIGNALS)
-
-    def _ask(self, _number: int, _frame: FrameType | None) -> None:
-        self.asked = True
+    asked = threading.Event()
+    for number in SIGNALS:
+        signal.signal(number, lambda *_: asked.set())
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+    return asked
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Host the nodes until a stop signal, or until one that ends by itself has finished."""
     own, ros = _parsed(sys.argv[1:] if arguments is None else arguments)
-    stop = Stop()
+    stop = stop_event()
     if own.parent and not end_with(own.parent, signal.SIGTERM):
         return 1
     try:
         require_ros()
         prepare()
-        return host(own.node, own.machine, ros, lambda: stop.asked)
+        return host(own.node, own.machine, ros, stop.is_set)
     except LdtError as error:
         print(f"ldt {' '.join(own.node)}: {error}", file=sys.stderr)
         return error.exit_code
@@ -131,7 +125,8 @@ def host(
     with ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
         executor = EventsExecutor()
-        for arguments in [_own(*machine) for machine in machines] or [{}]:
+        own = ({"cli_args": machine_arguments(*m), "use_global_arguments": False} for m in machines)
+        for arguments in [*own] or [{}]:
             for role in roles:
                 node = node_class(role)(**arguments)
                 stack.callback(node.destroy_node)
@@ -141,7 +136,7 @@ def host(
         for node in nodes:
             node.colleagues = [other for other in nodes if other is not node]
         # EventsExecutor.spin() does not return on these wheels; spin_once does.
-        while not (stopped() or _all_done(nodes)):
+        while not (stopped() or all(node.done for node in nodes)):
             executor.spin_once(timeout_sec=SPIN)
             for node in nodes:
                 if node.failure is not None:
@@ -154,11 +149,6 @@ def host(
     return 0
 
 
-def _own(namespace: str, file: str) -> dict[str, Any]:
-    """Arguments of a node of one machine, in a process that hosts those of several."""
-    return {"cli_args": machine_arguments(namespace, file), "use_global_arguments": False}
-
-
 def machine_arguments(namespace: str, file: str) -> list[str]:
     """ROS's arguments by which nodes are those of one machine.
 
@@ -169,11 +159,6 @@ def machine_arguments(namespace: str, file: str) -> list[str]:
     return ["--ros-args", "--params-file", file, "-r", f"__ns:=/{namespace}"]
 
 
-def _all_done(nodes: list[Any]) -> bool:
-    """Whether every node has told that it is finished; a node with more to do never is."""
-    return all(node.done for node in nodes)
-
-
 def leave(code: int) -> NoReturn:
     """End without Python's own clean-up, which takes 0.3 s and has nothing left to do here."""
     sys.stdout.flush()
@@ -182,11 +167,8 @@ def leave(code: int) -> NoReturn:
 
 
 def _single(role: str) -> Callable[[], None]:
-    def start() -> None:
-        leave(main(["--node", role, *sys.argv[1:]]))
-
-    start.__doc__ = f"Host the {role} node alone."
-    return start
+    """The executable of a node alone."""
+    return lambda: leave(main(["--node", role, *sys.argv[1:]]))
 
 
 plant, player, twin = _single("plant"), _single("player"), _single("twin")

@@ -156,4 +156,4 @@ def _sum_up(run: Run) -> None:
         if turn.adaptation is not None:
             run.summary.add_adaptation(turn.adaptation)
     for diagnosis in run.diagnoses:
-        run.summary.add_diagnosis(diagnosis)
+        run.summary.diagnoses.append(diagnosis)
