@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import bisect
 import json
-import struct
 from collections.abc import Iterable, Iterator
 from typing import Any, Self
 
+from ldt_core.base.errors import RecordingError
 from ldt_core.base.sentences import Span
 from ldt_core.recording.codec import DECODERS
-from ldt_core.recording.messages import DIAGNOSTICS, LITTLE_ENDIAN, MULTI_ARRAY
+from ldt_core.recording.messages import DIAGNOSTICS, MULTI_ARRAY, deserialize
 
 EXACT = 2**53  # whole numbers up to here are exact in a float64
-_LENGTH = struct.Struct("<I")
-_FIRST = struct.Struct("<d")
-# In a status: the key `experiment` with its length; its value follows behind a byte of padding.
-_KEY = b"\x0b\0\0\0experiment\0"
-_DIGITS = 17  # of a value that is read, its closing zero included
 
 
 class ExperimentNumbers:
@@ -92,7 +87,7 @@ class ExperimentNumbers:
 
 
 def number_of(topic: str, kind: str, data: bytes) -> int | None:
-    """The experiment that a stored message is about, without decoding the rest of it.
+    """The experiment that a stored message is about, whatever else is in it.
 
     Args:
         topic: its name; the last part counts.
@@ -103,16 +98,19 @@ def number_of(topic: str, kind: str, data: bytes) -> int | None:
         its number, None where the message is about none: a model, health, or other bytes.
     """
     name = topic.rpartition("/")[2]
-    if name not in DECODERS or DECODERS[name][0] != kind or data[1:2] != LITTLE_ENDIAN:
+    if name not in DECODERS or DECODERS[name][0] != kind:
         return None
+    number: float = 0
     try:
+        message = deserialize(data, kind, topic)
         if kind == MULTI_ARRAY:
-            return _first_value(data)
-        if kind == DIAGNOSTICS:
-            return _status_value(data)
-    except (struct.error, ValueError, OverflowError):
-        pass
-    return None
+            number = float(message.data[0])
+        elif kind == DIAGNOSTICS:
+            texts = (v.value for s in message.status for v in s.values if v.key == "experiment")
+            number = int(next(texts, 0))
+    except (RecordingError, ValueError, IndexError):
+        return None
+    return int(number) if 1 <= number < EXACT and number == int(number) else None
 
 
 def numbers_text(numbers: dict[str, ExperimentNumbers], files: int) -> str:
@@ -143,34 +141,3 @@ def parse_numbers(text: Any) -> tuple[dict[str, ExperimentNumbers], int]:
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return {}, 0
     return found, files
-
-
-def _first_value(data: bytes) -> int | None:
-    """data[0] of a Float64MultiArray; offsets count from behind the 4 bytes of the encoding."""
-    at = 4
-    (dimensions,) = _LENGTH.unpack_from(data, at)
-    at += 4
-    for _ in range(min(dimensions, 3)):  # a third is refused by the decoder
-        (label,) = _LENGTH.unpack_from(data, at)
-        at += 4 + -(-label // 4) * 4 + 8
-    at += 4
-    (values,) = _LENGTH.unpack_from(data, at)
-    at += 4
-    at += -(at - 4) % 8
-    if not values:
-        return None
-    (value,) = _FIRST.unpack_from(data, at)
-    return int(value) if 1 <= value < EXACT and value == int(value) else None
-
-
-def _status_value(data: bytes) -> int | None:
-    """The value of the key `experiment` of a DiagnosticArray."""
-    at = data.find(_KEY)
-    if at < 0:
-        return None
-    at += len(_KEY) + 1
-    (length,) = _LENGTH.unpack_from(data, at)
-    if not 1 < length <= _DIGITS:
-        return None
-    text = data[at + 4 : at + 3 + length]
-    return int(text) if text.isdigit() and int(text) else None

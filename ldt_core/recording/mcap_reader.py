@@ -60,7 +60,7 @@ class McapSummary(NamedTuple):
     chunks: list[ChunkIndex]
 
 
-class McapReader:
+class TolerantMcapReader:
     """One MCAP file, perhaps compressed with zstd as a whole.
 
     Args:

@@ -23,7 +23,7 @@ from mcap.records import Channel, Schema
 from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.recording.experiment_numbers import parse_numbers
 from ldt_core.recording.lock import FolderLock
-from ldt_core.recording.mcap_reader import McapReader, McapSummary
+from ldt_core.recording.mcap_reader import McapSummary, TolerantMcapReader
 from ldt_core.recording.mcap_records import BROKEN, LIBRARY
 from ldt_core.recording.mcap_writer import ChannelDescription, McapWriter
 from ldt_core.recording.messages import load
@@ -151,7 +151,7 @@ class _Looked:
     """What reading one file showed."""
 
     def __init__(self, file: Path) -> None:
-        self.mcap = McapReader(file, self.note)
+        self.mcap = TolerantMcapReader(file, self.note)
         self.notes: list[str] = []
         self.facts = FileInformation(file.name)
         self.counts: Counter[str] = Counter()
@@ -179,7 +179,7 @@ def _look(
     """
     looked = _Looked(file)
     looked.before = _stamp(file)
-    looked.mcap = McapReader(file, looked.note, lambda: storage.declared)
+    looked.mcap = TolerantMcapReader(file, looked.note, lambda: storage.declared)
     summary = looked.mcap.summary(places=False)
     if quick and summary and summary.statistics and not looked.notes:
         _take_summary(looked, summary)
@@ -243,7 +243,7 @@ def _replace(file: Path, looked: _Looked, work: Repair) -> None:
 
 def _copy(looked: _Looked, new: Path) -> None:
     """All messages of a damaged file into a sound one."""
-    source = McapReader(looked.mcap.path, lambda note: None, lambda: looked.mcap.described)
+    source = TolerantMcapReader(looked.mcap.path, lambda note: None, lambda: looked.mcap.described)
     part = McapWriter(new, MENDED_BY)
     try:
         described = looked.mcap.described

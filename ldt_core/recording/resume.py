@@ -16,7 +16,7 @@ from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.recording import run_settings
 from ldt_core.recording.experiment_numbers import ExperimentNumbers, number_of, parse_numbers
 from ldt_core.recording.mcap_completion import complete_file
-from ldt_core.recording.mcap_reader import McapReader
+from ldt_core.recording.mcap_reader import TolerantMcapReader
 from ldt_core.recording.messages import offered_qos
 from ldt_core.recording.metadata import FileInformation, TopicInformation
 from ldt_core.recording.repair import RECORDED, Repair, mend, refused
@@ -112,7 +112,7 @@ def _finish(folder: Path, files: Sequence[Path], past: ResumedContents) -> set[s
     for file in files:
         notes: list[str] = []
         try:
-            McapReader(file, notes.append).summary(places=False)
+            TolerantMcapReader(file, notes.append).summary(places=False)
             if notes and complete_file(file, about, take):
                 finished.add(file.name)
                 past.notes += notes

@@ -20,7 +20,7 @@ from mcap.records import Message
 from ldt_core.base.errors import BadInput, RecordingError
 from ldt_core.base.experiment import Adaptation
 from ldt_core.recording.bag import Bag
-from ldt_core.recording.mcap_reader import McapReader
+from ldt_core.recording.mcap_reader import TolerantMcapReader
 from ldt_core.recording.mcap_records import (
     BROKEN,
     HEAD,
@@ -70,7 +70,7 @@ class StepSearch:
         #: Behind the last byte.
         self.end = self._bases[-1]
         self._seen: dict[int, FoundStep | None] = {}
-        self._files: dict[int, tuple[McapReader, set[int]]] = {}
+        self._files: dict[int, tuple[TolerantMcapReader, set[int]]] = {}
 
     def begin(self, address: int) -> tuple[int, int]:
         """File and byte of an address, for `Storage.messages`."""

@@ -18,7 +18,7 @@ import yaml
 from mcap.records import Channel, Schema
 
 from ldt_core.base.errors import RecordingError
-from ldt_core.recording.mcap_reader import Described, McapReader
+from ldt_core.recording.mcap_reader import Described, TolerantMcapReader
 from ldt_core.recording.mcap_records import (
     BROKEN,
     MAX_CHUNK,
@@ -195,9 +195,9 @@ class Storage:
             if known != kind:
                 raise RecordingError(f"{self.path}, {topic}", f"one message type, {known}", kind)
 
-    def mcap(self, file: Path) -> McapReader:
+    def mcap(self, file: Path) -> TolerantMcapReader:
         """One of the MCAP files, which notes here what is wrong with it."""
-        return McapReader(file, self.note, lambda: self.declared)
+        return TolerantMcapReader(file, self.note, lambda: self.declared)
 
     @functools.cached_property
     def declared(self) -> Described:
