@@ -49,58 +49,56 @@ def encode_signal(record: Signal, make: Messages, machine: str, time: float) -> 
         "model_version": str(record.model_version),
         "max_error": repr(float(record.max_error)),
     }
+    more = {name: repr(float(number)) for name, number in record.statistics.items()}
     where = f"signal of detector {record.detector!r}, statistics"
-    _add(where, values, record.statistics)
     level = SIGNAL_LEVELS[record.level]
+    values = _joined(where, values, more)
     return _status(make, "detector", level, record.level.word, machine, time, values)
 
 
 def encode_adaptation(record: Adaptation, make: Messages, machine: str, time: float) -> Any:
     """The DiagnosticArray of an adaptation; see `codec.encode`."""
-    values = {
-        "experiment": str(record.experiment),
-        "model_version": str(record.model_version),
-        "reason": record.reason,
-    }
-    _add("adaptation, details", values, record.details)
+    values = {**_about(record), "reason": record.reason}
+    more = {name: repr(float(number)) for name, number in record.details.items()}
     level = ACTION_LEVELS[record.action]
+    values = _joined("adaptation, details", values, more)
     return _status(make, "adaptor", level, str(record.action), machine, time, values)
 
 
 def encode_diagnosis(record: DiagnosisRecord, make: Messages, machine: str, time: float) -> Any:
     """The DiagnosticArray of a diagnosis; see `codec.encode`."""
-    values = {
-        "experiment": str(record.experiment),
-        "model_version": str(record.model_version),
-        "effects": ",".join(record.effects),
+    more = {
+        name: str(value) if name in WORDS else json.dumps(value, allow_nan=False)
+        for name, value in record.values.items()
     }
-    for name, value in record.values.items():
-        if name in values:
-            where = f"diagnosis of experiment {record.experiment}"
-            raise ExperimentError(where, f"names other than {', '.join(values)}", repr(name))
-        values[name] = str(value) if name in WORDS else json.dumps(value, allow_nan=False)
+    values = {**_about(record), "effects": ",".join(record.effects)}
+    values = _joined(f"diagnosis of experiment {record.experiment}", values, more)
     level = KIND_LEVELS[record.kind]
     return _status(make, "diagnoser", level, record.sentence, machine, time, values)
 
 
 def encode_advice(record: AdviceRecord, make: Messages, machine: str, time: float) -> Any:
     """The DiagnosticArray of an advice; see `codec.encode`."""
-    values = {"experiment": str(record.experiment), "model_version": str(record.model_version)}
-    for name, value in record.values.items():
-        if name in values:
-            where = f"advice at experiment {record.experiment}"
-            raise ExperimentError(where, f"names other than {', '.join(values)}", repr(name))
-        as_is = name in ADVICE_WORDS and isinstance(value, str)
-        values[name] = str(value) if as_is else json.dumps(value, allow_nan=False)
+    more = {
+        name: value
+        if name in ADVICE_WORDS and isinstance(value, str)
+        else json.dumps(value, allow_nan=False)
+        for name, value in record.values.items()
+    }
+    values = _joined(f"advice at experiment {record.experiment}", _about(record), more)
     level = WARN if record.warning else OK
     return _status(make, "advisor", level, record.sentence, machine, time, values)
 
 
-def _add(where: str, values: dict[str, str], numbers: Mapping[str, float]) -> None:
-    for name, number in numbers.items():
+def _about(record: Adaptation | DiagnosisRecord | AdviceRecord) -> dict[str, str]:
+    return {"experiment": str(record.experiment), "model_version": str(record.model_version)}
+
+
+def _joined(where: str, values: dict[str, str], more: Mapping[str, str]) -> dict[str, str]:
+    for name in more:
         if name in values:
             raise ExperimentError(where, f"names other than {', '.join(values)}", repr(name))
-        values[name] = repr(float(number))
+    return {**values, **more}
 
 
 def _status(
