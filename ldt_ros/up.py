@@ -124,7 +124,8 @@ def command(settings: dict[str, Any], as_json: bool) -> None:
     """
     settings = _resumed(settings)
     with stop_on_signals(insist=False) as stop, _prepared(resolve(settings)) as run:
-        from ldt_core.cli.display import RunProgress, print_summaries
+        from ldt_core.cli.progress import RunProgress
+        from ldt_core.cli.run_summary import print_summaries
         from ldt_core.machine.machine_file import load_machine
 
         machine = load_machine(settings["machine"]).name

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from ldt_core.cli.options import diagnosis_option, json_option, namespace_option, parameters
-from ldt_core.cli.terminal import echo, one_line
+from ldt_core.cli.terminal import echo, echo_json, one_line
 
 if TYPE_CHECKING:
     from ldt_core.base.experiment import DiagnosisRecord, Experiment, ModelRecord
@@ -99,7 +98,7 @@ def command(
             **advice.values,
             "way": way and {**vars(way), "sentence": way.describe()},
         }
-        echo(json.dumps(record, allow_nan=False))
+        echo_json(record)
         return
     echo(one_line(advice.sentence))
     if way is not None:

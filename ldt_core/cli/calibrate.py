@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
 import click
 from rich.table import Table
 
 from ldt_core.cli.console import Console
-from ldt_core.cli.options import json_option, namespace_option, parameters
-from ldt_core.cli.recordings import (
+from ldt_core.cli.options import (
     force_option,
+    json_option,
     judged_option,
+    namespace_option,
     new_file_option,
-    progress,
-    read_recordings,
+    parameters,
 )
-from ldt_core.cli.terminal import echo, one_line
+from ldt_core.cli.progress import status
+from ldt_core.cli.terminal import echo_json, one_line
 
 if TYPE_CHECKING:
     from ldt_core.calibration import Calibration
@@ -69,6 +69,7 @@ def command(
     from ldt_core.calibration import calibrate
     from ldt_core.calibration.calibrate import check_names, split
     from ldt_core.calibration.machine_yaml import check_new, write_machine_file
+    from ldt_core.cli.recordings import read_recordings
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.views.figures.calibration_figure import check_figure, draw
 
@@ -78,7 +79,7 @@ def command(
     if figure:
         check_figure(figure)
     experiments = read_recordings(recordings, namespace, machine)
-    with progress("{}: {} simulations of the recording") as tick:
+    with status("{}: {} simulations of the recording") as tick:
         found = calibrate(
             machine, experiments, free=free, fixed=fixed, holdout=holdout, tick=tick
         ).with_recordings(recordings)
@@ -88,7 +89,7 @@ def command(
         draw(found, held_out or kept, figure)
     if as_json:
         record = {"machine": machine.name, "out": out, **found.as_dict()}
-        echo(json.dumps(record, allow_nan=False))
+        echo_json(record)
     else:
         _print(found, out)
 
@@ -103,7 +104,7 @@ def _print(found: Calibration, out: str) -> None:
     units = {p.name: p.unit for p in found.machine.model.parameters}
     for name, reason in found.fixed.items():
         table.add_row(name, f"{found.nominal.parameters[name]:.5g}", "kept", reason, units[name])
-    console = Console(soft_wrap=True)
+    console = Console()
     console.print(table)
     for part, (before, after) in found.errors.items():
         where = {"fit": "fitted", "held_out": "held out"}[part]
@@ -113,8 +114,7 @@ def _print(found: Calibration, out: str) -> None:
             f"free-run error on {many} {where}: {before.rmse:.4g} rad/s before, "
             f"{after.rmse:.4g} after (mean maximum {before.mean_max_error:.4g} and "
             f"{after.mean_max_error:.4g})",
-            highlight=False,
         )
     for note in found.notes:
-        console.print(one_line(f"- {note}"), markup=False, highlight=False)
-    console.print(f"machine file: {out}", markup=False, highlight=False)
+        console.print(one_line(f"- {note}"))
+    console.print(f"machine file: {out}")

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Iterator
-from typing import Any
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from ldt_core.cli.options import json_option
-from ldt_core.cli.resumable import ResumableProgress, compute_options, jobs_option
+from ldt_core.cli.options import compute_options, jobs_option, json_option
 from ldt_core.cli.spelling import SuggestingGroup
-from ldt_core.cli.terminal import echo
+from ldt_core.cli.terminal import echo, echo_json
+
+if TYPE_CHECKING:
+    from ldt_core.lab.challenge.score.score import Score
 
 
 @click.group(
@@ -63,6 +65,7 @@ def make(
 
     Example: ldt challenge make --cases 20 --seed 1 --out cases
     """
+    from ldt_core.cli.progress import track
     from ldt_core.lab.challenge.make import make_challenge
 
     digests: list[str] = []
@@ -79,11 +82,11 @@ def make(
         leave_one_out=leave_one_out,
         jobs=jobs,
         say=say,
-        progress=_progress,
+        progress=lambda items, total, doing: track(items, doing, total),
     )
     if as_json:
         record = {"cases": cases, "out": out, "key": str(written), "sha256": digests[0]}
-        echo(json.dumps(record))
+        echo_json(record)
     else:
         echo(f"{cases} cases: {out}; key: {written}")
 
@@ -129,9 +132,7 @@ def score(
 
     Example: ldt challenge score cases cases.key.json --out score
     """
-    from pathlib import Path
-
-    from ldt_core.cli.display_score import print_score
+    from ldt_core.cli.progress import ResumableProgress
     from ldt_core.lab.challenge.score.files import write_files
     from ldt_core.lab.challenge.score.score import OUT_SUFFIX, score_challenge
     from ldt_core.views.page import style
@@ -155,11 +156,36 @@ def score(
             say=say,
             progress=progress.show,
         )
-    print_score(found, write_files(found, target), as_json)
+    _print(found, write_files(found, target), as_json)
 
 
-def _progress(items: Iterator[Any], total: int, doing: str) -> Iterable[Any]:
-    """The items with a progress bar on a terminal; their number is not known to themselves."""
-    from ldt_core.cli.display import track
+def _print(score: Score, files: Sequence[Path], as_json: bool) -> None:
+    from rich.box import SIMPLE
+    from rich.table import Table
 
-    return (item for item, _ in zip(items, track(range(total), doing), strict=True))
+    from ldt_core.cli.console import Console
+    from ldt_core.lab.challenge.score.files import as_dict
+    from ldt_core.lab.challenge.score.markdown import cell, headline, quality, versus
+
+    if as_json:
+        echo_json(as_dict(score))
+        return
+    console = Console(wide=True)
+    table = Table("cases", "right is", "right", box=SIMPLE, title="the diagnosis, 95 % intervals")
+    for words, what, estimate in headline(score):
+        table.add_row(words, what, cell(estimate, "right"))
+    console.print(table)
+    table = Table("how good the answers are", "", box=SIMPLE)
+    for figure, estimate in quality(score):
+        table.add_row(figure, cell(estimate, figure))
+    console.print(table)
+    if len(score.judged) > 1:
+        head, rows = versus(score)
+        table = Table(*head, box=SIMPLE, title="side by side")
+        for row in rows:
+            table.add_row(*(part.partition(" of ")[0] for part in row))
+        console.print(table)
+    for note in score.notes:
+        console.print(note)
+    listed = ", ".join(str(f) for f in files)
+    console.print(listed)

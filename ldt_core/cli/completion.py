@@ -6,6 +6,7 @@ they are declared; wherever nothing of that kind fits, files are offered.
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Callable
 from typing import Any
 
@@ -25,6 +26,15 @@ from ldt_core.cli.spelling import SuggestingChoice
 VARIABLE = "_LDT_COMPLETE"  # by which the shell's function asks the program
 SHELLS = ("bash", "zsh", "fish")
 
+#: Kind of a parameter → where its values are listed; imported when they are asked for.
+_KNOWN = {
+    "machine": "msgs_config:machine_names",
+    "model": "ldt_core.models:MODELS.names",
+    "detector": "ldt_core.detectors:DETECTORS.names",
+    "effect": "ldt_core.effects:EFFECTS.names",
+    "page": "ldt_core.docs:names",
+}
+
 Completer = Callable[[click.Context, click.Parameter, str], list[str]]
 
 
@@ -34,62 +44,21 @@ def known(kind: str) -> Completer | None:
     Args:
         kind: name of the parameter: machine, model, detector, effect or page.
     """
-    listed = _KNOWN.get(kind)
-    if listed is None:
+    if kind not in _KNOWN:
         return None
-
-    def complete(_context: click.Context, _parameter: click.Parameter, begun: str) -> list[str]:
-        return [name for name in listed() if name.startswith(begun)]
-
-    return complete
+    return _completer(lambda: pkgutil.resolve_name(_KNOWN[kind])())
 
 
 def among(names: list[str]) -> Completer:
     """A completer for one of these names."""
+    return _completer(lambda: names)
 
+
+def _completer(listed: Callable[[], list[str]]) -> Completer:
     def complete(_context: click.Context, _parameter: click.Parameter, begun: str) -> list[str]:
-        return [name for name in names if name.startswith(begun)]
+        return [name for name in listed() if name.startswith(begun)]
 
     return complete
-
-
-def _machines() -> list[str]:
-    import msgs_config
-
-    return msgs_config.machine_names()
-
-
-def _models() -> list[str]:
-    from ldt_core.models import MODELS
-
-    return MODELS.names()
-
-
-def _detectors() -> list[str]:
-    from ldt_core.detectors import DETECTORS
-
-    return DETECTORS.names()
-
-
-def _effects() -> list[str]:
-    from ldt_core.effects import EFFECTS
-
-    return EFFECTS.names()
-
-
-def _pages() -> list[str]:
-    from ldt_core import docs
-
-    return docs.names()
-
-
-_KNOWN = {
-    "machine": _machines,
-    "model": _models,
-    "detector": _detectors,
-    "effect": _effects,
-    "page": _pages,
-}
 
 
 class _OrFiles(ShellComplete):

@@ -1,8 +1,9 @@
-"""Rich's console, whose texts are printable (`ldt_core.base.printable`); colours are its own."""
+"""Rich's console for texts of any origin (`ldt_core.base.printable`); colours are its own."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import rich.console
 from rich.console import ConsoleOptions, RenderableType
@@ -10,9 +11,21 @@ from rich.segment import Segment
 
 from ldt_core.base.printable import printable
 
+WIDTH = 110  # characters of a wide table in a file or pipe
+
 
 class Console(rich.console.Console):
-    """Prints tables, sentences and progress."""
+    """Prints tables, sentences and progress; square brackets are no markup.
+
+    Args:
+        wide: whether tables on a pipe may take `WIDTH` characters.
+        options: of rich.
+    """
+
+    def __init__(self, wide: bool = False, **options: Any) -> None:
+        super().__init__(**{"markup": False, "highlight": False, "soft_wrap": True, **options})
+        if wide and not self.is_terminal:
+            self.width = WIDTH
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None

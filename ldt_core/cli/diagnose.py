@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,15 +11,14 @@ from rich.table import Table
 
 from ldt_core.cli.completion import known
 from ldt_core.cli.console import Console
-from ldt_core.cli.options import namespace_option, parameters
-from ldt_core.cli.recordings import progress, read_recordings
-from ldt_core.cli.resumable import ResumableProgress, compute_options
-from ldt_core.cli.terminal import echo, one_line
+from ldt_core.cli.options import compute_options, namespace_option, parameters
+from ldt_core.cli.progress import ResumableProgress, status
+from ldt_core.cli.terminal import echo, echo_json, one_line, warn
 
 if TYPE_CHECKING:
     from ldt_core.diagnosis.diagnosis import Diagnosis
     from ldt_core.machine.machine_file import Machine
-    from ldt_core.runs.each_recording import Options
+    from ldt_core.runs.each_recording import Answer, Options
 
 SHOWN = 8  # candidates in the table of the terminal; the page has all
 
@@ -101,6 +101,7 @@ def command(
     Example: ldt diagnose bag --machine rotor --out diagnosis
     """
     from ldt_core.base.errors import BadInput
+    from ldt_core.cli.recordings import read_recordings
     from ldt_core.diagnosis.diagnose import diagnose
     from ldt_core.diagnosis.library import library, refitted_effects
     from ldt_core.machine.machine_file import load_machine
@@ -126,7 +127,7 @@ def command(
         options = Options(namespace, more, without, along, holdout, seed)
         return _each(recordings, machine, folder, options, (jobs, scheduler), as_json)
     experiments = read_recordings(recordings, namespace, machine)
-    with progress("{}: {}") as tick:
+    with status("{}: {}") as tick:
         found = diagnose(
             machine,
             experiments,
@@ -157,14 +158,10 @@ def _each(
     as_json: bool,
 ) -> int:
     """Diagnose recordings one by one; the exit code is that of the worst."""
-    from ldt_core.cli.display_each import print_each
-    from ldt_core.runs.each_recording import Answer, diagnose_each
+    from ldt_core.runs.each_recording import diagnose_each
 
     def say(answer: Answer) -> None:
-        for note in answer.notes:
-            echo(one_line(note), err=True)
-        if answer.error:
-            echo(one_line(f"ldt: {answer.error}"), err=True)
+        warn(*answer.notes, *([f"ldt: {answer.error}"] if answer.error else []))
 
     with ResumableProgress("diagnose", "recordings", str(folder)) as bar:
         answers = diagnose_each(
@@ -177,8 +174,37 @@ def _each(
             say=say,
             progress=bar.show,
         )
-    print_each(answers, folder, as_json)
+    _print_each(answers, folder, as_json)
     return max(a.exit_code for a in answers)
+
+
+def _print_each(answers: Sequence[Answer], out: Path, as_json: bool) -> None:
+    if as_json:
+        listed = []
+        for a in answers:
+            about = {"recording": a.recording, "out": str(a.folder), "error": a.error or None}
+            listed.append({**about, "diagnosis": a.found})
+        echo_json(listed, indent=1)
+        return
+    table = Table(title="verdicts")
+    for column in ("recording", "verdict", "effects", "explains", "error, rad/s"):
+        table.add_column(column, justify="right" if column == "explains" else "left")
+    for a in answers:
+        table.add_row(*_row(a))
+    console = Console(wide=True)
+    console.print(table, soft_wrap=False)
+    console.print(f"{out}: a folder for each")
+
+
+def _row(a: Answer) -> list[str]:
+    if a.found is None:
+        return [a.recording, "failed", "", "", ""]
+    verdict, gap = a.found["verdict"], a.found["gap"]
+    effects = " and ".join(" or ".join(group) for group in verdict["acting"])
+    closed = "" if gap["closed_fraction"] is None else f"{gap['closed_fraction']:.1%}"
+    was, now = gap["before"]["rmse"], gap["after"]["rmse"]
+    change = f"{was:.3g}" if was == now else f"{was:.3g} to {now:.3g}"
+    return [a.recording, verdict["kind"], effects, closed, change]
 
 
 def _folder(out: str) -> Path:
@@ -195,8 +221,8 @@ def _print(found: Diagnosis, folder: Path) -> None:
     from ldt_core.diagnosis.sentence import values
     from ldt_core.views.diagnosis_page.result_files import JSON, PAGE
 
-    console = Console(soft_wrap=True)
-    console.print(found.verdict.sentence, markup=False, highlight=False)
+    console = Console()
+    console.print(found.verdict.sentence)
     if found.verdict.kind != "none":
         table = Table(title="what was tried, each alone")
         for column in ("effect", "explains", "amount", "why not"):
@@ -207,12 +233,12 @@ def _print(found: Diagnosis, folder: Path) -> None:
         console.print(table)
     if found.remainder.structured and found.remainder.depends_on:
         depends = ", ".join(found.remainder.depends_on)
-        console.print(f"what is left depends on {depends}", markup=False, highlight=False)
+        console.print(f"what is left depends on {depends}")
     if found.undetectable:
         silent = ", ".join(found.undetectable)
-        console.print(f"could not have shown here: {silent}", markup=False, highlight=False)
+        console.print(f"could not have shown here: {silent}")
     if found.next_experiment is not None:
-        console.print(f"next: {found.next_experiment.why}", markup=False, highlight=False)
+        console.print(f"next: {found.next_experiment.why}")
     for note in found.notes:
-        console.print(one_line(f"- {note}"), markup=False, highlight=False)
-    console.print(f"{folder / PAGE}, {folder / JSON}", markup=False, highlight=False)
+        console.print(one_line(f"- {note}"))
+    console.print(f"{folder / PAGE}, {folder / JSON}")

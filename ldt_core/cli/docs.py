@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import sys
 
 import click
 
 from ldt_core.cli.completion import known
 from ldt_core.cli.options import json_option
+from ldt_core.cli.terminal import echo_json
 
 
 @click.command("docs", short_help="Pages to read: connect a machine, read a diagnosis, more.")
@@ -25,7 +25,7 @@ def command(page: str | None, as_path: bool, as_json: bool) -> None:
     listed = docs.names() if page is None else [page]
     if as_json:
         found = [{"page": n, "title": docs.title(n), "path": str(docs.path(n))} for n in listed]
-        click.echo(json.dumps(found if page is None else found[0]))
+        echo_json(found if page is None else found[0])
     elif as_path:
         click.echo("\n".join(str(docs.path(name)) for name in listed))
     elif page is None:

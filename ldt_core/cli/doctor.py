@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -10,7 +9,7 @@ import click
 
 from ldt_core.base.errors import OptionError
 from ldt_core.cli.options import json_option, namespace_option
-from ldt_core.cli.terminal import echo, one_line
+from ldt_core.cli.terminal import echo_json, one_line
 
 if TYPE_CHECKING:
     from ldt_core.doctor.check import Finding
@@ -58,7 +57,7 @@ def command(recording: str | None, bag: str, mend: bool, namespace: str, as_json
         found = findings(inspect(read_bag(recording, namespace)))
     passed = check.passed(found)
     if as_json:
-        echo(json.dumps({"ok": passed, "checks": [f.as_dict() for f in found]}))
+        echo_json({"ok": passed, "checks": [f.as_dict() for f in found]})
     else:
         _print(found)
     return 0 if passed else 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +9,7 @@ import click
 
 from ldt_core.cli.completion import known
 from ldt_core.cli.options import json_option
-from ldt_core.cli.terminal import echo
+from ldt_core.cli.terminal import echo, echo_json
 
 if TYPE_CHECKING:
     from ldt_core.physics.effect import Effect
@@ -34,13 +33,13 @@ def command(effect: str | None, as_json: bool) -> None:
         found = get_effect(effect)
         checked = _check(found)
         if as_json:
-            echo(json.dumps({**_record(found), "checked": checked}, allow_nan=False))
+            echo_json({**_record(found), "checked": checked})
         else:
             echo("\n".join([*_lines(found), "", "Checked:", *(f"- {c}" for c in checked)]))
         return
     known = _known()
     if as_json:
-        echo(json.dumps([_record(e) for e in known], allow_nan=False))
+        echo_json([_record(e) for e in known])
     else:
         echo("\n\n".join("\n".join(_lines(e)) for e in known))
 

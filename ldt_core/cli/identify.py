@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING
 
 import click
 
-from ldt_core.cli.options import json_option, namespace_option
-from ldt_core.cli.recordings import (
+from ldt_core.cli.options import (
     force_option,
+    json_option,
     judged_option,
+    namespace_option,
     new_file_option,
-    progress,
-    read_recordings,
 )
-from ldt_core.cli.terminal import echo, one_line
+from ldt_core.cli.progress import status
+from ldt_core.cli.terminal import echo, echo_json, one_line
 
 if TYPE_CHECKING:
     from ldt_core.calibration.identify import EquivalentMotor
+    from ldt_core.cli.recordings import read_recordings
 
 
 def _range(
@@ -83,7 +83,7 @@ def command(
 
     check_new(out, force)
     experiments = read_recordings(recordings, namespace)
-    with progress() as tick:
+    with status() as tick:
         found = identify_machine(
             experiments,
             name,
@@ -97,7 +97,7 @@ def command(
     if as_json:
         machine = found.machine
         record = {"machine": machine.name, "out": out, "parameters": dict(machine.parameters)}
-        echo(json.dumps({**record, **found.as_dict()}, allow_nan=False))
+        echo_json({**record, **found.as_dict()})
     else:
         _print(found, out)
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import click
 
 from ldt_core.base.sentences import counted
 from ldt_core.cli.options import declared_option, json_option, out_option
-from ldt_core.cli.terminal import echo, one_line
+from ldt_core.cli.terminal import echo, echo_json, one_line
 
 UNIT_HELP = "with a unit if it is not SI, for example"
 
@@ -92,7 +91,7 @@ def command(
             "notes": list(imported.notes),
             "recording": out,
         }
-        echo(json.dumps(record))
+        echo_json(record)
         return
     for note in imported.notes:
         echo(one_line(note))

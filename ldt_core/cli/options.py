@@ -67,6 +67,34 @@ namespace_option = click.option(
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 
 
+new_file_option = click.option("-o", "--out", required=True, help="Machine file to write.")
+force_option = click.option(
+    "--force", is_flag=True, help="Overwrite the machine file if it exists."
+)
+judged_option = click.option(
+    "--holdout",
+    type=float,
+    metavar="FRACTION",
+    help="Share of the experiments to judge by, not to fit (a quarter when there are 4 or more).",
+)
+jobs_option = click.option(
+    "--jobs",
+    type=click.IntRange(0, 10_000),
+    default=0,
+    help="Processes on this machine; by default as many as there are cores.",
+)
+scheduler_option = click.option(
+    "--scheduler",
+    default="",
+    help="Address of a Dask scheduler (tcp://host:port) whose workers compute instead.",
+)
+
+
+def compute_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """--jobs and --scheduler: where it is computed."""
+    return jobs_option(scheduler_option(command))
+
+
 def diagnosis_option(text: str) -> Callable[..., Any]:
     """Decorator: the option of a diagnosis' file, with a help of the command's own."""
     return click.option("--with", "diagnosis", default="", metavar="FILE", help=text)

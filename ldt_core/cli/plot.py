@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import click
 
 from ldt_core.cli.options import json_option, namespace_option
-from ldt_core.cli.terminal import echo
+from ldt_core.cli.terminal import echo, echo_json
 
 
 @click.command("plot", short_help="A run as a picture.")
@@ -40,6 +38,6 @@ def command(
     plot_run(run, out, title)
     if as_json:
         record = {"figure": out, "shown": run.shown[0].number, "experiments": len(run.signals)}
-        echo(json.dumps(record))
+        echo_json(record)
     else:
         echo(out)

@@ -14,7 +14,7 @@ from ldt_core.cli.options import (
     out_option,
     parameters,
 )
-from ldt_core.cli.terminal import echo, one_line
+from ldt_core.cli.terminal import echo, echo_json, warn
 
 
 @click.command("predict", short_help="Predict a recording by the physics alone.")
@@ -45,14 +45,13 @@ def command(
 
     Example: ldt predict bag --machine rotor --with diagnosis/diagnosis.json --out predicted
     """
-    import json
 
     from ldt_core.base.metrics import FreeRunError
     from ldt_core.base.stopping import stop_on_signals, until_stopped
-    from ldt_core.cli.display import track
+    from ldt_core.cli.progress import track
+    from ldt_core.cli.recordings import open_recording
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.models.physics import PhysicsModel
-    from ldt_core.recording.bag import read_bag
     from ldt_core.recording.writer import BagWriter
 
     machine = load_machine(settings["machine"])
@@ -66,9 +65,7 @@ def command(
             effect.require(machine.model)
     model = PhysicsModel(machine, effects=acting)
     error = FreeRunError()
-    played = read_bag(recording, namespace)
-    if odd := played.other_machine(machine):
-        echo(one_line(odd), err=True)
+    played = open_recording(recording, namespace, machine)
     with (
         stop_on_signals() as stop,
         BagWriter(out, namespace=namespace, machine=machine.name) as writer,
@@ -77,10 +74,9 @@ def command(
             prediction = model.predict(experiment)
             writer.write("prediction", prediction, experiment.end)
             error.add(prediction.residual(experiment))
-    for note in played.notes:
-        echo(one_line(note), err=True)
+    warn(*played.notes)
     if as_json:
-        echo(json.dumps({**error.as_dict(), "recording": out}))
+        echo_json({**error.as_dict(), "recording": out})
     else:
         echo(
             f"{counted(error.experiments, 'experiment')}, "

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
-from ldt_core.cli.display import RunProgress, print_summaries
 from ldt_core.cli.options import Command, json_option, namespace_option, out_option, parameters
-from ldt_core.cli.terminal import echo, one_line
+from ldt_core.cli.progress import RunProgress
+from ldt_core.cli.run_summary import print_summaries
 
 
 @click.command(
@@ -34,16 +34,14 @@ def command(
     Example: ldt replay my_run --detector lddm --error-threshold 0.5 --out my_run_lddm
     """
     from ldt_core.base.stopping import INTERRUPTED, stop_on_signals
+    from ldt_core.cli.recordings import open_recording
     from ldt_core.machine.machine_file import load_machine
-    from ldt_core.recording.bag import read_bag
     from ldt_core.recording.pace import paced, parse_rate
     from ldt_core.runs import offline
 
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
-    played = read_bag(recording, namespace)
-    if odd := played.other_machine(machine):
-        echo(one_line(odd), err=True)
+    played = open_recording(recording, namespace, machine)
     with stop_on_signals() as stop, RunProgress({machine.name: None}) as progress:
         summary = offline.run(
             machine,

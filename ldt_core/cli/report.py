@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from ldt_core.cli.options import json_option, namespace_option
-from ldt_core.cli.terminal import echo
+from ldt_core.cli.terminal import echo, echo_json
 
 
 @click.command("report", short_help="A run as one page to look into, in any browser.")
@@ -22,7 +22,6 @@ def command(recording: str, out: str, namespace: str, as_json: bool) -> None:
 
     Example: ldt report my_run -o my_run.html
     """
-    import json
     from pathlib import Path
 
     from ldt_core.base.result_files import check_target
@@ -32,6 +31,6 @@ def command(recording: str, out: str, namespace: str, as_json: bool) -> None:
     run = write_page(recording, out, namespace)
     if as_json:
         facts = {"page": out, "bytes": Path(out).stat().st_size, **run.summary.as_dict()}
-        echo(json.dumps(facts, indent=2))
+        echo_json(facts, indent=2)
     else:
         echo(out)

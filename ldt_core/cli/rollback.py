@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING
 
 import click
 
 from ldt_core.cli.options import json_option, namespace_option
-from ldt_core.cli.terminal import echo, one_line
+from ldt_core.cli.terminal import echo, echo_json, one_line
 
 if TYPE_CHECKING:
     from ldt_core.restart.rollback import History
@@ -36,14 +35,14 @@ def command(
     found = history(recording, namespace, machine)
     if version is None:
         if as_json:
-            echo(json.dumps(found.as_dict(), allow_nan=False))
+            echo_json(found.as_dict())
         else:
             _show(found)
         return
     done = roll_back(found, version)
     if as_json:
         record = {"in_force": done.model_version, "rolled_back_to": version, "reason": done.reason}
-        echo(json.dumps({**record, "experiment": done.experiment}))
+        echo_json({**record, "experiment": done.experiment})
     else:
         echo(f"{done.reason}; go on with --resume {recording}")
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
-from ldt_core.cli.display import RunProgress, print_summaries
 from ldt_core.cli.options import Command, json_option, parameters
-from ldt_core.cli.terminal import echo, one_line
+from ldt_core.cli.progress import RunProgress
+from ldt_core.cli.run_summary import print_summaries
 
 
 @click.command(
@@ -31,9 +31,9 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
     """
     from ldt_core.base.errors import BadInput
     from ldt_core.base.stopping import INTERRUPTED, stop_on_signals
+    from ldt_core.cli.recordings import open_recording
     from ldt_core.machine import Plant
     from ldt_core.machine.machine_file import load_machine
-    from ldt_core.recording.bag import read_bag
     from ldt_core.recording.pace import paced, parse_rate
     from ldt_core.restart.run_key import begin_of, resumed
     from ldt_core.runs import offline
@@ -53,9 +53,7 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
         for member in members:
             own = member.settings
             if own["play"]:
-                played = read_bag(own["play"], own["play_namespace"])
-                if odd := played.other_machine(machine):
-                    echo(one_line(odd), err=True)
+                played = open_recording(own["play"], own["play_namespace"], machine)
                 experiments = played.experiments()
             else:
                 begin = own["start_time"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from typing import Any
 
@@ -11,7 +10,7 @@ import click
 from ldt_core.base.errors import BadInput
 from ldt_core.cli.options import json_option
 from ldt_core.cli.spelling import SuggestingGroup
-from ldt_core.cli.terminal import echo
+from ldt_core.cli.terminal import echo, echo_json
 
 
 @click.group(
@@ -87,7 +86,7 @@ def init(
                 for e in made.enclaves
             },
         }
-        echo(json.dumps(found))
+        echo_json(found)
         return
     width = max(len(e.name) for e in made.enclaves)
     for enclave in made.enclaves:

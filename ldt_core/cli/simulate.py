@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import click
 
 from ldt_core.base.sentences import counted
 from ldt_core.cli.options import Command, declared_option, json_option, out_option, parameters
-from ldt_core.cli.terminal import echo
+from ldt_core.cli.terminal import echo, echo_json
 
 
 @click.command(
@@ -36,7 +35,7 @@ def command(
     Example: ldt simulate --machine rotor --experiments 20 --effect unbalance:e=0.005 --out bag
     """
     from ldt_core.base.stopping import stop_on_signals, until_stopped
-    from ldt_core.cli.display import track
+    from ldt_core.cli.progress import track
     from ldt_core.machine import Plant
     from ldt_core.machine.excitation import Given
     from ldt_core.machine.machine_file import load_machine
@@ -68,7 +67,7 @@ def command(
             "simulated": plant.describe(),
             "recording": out,
         }
-        echo(json.dumps(record))
+        echo_json(record)
         return
     echo(
         f"{counted(settings['experiments'], 'experiment')} of {machine.samples} samples "

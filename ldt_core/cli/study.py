@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from ldt_core.cli.options import json_option, parameters
-from ldt_core.cli.resumable import ResumableProgress, compute_options
+from ldt_core.cli.options import compute_options, json_option, parameters
 from ldt_core.cli.spelling import SuggestingChoice
+from ldt_core.cli.terminal import echo_json
 from ldt_core.lab.study.groups import GROUPS
+
+if TYPE_CHECKING:
+    from ldt_core.lab.study.study import Study
 
 QUICK = {"seeds": 2, "experiments": 40}
 SEEDS = 20
+#: Column of the table → figure, its factor, digits and unit.
+FIGURES = {
+    "MME, rad/s": ("mme", 1, 2, ""),
+    "of original": ("share", 100, 0, " %"),
+    "adaptations": ("adaptations", 1, 1, ""),
+    "precision": ("precision", 1, 2, ""),
+    "recall": ("recall", 1, 2, ""),
+}
 
 
 @click.command("study", short_help="The paper's claims, over many seeds.")
@@ -69,7 +83,7 @@ def command(
 
     Example: ldt study --seeds 20 --out study
     """
-    from ldt_core.cli.display_study import print_study
+    from ldt_core.cli.progress import ResumableProgress
     from ldt_core.lab.study.engine import conduct, load_study
     from ldt_core.lab.study.page import write_figures, write_page
     from ldt_core.lab.study.plan import Plan
@@ -92,4 +106,51 @@ def command(
             study = conduct(plan, out, **options, progress=progress.show)
     write_tables(out, study)
     write_figures(study, out)
-    print_study(study, write_page(study, out), as_json)
+    _print(study, write_page(study, out), as_json)
+
+
+def _print(study: Study, page: Path, as_json: bool) -> None:
+    """The paper's Table 1 beside ours."""
+    from rich.box import SIMPLE
+    from rich.table import Table
+
+    from ldt_core.cli.console import Console
+    from ldt_core.lab.study.tables import summary, table_rows
+
+    rows = summary(study)
+    if as_json:
+        record = {"settings": study.settings, "runs": len(study.entries), "notes": study.notes}
+        record |= {"missing": study.missing, "summary": rows, "table": table_rows(study)}
+        echo_json({**record, "page": str(page)})
+        return
+    table = Table("model", "detector", box=SIMPLE, title="mean over seeds ± its 95 % interval")
+    for name in FIGURES:
+        table.add_column(name, justify="right")
+    for (_, model), members in groupby(rows, key=lambda row: (row["group"], row["model"])):
+        for row in members:
+            table.add_row(model, row["detector"], *_cells(row))
+        if row["paper"]:
+            paper = {name: {"value": value} for name, value in row["paper"].items()}
+            table.add_row(model, "in the paper", *_cells(paper), style="dim")
+        table.add_section()
+    console = Console(wide=True)
+    console.print(table)
+    missing = [f"{study.missing} runs are missing"] if study.missing else []
+    for note in (*missing, *study.notes):
+        console.print(note)
+    console.print(f"page: {page}")
+
+
+def _cells(row: Mapping[str, Any]) -> list[str]:
+    return [_text(row[n], scale, digits, unit) for n, scale, digits, unit in FIGURES.values()]
+
+
+def _text(estimate: Mapping[str, Any], scale: float, digits: int, unit: str) -> str:
+    """A mean, and half the width of its interval where it has one."""
+    if (value := estimate["value"]) is None:
+        return "-"
+    low, high = estimate.get("low"), estimate.get("high")
+    spread = ""
+    if low is not None and high is not None:
+        spread = f" ± {scale * (high - low) / 2:.{digits}f}"
+    return f"{scale * value:.{digits}f}{spread}{unit}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import click
@@ -14,4 +15,15 @@ def echo(message: Any = "", err: bool = False, nl: bool = True) -> None:
     click.echo(printable(str(message)), err=err, nl=nl)
 
 
-__all__ = ["echo", "one_line", "printable"]
+def echo_json(record: Any, indent: int | None = None) -> None:
+    """Print it as JSON to standard output; ValueError for a number that is not finite."""
+    click.echo(json.dumps(record, allow_nan=False, indent=indent))
+
+
+def warn(*sentences: str) -> None:
+    """Print sentences to standard error, a line each."""
+    for sentence in sentences:
+        echo(one_line(sentence), err=True)
+
+
+__all__ = ["echo", "echo_json", "one_line", "printable", "warn"]

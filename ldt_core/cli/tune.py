@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from ldt_core.cli.options import Command, json_option, namespace_option, parameters
-from ldt_core.cli.resumable import ResumableProgress, compute_options
+from ldt_core.cli.options import (
+    Command,
+    compute_options,
+    json_option,
+    namespace_option,
+    parameters,
+)
 from ldt_core.cli.spelling import SuggestingChoice
-from ldt_core.cli.terminal import echo, one_line
+from ldt_core.cli.terminal import echo, echo_json, warn
 
 if TYPE_CHECKING:
     from ldt_core.lab.tuning.tune import Tuning
@@ -96,6 +100,7 @@ def command(
     """
     from ldt_core.base.errors import LdtError
     from ldt_core.base.settings import resolve
+    from ldt_core.cli.progress import ResumableProgress
     from ldt_core.lab.tuning.candidates import parse_try
     from ldt_core.lab.tuning.choice import Budget
     from ldt_core.lab.tuning.reasons import sentence
@@ -129,11 +134,10 @@ def command(
         )
     write_results(found, out)
     pictures = write_figure(found, out)
-    for note in (*bag.notes, *found.notes):
-        echo(one_line(note), err=True)
+    warn(*bag.notes, *found.notes)
     if as_json:
         record = {**as_dict(found), "out": out, "figure": str(pictures[0])}
-        echo(json.dumps(record, allow_nan=False))
+        echo_json(record)
     if found.choice.chosen is None:
         raise LdtError(sentence(found))
     if not as_json:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import click
 
 from ldt_core.cli.options import json_option, namespace_option
-from ldt_core.cli.terminal import echo, printable
+from ldt_core.cli.terminal import echo, echo_json, printable
 
 PORT = 8766
 
@@ -62,7 +60,7 @@ def command(
             )
             click.secho(printable(warning), err=True, fg="red", bold=True)
         if as_json:
-            echo(json.dumps({"address": address, "watched": source.words}))
+            echo_json({"address": address, "watched": source.words})
         else:
             echo(f"{source.words}: {address} (Ctrl-C ends it)")
 

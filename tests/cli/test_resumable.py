@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ldt_core.cli.resumable import ResumableProgress
+from ldt_core.cli.progress import ResumableProgress
 
 
 @pytest.mark.parametrize(

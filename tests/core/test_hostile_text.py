@@ -22,7 +22,8 @@ from ldt_core.base.metrics import Summary
 from ldt_core.base.printable import one_line, printable
 from ldt_core.cli import invoke, ldt
 from ldt_core.cli.console import Console
-from ldt_core.cli.display import RunProgress, print_summaries
+from ldt_core.cli.progress import RunProgress
+from ldt_core.cli.run_summary import print_summaries
 from ldt_core.cli.terminal import echo
 from ldt_core.recording.writer import BagWriter
 
@@ -130,7 +131,7 @@ def test_the_summary_and_the_progress_obey_nothing(capsys, monkeypatch):
     assert json.loads(shown(capsys))["runs"][0]["machine"] == HOSTILE
     screen = io.StringIO()
     monkeypatch.setattr(
-        "ldt_core.cli.display.Console",
+        "ldt_core.cli.progress.Console",
         lambda **_: Console(file=screen, force_terminal=True, width=300),
     )
     with RunProgress({HOSTILE: 1}) as progress:
@@ -148,7 +149,8 @@ def test_rich_and_click_keep_their_own_colours():
     screen = io.StringIO()
     table = Table(title="[bold]t[/]")
     table.add_row(f"a{HOSTILE}".replace("[", "("))
-    Console(file=screen, force_terminal=True, color_system="standard", width=200).print(table)
+    console = Console(file=screen, force_terminal=True, color_system="standard", width=200)
+    console.print(table, markup=True)
     assert "\x1b[1" in screen.getvalue()
     assert "\x1b(2J" not in screen.getvalue()
     assert click.unstyle(screen.getvalue()).count("\\x1b") == 4

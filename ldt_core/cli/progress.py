@@ -1,0 +1,134 @@
+"""How far the work is, on a terminal's standard error; nothing on a pipe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Self, TypeVar
+
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.progress import track as _track
+
+from ldt_core.base.experiment import Adaptation, Level, Signal, Step
+from ldt_core.cli.console import Console
+from ldt_core.cli.terminal import echo, one_line
+
+Item = TypeVar("Item")
+
+COLOURS = {Level.NEGATIVE: "green", Level.WARNING: "yellow", Level.POSITIVE: "red"}
+
+
+def _progress(*columns: ProgressColumn) -> Progress:
+    console = Console(stderr=True, soft_wrap=False)
+    remaining = TimeRemainingColumn(compact=True)
+    return Progress(*columns, remaining, console=console, disable=not console.is_terminal)
+
+
+class RunProgress:
+    """One progress bar a machine.
+
+    Args:
+        totals: machine → number of experiments, None when it is not known.
+    """
+
+    def __init__(self, totals: Mapping[str, int | None]) -> None:
+        self._progress = _progress(
+            TextColumn("{task.fields[machine]}"),
+            BarColumn(bar_width=24),
+            MofNCompleteColumn(),
+            TextColumn("{task.description}"),
+        )
+        self._tasks = {
+            machine: self._progress.add_task(
+                "starting", total=total, machine=escape(one_line(machine))
+            )
+            for machine, total in totals.items()
+        }
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def show_step(self, machine: str, step: Step) -> None:
+        """The step that is done."""
+        self.show(machine, step.signal, step.adaptation)
+
+    def show(self, machine: str, signal: Signal, adaptation: Adaptation) -> None:
+        """The experiment that is done."""
+        words = (
+            f"max error {signal.max_error:7.3f} rad/s  "
+            f"[{COLOURS[signal.level]}]{signal.level.word:8}[/]  "
+            f"model {adaptation.model_version}"
+        )
+        self._progress.update(self._tasks[machine], advance=1, description=words)
+
+
+class ResumableProgress:
+    """The progress of work that the same command continues where it was interrupted.
+
+    Args:
+        work: what goes on, in a word.
+        items: what is counted, in the plural.
+        out: folder of the results, named when the work is interrupted.
+    """
+
+    def __init__(self, work: str, items: str, out: str) -> None:
+        self._items, self._out, self._done, self._total = items, out, 0, 0
+        bar, count = BarColumn(bar_width=40), MofNCompleteColumn()
+        self._progress = _progress(TextColumn(work), bar, count, TextColumn(items))
+        self._task = self._progress.add_task("", total=None)
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._progress.stop()
+        if kind is KeyboardInterrupt and self._done:
+            kept = f"{self._done} of {self._total} {self._items} are kept in {self._out}"
+            echo(f"{kept}; the same command goes on from there", err=True)
+
+    def show(self, done: int, total: int) -> None:
+        """Items that are there, and how many there will be as far as is known."""
+        self._done, self._total = done, total
+        self._progress.update(self._task, completed=done, total=total)
+
+
+def track(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:
+    """The items, with a progress bar; `total` where they do not know their number."""
+    console = Console(stderr=True, soft_wrap=False)
+    disable = not console.is_terminal
+    yield from _track(items, what, total, console=console, disable=disable, transient=True)
+
+
+@contextmanager
+def status(words: str = "{}") -> Iterator[Callable[[str], None]]:
+    """What is being done, in a line.
+
+    Args:
+        words: what to show of what is being done and of how often it was said.
+    """
+    console = Console(stderr=True, soft_wrap=False)
+    if not console.is_terminal:
+        yield lambda doing: None
+        return
+    with console.status("reading") as line:
+        count = 0
+
+        def tick(doing: str) -> None:
+            nonlocal count
+            count += 1
+            line.update(words.format(doing, count))
+
+        yield tick
