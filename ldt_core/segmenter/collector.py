@@ -10,7 +10,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.segmenter.resampling import TOLERANCE, Series, fits_grid, resample
 
 LEAST_SAMPLES = 2  # of an experiment: one sample has no dynamics
-HALF = 0.5  # of a period: a row nearer to the end than this is the first of what follows
+ROW_OF_NEXT = 0.5  # of a period: a row nearer to the end than this belongs to what follows
 
 
 class Row(NamedTuple):
@@ -91,7 +91,7 @@ class Collector:
         return self._split()[0] if self.rows[-1].time - self.rows[0].time >= last else None
 
     def _split(self) -> tuple[Cut, list[Row]]:
-        end = self.rows[0].time + (self.samples - HALF) * self.period
+        end = self.rows[0].time + (self.samples - ROW_OF_NEXT) * self.period
         own = next((i for i, row in enumerate(self.rows) if row.time >= end), len(self.rows))
         own = max(own, 1)
         return Cut(self.rows[:own], self.rows[own : own + 1], self.samples), self.rows[own:]

@@ -37,6 +37,11 @@ class Rule(abc.ABC):
     def _samples(self, seconds: float) -> int:
         return round(seconds / self.period)
 
+    def _check_length(self, name: str, seconds: float) -> None:
+        if self._samples(seconds) < LEAST_SAMPLES:
+            expected = f"{LEAST_SAMPLES} periods of {self.period:g} s or more"
+            raise OptionError(name, expected, seconds)
+
 
 class LengthRule(Rule):
     """Back to back, each of the same length.
@@ -50,35 +55,48 @@ class LengthRule(Rule):
 
     def __init__(self, period: float, length: float) -> None:
         super().__init__(period)
-        self._size = self._samples(length)
-        _enough("length", self._size, period, length)
-        self._collector = Collector(self._size, period)
+        self._check_length("length", length)
+        self.length = length
+        self._collector: Collector | None = None
 
     def feed(self, row: Row) -> list[Cut]:
         """A cut at each full length."""
         cuts, rows = [], deque([row])
         while rows:
-            done = self._collector.add(rows.popleft())
+            now = rows.popleft()
+            if self._collector is None:
+                self._begin(now)
+                continue
+            done = self._collector.add(now)
             if done is not None:
                 cut, rest = done
                 cuts.append(cut)
+                self._collector = None
+                self._ended(cut)
                 rows.extendleft(reversed(rest))
-                self._collector = Collector(self._size, self.period)
         return cuts
+
+    def _begin(self, row: Row) -> None:
+        """No experiment is under way."""
+        self._collector = Collector(self._samples(self.length), self.period)
+        self._collector.add(row)
+
+    def _ended(self, cut: Cut) -> None:
+        """An experiment is complete."""
 
     def finish(self) -> list[Cut]:
         """The last one, if nothing but a row behind it was missing."""
-        cut = self._collector.finish()
-        self._collector = Collector(self._size, self.period)
+        cut = self._collector.finish() if self._collector else None
+        self._collector = None
         return [] if cut is None else [cut]
 
     @property
     def pending(self) -> int:
         """Rows of the experiment under way."""
-        return len(self._collector.rows)
+        return len(self._collector.rows) if self._collector else 0
 
 
-class TriggerRule(Rule):
+class TriggerRule(LengthRule):
     """One experiment at each rising edge of the voltage, with what came right before it.
 
     An edge is a row above the level that follows one at the level or below. Edges within an
@@ -95,30 +113,12 @@ class TriggerRule(Rule):
     name = "trigger"
 
     def __init__(self, period: float, length: float, level: float, before: float = 0.0) -> None:
-        super().__init__(period)
-        _enough("length", self._samples(length), period, length)
-        self.length, self.level, self.before = length, level, before
+        super().__init__(period, length)
+        self.level, self.before = level, before
         self._history: deque[Row] = deque()
-        self._collector: Collector | None = None
         self._last: float | None = None
 
-    def feed(self, row: Row) -> list[Cut]:
-        """A cut when the experiment that an edge began is complete."""
-        cuts, rows = [], deque([row])
-        while rows:
-            now = rows.popleft()
-            if self._collector is None:
-                self._look(now)
-                continue
-            done = self._collector.add(now)
-            if done is not None:
-                cut, rest = done
-                cuts.append(cut)
-                self._collector, self._last = None, cut.rows[-1].voltage
-                rows.extendleft(reversed(rest))
-        return cuts
-
-    def _look(self, row: Row) -> None:
+    def _begin(self, row: Row) -> None:
         edge = self._last is not None and self._last <= self.level < row.voltage
         self._last = row.voltage
         self._history.append(row)
@@ -134,17 +134,19 @@ class TriggerRule(Rule):
             self._collector.add(one)
         self._history.clear()
 
+    def _ended(self, cut: Cut) -> None:
+        self._last = cut.rows[-1].voltage
+
     def finish(self) -> list[Cut]:
         """The last one, if nothing but a row behind it was missing."""
-        cut = self._collector.finish() if self._collector else None
-        self._collector, self._last = None, None
+        self._last = None
         self._history.clear()
-        return [] if cut is None else [cut]
+        return super().finish()
 
     @property
     def pending(self) -> int:
         """Rows of the experiment under way, or kept for the next."""
-        return len(self._collector.rows if self._collector else self._history)
+        return super().pending or len(self._history)
 
 
 class SteadyRule(Rule):
@@ -167,7 +169,7 @@ class SteadyRule(Rule):
 
     def __init__(self, period: float, length: float, band: float, time: float) -> None:
         super().__init__(period)
-        _enough("steady_time", self._samples(time), period, time)
+        self._check_length("steady_time", time)
         if length <= time:
             raise OptionError("length", f"more than the steady time of {time:g} s", length)
         self.length, self.band, self.time = length, band, time
@@ -236,11 +238,6 @@ class SteadyRule(Rule):
 
 
 RULES: dict[str, type[Rule]] = {r.name: r for r in (LengthRule, TriggerRule, SteadyRule)}
-
-
-def _enough(name: str, samples: int, period: float, value: float) -> None:
-    if samples < LEAST_SAMPLES:
-        raise OptionError(name, f"{LEAST_SAMPLES} periods of {period:g} s or more", value)
 
 
 def build_rule(

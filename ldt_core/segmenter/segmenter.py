@@ -13,7 +13,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.segmenter.collector import Cut
 from ldt_core.segmenter.resampling import GAP_PERIODS, TOLERANCE
 from ldt_core.segmenter.rules import Rule
-from ldt_core.segmenter.streams import Clash, Streams, TooLate
+from ldt_core.segmenter.streams import Clash, StreamAligner, TooLate
 
 CHANNELS = ("voltage", "speed", "current")
 LATENESS = 1.0  # s; two topics of one machine came 20 ms apart on a computer seven times overloaded
@@ -64,7 +64,7 @@ class Segmenter:
         if self.gap <= period:
             raise OptionError("longest_gap", f"more than the sample period of {period:g} s", gap)
         channels = CHANNELS if current else CHANNELS[:2]
-        self._streams = Streams(channels, TOLERANCE * period, self.gap, lateness)
+        self._streams = StreamAligner(channels, TOLERANCE * period, self.gap, lateness)
         self._number = first
         self._last: float | None = None
         self._counts: Counter[str] = Counter()

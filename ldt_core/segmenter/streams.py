@@ -18,7 +18,7 @@ class TooLate(Clash):
     """Rows have been released that would have been others, had it come in time."""
 
 
-class Streams:
+class StreamAligner:
     """Admits samples and releases rows, in the order of their times.
 
     A row has the voltage that was set last before its speed was measured (a voltage may be sent
@@ -138,3 +138,23 @@ class Streams:
             raise Clash(f"pause of the {channel}")
         (begin, low), (end, high) = samples[0], samples[1]
         return low + (time - begin) / (end - begin) * (high - low)
+
+
+class ArrivalClock:
+    """Gives a message without a stamp the time of its arrival, on the clock of those with one.
+
+    The stamps' clock is taken to be behind ours by as much as the last stamped message was: what is
+    handled late after a stall is late alike, and a machine's clock need not be set to ours.
+    """
+
+    def __init__(self) -> None:
+        self._behind = 0.0
+
+    def stamped(self, stamp: float, now: float) -> float:
+        """Time of a message with a stamp that arrives now [s]."""
+        self._behind = now - stamp
+        return stamp
+
+    def unstamped(self, now: float) -> float:
+        """Time of a message without one that arrives now [s]."""
+        return now - self._behind

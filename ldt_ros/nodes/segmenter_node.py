@@ -11,8 +11,8 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.recording.node_status import LEFT_OUT, NodeStatus
 from ldt_core.restart.recorded_run import END
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
-from ldt_core.segmenter.arrival import ArrivalClock
 from ldt_core.segmenter.rules import SteadyRule
+from ldt_core.segmenter.streams import ArrivalClock
 from ldt_ros.nodes.convert import to_message
 from ldt_ros.nodes.feed import Feed, stamp_of, subscribe
 from ldt_ros.nodes.gated_node import GatedNode

@@ -14,7 +14,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
-from ldt_core.segmenter.streams import Streams
+from ldt_core.segmenter.streams import StreamAligner
 
 PERIOD = 0.01  # s
 EPOCH = 1.7e9  # s, where a double's resolution is a quarter of a microsecond
@@ -443,7 +443,7 @@ def test_nothing_that_comes_breaks_it(samples):
 
 def test_memory_is_bounded_where_the_voltage_never_comes():
     """Speeds wait no longer than the lateness."""
-    streams = Streams(("voltage", "speed"), 2e-4, 0.035, lateness=0.05)
+    streams = StreamAligner(("voltage", "speed"), 2e-4, 0.035, lateness=0.05)
     for k in range(1000):
         streams.admit("speed", k * PERIOD, 0.0)
         assert streams.next_row() is None
