@@ -71,19 +71,19 @@ def about_limit(left: float, limit: float) -> str:
     return f"{left:.3g} V are left to the limit of {limit:.3g} V."
 
 
-def about_next(lesson: DesignedExperiment | None, asked: str) -> str:
+def about_next(design: DesignedExperiment | None, asked: str) -> str:
     """The next experiment."""
     if asked:
         return f"Next, as the diagnosis asks: {asked}."
-    if lesson is None:
+    if design is None:
         return ""
     return (
-        f"Most would be learned from {lesson.name}: {lesson.bits:.2g} bits, on "
-        f"{lesson.sharpens} above all."
+        f"Most would be learned from {design.name}: {design.bits:.2g} bits, on "
+        f"{design.sharpens} above all."
     )
 
 
-def flat(bands: Sequence[CaptureBand]) -> Mapping[str, float]:
+def band_values(bands: Sequence[CaptureBand]) -> Mapping[str, float]:
     """Bands by dotted name, from 1."""
     found = {}
     for i, band in enumerate(bands, start=1):

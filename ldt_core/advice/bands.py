@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 Values = Mapping[str, float]
 Array = NDArray[np.float64]
 
-DOUBT = 0.05  # of e: where a band would be with so much more or less of it, the machine is near it
+#: How well e is known, relative: a voltage that an e within it puts into a band counts as in it.
+E_UNCERTAINTY = 0.05
 
 
 @dataclass(frozen=True)
@@ -89,8 +90,8 @@ def _speed(values: Values, voltage: float, low: float, high: float) -> float:
     return high if excess(high) <= 0 else float(brentq(excess, low, high))
 
 
-def in_doubt(values: Values, highest: float) -> list[tuple[float, float]]:
-    """The voltages of all bands if e is not known better than by `DOUBT`, joined where they touch.
+def uncertain_bands(values: Values, highest: float) -> list[tuple[float, float]]:
+    """Voltages of all bands, for any e within `E_UNCERTAINTY`, joined where they touch.
 
     Args:
         values: the machine's parameters.
@@ -98,7 +99,7 @@ def in_doubt(values: Values, highest: float) -> list[tuple[float, float]]:
     """
     if not values.get("e"):
         return []
-    spread = [{**values, "e": values["e"] * f} for f in (1 - DOUBT, 1.0, 1 + DOUBT)]
+    spread = [{**values, "e": values["e"] * f} for f in (1 - E_UNCERTAINTY, 1.0, 1 + E_UNCERTAINTY)]
     found = sorted((b.low, min(b.high, highest)) for v in spread for b in voltage_bands(v, highest))
     joined: list[tuple[float, float]] = []
     for low, high in found:
@@ -109,7 +110,7 @@ def in_doubt(values: Values, highest: float) -> list[tuple[float, float]]:
     return joined
 
 
-def within(voltage: Array, stretches: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+def in_bands(voltage: Array, stretches: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
     """(L,) whether each voltage [V], of either sign, lies in one of the stretches."""
     size = np.abs(voltage)
     inside = np.zeros(size.shape, dtype=np.bool_)
@@ -118,7 +119,7 @@ def within(voltage: Array, stretches: Sequence[tuple[float, float]]) -> NDArray[
     return inside
 
 
-def captured(values: Values, bands: Sequence[CaptureBand], experiment: Experiment) -> float:
+def captured_seconds(values: Values, bands: Sequence[CaptureBand], experiment: Experiment) -> float:
     """Seconds that an experiment spent captured.
 
     That is, at speeds below the end of a band's unstable branch while the voltage would hold a
@@ -126,7 +127,7 @@ def captured(values: Values, bands: Sequence[CaptureBand], experiment: Experimen
     through is no capture. The speed is averaged over that time, since the captured rotor's beats.
     """
     total = 0.0
-    patience = settling(values)
+    patience = build_up_time(values)
     window = max(round(min(patience, experiment.duration) / experiment.period), 1)
     size, speed = np.abs(experiment.voltage), np.abs(experiment.speed)
     speed = uniform_filter1d(speed, window, mode="nearest")
@@ -138,7 +139,7 @@ def captured(values: Values, bands: Sequence[CaptureBand], experiment: Experimen
     return total
 
 
-def settling(values: Values) -> float:
+def build_up_time(values: Values) -> float:
     """Seconds in which the faster of the foundation's two motions builds up to 1 - 1/e."""
     mass, most = values["m"] + values["M"], max(values["R_x"], values["R_y"])
     return 2 * mass / most if most else math.inf

@@ -17,20 +17,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.advice.bands import in_doubt, within
+from ldt_core.advice.bands import in_bands, uncertain_bands
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, rms
 from ldt_core.machine.machine_file import Machine
 
 Array = NDArray[np.float64]
 
-DOUBT = 0.1  # relative deviation of a parameter of which nothing else is known
-STEP = 1e-3  # relative, of a difference quotient; the integrator is good to a hundredth of it
-COARSE = 2e-3  # s, integration step
-NOISE = 0.1  # rad/s, where nothing has been measured yet
-TILES = 4  # ranges of voltage that are told apart
-HOLDS = 20  # steps in an experiment
-SPARE = 200  # voltages drawn, of which those within a band are left out
+PRIOR_STD = 0.1  # relative deviation of a parameter of which nothing else is known
+DIFFERENCE_STEP = 1e-3  # relative; the integrator is good to a hundredth of it
+MAX_STEP = 2e-3  # s, integration step
+DEFAULT_NOISE = 0.1  # rad/s, where nothing has been measured yet
+VOLTAGE_RANGES = 4  # ranges of voltage that are told apart
+LEVELS = 20  # steps in an experiment
+DRAWS = 200  # voltages drawn, of which those within a band are left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class DesignedExperiment:
 def most_informative(
     machine: Machine, values: Mapping[str, float], experiments: Sequence[Experiment] = ()
 ) -> DesignedExperiment | None:
-    """The lesson with most bits; None where every one would be in a band.
+    """The design with most bits; None where every one would be in a band.
 
     Args:
         machine: its physics, limits and length of an experiment.
@@ -69,19 +69,19 @@ def most_informative(
             counts as its noise, so that what is not understood is not taken for knowledge.
     """
     names = [p.name for p in machine.model.parameters if values[p.name] > 0]
-    known = np.eye(len(names)) / DOUBT**2
+    known = np.eye(len(names)) / PRIOR_STD**2
     noises = []
     for e in experiments:
         start = machine.model.initial_state(values, float(e.speed[0]))
         base, columns = _sensitivities(machine, values, names, e.voltage, e.period, start)
-        noise = rms(e.speed - base) or NOISE
+        noise = rms(e.speed - base) or DEFAULT_NOISE
         noises.append(noise)
         known = known + columns.T @ columns / noise**2
-    noise = float(np.median(noises)) if noises else NOISE
+    noise = float(np.median(noises)) if noises else DEFAULT_NOISE
     best: DesignedExperiment | None = None
     reversed_before = any(e.voltage.min() < 0 < e.voltage.max() for e in experiments)
-    for lesson in candidate_designs(machine, values, reversed_before):
-        volts = lesson.volts(machine.samples, machine.sample_period)
+    for design in candidate_designs(machine, values, reversed_before):
+        volts = design.volts(machine.samples, machine.sample_period)
         start = machine.model.initial_state(values, 0.0)
         try:
             _, columns = _sensitivities(machine, values, names, volts, machine.sample_period, start)
@@ -92,7 +92,7 @@ def most_informative(
         narrowed = np.diag(np.linalg.inv(after)) / np.diag(np.linalg.inv(known))
         if best is None or bits > best.bits:
             sharpens = names[int(np.argmin(narrowed))]
-            best = DesignedExperiment(lesson.name, lesson.levels, lesson.hold, bits, sharpens)
+            best = DesignedExperiment(design.name, design.levels, design.hold, bits, sharpens)
     return best
 
 
@@ -108,32 +108,34 @@ def candidate_designs(
     """
     low, high = machine.voltage_limits
     sign, most = (1.0, high) if high >= -low else (-1.0, -low)
-    avoid = in_doubt(values, most)
+    avoid = uncertain_bands(values, most)
     random = np.random.default_rng(0)
-    hold = max(machine.duration / HOLDS, machine.sample_period)
+    hold = max(machine.duration / LEVELS, machine.sample_period)
     found = []
 
     def add(name: str, levels: Array) -> None:
         levels = np.round(levels, 3)
-        kept = levels[~within(levels, avoid)][:HOLDS]
-        if kept.size == HOLDS:
+        kept = levels[~in_bands(levels, avoid)][:LEVELS]
+        if kept.size == LEVELS:
             found.append(DesignedExperiment(name, tuple(kept.tolist()), hold))
 
-    for a, b in [*tiles(most), (0.0, most)]:
+    for a, b in [*voltage_ranges(most), (0.0, most)]:
         add(
-            f"steps between {sign * a:.3g} and {sign * b:.3g} V", sign * random.uniform(a, b, SPARE)
+            f"steps between {sign * a:.3g} and {sign * b:.3g} V", sign * random.uniform(a, b, DRAWS)
         )
-    top = np.repeat(np.tile([most, 0.0], SPARE), HOLDS // 4)
+    top = np.repeat(np.tile([most, 0.0], DRAWS), LEVELS // 4)
     add(f"running up at {sign * most:.3g} V and letting it run down, in turn", sign * top)
     if reverse and low < 0 < high:
-        both = random.uniform(0.3, 1.0, SPARE) * np.tile([high, low], SPARE // 2)
+        both = random.uniform(0.3, 1.0, DRAWS) * np.tile([high, low], DRAWS // 2)
         add(f"steps to and fro between {low:.3g} and {high:.3g} V", both)
     return found
 
 
-def tiles(most: float) -> list[tuple[float, float]]:
+def voltage_ranges(most: float) -> list[tuple[float, float]]:
     """Equal ranges of voltage up to the limit [V]."""
-    return [(most * i / TILES, most * (i + 1) / TILES) for i in range(TILES)]
+    return [
+        (most * i / VOLTAGE_RANGES, most * (i + 1) / VOLTAGE_RANGES) for i in range(VOLTAGE_RANGES)
+    ]
 
 
 def least_covered(
@@ -144,7 +146,7 @@ def least_covered(
         return None
     size = np.abs(np.concatenate([e.voltage for e in experiments]))
     most = max(map(abs, machine.voltage_limits))
-    return min(tiles(most), key=lambda t: int(((t[0] <= size) & (size < t[1])).sum()))
+    return min(voltage_ranges(most), key=lambda t: int(((t[0] <= size) & (size < t[1])).sum()))
 
 
 def _sensitivities(
@@ -158,12 +160,12 @@ def _sensitivities(
     """The speed (L,), and (L, p) its change by the logarithm of each parameter [rad/s]."""
 
     def run(changed: Mapping[str, float]) -> Array:
-        states = machine.model.simulate(changed, volts, period, start, max_step=COARSE)
+        states = machine.model.simulate(changed, volts, period, start, max_step=MAX_STEP)
         return np.asarray(states[:, 1])
 
     base = run(values)
-    moved = [run({**values, n: values[n] * (1 + STEP)}) - base for n in names]
-    return base, np.column_stack(moved) / STEP
+    moved = [run({**values, n: values[n] * (1 + DIFFERENCE_STEP)}) - base for n in names]
+    return base, np.column_stack(moved) / DIFFERENCE_STEP
 
 
 def _log_det(matrix: Array) -> float:

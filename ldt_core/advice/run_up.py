@@ -8,18 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.advice.bands import DOUBT, in_doubt, settling, voltage_bands, within
+from ldt_core.advice.bands import (
+    E_UNCERTAINTY,
+    build_up_time,
+    in_bands,
+    uncertain_bands,
+    voltage_bands,
+)
 from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.steady_state import steady_voltage
 
 Array = NDArray[np.float64]
 
-LEVELS = 5  # voltages of a run-up that are tried, from just above the band to the limit
-NEAR = 0.02  # of the speed: nearer, it has been reached
-PERIOD = 0.02  # s, of the trials
-RUN_UP = 20.0  # s, longest run-up
-REST = 8.0  # times the foundation's own time: a run that keeps its speed so long has settled
+RUN_UP_VOLTAGES = 5  # voltages of a run-up that are tried, from just above the band to the limit
+SPEED_TOLERANCE = 0.02  # of the speed: nearer, it has been reached
+TRIAL_PERIOD = 0.02  # s, of the trials
+LONGEST_RUN_UP = 20.0  # s, longest run-up
+SETTLING_TIMES = 8.0  # build-up times of the foundation after which a kept speed is final
 
 
 @dataclass(frozen=True)
@@ -81,14 +87,14 @@ def plan_run_up(machine: Machine, values: Mapping[str, float], speed: float) -> 
             beside = f"below {band.held[0]:.3g} or above {band.free[0]:.3g} rad/s"
             got = f"{speed:g}, where the foundation takes the motor's power"
             raise OptionError("speed", beside, got)
-    doubtful = [s for s in in_doubt(values, limit) if within(np.array([voltage]), [s])[0]]
+    doubtful = [s for s in uncertain_bands(values, limit) if in_bands(np.array([voltage]), [s])[0]]
     if not doubtful:
         return RunUp(speed, voltage)
     edge = doubtful[-1][1]
-    for through in np.linspace(edge, limit, LEVELS + 1)[1:] if edge < limit else ():
-        way = _tried(machine, values, speed, voltage, float(through))
-        if way is not None:
-            return way
+    for through in np.linspace(edge, limit, RUN_UP_VOLTAGES + 1)[1:] if edge < limit else ():
+        run_up = _tried(machine, values, speed, voltage, float(through))
+        if run_up is not None:
+            return run_up
     got = f"{speed:g}, beyond a resonance"
     raise OptionError("speed", f"one to which at most {limit:g} V lead for certain", got)
 
@@ -96,32 +102,34 @@ def plan_run_up(machine: Machine, values: Mapping[str, float], speed: float) -> 
 def _tried(
     machine: Machine, values: Mapping[str, float], speed: float, voltage: float, through: float
 ) -> RunUp | None:
-    """The way by this run-up, if it ends at the speed whatever e is."""
-    spread = [{**values, "e": values["e"] * f} for f in (1.0, 1 + DOUBT, 1 - DOUBT)]
-    held = np.full(round(RUN_UP / PERIOD), through)
+    """The way by this run-up voltage, if it ends at the speed whatever e is."""
+    spread = [{**values, "e": values["e"] * f} for f in (1.0, 1 + E_UNCERTAINTY, 1 - E_UNCERTAINTY)]
+    held = np.full(round(LONGEST_RUN_UP / TRIAL_PERIOD), through)
     needed = 0.0
     for believed in spread:
         there = np.flatnonzero(_run(machine, believed, held) >= speed)
         if not there.size:
             return None
-        needed = max(needed, float(there[0]) * PERIOD)
-    way = RunUp(speed, voltage, through, needed)
-    rest = REST * settling(values)
-    samples = round((needed + rest) / PERIOD)
+        needed = max(needed, float(there[0]) * TRIAL_PERIOD)
+    run_up = RunUp(speed, voltage, through, needed)
+    rest = SETTLING_TIMES * build_up_time(values)
+    samples = round((needed + rest) / TRIAL_PERIOD)
     for believed in spread:
-        end = _run(machine, believed, way.volts(samples, PERIOD))[-round(1 / PERIOD) :]
+        end = _run(machine, believed, run_up.volts(samples, TRIAL_PERIOD))[
+            -round(1 / TRIAL_PERIOD) :
+        ]
         holds = float(steady_voltage(believed, speed))
         # What another e does to the speed at this voltage is no capture.
-        allowed = NEAR * speed + abs(holds - voltage) / values["K_t"]
+        allowed = SPEED_TOLERANCE * speed + abs(holds - voltage) / values["K_t"]
         if abs(float(end.mean()) - speed) > allowed:
             return None
-    return way
+    return run_up
 
 
 def _run(machine: Machine, values: Mapping[str, float], volts: Array) -> Array:
     """(L,) speed from rest [rad/s]; none where it diverges."""
     initial = machine.model.initial_state(values, 0.0)
     try:
-        return np.asarray(machine.model.simulate(values, volts, PERIOD, initial)[:, 1])
+        return np.asarray(machine.model.simulate(values, volts, TRIAL_PERIOD, initial)[:, 1])
     except LdtError:
         return np.zeros(volts.size)

@@ -15,9 +15,9 @@ from ldt_core.advice.advice_sentences import (
     about_left_out,
     about_limit,
     about_next,
-    flat,
+    band_values,
 )
-from ldt_core.advice.bands import captured, in_doubt, voltage_bands, within
+from ldt_core.advice.bands import captured_seconds, in_bands, uncertain_bands, voltage_bands
 from ldt_core.advice.experiment_design import least_covered, most_informative
 from ldt_core.advice.machine_estimate import MachineEstimate, estimate_machine
 from ldt_core.advice.margins import margins
@@ -143,7 +143,7 @@ def advise(
     left = margins(values, limit)
     # What was made before the first that the model has learned from was another machine's.
     since = min(model.trained_on, default=0) if model else 0
-    lesson = most_informative(machine, values, [e for e in experiments if e.number >= since])
+    design = most_informative(machine, values, [e for e in experiments if e.number >= since])
     uncovered = least_covered(machine, experiments)
     asked = (diagnosis.values.get("next_experiment.why") or "") if diagnosis else ""
     told: dict[str, Scalar] = {
@@ -152,7 +152,7 @@ def advise(
         "left_out": ",".join(belief.left_out),
         "eccentricity": values.get("e"),
         "bands": len(bands),
-        **flat(bands),
+        **band_values(bands),
         "margin.eccentricity_of_first_band": left.first_fold,
         "margin.eccentricity_of_no_way_through": left.no_way_through,
         "margin.voltage_limit": limit,
@@ -161,23 +161,23 @@ def advise(
     if experiments:
         last = experiments[-1]
         number = last.number
-        share = float(np.mean(within(last.voltage, in_doubt(values, limit))))
-        seconds = captured(values, bands, last) if bands else 0.0
+        share = float(np.mean(in_bands(last.voltage, uncertain_bands(values, limit))))
+        seconds = captured_seconds(values, bands, last) if bands else 0.0
         spare = max(limit - float(np.abs(last.voltage).max()), 0.0)
         told |= {"experiment.share_in_or_near": share, "experiment.captured": seconds}
         told |= {"margin.voltage": spare}
     if uncovered is not None:
         told |= {"covered_least.from": uncovered[0], "covered_least.to": uncovered[1]}
     told["next.why"] = asked or None
-    if lesson is not None:
-        told |= {"next.name": lesson.name, "next.bits": lesson.bits, "next.on": lesson.sharpens}
-        told |= {"next.levels": json.dumps(lesson.levels), "next.hold": lesson.hold}
+    if design is not None:
+        told |= {"next.name": design.name, "next.bits": design.bits, "next.on": design.sharpens}
+        told |= {"next.levels": json.dumps(design.levels), "next.hold": design.hold}
     sentences = (
         about_bands(belief, model.kind if model else "", bands, left, limit),
         about_left_out(belief) if bands else "",
         about_experiment(number, share, seconds),
         about_limit(spare, limit) if experiments else "",
-        about_next(lesson, str(asked)),
+        about_next(design, str(asked)),
     )
     return AdviceRecord(
         number,

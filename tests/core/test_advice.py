@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import uniform_filter1d
 
 from ldt_core.advice.advice_sentences import NO_FOUNDATION
-from ldt_core.advice.bands import captured, in_doubt, voltage_bands, within
+from ldt_core.advice.bands import captured_seconds, in_bands, uncertain_bands, voltage_bands
 from ldt_core.advice.experiment_design import candidate_designs, most_informative
 from ldt_core.advice.machine_estimate import MachineEstimate, estimate_machine
 from ldt_core.advice.margins import margins
@@ -86,7 +86,7 @@ def test_a_band_lies_between_two_folds(e, b, r):
         assert steady_voltage(values, band.held[1]) == pytest.approx(band.high)
         assert steady_voltage(values, band.free[0]) == pytest.approx(band.low)
         edges = np.array([band.low, min(band.high, LIMIT)])
-        assert within(np.concatenate([edges, -edges]), in_doubt(values, LIMIT)).all()
+        assert in_bands(np.concatenate([edges, -edges]), uncertain_bands(values, LIMIT)).all()
     more = voltage_bands({**values, "e": 1.1 * e}, LIMIT)
     assert max((x.high for x in bands), default=0) <= max((x.high for x in more), default=0)
 
@@ -95,7 +95,7 @@ def test_without_eccentricity_or_foundation_there_is_no_band():
     """An ideal rotor, and a motor alone."""
     assert voltage_bands(rotor(0.0), LIMIT) == []
     assert voltage_bands(load_machine("dc_motor").parameters, LIMIT) == []
-    assert in_doubt(rotor(0.0), LIMIT) == []
+    assert uncertain_bands(rotor(0.0), LIMIT) == []
 
 
 def test_capture_is_told_from_passing_through():
@@ -103,11 +103,11 @@ def test_capture_is_told_from_passing_through():
     values = rotor(0.01)
     bands = voltage_bands(values, LIMIT)
     ramp = np.minimum(np.arange(0, 20, PERIOD) / 10, 1.0) * 14
-    caught = captured(values, bands, measured(ramp, simulated(values, ramp)))
+    caught = captured_seconds(values, bands, measured(ramp, simulated(values, ramp)))
     step = np.full(ramp.size, 22.0)
     assert caught > 8
-    assert captured(values, bands, measured(step, simulated(values, step))) == 0
-    assert captured(values, bands, measured(-ramp, -simulated(values, ramp))) == caught
+    assert captured_seconds(values, bands, measured(step, simulated(values, step))) == 0
+    assert captured_seconds(values, bands, measured(-ramp, -simulated(values, ramp))) == caught
 
 
 # ---- margins
@@ -185,9 +185,9 @@ def test_a_speed_that_cannot_be_held_or_reached_is_refused(e, speed, words):
 @settings(max_examples=25)
 def test_no_lesson_holds_a_voltage_to_avoid_or_beyond_the_limits(e, reverse):
     """Whatever the eccentricity; the machine is reversed only where it was before."""
-    for lesson in candidate_designs(ROTOR, rotor(e), reverse):
-        volts = lesson.volts(ROTOR.samples, ROTOR.sample_period)
-        assert not within(volts, in_doubt(rotor(e), LIMIT)).any()
+    for design in candidate_designs(ROTOR, rotor(e), reverse):
+        volts = design.volts(ROTOR.samples, ROTOR.sample_period)
+        assert not in_bands(volts, uncertain_bands(rotor(e), LIMIT)).any()
         assert np.abs(volts).max() <= LIMIT
         assert reverse or volts.min() >= 0
 
