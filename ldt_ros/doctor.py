@@ -33,12 +33,13 @@ MIB = 1024**2
 DISTRIBUTION = "jazzy"
 WHEELS = ("ros-jazzy-rclpy", "ros-jazzy-common-interfaces")
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-EXCHANGE = 10.0  # s for two processes to start, meet, and exchange a message
-GROUP = ("239.255.76.68", "127.0.0.1")  # where our DDS profile lets peers meet, by which interface
-DATAGRAM = 1.0  # s for a datagram to come back
-LITTLE_SHARED = 16 * MIB  # of shared memory: tracing and numpy's workers take little
+EXCHANGE_TIMEOUT = 10.0  # s for two processes to start, meet, and exchange a message
+MULTICAST_GROUP = "239.255.76.68"  # where our DDS profile lets peers meet
+MULTICAST_INTERFACE = "127.0.0.1"
+DATAGRAM_TIMEOUT = 1.0  # s for a datagram to come back
+LOW_SHARED_MEMORY = 16 * MIB  # tracing and numpy's workers take little
 LOG_HEAD = re.compile(r"^(\[[\w.]+\] ?)+: ")  # level, time, and logger of a line of ROS's log
-LISTED = 4  # names that a line shows
+MAX_LISTED = 4  # names that a line shows
 ANOTHER_DOMAIN = "if they are not yours, set ROS_DOMAIN_ID to another number from 0 to 101"
 
 
@@ -102,7 +103,7 @@ def profile() -> list[Finding]:
     return found
 
 
-def exchange(patience: float = EXCHANGE) -> dict[str, Any]:
+def exchange(patience: float = EXCHANGE_TIMEOUT) -> dict[str, Any]:
     """What the ear of two processes met (see `ldt_ros.graph.probe`).
 
     Raises:
@@ -144,12 +145,13 @@ def _domain(met: dict[str, Any]) -> list[Finding]:
     where = f"ROS_DOMAIN_ID {number}"
     taken = [t for t in met["publishers"] if t.count("/") == 1]
     if taken:
-        nodes = few(met["nodes"], LISTED)
-        told = f"{where} has a publisher of {few(taken, LISTED)} already (nodes {nodes})"
+        nodes = few(met["nodes"], MAX_LISTED)
+        told = f"{where} has a publisher of {few(taken, MAX_LISTED)} already (nodes {nodes})"
         remedy = "end that graph, set another ROS_DOMAIN_ID, or give ldt up a --namespace"
         return [problem("domain", told, remedy)]
     if met["nodes"]:
-        return [warning("domain", f"{where} has nodes {few(met['nodes'], LISTED)}", ANOTHER_DOMAIN)]
+        told = f"{where} has nodes {few(met['nodes'], MAX_LISTED)}"
+        return [warning("domain", told, ANOTHER_DOMAIN)]
     return [ok("domain", f"{where}, nobody else is in it")]
 
 
@@ -184,15 +186,16 @@ def loopback(folder: Path = Path("/proc/sys/net/ipv4/conf")) -> list[Finding]:
             if file.read_text().strip() != "0":
                 open_.append(file.parent.name)
     if open_:
-        told = f"packets for 127.0.0.1 are let in by {few(open_, LISTED)}"
-        remedy = " ".join(f"net.ipv4.conf.{device}.route_localnet=0" for device in open_[:LISTED])
+        told = f"packets for 127.0.0.1 are let in by {few(open_, MAX_LISTED)}"
+        shown = open_[:MAX_LISTED]
+        remedy = " ".join(f"net.ipv4.conf.{device}.route_localnet=0" for device in shown)
         return [warning(name, told, f"sysctl -w {remedy}")]
     return [ok(name, "nothing from outside reaches 127.0.0.1")]
 
 
 def multicast() -> list[Finding]:
     """Whether a datagram to the group of our profile comes back on the loopback interface."""
-    group, interface = GROUP
+    group, interface = MULTICAST_GROUP, MULTICAST_INTERFACE
     remedy = f"ip link set lo up, and let a firewall pass UDP to {group} on lo"
     try:
         with (
@@ -202,7 +205,7 @@ def multicast() -> list[Finding]:
             receiver.bind(("", 0))
             member = socket.inet_aton(group) + socket.inet_aton(interface)
             receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
-            receiver.settimeout(DATAGRAM)
+            receiver.settimeout(DATAGRAM_TIMEOUT)
             sender.setsockopt(
                 socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(interface)
             )
@@ -245,13 +248,13 @@ def shared_memory() -> list[Finding]:
     free = shutil.disk_usage(SHARED).free
     room = f"{free // MIB} MiB free in {SHARED}"
     found = []
-    if free < LITTLE_SHARED:
+    if free < LOW_SHARED_MEMORY:
         remedy = f"remove what nobody uses in {SHARED} (docker run --shm-size=256m)"
         found.append(warning(name, room, remedy))
     if left := sorted(leftovers()):
-        told = f"{len(left)} file(s) left by ended processes ({few(left, LISTED)})"
-        remedy = f"rm {' '.join(str(SHARED / n) for n in left[:LISTED])}"
-        found.append(warning(name, told, remedy + (" …" if len(left) > LISTED else "")))
+        told = f"{len(left)} file(s) left by ended processes ({few(left, MAX_LISTED)})"
+        remedy = f"rm {' '.join(str(SHARED / n) for n in left[:MAX_LISTED])}"
+        found.append(warning(name, told, remedy + (" …" if len(left) > MAX_LISTED else "")))
     return found or [ok(name, room)]
 
 

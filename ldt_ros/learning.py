@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.node import Node
 
-PATIENCE = 5.0  # s; who is there is met within 0.5
+ANSWER_TIMEOUT = 5.0  # s; who is there is met within 0.5
 LEARNS = "active"  # state of a managed node
 TRANSITIONS = {"on": "activate", "off": "deactivate"}
 
@@ -101,10 +101,10 @@ def _answer(node: Node, executor: Executor, kind: Any, service: str, request: An
         BadInput: nobody answers.
     """
     client = node.create_client(kind, service)
-    if client.wait_for_service(timeout_sec=PATIENCE):
+    if client.wait_for_service(timeout_sec=ANSWER_TIMEOUT):
         future = client.call_async(request)
-        executor.spin_until_future_complete(future, timeout_sec=PATIENCE)
+        executor.spin_until_future_complete(future, timeout_sec=ANSWER_TIMEOUT)
         if future.done():
             return future.result()
     expected = "an adaptor (of a graph that runs in this ROS_DOMAIN_ID; --namespace says of which)"
-    raise BadInput(service, expected, f"no answer within {PATIENCE:g} s")
+    raise BadInput(service, expected, f"no answer within {ANSWER_TIMEOUT:g} s")

@@ -24,7 +24,7 @@ from ldt_core.base.errors import BadInput
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
-PATIENCE = 10  # s, for a scheduler to answer
+SCHEDULER_TIMEOUT = 10  # s, for a scheduler to answer
 PACKAGE = "ldt"
 
 
@@ -156,7 +156,7 @@ def _connect(address: str) -> Any:
             raise ValueError(scheme)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of other versions: `identity` decides
-            return Client(address, timeout=PATIENCE, set_as_default=False)
+            return Client(address, timeout=SCHEDULER_TIMEOUT, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         got = type(error).__name__ if isinstance(error, ValueError) else "none that answers"
         raise BadInput("scheduler", f"a Dask scheduler at {address}", got) from error

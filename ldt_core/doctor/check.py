@@ -11,8 +11,9 @@ from typing import Any
 
 from ldt_core.base.registry import entry_points
 
-GROUP = "ldt.check"  # entry points: lists of probes of parts that the core does not import
-LIMIT = 12.0  # s for all probes together, so that the whole command takes less than 15 s
+#: Entry points that are lists of probes of parts that the core does not import.
+ENTRY_POINT_GROUP = "ldt.check"
+TIME_LIMIT = 12.0  # s for all probes together, so that the whole command takes less than 15 s
 
 
 class Grade(enum.StrEnum):
@@ -72,7 +73,7 @@ class Probe:
     look: Callable[[], Sequence[Finding]]
 
 
-def examine(probes: Sequence[Probe], limit: float = LIMIT) -> list[Finding]:
+def examine(probes: Sequence[Probe], limit: float = TIME_LIMIT) -> list[Finding]:
     """Run all probes side by side; the findings stand in the order of the probes.
 
     Args:
@@ -110,7 +111,7 @@ def examine(probes: Sequence[Probe], limit: float = LIMIT) -> list[Finding]:
 def found_probes() -> list[Probe]:
     """Probes of other parts, by entry point; one that cannot be loaded is a probe that fails."""
     probes: list[Probe] = []
-    for entry in sorted(entry_points(GROUP), key=lambda e: e.name):
+    for entry in sorted(entry_points(ENTRY_POINT_GROUP), key=lambda e: e.name):
         try:
             probes += entry.load()
         except Exception as error:  # whatever that package does

@@ -19,19 +19,19 @@ from ldt_core.doctor.check import Finding, Probe, ok, problem, warning
 
 MIB = 1024**2
 GIB = 1024**3
-EXPERIMENT = 60_000  # bytes recorded of an experiment of 2000 samples, all topics: 50 000 to 55 000
-LEAST_DISK = 50 * MIB  # the default run of 200 experiments takes 11 MB
-LITTLE_DISK = GIB
-TRIED = b"\0" * MIB  # what is written to see whether it can be
-LEAST_MEMORY = GIB  # the nodes of one machine take about 0.6 GB together
-LEAST_FILES = 256  # descriptors; a node takes about 40, its libraries included
-CLOCK_WATCHED = 0.6  # s
-CLOCK_JUMP = 0.01  # s; a clock that is slewed moves by 0.5 ms in a second at most
-CLOCK_READ = 0.001  # s; a reading that took longer was interrupted and says nothing
-NOT_BEFORE = 1735689600.0  # s since the epoch, 2025: LDT is younger
-KERNELS_PATIENCE = 10.0  # s
-# Loads every compiled function of the plant, which numba refuses to cache where it may not write.
-KERNELS = "import ldt_core.physics.integrate"
+EXPERIMENT_BYTES = 60_000  # of a recorded experiment of 2000 samples, which takes 50 000 to 55 000
+MIN_DISK = 50 * MIB  # the default run of 200 experiments takes 11 MB
+LOW_DISK = GIB  # 18 000 experiments; less may not do for a long run
+TEST_BLOCK = b"\0" * MIB  # what is written to see whether it can be
+MIN_MEMORY = GIB  # the nodes of one machine take about 0.6 GB together
+MIN_OPEN_FILES = 256  # descriptors; a node takes about 40, its libraries included
+CLOCK_WATCH_TIME = 0.6  # s, short enough for a person who waits
+MAX_CLOCK_JUMP = 0.01  # s; a clock that is slewed moves by 0.5 ms in a second at most
+MAX_CLOCK_READ_TIME = 0.001  # s; a reading that took longer was interrupted and says nothing
+EARLIEST_DATE = 1735689600.0  # s since the epoch, 2025: LDT is younger
+KERNELS_TIMEOUT = 10.0  # s; all probes together have 12
+#: Loads every compiled function of the plant, which numba caches nowhere where it may not write.
+LOAD_KERNELS = "import ldt_core.physics.integrate"
 REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)\s*>=\s*([0-9.]+)$")
 
 
@@ -54,11 +54,8 @@ def probes(bag: str = "") -> list[Probe]:
 
 
 def python() -> list[Finding]:
-    """The interpreter."""
+    """The interpreter; an older one than 3.11 cannot get here."""
     version = ".".join(map(str, sys.version_info[:3]))
-    if sys.version_info < (3, 11):  # noqa: UP036 - a checkout can be run by any Python
-        got = f"{version} at {sys.executable}"
-        return [problem("Python", got, "make the environment with Python 3.11 or newer")]
     return [ok("Python", f"{version} at {sys.executable}")]
 
 
@@ -98,14 +95,14 @@ def kernels() -> list[Finding]:
     """Whether numba loads our compiled functions, and may keep what it has compiled."""
     try:
         done = subprocess.run(
-            [sys.executable, "-P", "-c", KERNELS],
+            [sys.executable, "-P", "-c", LOAD_KERNELS],
             capture_output=True,
             text=True,
-            timeout=KERNELS_PATIENCE,
+            timeout=KERNELS_TIMEOUT,
             check=False,
         )
     except subprocess.TimeoutExpired:
-        slow = f"not loaded within {KERNELS_PATIENCE:g} s"
+        slow = f"not loaded within {KERNELS_TIMEOUT:g} s"
         return [warning("kernels", slow, "try again when the machine is less busy")]
     if done.returncode:
         words = (done.stderr.strip() or "no output").splitlines()[-1]
@@ -132,11 +129,11 @@ def recordings(bag: str = "") -> list[Finding]:
         remedy = f"make room or take the right to write there, or {where}"
         return [problem(name, f"cannot be written in {folder}: {reason}", remedy)]
     free = shutil.disk_usage(folder).free
-    many = float(f"{free / EXPERIMENT:.2g}")
+    many = float(f"{free / EXPERIMENT_BYTES:.2g}")
     room = f"{_size(free)} free in {folder}, about {many:,.0f} experiments"
-    if free < LEAST_DISK:
+    if free < MIN_DISK:
         return [problem(name, room, f"make room, or {where}")]
-    if free < LITTLE_DISK:
+    if free < LOW_DISK:
         return [warning(name, room, f"make room for long runs, or {where}")]
     return [ok(name, room)]
 
@@ -158,29 +155,29 @@ def _unwritable(folder: Path) -> str | None:
     """Why a megabyte cannot be written in a folder, None when it can."""
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
-            file.write(TRIED)
+            file.write(TEST_BLOCK)
             file.flush()
     except OSError as error:
         return error.strerror or str(error)
     return None
 
 
-def clock(watched: float = CLOCK_WATCHED, now: Callable[[], float] = time.time) -> list[Finding]:
+def clock(watched: float = CLOCK_WATCH_TIME, now: Callable[[], float] = time.time) -> list[Finding]:
     """Whether the wall clock goes evenly and can be right; it need not be synchronised."""
     offsets = []
     end = time.monotonic() + watched
     while (before := time.monotonic()) < end:
         wall = now()
-        if (after := time.monotonic()) - before < CLOCK_READ:
+        if (after := time.monotonic()) - before < MAX_CLOCK_READ_TIME:
             offsets.append(wall - (before + after) / 2)
         time.sleep(0.01)
     wall = now()
     set_it = "let the system set its clock (timedatectl set-ntp true), before a run and not in it"
-    if wall < NOT_BEFORE:
+    if wall < EARLIEST_DATE:
         date = time.strftime("%Y-%m-%d", time.gmtime(wall))
         return [warning("clock", f"it says {date}, which recordings will carry", set_it)]
     jump = max(offsets) - min(offsets) if offsets else 0.0
-    if jump > CLOCK_JUMP:
+    if jump > MAX_CLOCK_JUMP:
         told = f"the wall clock moved by {jump:.3f} s against the steady one in {watched:g} s"
         return [warning("clock", told, set_it)]
     return [ok("clock", "steady; one machine needs no synchronisation")]
@@ -194,7 +191,7 @@ def memory(table: Path = Path("/proc/meminfo")) -> list[Finding]:
         return [warning("memory", f"{table} cannot be read", "have 1 GB free for each machine")]
     match = re.search(r"MemAvailable:\s+(\d+) kB", text)
     free = int(match[1]) * 1024 if match else 0
-    if free < LEAST_MEMORY:
+    if free < MIN_MEMORY:
         remedy = "end other programs, or run the loop in one process by ldt run"
         return [warning("memory", f"{_size(free)} available", remedy)]
     return [ok("memory", f"{_size(free)} available, {os.cpu_count()} cores")]
@@ -206,10 +203,10 @@ def limits() -> list[Finding]:
     size, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
     shown = _count(soft)
     found = []
-    if 0 <= soft < LEAST_FILES:
+    if 0 <= soft < MIN_OPEN_FILES:
         remedy = f"ulimit -n 1024 (at most {_count(hard)} here; LimitNOFILE= in a systemd unit)"
         found.append(warning("limits", f"{shown} open files a process", remedy))
-    if 0 <= size < LITTLE_DISK:
+    if 0 <= size < LOW_DISK:
         told = f"files of at most {_size(size)}, where a recording ends"
         found.append(warning("limits", told, "ulimit -f unlimited"))
     return found or [ok("limits", f"{shown} open files a process")]

@@ -15,10 +15,11 @@ from ldt_core.recording.repair import Mended, repair
 from ldt_core.recording.storage import Storage
 from ldt_core.restart.learning_switch import Pause
 
-LISTED = 5  # stretches of numbers that a line shows
-AGAIN = "commands use what is there; ldt doctor --repair puts it into sound files"
-LOST = "put it back from a copy, if there is one; commands use what is there"
-REPLAY = "replay it by ldt replay"
+MAX_LISTED = 5  # stretches of numbers that a line shows
+#: Remedies.
+REPAIR_IT = "commands use what is there; ldt doctor --repair puts it into sound files"
+RESTORE_IT = "put it back from a copy, if there is one; commands use what is there"
+REPLAY_IT = "replay it by ldt replay"
 
 
 def mended(path: str, namespace: str) -> list[Finding]:
@@ -31,7 +32,7 @@ def mended(path: str, namespace: str) -> list[Finding]:
     done = [_rewritten(file) for file in work.mended]
     if work.metadata:
         done.append(ok("repair", f"metadata.yaml written anew: {work.metadata}"))
-    done += [problem("repair", sentence, LOST) for sentence in work.unmended]
+    done += [problem("repair", sentence, RESTORE_IT) for sentence in work.unmended]
     if work.sound:
         done.append(ok("repair", "nothing to mend; left as it is"))
     try:
@@ -82,9 +83,9 @@ def _files(health: Health) -> list[Finding]:
     )
     if health.writing:  # its last file has no end yet, and is not counted
         here = f"{list(health.files)[-1]}: "
-        found = [problem("files", note, AGAIN) for note in health.notes if here not in note]
+        found = [problem("files", note, REPAIR_IT) for note in health.notes if here not in note]
         return found or [ok("files", f"being written now: {shown} so far")]
-    found = [problem("files", note, AGAIN) for note in health.notes]
+    found = [problem("files", note, REPAIR_IT) for note in health.notes]
     if health.declared is not None:
         told = f"{shown}, metadata.yaml counts {health.declared}"
         remedy = "its recorder was killed or files were changed; ldt doctor --repair corrects it"
@@ -116,7 +117,7 @@ def _experiments(health: Health) -> list[Finding]:
         return [problem(name, told, "make them of other topics by ldt import")]
     found = []
     if health.missing:
-        many = f"{numbered('number', health.missing, LISTED)} missing"
+        many = f"{numbered('number', health.missing, MAX_LISTED)} missing"
         remedy = "look whether the recorder had a burst, or the machine a pause, at that time"
         found.append(warning(name, many, remedy))
     if health.repeated:
@@ -153,7 +154,7 @@ def _answers(health: Health) -> list[Finding]:
     for topic in ANSWERS:
         lacking.setdefault(tuple(health.unanswered(topic)), []).append(topic)
     found = [
-        warning("answers", f"{_listed(numbers)} without {', '.join(topics)}", REPLAY)
+        warning("answers", f"{_listed(numbers)} without {', '.join(topics)}", REPLAY_IT)
         for numbers, topics in lacking.items()
         if numbers
     ]
@@ -195,4 +196,4 @@ def _settings(health: Health) -> list[Finding]:
 
 
 def _listed(numbers: Iterable[int]) -> str:
-    return numbered("number", spans(numbers), LISTED)
+    return numbered("number", spans(numbers), MAX_LISTED)

@@ -29,17 +29,19 @@ from ldt_core.security.permissions import (
 if TYPE_CHECKING:
     from ldt_core.security.certificates import Authority
 
-DEFAULT = "ldt_keystore"  # folder of a keystore that nobody has named
 AUTHORITY = "ldt_ca"  # subject of its certificate
-DAYS = 3650  # that a keystore is valid, as SROS 2 has it
-EARLIER = datetime.timedelta(days=1)  # from when on it is: clocks of hosts may differ
+VALID_DAYS = 3650  # that a keystore is valid, as SROS 2 has it
+CLOCK_TOLERANCE = datetime.timedelta(days=1)  # it is valid so much earlier: hosts' clocks differ
 #: In each enclave's folder; the last three point to what all have in common.
 FILES = (
     *("key.pem", "cert.pem", "permissions.p7s"),
     *("governance.p7s", "identity_ca.cert.pem", "permissions_ca.cert.pem"),
 )
-SECRET, CLOSED, OPEN = 0o600, 0o700, 0o755  # modes of keys and folders
-MOST_NAMESPACES, MOST_NAME = 100, 64  # machines; characters of an enclave, by X.509's common name
+KEY_MODE = 0o600
+PRIVATE_MODE = 0o700  # of the folder with the authority's key
+FOLDER_MODE = 0o755
+MAX_NAMESPACES = 100  # machines of one keystore
+MAX_ENCLAVE_NAME = 64  # characters, of a common name in X.509
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ def make_keystore(
     folder: str | Path,
     namespaces: list[str] | None = None,
     domain: int = 0,
-    days: int = DAYS,
+    days: int = VALID_DAYS,
     streams: list[str] | None = None,
 ) -> Keystore:
     """Write a new keystore.
@@ -84,7 +86,7 @@ def make_keystore(
     target = Path(folder)
     found = _planned(target, namespaces or [""], domain, days, streams or [])
     now = datetime.datetime.now(datetime.UTC).replace(microsecond=0)
-    authority = new_authority(AUTHORITY, now - EARLIER, now + datetime.timedelta(days=days))
+    authority = new_authority(AUTHORITY, now - CLOCK_TOLERANCE, now + datetime.timedelta(days=days))
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         work = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
@@ -105,7 +107,7 @@ def _fill(work: Path, authority: Authority, found: list[Enclave], domain: int) -
     """Write everything into a new folder that nobody else may look into yet."""
     for name in ("public", "private", "enclaves"):
         (work / name).mkdir()
-    _write(work / "private" / "ca.key.pem", authority.identity.key_pem, SECRET)
+    _write(work / "private" / "ca.key.pem", authority.identity.key_pem, KEY_MODE)
     _write(work / "public" / "ca.cert.pem", authority.identity.certificate_pem)
     for kind in ("identity", "permissions"):
         (work / "public" / f"{kind}_ca.cert.pem").symlink_to("ca.cert.pem")
@@ -118,7 +120,7 @@ def _fill(work: Path, authority: Authority, found: list[Enclave], domain: int) -
         place.mkdir(parents=True, exist_ok=True)  # a namespace may be called as a role
         identity = authority.certify(enclave.name)
         permissions = permissions_xml(enclave, domain, authority.begin, authority.end)
-        _write(place / "key.pem", identity.key_pem, SECRET)
+        _write(place / "key.pem", identity.key_pem, KEY_MODE)
         _write(place / "cert.pem", identity.certificate_pem)
         _write(place / "permissions.xml", permissions.encode())
         _write(place / "permissions.p7s", authority.sign(permissions))
@@ -128,9 +130,9 @@ def _fill(work: Path, authority: Authority, found: list[Enclave], domain: int) -
             name = f"{kind}_ca.cert.pem"
             (place / name).symlink_to(up / ".." / "public" / name)
     for place in (f for f in work.rglob("*") if f.is_dir()):
-        place.chmod(OPEN)  # whatever the umask
-    (work / "private").chmod(CLOSED)
-    work.chmod(OPEN)
+        place.chmod(FOLDER_MODE)  # whatever the umask
+    (work / "private").chmod(PRIVATE_MODE)
+    work.chmod(FOLDER_MODE)
 
 
 def _planned(
@@ -142,15 +144,15 @@ def _planned(
     if days < 1:
         raise BadInput("days", "1 or more", days)
     names = list(dict.fromkeys(check_namespace(n) for n in namespaces))
-    if len(names) > MOST_NAMESPACES:
-        raise BadInput("namespace", f"at most {MOST_NAMESPACES}", len(names))
+    if len(names) > MAX_NAMESPACES:
+        raise BadInput("namespace", f"at most {MAX_NAMESPACES}", len(names))
     for topic in streams:
         if not (topic.startswith("/") and check_namespace(topic)):
             raise BadInput("stream topic", "an absolute name, /press/joint_states", repr(topic))
     found = enclaves(names, streams)
     longest = max((e.name for e in found), key=len)
-    if len(longest) > MOST_NAME:
-        expected = f"a name by which no enclave has more than {MOST_NAME} characters"
+    if len(longest) > MAX_ENCLAVE_NAME:
+        expected = f"a name by which no enclave has more than {MAX_ENCLAVE_NAME} characters"
         raise BadInput("namespace", expected, f"{longest}, which has {len(longest)}")
     return found
 

@@ -25,9 +25,10 @@ LISTENERS = ("monitor", "watch")
 #: Who may switch the learning of each machine off and on, and nothing else.
 OPERATOR = "operator"
 ROLES = (*NODES, *LISTENERS, OPERATOR)
-#: What the adaptor, a managed node, is asked by an operator, and where it says what it did.
-ASKED = ("change_state", "get_state")
-TOLD = "transition_event"
+#: Services by which an operator switches the adaptor, a managed node.
+LIFECYCLE_SERVICES = ("change_state", "get_state")
+#: Topic on which the adaptor tells that it was switched.
+LIFECYCLE_EVENT = "transition_event"
 DOMAINS = range(233)  # as ROS_DOMAIN_ID
 NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?", re.ASCII)
 #: Every node's own: its log and what it tells of its parameters; and which nodes there are.
@@ -98,7 +99,7 @@ def _node(role: str, namespace: str, streams: list[str]) -> Enclave:
     publishes = [_dds(t, namespace) for t in msgs_config.topics() if role in publishers(t)]
     hears = [_dds(t, namespace) for t in msgs_config.topics() if role in listeners(t)]
     if role == "adaptor":
-        publishes.append(_dds(f"{role}/{TOLD}", namespace))
+        publishes.append(_dds(f"{role}/{LIFECYCLE_EVENT}", namespace))
     if role == "segmenter":
         hears += [f"rt/{topic.strip('/')}" for topic in streams]
     return _enclave(role, [namespace], publishes, hears)
@@ -111,7 +112,8 @@ def _listener(role: str, namespaces: list[str]) -> Enclave:
 
 
 def _operator(namespaces: list[str]) -> Enclave:
-    asked = [f"{_prefix(namespace)}adaptor/{name}" for namespace in namespaces for name in ASKED]
+    adaptors = [f"{_prefix(namespace)}adaptor" for namespace in namespaces]
+    asked = [f"{adaptor}/{name}" for adaptor in adaptors for name in LIFECYCLE_SERVICES]
     publishes = [f"rq/{name}Request" for name in asked]
     hears = [f"rr/{name}Reply" for name in asked]
     return _enclave(OPERATOR, [""], publishes, hears)

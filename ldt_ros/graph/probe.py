@@ -17,9 +17,9 @@ from ldt_ros.graph.trial import conduct
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-OWN = "ldt_doctor"  # how the nodes of all probes begin, so that they do not report each other
-LOOK_ROUND = 0.6  # s; others are met within 0.25 s
-PATIENCE = 7.0  # s for the message
+NODE_PREFIX = "ldt_doctor"  # of all probes, so that they do not report each other
+DISCOVERY_TIME = 0.6  # s; others are met within 0.25 s
+MESSAGE_TIMEOUT = 7.0  # s for the message
 SPIN = 0.02  # s
 
 
@@ -30,7 +30,7 @@ def main(role: str, topic: str) -> dict[str, Any]:
 
     begin(rclpy.get_default_context())
     node = rclpy.create_node(
-        f"{OWN}_{role}_{os.getpid()}", enable_rosout=False, start_parameter_services=False
+        f"{NODE_PREFIX}_{role}_{os.getpid()}", enable_rosout=False, start_parameter_services=False
     )
     return _speak(node, topic) if role == "voice" else _listen(node, topic)
 
@@ -39,7 +39,7 @@ def _speak(node: Node, topic: str) -> dict[str, Any]:
     from std_msgs.msg import String
 
     publisher = node.create_publisher(String, topic, 10)
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + MESSAGE_TIMEOUT
     while time.monotonic() < end:
         publisher.publish(String(data=repr(time.monotonic())))
         time.sleep(SPIN)
@@ -60,9 +60,9 @@ def _listen(node: Node, topic: str) -> dict[str, Any]:
     executor = EventsExecutor()
     executor.add_node(node)
     began = time.monotonic()
-    while (passed := time.monotonic() - began) < PATIENCE:
+    while (passed := time.monotonic() - began) < MESSAGE_TIMEOUT:
         executor.spin_once(timeout_sec=SPIN)
-        if delays and passed > LOOK_ROUND:
+        if delays and passed > DISCOVERY_TIME:
             break
     return {
         "received": len(delays),
@@ -77,7 +77,8 @@ def _listen(node: Node, topic: str) -> dict[str, Any]:
 def _others(node: Node) -> list[str]:
     """Nodes of this domain that are nobody's probe, by their full names."""
     met = node.get_node_names_and_namespaces()
-    return sorted(f"{space.rstrip('/')}/{name}" for name, space in met if not name.startswith(OWN))
+    others = ((name, space) for name, space in met if not name.startswith(NODE_PREFIX))
+    return sorted(f"{space.rstrip('/')}/{name}" for name, space in others)
 
 
 def _publishers(node: Node) -> list[str]:

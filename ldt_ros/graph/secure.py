@@ -24,7 +24,7 @@ KEYSTORE, OVERRIDE = "ROS_SECURITY_KEYSTORE", "ROS_SECURITY_ENCLAVE_OVERRIDE"
 ENFORCED = {ENABLE: "true", STRATEGY: "Enforce"}
 MONITOR = enclave_name("monitor", "")  # the launching process's own
 NOT_BUILT_IN = "doesn't have the security libraries"  # what Fast DDS says of itself
-PATIENCE = 20.0  # s for the trial; it takes 2
+TRIAL_TIMEOUT = 20.0  # s for the trial; it takes 2
 
 
 def secured(
@@ -65,7 +65,7 @@ def enclave_arguments(settings: Mapping[str, Any], namespace: str, role: str) ->
     return ["--enclave", enclave_name(role, namespace)] if settings["secure"] else []
 
 
-def unable(environment: Mapping[str, str], patience: float = PATIENCE) -> str:
+def unable(environment: Mapping[str, str], patience: float = TRIAL_TIMEOUT) -> str:
     """Why a process of this environment would not be protected; "" where it is.
 
     It is tried, in a process of its own: one participant in the enclave, and one without security,

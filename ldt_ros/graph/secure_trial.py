@@ -15,7 +15,7 @@ from ldt_ros.graph.trial import conduct
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-LOOK_ROUND = 0.8  # s; whoever can be met is met within 0.5
+DISCOVERY_TIME = 0.8  # s; whoever can be met is met within 0.5
 POLL = 0.05  # s
 TOPIC = "/rosout"  # every node may publish it
 UNKNOWN = "_NODE_NAME_UNKNOWN_"  # of a publisher that is met before its node
@@ -28,7 +28,7 @@ def main() -> dict[str, Any]:
     from rclpy.utilities import get_rmw_implementation_identifier
 
     outside = _node("outside", "false")
-    time.sleep(LOOK_ROUND)  # others who are there already are not meant
+    time.sleep(DISCOVERY_TIME)  # others who are there already are not meant
     before = {bytes(i.endpoint_gid) for i in outside.get_publishers_info_by_topic(TOPIC)}
     told: dict[str, Any] = {
         "failure": "",
@@ -60,7 +60,7 @@ def _node(name: str, secured: str) -> Node:
 
 def _look(node: Node, known: set[bytes]) -> bool:
     """Whether the node meets, within the time, somebody new who may be the other one."""
-    end = time.monotonic() + LOOK_ROUND
+    end = time.monotonic() + DISCOVERY_TIME
     while time.monotonic() < end:
         for info in node.get_publishers_info_by_topic(TOPIC):
             new = bytes(info.endpoint_gid) not in known

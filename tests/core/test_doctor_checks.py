@@ -85,13 +85,13 @@ def test_a_library_that_is_missing_or_old_is_named(monkeypatch):
 
 def test_kernels_that_cannot_be_loaded_are_a_problem(monkeypatch):
     """As numba refuses when it may keep what it compiles nowhere; and when it takes too long."""
-    monkeypatch.setattr(machine, "KERNELS_PATIENCE", 300.0)  # s; the tests fill the machine
+    monkeypatch.setattr(machine, "KERNELS_TIMEOUT", 300.0)  # s; the tests fill the machine
     one(machine.kernels(), OK)
     refusal = "cannot cache function: no locator available"
-    monkeypatch.setattr(machine, "KERNELS", f"raise RuntimeError('{refusal}')")
+    monkeypatch.setattr(machine, "LOAD_KERNELS", f"raise RuntimeError('{refusal}')")
     one(machine.kernels(), PROBLEM, refusal, "NUMBA_CACHE_DIR")
-    monkeypatch.setattr(machine, "KERNELS", "import time; time.sleep(60)")
-    monkeypatch.setattr(machine, "KERNELS_PATIENCE", 0.2)
+    monkeypatch.setattr(machine, "LOAD_KERNELS", "import time; time.sleep(60)")
+    monkeypatch.setattr(machine, "KERNELS_TIMEOUT", 0.2)
     one(machine.kernels(), WARNING, "not loaded within 0.2 s")
 
 

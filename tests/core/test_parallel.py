@@ -196,7 +196,7 @@ def test_workers_without_this_ldt_are_refused(scheduler, tmp_path, preload, word
 def test_a_scheduler_that_cannot_be_reached_is_refused(monkeypatch, address):
     """In one sentence with its address."""
     pytest.importorskip("distributed")
-    monkeypatch.setattr("ldt_core.base.parallel.PATIENCE", 0.5)
+    monkeypatch.setattr("ldt_core.base.parallel.SCHEDULER_TIMEOUT", 0.5)
     with pytest.raises(BadInput, match=address), Workers(scheduler=address):
         pass
 

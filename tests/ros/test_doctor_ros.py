@@ -144,7 +144,7 @@ def test_security_that_the_middleware_cannot_give_is_told(monkeypatch, tmp_path)
 def test_multicast_that_does_not_work_is_a_warning(monkeypatch):
     """It explains why two processes do not meet."""
     assert doctor.multicast()[0].grade is OK
-    monkeypatch.setattr(doctor, "DATAGRAM", 0.1)
+    monkeypatch.setattr(doctor, "DATAGRAM_TIMEOUT", 0.1)
     monkeypatch.setattr(socket.socket, "sendto", lambda *_: 0)
     (found,) = doctor.multicast()
     assert (found.grade, "does not come back" in found.message) == (WARNING, True)

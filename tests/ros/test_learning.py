@@ -142,7 +142,7 @@ def environment(domain):
 
 def test_where_nobody_answers_it_says_what_to_look_at(environment, capsys, monkeypatch):
     """In a sentence."""
-    monkeypatch.setattr("ldt_ros.learning.PATIENCE", 0.2)
+    monkeypatch.setattr("ldt_ros.learning.ANSWER_TIMEOUT", 0.2)
     assert invoke(commands, ["learning", "off", "--namespace", "press"]) == 2
     err = capsys.readouterr().err
     assert err.startswith("ldt: /press/adaptor/get_state: expected an adaptor")
