@@ -10,12 +10,14 @@ import contextlib
 import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from ldt_core.base.errors import OptionError
 from ldt_core.base.sentences import listed
+
+Parsed = TypeVar("Parsed")
 
 OWN = ("format", "origin", "found")  # keys of a record that are ours; the rest is its writer's
 
@@ -127,6 +129,62 @@ def recall(
         return StoredResult(data.decode(), about)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
+
+
+class ResultFolder:
+    """Results of one kind of work in a folder, each by itself a JSON file, to go on from.
+
+    Args:
+        out: the folder.
+        format: of the files.
+        origin: all that decides the results and is not in their names, in JSON types.
+        any_origin: take what came from elsewhere as well.
+    """
+
+    def __init__(
+        self,
+        out: Path | str,
+        format: str,
+        origin: Mapping[str, Any],
+        any_origin: bool = False,
+    ) -> None:
+        self.out, self.format, self.origin = Path(out), format, dict(origin)
+        self.any_origin = any_origin
+        #: Results met that came from elsewhere, and files met that cannot be read.
+        self.foreign, self.damaged = 0, list[str]()
+
+    def read(self, name: str, parse: Callable[[Any], Parsed]) -> Parsed | None:
+        """A result by its name, such as "runs/KEY"; None if there is none that can be used.
+
+        Args:
+            name: of the file, without its ending.
+            parse: makes the result from its content; may raise what a wrong content raises.
+        """
+        path = self._path(name)
+        try:
+            record = json.loads(path.read_text(encoding="utf-8"))
+            if (record["format"], record["key"]) != (self.format, path.stem):
+                raise ValueError("another file's content")
+            foreign = record["origin"] != self.origin
+            found = None if foreign and not self.any_origin else parse(record["content"])
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            self.damaged.append(str(path))
+            return None
+        self.foreign += foreign
+        return found
+
+    def write(self, name: str, content: Any, about: Mapping[str, Any] | None = None) -> None:
+        """Keep a result, with what else is to be noted; a reader sees all of it or nothing."""
+        path = self._path(name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        record = {"format": self.format, "key": path.stem, "origin": self.origin}
+        record |= {**(about or {}), "content": content}
+        write(path, json.dumps(record, separators=(",", ":"), allow_nan=False))
+
+    def _path(self, name: str) -> Path:
+        return self.out / f"{name}.json"
 
 
 def _files(folder: Path) -> dict[str, Path]:

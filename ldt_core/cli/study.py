@@ -12,7 +12,7 @@ import click
 from ldt_core.cli.options import compute_options, json_option, parameters
 from ldt_core.cli.spelling import SuggestingChoice
 from ldt_core.cli.terminal import echo_json
-from ldt_core.lab.study.groups import GROUPS
+from ldt_core.lab.study import GROUPS
 
 if TYPE_CHECKING:
     from ldt_core.lab.study.study import Study
@@ -85,8 +85,8 @@ def command(
     """
     from ldt_core.cli.progress import ResumableProgress
     from ldt_core.lab.study.engine import conduct, load_study
-    from ldt_core.lab.study.page import write_figures, write_page
-    from ldt_core.lab.study.plan import Plan
+    from ldt_core.lab.study.study_page import write_figures, write_page
+    from ldt_core.lab.study.study_plan import StudyPlan
     from ldt_core.lab.study.tables import write_tables
     from ldt_core.views.page import style
 
@@ -100,7 +100,7 @@ def command(
                 if context.get_parameter_source(name) is click.core.ParameterSource.DEFAULT:
                     asked[name] = few
         groups = tuple(name for name in GROUPS if not only or name in only)
-        plan = Plan(**asked, machine=settings["machine"], groups=groups, first_seed=first_seed)
+        plan = StudyPlan(**asked, machine=settings["machine"], groups=groups, first_seed=first_seed)
         with ResumableProgress("study", "results", out) as progress:
             options: dict[str, Any] = {"jobs": jobs, "scheduler": scheduler, "fresh": fresh}
             study = conduct(plan, out, **options, progress=progress.show)

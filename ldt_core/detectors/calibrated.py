@@ -87,7 +87,7 @@ class Calibrated(Detector):
       for certain, and when the model begins, or ceases, to state a deviation, unless its errors
       were those of the noise alone: then they will be so by its own deviation, too.
 
-    Measured, `ldt_core.lab.study.false_alarms` counts anew: with a lognormal error (streams of 200
+    Measured, `tests/core/false_alarm_rates.py` counts anew: with a lognormal error (streams of 200
     experiments without a drift) there were 1.05 times the false alarms stated at one in 100
     (standard error 0.05) and 0.91 times (0.11) at one in 1000. On the wearing rotor (10 streams,
     120 drifts, noise 0.1 rad/s), with a learner that knows the start and, after each positive, the

@@ -18,7 +18,7 @@ import yaml
 
 import msgs_config
 from ldt_core.lab.study.engine import conduct
-from ldt_core.lab.study.plan import Plan
+from ldt_core.lab.study.study_plan import StudyPlan
 from tests.benchmarks.__main__ import machine
 
 BASE = {"seeds": 1, "experiments": 100, "samples": 1000}
@@ -38,7 +38,7 @@ def rotor(folder: Path, samples: int) -> str:
 def measure(seeds: int, experiments: int, samples: int) -> tuple[float, int]:
     """Processor time [s] of a study of that size, and how many models it trained."""
     with tempfile.TemporaryDirectory() as folder:
-        plan = Plan(seeds, experiments, rotor(Path(folder), samples), ("paper",))
+        plan = StudyPlan(seeds, experiments, rotor(Path(folder), samples), ("paper",))
         begin = time.process_time()
         study = conduct(plan, Path(folder) / "study", jobs=1)
         spent = time.process_time() - begin

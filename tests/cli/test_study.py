@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from ldt_core.cli import invoke, ldt
-from ldt_core.lab.study import engine, page
+from ldt_core.lab.study import engine, study_page
 from ldt_core.lab.study.study import Study
 
 COLUMNS = "model,detector,seed,mme,mme_original,adaptations,precision,recall"
@@ -42,8 +42,8 @@ def undrawn(patched: pytest.MonkeyPatch) -> None:
     def write_page(study, out):
         return Path(out) / "study.html"
 
-    patched.setattr(page, "write_figures", lambda study, out: [])
-    patched.setattr(page, "write_page", write_page)
+    patched.setattr(study_page, "write_figures", lambda study, out: [])
+    patched.setattr(study_page, "write_page", write_page)
 
 
 @pytest.fixture

@@ -6,10 +6,10 @@ import numpy as np
 
 from ldt_core.base.experiment import Action, Level
 from ldt_core.lab.study.baselines import baseline_cases
-from ldt_core.lab.study.case import Case, Result
 from ldt_core.lab.study.drift_detection import drifts_of
 from ldt_core.lab.study.facts import Drift, Facts, energy_needed, stream_key
 from ldt_core.lab.study.study import Entry, Study
+from ldt_core.lab.study.study_case import RunResult, StudyCase
 
 LITERAL = {"gate": "none"}
 #: Share of the original's error that a model leaves.
@@ -17,7 +17,7 @@ SHARE = {"physics": 1.0, "linear": 0.85, "hybrid": 0.65, "diagnosed": 0.1}
 THRESHOLDS = (1.0, 2.0, 4.0, 8.0)
 
 
-def fake_result(case: Case) -> Result:
+def fake_result(case: StudyCase) -> RunResult:
     """Rows for a case: an error that grows like e squared, fewer of it after adaptations."""
     random = np.random.default_rng([case.seed, len(case.model), len(case.detector)])
     count = case.experiments
@@ -34,7 +34,7 @@ def fake_result(case: Case) -> Result:
     action = [Action.ADAPTED if p else Action.KEPT for p in positive]
     inside = [float(e) / 2 if t > 0.004 else None for e, t in zip(error, truth, strict=True)]
     outside = [float(e) / 2 if t > 0.004 else None for e, t in zip(original, truth, strict=True)]
-    return Result(
+    return RunResult(
         case=case,
         number=list(range(1, count + 1)),
         truth=truth.tolist(),
@@ -53,7 +53,7 @@ def fake_result(case: Case) -> Result:
     )
 
 
-def _truth(case: Case, count: int) -> np.ndarray:
+def _truth(case: StudyCase, count: int) -> np.ndarray:
     kind = case.settings.get("degradation", "staircase")
     if kind == "none":
         return np.zeros(count)
@@ -89,7 +89,7 @@ def fake_study(
         for seed in range(seeds):
             settings = dict(more)
             keep = (experiments - 2,) if group in ("paper", "better") else ()
-            case = Case(model, detector, seed, experiments, machine, settings, keep=keep)
+            case = StudyCase(model, detector, seed, experiments, machine, settings, keep=keep)
             result = fake_result(case)
             entries.append(Entry(result, (group,)))
             if group in ("paper", "better"):
@@ -113,7 +113,7 @@ def fake_study(
     return Study(settings, tuple(entries), facts, notes=notes)
 
 
-def fake_facts(result: Result) -> Facts:
+def fake_facts(result: RunResult) -> Facts:
     """The truth that fits the rows of a fake result."""
     numbers = drifts_of(result.truth)
     drifts = []

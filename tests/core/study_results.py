@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ldt_core.lab.study.case import Case, Result
+from ldt_core.lab.study.study_case import RunResult, StudyCase
 
 
 def made_up(
@@ -34,8 +34,8 @@ def made_up(
     def action(n):
         return "adapted" if n in adapted else "refused" if n in positives else "kept"
 
-    return Result(
-        case=Case(model, detector, seed, count, settings=settings, alarms=alarms),
+    return RunResult(
+        case=StudyCase(model, detector, seed, count, settings=settings, alarms=alarms),
         number=numbers,
         truth=list(truth),
         max_error=row(max_error),

@@ -6,6 +6,15 @@ import math
 
 import numpy as np
 import pytest
+from false_alarm_rates import (
+    EARLY,
+    KINDS,
+    Noise,
+    Rate,
+    RowsAgain,
+    count,
+    machine_rows,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
@@ -25,15 +34,6 @@ from ldt_core.detectors.calibrated import (
 from ldt_core.detectors.control_chart import ALLOWANCE, limits, warning_limits
 from ldt_core.detectors.reference import Reference
 from ldt_core.lab.study.drift_detection import detection
-from ldt_core.lab.study.false_alarms import (
-    EARLY,
-    KINDS,
-    Noise,
-    Rate,
-    RowsAgain,
-    count,
-    machine_rows,
-)
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.models.physics import PhysicsModel

@@ -21,15 +21,15 @@ from programs import Programs
 from ldt_core.base.code_version import SHOWING, code_version
 from ldt_core.base.errors import BadInput, OptionError
 from ldt_core.base.parallel import Workers
-from ldt_core.lab.study.case import Case
 from ldt_core.lab.study.run_case import run_case
+from ldt_core.lab.study.study_case import StudyCase
 
 PATIENCE = 60  # s; a stalled machine is not what is tested
 
 
-def cases(machine: str, count: int = 3) -> list[Case]:
+def cases(machine: str, count: int = 3) -> list[StudyCase]:
     literal = {"gate": "none", "data": "warning-set"}
-    return [Case("hybrid", "lddm", seed, 8, machine, literal) for seed in range(count)]
+    return [StudyCase("hybrid", "lddm", seed, 8, machine, literal) for seed in range(count)]
 
 
 def figures(result):
@@ -151,7 +151,7 @@ def test_a_cluster_gives_the_same_results(scheduler, short_rotor):
         with Workers(scheduler=address, identity=platform.python_version) as workers:
             found = {c.key: figures(r) for c, r in workers.map(run_case, cases(short_rotor))}
             with pytest.raises(OptionError, match="ldmd"):
-                list(workers.map(run_case, [Case("hybrid", "ldmd", 0, 8, short_rotor)]))
+                list(workers.map(run_case, [StudyCase("hybrid", "ldmd", 0, 8, short_rotor)]))
     wait_for(scheduler, 0)
     assert found == here(short_rotor)
 

@@ -9,7 +9,9 @@ import json
 import pytest
 from study_results import made_up
 
-from ldt_core.lab.study.claims import aims, claim, claims, thresholds
+from ldt_core.lab.study import claims as examined
+from ldt_core.lab.study.claims import claim, threshold_claims
+from ldt_core.lab.study.evidence import Evidence
 from ldt_core.lab.study.facts import Drift, Facts, stream_key
 from ldt_core.lab.study.study import Entry, Study
 
@@ -260,6 +262,14 @@ AIMS = {
 }
 
 
+def claims(study):
+    return examined.claims(Evidence(study))
+
+
+def aims(study):
+    return examined.aims(Evidence(study))
+
+
 def one(found, name):
     return next(c for c in found if c.id == name)
 
@@ -369,7 +379,7 @@ def test_an_aim_that_nobody_can_reach_says_so():
     assert "does not foresee" not in one(aims(AIMS["near-the-floor"](1)), "near-the-floor").evidence
 
 
-@pytest.mark.parametrize("module", [claim, thresholds])
+@pytest.mark.parametrize("module", [claim, threshold_claims])
 def test_examples_are_true(module):
     """The docstrings' examples run as printed."""
     result = doctest.testmod(module)

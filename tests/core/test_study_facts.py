@@ -11,7 +11,6 @@ import pytest
 from scipy import stats
 
 from ldt_core.lab.study import facts
-from ldt_core.lab.study.case import Case
 from ldt_core.lab.study.facts import (
     Facts,
     energy_needed,
@@ -20,6 +19,7 @@ from ldt_core.lab.study.facts import (
     noise_peak,
     stream_key,
 )
+from ldt_core.lab.study.study_case import StudyCase
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 
@@ -90,16 +90,16 @@ def test_facts_survive_json(jump):
 
 def test_cases_on_one_stream_share_its_name():
     """Model and detector do not count, seed and plant do."""
-    one = Case("linear", "threshold", 1, settings={"threshold": 5.0})
-    assert stream_key(one) == stream_key(Case("hybrid", "periodic", 1, alarms=(3,)))
-    others = [Case("linear", "threshold", 2), Case("linear", "threshold", 1, 100)]
-    others.append(Case("linear", "threshold", 1, settings={"noise": 0.2}))
+    one = StudyCase("linear", "threshold", 1, settings={"threshold": 5.0})
+    assert stream_key(one) == stream_key(StudyCase("hybrid", "periodic", 1, alarms=(3,)))
+    others = [StudyCase("linear", "threshold", 2), StudyCase("linear", "threshold", 1, 100)]
+    others.append(StudyCase("linear", "threshold", 1, settings={"noise": 0.2}))
     assert len({stream_key(c) for c in [one, *others]}) == 4
 
 
 def test_a_case_and_its_plant_have_the_same_facts():
     """Settings of the case reach the plant."""
-    case = Case("linear", "threshold", 2, 3, settings={"degradation": "none", "noise": 0.2})
+    case = StudyCase("linear", "threshold", 2, 3, settings={"degradation": "none", "noise": 0.2})
     found = facts_of(case)
     assert (found.drifts, found.noise, found.truth) == ((), 0.2, (0.0, 0.0, 0.0))
     assert found.floor == found.late

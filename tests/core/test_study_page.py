@@ -13,12 +13,12 @@ import pytest
 from fake_study import fake_study
 
 from ldt_core.base.errors import LdtError
+from ldt_core.lab.study.evidence import Evidence
 from ldt_core.lab.study.figures import FIGURES, drawings
-from ldt_core.lab.study.figures.reading import Reading
-from ldt_core.lab.study.page import write_figures, write_page
 from ldt_core.lab.study.sections import lead
 from ldt_core.lab.study.sections.summary import what_was_run
 from ldt_core.lab.study.study import Study
+from ldt_core.lab.study.study_page import write_figures, write_page
 from ldt_core.views.page import style
 
 HOSTILE = "</code><script>alert(1)</script>\"' $x^2 & {{ 7*7 }}.yaml"
@@ -71,7 +71,7 @@ def test_streams_without_wear_do_not_count_among_those_that_wear(study):
     wider = replace(study, entries=(*study.entries, more))
     assert "examined on 2 random streams of" in lead(wider)
     assert lead(wider).endswith("too few to decide much: this is a trial.")
-    assert dict(what_was_run(Reading(wider)))["seeds"] == "2 (0 to 1)"
+    assert dict(what_was_run(Evidence(wider)))["seeds"] == "2 (0 to 1)"
 
 
 def only(study: Study, *groups: str) -> Study:
@@ -174,7 +174,7 @@ def test_a_small_study_says_what_is_missing(study, groups, tmp_path, undrawn):
     """A section without runs has a sentence in the place of its figures."""
     part = only(study, *groups)
     page = write_page(part, tmp_path).read_text(encoding="utf-8")
-    drawn = [n for n, d in drawings(Reading(part)).items() if d]
+    drawn = [n for n, d in drawings(Evidence(part)).items() if d]
     shown = [a["id"] for t, a in Elements(page).tags if t == "figure"]
     assert shown == drawn
     assert page.count('class="missing"') >= len(FIGURES) - len(drawn)
@@ -197,7 +197,7 @@ def test_captions_have_the_figures_of_this_study(study):
         return replace(entry, result=replace(result, max_error=[2 * e for e in result.max_error]))
 
     other = replace(study, entries=tuple(map(doubled, study.entries)))
-    one, two = (drawings(Reading(s)) for s in (study, other))
+    one, two = (drawings(Evidence(s)) for s in (study, other))
     for name in ("mme_by_level", "thresholds", "over_stream"):
         assert one[name].caption != two[name].caption
 

@@ -14,9 +14,9 @@ import pytest
 from ldt_core.base.errors import OptionError
 from ldt_core.base.settings import resolve
 from ldt_core.lab.study.baselines import never
-from ldt_core.lab.study.case import Case
 from ldt_core.lab.study.run_case import run_case
 from ldt_core.lab.study.stream import stream
+from ldt_core.lab.study.study_case import StudyCase
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.runs import offline
@@ -24,8 +24,8 @@ from ldt_core.runs import offline
 LITERAL = {"gate": "none", "data": "warning-set"}
 
 
-def case(machine: str, model: str = "hybrid", detector: str = "lddm", **more) -> Case:
-    return Case(model, detector, 3, 10, machine, LITERAL, **more)
+def case(machine: str, model: str = "hybrid", detector: str = "lddm", **more) -> StudyCase:
+    return StudyCase(model, detector, 3, 10, machine, LITERAL, **more)
 
 
 def test_a_stream_is_what_the_plant_makes_whatever_the_clock(short_rotor):
@@ -107,9 +107,9 @@ def test_a_run_is_the_same_in_another_process(short_rotor):
     """Bit by bit."""
     result = run_case(case(short_rotor))
     program = (
-        "import json, sys; from ldt_core.lab.study.case import Case;"
+        "import json, sys; from ldt_core.lab.study.study_case import StudyCase;"
         "from ldt_core.lab.study.run_case import run_case;"
-        f"r = run_case(Case('hybrid', 'lddm', 3, 10, {short_rotor!r}, {LITERAL!r}));"
+        f"r = run_case(StudyCase('hybrid', 'lddm', 3, 10, {short_rotor!r}, {LITERAL!r}));"
         "print(json.dumps([r.max_error, r.rmse, r.level, r.region_rmse]))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)

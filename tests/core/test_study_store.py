@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from study_results import made_up
 
-from ldt_core.lab.study.store import Store
+from ldt_core.lab.study.study_store import StudyStore
 from ldt_core.machine.machine_file import load_machine
 
 STAMP = {"ldt": "1", "code": "abc"}
@@ -23,8 +23,8 @@ def result():
 
 
 @pytest.fixture
-def store(tmp_path) -> Store:
-    return Store(tmp_path, STAMP, ROTOR)
+def store(tmp_path) -> StudyStore:
+    return StudyStore(tmp_path, STAMP, ROTOR)
 
 
 def only_file(tmp_path):
@@ -34,13 +34,13 @@ def only_file(tmp_path):
 
 def test_a_result_comes_back_to_the_last_bit(store, tmp_path):
     """Written, and read by another store."""
-    store.save_result(result())
-    assert Store(tmp_path, STAMP, ROTOR).result(result().case) == result()
+    store.keep(result().case, result())
+    assert StudyStore(tmp_path, STAMP, ROTOR).result(result().case) == result()
 
 
 def test_a_case_that_was_not_run_is_not_there(store):
     """Any difference makes another case."""
-    store.save_result(result())
+    store.keep(result().case, result())
     case = result().case
     for other in (
         replace(case, seed=1),
@@ -64,7 +64,7 @@ def test_a_case_that_was_not_run_is_not_there(store):
 )
 def test_a_damaged_file_is_no_result(store, tmp_path, damage):
     """It is computed anew, and the study says so."""
-    store.save_result(result())
+    store.keep(result().case, result())
     file = only_file(tmp_path)
     file.write_text(damage(file.read_text()))
     assert store.result(result().case) is None
@@ -73,7 +73,7 @@ def test_a_damaged_file_is_no_result(store, tmp_path, damage):
 
 def test_a_file_under_another_name_is_no_result(store, tmp_path):
     """The name says which run, the content has to agree."""
-    store.save_result(result())
+    store.keep(result().case, result())
     other = replace(result().case, seed=9)
     only_file(tmp_path).rename(tmp_path / "runs" / f"{other.key}.json")
     assert store.result(other) is None
@@ -86,28 +86,28 @@ def test_a_file_under_another_name_is_no_result(store, tmp_path):
 )
 def test_a_result_of_another_version_or_machine_is_not_used(store, tmp_path, stamp, machine):
     """Unless it is only to be shown."""
-    store.save_result(result())
-    other = Store(tmp_path, stamp, machine)
+    store.keep(result().case, result())
+    other = StudyStore(tmp_path, stamp, machine)
     assert other.result(result().case) is None
     assert "another version" in other.notes[0]
-    shown = Store(tmp_path, stamp, machine, any_origin=True)
+    shown = StudyStore(tmp_path, stamp, machine, any_origin=True)
     assert shown.result(result().case) == result()
     assert "shown all the same" in shown.notes[0]
 
 
 def test_half_a_file_is_never_seen(store, tmp_path, monkeypatch):
     """What was there before stays when writing fails, and nothing is left beside it."""
-    store.save_result(result())
+    store.keep(result().case, result())
     before = only_file(tmp_path).read_text()
     monkeypatch.setattr("pathlib.Path.replace", lambda *_: (_ for _ in ()).throw(OSError("full")))
     with pytest.raises(OSError, match="full"):
-        store.save_result(replace(result(), seconds=9.0))
+        store.keep(result().case, replace(result(), seconds=9.0))
     assert only_file(tmp_path).read_text() == before
 
 
 def test_files_are_plain_json(store, tmp_path):
     """With what was run in words, for other programs."""
-    store.save_result(result())
+    store.keep(result().case, result())
     record = json.loads(only_file(tmp_path).read_text())
     assert record["case"]["model"] == "hybrid"
     assert record["origin"]["code"] == "abc"

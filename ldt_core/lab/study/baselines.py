@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from ldt_core.base.experiment import Action, Level
-from ldt_core.lab.study.case import Case, Result
+from ldt_core.lab.study.study_case import RunResult, StudyCase
 
 STREAM = (0, 4)  # of random numbers, apart from the plant's (`ldt_core.machine`)
 
 
-def never(result: Result) -> Result:
+def never(result: RunResult) -> RunResult:
     """The run on the same stream whose detector never says anything: the original model's."""
     count = len(result.number)
     return replace(
@@ -31,7 +31,7 @@ def never(result: Result) -> Result:
     )
 
 
-def baseline_cases(result: Result) -> list[Case]:
+def baseline_cases(result: RunResult) -> list[StudyCase]:
     """The periodic and the random run that raise as many alarms as this one adapted.
 
     All else is as in the run: its model, its stream, its way to learn.

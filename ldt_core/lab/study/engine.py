@@ -13,13 +13,13 @@ from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.parallel import Workers
 from ldt_core.base.result_files import write
 from ldt_core.detectors import build_detector
-from ldt_core.lab.study.case import Case, Result
+from ldt_core.lab.study import GROUPS
 from ldt_core.lab.study.facts import Facts, facts_of, stream_key
-from ldt_core.lab.study.groups import GROUPS
-from ldt_core.lab.study.plan import Plan, Planned
 from ldt_core.lab.study.run_case import run_case
-from ldt_core.lab.study.store import FORMAT, Store
 from ldt_core.lab.study.study import Entry, Study
+from ldt_core.lab.study.study_case import RunResult, StudyCase
+from ldt_core.lab.study.study_plan import Planned, StudyPlan
+from ldt_core.lab.study.study_store import FORMAT, StudyStore
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.models import build_model
@@ -28,11 +28,11 @@ FILE = "study.json"
 #: Told of progress: results that are there, results that there will be as far as is known.
 Progress = Callable[[int, int], None]
 #: "run" or "facts", of which case, on which machine.
-Task = tuple[str, Case, Machine]
+Task = tuple[str, StudyCase, Machine]
 
 
 def conduct(
-    plan: Plan,
+    plan: StudyPlan,
     out: Path | str,
     *,
     jobs: int = 0,
@@ -60,12 +60,11 @@ def conduct(
     check(plan, runs, machine)
     with Workers(jobs, scheduler, code_version) as workers:
         _open(Path(out), plan)
-        store = Store(out, code_version(), machine)
-        done = Done(store, fresh)
-        done.complete(runs, workers, machine, progress)
-        baselines = plan.baselines((p, done.results[p.case.key]) for p in runs)
-        done.complete(baselines, workers, machine, progress)
-    return _study(plan, [*runs, *baselines], done)
+        store = StudyStore(out, code_version(), machine, fresh=fresh)
+        _complete(store, runs, workers, machine, progress)
+        baselines = plan.baselines((p, store.results[p.case.key]) for p in runs)
+        _complete(store, baselines, workers, machine, progress)
+    return _study(plan, [*runs, *baselines], store)
 
 
 def load_study(out: Path | str) -> Study:
@@ -77,17 +76,16 @@ def load_study(out: Path | str) -> Study:
     plan = _read(Path(out))
     if plan is None:
         raise BadInput(out, f"the folder of a study, with {FILE}", "none")
-    done = Done(Store(out, code_version(), load_machine(plan.machine), any_origin=True))
+    store = StudyStore(out, code_version(), load_machine(plan.machine), any_origin=True)
     runs = plan.runs()
-    done.recall(runs)
-    baselines = plan.baselines(
-        (p, done.results[p.case.key]) for p in runs if p.case.key in done.results
-    )
-    done.recall(baselines)
-    return _study(plan, [*runs, *baselines], done)
+    store.recall(_ordered(runs))
+    there = [p for p in runs if p.case.key in store.results]
+    baselines = plan.baselines((p, store.results[p.case.key]) for p in there)
+    store.recall(_ordered(baselines))
+    return _study(plan, [*runs, *baselines], store)
 
 
-def check(plan: Plan, runs: Iterable[Planned], machine: Machine) -> None:
+def check(plan: StudyPlan, runs: Iterable[Planned], machine: Machine) -> None:
     """Refuse a plan that would fail later.
 
     Raises:
@@ -106,7 +104,7 @@ def check(plan: Plan, runs: Iterable[Planned], machine: Machine) -> None:
         build_detector(case.detector, case.resolved)
 
 
-def work(task: Task) -> Result | Facts:
+def work(task: Task) -> RunResult | Facts:
     """What a worker does.
 
     Raises:
@@ -121,72 +119,39 @@ def work(task: Task) -> Result | Facts:
         raise LdtError(f"{what}, seed {case.seed}: {reason}") from error
 
 
-class Done:
-    """What of a study has been computed.
+def _complete(
+    store: StudyStore,
+    planned: Iterable[Planned],
+    workers: Workers,
+    machine: Machine,
+    progress: Progress,
+) -> None:
+    """Compute what the store lacks of these runs, and keep each result as it comes.
 
-    Args:
-        store: where results are kept.
-        fresh: do not use what it holds.
+    Raises:
+        LdtError: a run failed; what was computed before is kept.
     """
-
-    def __init__(self, store: Store, fresh: bool = False) -> None:
-        self.store, self.fresh = store, fresh
-        self.results: dict[str, Result] = {}
-        self.facts: dict[str, Facts] = {}
-
-    def recall(self, planned: Iterable[Planned]) -> list[tuple[str, Case]]:
-        """Take from the store what it has of these runs and their streams; the rest is returned.
-
-        In the order in which to compute it, see `Planned.order`.
-        """
-        missing, streams = [], set(self.facts)
-        for case in (p.case for p in sorted(planned, key=lambda p: p.order)):
-            if (key := stream_key(case)) not in streams:
-                streams.add(key)
-                if not self.fresh and (facts := self.store.facts(case)) is not None:
-                    self.facts[key] = facts
-                else:
-                    missing.append(("facts", case))
-            if not self.fresh and (result := self.store.result(case)) is not None:
-                self.results[case.key] = result
-            else:
-                missing.append(("run", case))
-        return missing
-
-    def complete(
-        self, planned: Iterable[Planned], workers: Workers, machine: Machine, progress: Progress
-    ) -> None:
-        """Compute what the store lacks of these runs, and keep each result as it comes.
-
-        Raises:
-            LdtError: a run failed; what was computed before is kept.
-        """
-        tasks: list[Task] = [(kind, case, machine) for kind, case in self.recall(planned)]
-        before = len(self.results) + len(self.facts)
-        total = before + len(tasks)
-        progress(before, total)
-        for count, (task, answer) in enumerate(workers.map(work, tasks), start=1):
-            self.keep(task[1], answer)
-            progress(before + count, total)
-
-    def keep(self, case: Case, answer: Result | Facts) -> None:
-        """Write down what a worker found."""
-        if isinstance(answer, Facts):
-            self.facts[stream_key(case)] = answer
-            self.store.save_facts(case, answer)
-        else:
-            self.results[case.key] = answer
-            self.store.save_result(answer)
+    tasks: list[Task] = [(kind, case, machine) for kind, case in store.recall(_ordered(planned))]
+    before = len(store.results) + len(store.facts)
+    total = before + len(tasks)
+    progress(before, total)
+    for count, (task, answer) in enumerate(workers.map(work, tasks), start=1):
+        store.keep(task[1], answer)
+        progress(before + count, total)
 
 
-def _study(plan: Plan, planned: list[Planned], done: Done) -> Study:
-    there = [p for p in planned if p.case.key in done.results]
-    entries = tuple(Entry(done.results[p.case.key], p.groups, p.beside) for p in there)
+def _ordered(planned: Iterable[Planned]) -> list[StudyCase]:
+    return [p.case for p in sorted(planned, key=lambda p: p.order)]
+
+
+def _study(plan: StudyPlan, planned: list[Planned], store: StudyStore) -> Study:
+    there = [p for p in planned if p.case.key in store.results]
+    entries = tuple(Entry(store.results[p.case.key], p.groups, p.beside) for p in there)
     missing = len(planned) - len(there)
-    return Study(dataclasses.asdict(plan), entries, done.facts, missing, tuple(done.store.notes))
+    return Study(dataclasses.asdict(plan), entries, store.facts, missing, tuple(store.notes))
 
 
-def _open(out: Path, plan: Plan) -> None:
+def _open(out: Path, plan: StudyPlan) -> None:
     """Make the folder of a study, or refuse one that is something else's."""
     expected = "a new folder, or that of an earlier study"
     if out.exists() and not out.is_dir():
@@ -198,13 +163,13 @@ def _open(out: Path, plan: Plan) -> None:
     write(out / FILE, json.dumps(record, indent=1))
 
 
-def _read(out: Path) -> Plan | None:
+def _read(out: Path) -> StudyPlan | None:
     """The plan of the study in a folder; None when it is not a study's."""
     try:
         record: Any = json.loads((out / FILE).read_text(encoding="utf-8"))
         if record["format"] != FORMAT:
             return None
         given = record["plan"]
-        return Plan(**{**given, "groups": tuple(given["groups"])})
+        return StudyPlan(**{**given, "groups": tuple(given["groups"])})
     except (OSError, ValueError, KeyError, TypeError):
         return None

@@ -28,9 +28,9 @@ from scipy import integrate, optimize, stats
 
 import msgs_config
 from ldt_core.base.experiment import Experiment, Samples
-from ldt_core.lab.study.case import Case
 from ldt_core.lab.study.drift_detection import DETECTION_WINDOW, drifts_of
 from ldt_core.lab.study.stream import GROUPS, stream
+from ldt_core.lab.study.study_case import StudyCase
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.machine.plant import EffectUse
@@ -131,7 +131,7 @@ class Facts:
         return cls(**{**plain, **rows, "drifts": tuple(drifts)})
 
 
-def facts_of(case: Case, machine: Machine | None = None) -> Facts:
+def facts_of(case: StudyCase, machine: Machine | None = None) -> Facts:
     """The facts of the stream that a case runs on.
 
     Args:
@@ -146,7 +146,7 @@ def facts_of(case: Case, machine: Machine | None = None) -> Facts:
     return examine(plant, stream(case, machine).experiments, case.seed)
 
 
-def stream_key(case: Case) -> str:
+def stream_key(case: StudyCase) -> str:
     """Name of the stream of a case: the same for all cases whose facts are the same."""
     resolved = case.resolved
     decisive = {name: resolved[name] for name in ("machine", *msgs_config.parameters(*GROUPS))}

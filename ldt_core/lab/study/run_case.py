@@ -18,9 +18,9 @@ from ldt_core.base.experiment import (
     Step,
     rms,
 )
-from ldt_core.lab.study.case import Case, Result
 from ldt_core.lab.study.region import region_rmse
 from ldt_core.lab.study.stream import Stream, stream
+from ldt_core.lab.study.study_case import RunResult, StudyCase
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.twin.loop import DetectorStage, Twin
 
@@ -46,7 +46,7 @@ class Scripted(DetectorStage):
         return Signal(experiment.number, level, self.name, prediction.model_version, error)
 
 
-def run_case(case: Case, machine: Machine | None = None) -> Result:
+def run_case(case: StudyCase, machine: Machine | None = None) -> RunResult:
     """Take the stream of a case through a twin.
 
     Args:
@@ -84,15 +84,15 @@ def _estimates(machine: Machine, first: ModelRecord, steps: list[Step]) -> list[
 
 
 def _result(
-    case: Case,
+    case: StudyCase,
     given: Stream,
     steps: list[Step],
     seconds: float,
     estimate: list[float | None],
-) -> Result:
+) -> RunResult:
     learning = [s.prediction.residual(s.experiment) for s in steps]
     original = [s.original.residual(s.experiment) for s in steps]
-    return Result(
+    return RunResult(
         case=case,
         number=[s.experiment.number for s in steps],
         truth=list(given.truth),

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ldt_core.lab.study.case import Result
 from ldt_core.lab.study.drift_detection import DETECTION_WINDOW, detection, drifts_of
 from ldt_core.lab.study.facts import Facts
+from ldt_core.lab.study.study_case import RunResult
 
 
 @dataclass(frozen=True)
-class Score:
+class RunScore:
     """The figures of one run; None where a figure is undefined (no drifts, no positives).
 
     Attributes:
@@ -82,7 +82,7 @@ class Score:
         return asdict(self)
 
 
-def score(result: Result, facts: Facts | None = None) -> Score:
+def score(result: RunResult, facts: Facts | None = None) -> RunScore:
     """The figures of a run.
 
     Args:
@@ -102,7 +102,7 @@ def score(result: Result, facts: Facts | None = None) -> Score:
         visible = len(facts.detectable)
         found_visible = detection(facts.detectable, positives).detected
     quiet = len(result.number) - len(covered)
-    return Score(
+    return RunScore(
         model=result.case.model,
         detector=result.case.detector,
         seed=result.case.seed,
@@ -156,7 +156,7 @@ def in_windows(
     return {n for d in drifts for n in range(d, d + window)}.intersection(numbers)
 
 
-def stale_alarms(result: Result) -> list[int]:
+def stale_alarms(result: RunResult) -> list[int]:
     """Positives while the machine was not as it was in the experiment of the last adaptation.
 
     Before the first adaptation: not as it was in the first experiment.

@@ -26,7 +26,7 @@ MOST_LOG = 700.0  # math.exp overflows above 709
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Interval:
     """A figure with its interval.
 
     Attributes:
@@ -56,10 +56,10 @@ class Estimate:
         return {"value": self.value, "low": low, "high": high, "count": self.count}
 
 
-UNKNOWN = Estimate(None, -math.inf, math.inf, 0)
+UNKNOWN = Interval(None, -math.inf, math.inf, 0)
 
 
-def mean(values: Iterable[float | None], confidence: float = CONFIDENCE) -> Estimate:
+def mean(values: Iterable[float | None], confidence: float = CONFIDENCE) -> Interval:
     """Mean with Student's t interval, of the values that are not None.
 
     Values that are all the same have an interval of no width: they say nothing of their spread.
@@ -69,15 +69,15 @@ def mean(values: Iterable[float | None], confidence: float = CONFIDENCE) -> Esti
         return UNKNOWN
     middle = float(known.mean())
     if known.size == 1:
-        return Estimate(middle, -math.inf, math.inf, 1)
+        return Interval(middle, -math.inf, math.inf, 1)
     error = float(known.std(ddof=1)) / math.sqrt(known.size)
     if error <= np.finfo(float).eps * abs(middle):
-        return Estimate(middle, middle, middle, known.size)
+        return Interval(middle, middle, middle, known.size)
     low, high = stats.t.interval(confidence, known.size - 1, middle, error)
-    return Estimate(middle, float(low), float(high), known.size)
+    return Interval(middle, float(low), float(high), known.size)
 
 
-def geometric_mean(values: Iterable[float | None], confidence: float = CONFIDENCE) -> Estimate:
+def geometric_mean(values: Iterable[float | None], confidence: float = CONFIDENCE) -> Interval:
     """Geometric mean of ratios with the t interval of their logarithm; those above 0 alone.
 
     >>> geometric_mean([0.5, 2.0]).value
@@ -87,7 +87,7 @@ def geometric_mean(values: Iterable[float | None], confidence: float = CONFIDENC
     if logs.value is None:
         return UNKNOWN
     low, high = (_exp(bound) for bound in (logs.low, logs.high))
-    return Estimate(math.exp(logs.value), low, high, logs.count)
+    return Interval(math.exp(logs.value), low, high, logs.count)
 
 
 def _exp(bound: float) -> float:
@@ -95,27 +95,27 @@ def _exp(bound: float) -> float:
     return math.exp(bound) if bound < MOST_LOG else math.inf
 
 
-def proportion(part: int, whole: int, confidence: float = CONFIDENCE) -> Estimate:
+def proportion(part: int, whole: int, confidence: float = CONFIDENCE) -> Interval:
     """Share with the exact interval of Clopper and Pearson."""
     if whole == 0:
         return UNKNOWN
     interval = stats.binomtest(part, whole).proportion_ci(confidence, "exact")
-    return Estimate(part / whole, float(interval.low), float(interval.high), whole)
+    return Interval(part / whole, float(interval.low), float(interval.high), whole)
 
 
-def rate(events: int, exposure: float, confidence: float = CONFIDENCE) -> Estimate:
+def rate(events: int, exposure: float, confidence: float = CONFIDENCE) -> Interval:
     """Events per unit of exposure with the exact interval of a Poisson count (Garwood, 1936)."""
     if exposure <= 0:
         return UNKNOWN
     tail = (1 - confidence) / 2
     low = float(stats.chi2.ppf(tail, 2 * events)) / 2 if events else 0.0
     high = float(stats.chi2.isf(tail, 2 * events + 2)) / 2
-    return Estimate(events / exposure, low / exposure, high / exposure, events)
+    return Interval(events / exposure, low / exposure, high / exposure, events)
 
 
 def trend(
     rows: Iterable[tuple[Sequence[float], Sequence[float | None]]], confidence: float = CONFIDENCE
-) -> Estimate:
+) -> Interval:
     """Mean over rows (seeds) of Spearman's rank correlation of y with x.
 
     A row in which y is constant has no trend, 0. Points whose y is None are left out, and rows of

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 import msgs_config
 from ldt_core.base.experiment import Experiment
-from ldt_core.lab.study.case import Case
 from ldt_core.lab.study.region import in_region, speed_bands
+from ldt_core.lab.study.study_case import StudyCase
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import Machine, load_machine, machine_from_dict
 
@@ -39,7 +39,7 @@ class Stream:
     region: tuple[NDArray[np.bool_], ...]
 
 
-def stream(case: Case, machine: Machine | None = None) -> Stream:
+def stream(case: StudyCase, machine: Machine | None = None) -> Stream:
     """The stream of a case: the same in every process, simulated once in each.
 
     Args:

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ldt_core.base.errors import OptionError, did_you_mean
+from ldt_core.lab.study import GROUPS
 from ldt_core.lab.study.baselines import never
-from ldt_core.lab.study.case import Case, Result
 from ldt_core.lab.study.facts import Facts, stream_key
-from ldt_core.lab.study.groups import GROUPS
+from ldt_core.lab.study.study_case import RunResult, StudyCase
 
-_CASE = tuple(f.name for f in dataclasses.fields(Case))
+_CASE = tuple(f.name for f in dataclasses.fields(StudyCase))
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,10 @@ class Entry:
     Args:
         result: what came of it.
         groups: names in `GROUPS` that it serves.
-        beside: keys (`Case.key`) of the runs whose baseline it is.
+        beside: keys (`StudyCase.key`) of the runs whose baseline it is.
     """
 
-    result: Result
+    result: RunResult
     groups: tuple[str, ...]
     beside: tuple[str, ...] = ()
 
@@ -49,13 +49,13 @@ class Study:
     missing: int = 0
     notes: tuple[str, ...] = field(default=())
 
-    def results(self, group: str | None = None, **criteria: Any) -> list[Result]:
+    def results(self, group: str | None = None, **criteria: Any) -> list[RunResult]:
         """The results of one group (None: of all), in the order of the plan.
 
         Args:
             group: name in `GROUPS`.
-            criteria: field of `Case` or parameter (`parameters.yaml`) → the value it must have;
-                a tuple or set of values: one of them.
+            criteria: field of `StudyCase` or parameter (`parameters.yaml`) → the value it must
+                have; a tuple or set of values: one of them.
 
         Raises:
             OptionError: no such group, field or parameter.
@@ -69,11 +69,11 @@ class Study:
         found = [e.result for e in self.entries if group is None or group in e.groups]
         return [r for r in found if all(_is(r.case, n, v) for n, v in criteria.items())]
 
-    def facts_of(self, result: Result) -> Facts | None:
+    def facts_of(self, result: RunResult) -> Facts | None:
         """The truth about the stream of a run; None in an interrupted study."""
         return self.facts.get(stream_key(result.case))
 
-    def baselines(self, result: Result) -> dict[str, Result]:
+    def baselines(self, result: RunResult) -> dict[str, RunResult]:
         """The runs to compare a run with: "never" always; "periodic" and "random" where planned.
 
         "never" is the original model on the same stream, "periodic" and "random" learned as often
@@ -83,16 +83,15 @@ class Study:
         beside = [e.result for e in self.entries if key in e.beside]
         return {"never": never(result)} | {r.case.detector: r for r in beside}
 
-    def pairs(self, group: str) -> list[tuple[str, str]]:
-        """(model, detector) of the group, each once, in the order of the plan."""
-        return list(dict.fromkeys((r.case.model, r.case.detector) for r in self.results(group)))
+    def pairs(self, group: str) -> dict[tuple[str, str], list[RunResult]]:
+        """(model, detector) → results of the group, in the order of the plan."""
+        found: dict[tuple[str, str], list[RunResult]] = {}
+        for result in self.results(group):
+            found.setdefault((result.case.model, result.case.detector), []).append(result)
+        return found
 
-    def values(self, group: str, parameter: str) -> list[Any]:
-        """The values that a parameter or field takes in the group, sorted."""
-        return sorted({_value(r.case, parameter) for r in self.results(group)})
 
-
-def _value(case: Case, name: str) -> Any:
+def _value(case: StudyCase, name: str) -> Any:
     if name in _CASE:
         return getattr(case, name)
     resolved = case.resolved
@@ -102,6 +101,6 @@ def _value(case: Case, name: str) -> Any:
     return resolved[name]
 
 
-def _is(case: Case, name: str, wanted: Any) -> bool:
+def _is(case: StudyCase, name: str, wanted: Any) -> bool:
     value = _value(case, name)
     return value in wanted if isinstance(wanted, tuple | set | frozenset) else value == wanted

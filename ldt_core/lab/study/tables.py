@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from ldt_core.base.result_files import write
-from ldt_core.lab.study.scores import Score, score
-from ldt_core.lab.study.statistics import mean
-from ldt_core.lab.study.study import Entry, Study
+from ldt_core.lab.study.evidence import Evidence
+from ldt_core.lab.study.scores import score
+from ldt_core.lab.study.study import Study
 
 TABLE = "table.csv"
 RUNS = "runs.csv"
@@ -47,8 +47,9 @@ FIGURES = ("mme", "mme_original", "share", "adaptations", "precision", "recall")
 
 def table_rows(study: Study) -> list[dict[str, Any]]:
     """The rows of `table.csv`: one for each run of the groups paper and better."""
-    runs = [e for e in study.entries if set(TABULATED) & set(e.groups)]
-    return [{n: getattr(_score(study, e), n) for n in COLUMNS} for e in runs]
+    runs = [e.result for e in study.entries if set(TABULATED) & set(e.groups)]
+    scores = [score(r, study.facts_of(r)) for r in runs]
+    return [{n: getattr(s, n) for n in COLUMNS} for s in scores]
 
 
 def run_rows(study: Study) -> list[dict[str, Any]]:
@@ -61,7 +62,7 @@ def run_rows(study: Study) -> list[dict[str, Any]]:
         rows.append(
             {
                 "groups": " ".join(entry.groups),
-                **_score(study, entry).as_dict(),
+                **score(entry.result, study.facts_of(entry.result)).as_dict(),
                 **{n: None if n in silent else resolved[n] for n in SETTINGS},
                 "seconds": entry.result.seconds,
                 "beside": " ".join(entry.beside),
@@ -77,12 +78,10 @@ def summary(study: Study) -> list[dict[str, Any]]:
     Each row has `group`, `model`, `detector`, `seeds`, the `FIGURES` as {value, low, high, count}
     (see `statistics.Estimate`), and `paper`, that model's row of the paper's Table 1 or None.
     """
-    rows = []
+    evidence, rows = Evidence(study), []
     for group in TABULATED:
-        for model, detector in study.pairs(group):
-            results = study.results(group, model=model, detector=detector)
-            scores = [score(r, study.facts_of(r)) for r in results]
-            estimates = {n: mean(getattr(s, n) for s in scores).as_dict() for n in FIGURES}
+        for (model, detector), results in study.pairs(group).items():
+            estimates = {n: evidence.of(results, n).as_dict() for n in FIGURES}
             rows.append(
                 {
                     "group": group,
@@ -102,10 +101,6 @@ def write_tables(out: Path | str, study: Study) -> None:
     write(out / TABLE, _csv(COLUMNS, table_rows(study)))
     rows = run_rows(study)
     write(out / RUNS, _csv(list(rows[0]) if rows else ["groups"], rows))
-
-
-def _score(study: Study, entry: Entry) -> Score:
-    return score(entry.result, study.facts_of(entry.result))
 
 
 def _never_rows(study: Study) -> list[dict[str, Any]]:

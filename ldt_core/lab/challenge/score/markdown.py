@@ -10,7 +10,7 @@ from ldt_core.lab.challenge.score.answer import DIAGNOSIS
 from ldt_core.lab.challenge.score.judge import Judged
 from ldt_core.lab.challenge.score.score import SAME_CASES, Score
 from ldt_core.lab.challenge.score.table import BINS, EVERY, OUTCOMES
-from ldt_core.lab.study.statistics import Estimate
+from ldt_core.lab.study.statistics import Interval
 
 KINDS = {
     "single": "single effects",
@@ -48,7 +48,7 @@ QUALITY = (
 SHARES = ("right", *OUTCOMES, "place", "amounts: with", "amounts: 9", "amounts: rel", "closure")
 
 
-def cell(estimate: Estimate | None, figure: str) -> str:
+def cell(estimate: Interval | None, figure: str) -> str:
     """A figure with interval and count, shares in percent: "86 % [81, 90] of 300"."""
     if estimate is None or estimate.value is None:
         return ""
@@ -60,7 +60,7 @@ def cell(estimate: Estimate | None, figure: str) -> str:
     return f"{number(scale * estimate.value, digits)}{unit}{spread} of {estimate.count}"
 
 
-def headline(score: Score) -> list[tuple[str, str, Estimate | None]]:
+def headline(score: Score) -> list[tuple[str, str, Interval | None]]:
     """(cases, what is right, share) of the diagnosis, for a short table."""
     return [
         (words, RIGHT.get(kind, NAMED), score.table.get(DIAGNOSIS, "right", kind))
@@ -69,7 +69,7 @@ def headline(score: Score) -> list[tuple[str, str, Estimate | None]]:
     ]
 
 
-def quality(score: Score) -> list[tuple[str, Estimate | None]]:
+def quality(score: Score) -> list[tuple[str, Interval | None]]:
     """(figure, value) of the diagnosis over all cases."""
     found = [(figure, score.table.get(DIAGNOSIS, figure)) for figure in QUALITY]
     return [(figure, estimate) for figure, estimate in found if estimate is not None]

@@ -11,7 +11,7 @@ import numpy as np
 
 from ldt_core.lab.challenge.score.estimates import resampled, share
 from ldt_core.lab.challenge.score.judge import INSIDE, Judged
-from ldt_core.lab.study.statistics import Estimate
+from ldt_core.lab.study.statistics import Interval
 
 POINTS = 0.05  # of a closed fraction
 BINS = {  # signal to noise ratio: from, to
@@ -61,7 +61,7 @@ class Row:
     figure: str
     kind: str
     signal_to_noise: str
-    estimate: Estimate
+    estimate: Interval
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -81,7 +81,7 @@ class Table:
         self.rows = [row for who, found in judged.items() for row in _rows(who, found)]
         self._known = {(r.who, r.figure, r.kind, r.signal_to_noise): r.estimate for r in self.rows}
 
-    def get(self, who: str, figure: str, kind: str = EVERY, bin: str = EVERY) -> Estimate | None:
+    def get(self, who: str, figure: str, kind: str = EVERY, bin: str = EVERY) -> Interval | None:
         """A figure; None where no case has it."""
         return self._known.get((who, figure, kind, bin))
 
@@ -109,7 +109,7 @@ def _within(j: Judged, name: str) -> bool:
     return ratio is not None and BINS[name][0] <= ratio < BINS[name][1] and j.truth.kind != "none"
 
 
-def _figures(judged: Sequence[Judged], kind: str) -> dict[str, Estimate]:
+def _figures(judged: Sequence[Judged], kind: str) -> dict[str, Interval]:
     figures = {}
     if any(j.outcome != "unnamed" for j in judged):
         figures["right"] = share([j.right for j in judged])
@@ -126,11 +126,11 @@ def _figures(judged: Sequence[Judged], kind: str) -> dict[str, Estimate]:
     seconds = [[j.answer.seconds] for j in judged]
     figures["CPU seconds, median"] = resampled(seconds, _median)
     most = max(j.answer.seconds for j in judged)
-    figures["CPU seconds, most"] = Estimate(most, -math.inf, math.inf, len(judged))
+    figures["CPU seconds, most"] = Interval(most, -math.inf, math.inf, len(judged))
     return figures
 
 
-def _amounts(judged: Sequence[Judged]) -> dict[str, Estimate]:
+def _amounts(judged: Sequence[Judged]) -> dict[str, Interval]:
     def errors(*measures: str) -> list[list[float]]:
         return [
             [a.error for a in j.amounts if a.measure in measures and a.error is not None]
@@ -150,7 +150,7 @@ def _amounts(judged: Sequence[Judged]) -> dict[str, Estimate]:
     }
 
 
-def _closure(judged: Sequence[Judged], excitation: str) -> dict[str, Estimate]:
+def _closure(judged: Sequence[Judged], excitation: str) -> dict[str, Interval]:
     pairs = [j.closure[excitation] for j in judged if excitation in j.closure]
     off = [abs(promised - real) for promised, real in pairs]
     where = f"{excitation} excitation"
@@ -161,7 +161,7 @@ def _closure(judged: Sequence[Judged], excitation: str) -> dict[str, Estimate]:
     }
 
 
-def _plain(estimate: Estimate) -> dict[str, Any]:
+def _plain(estimate: Interval) -> dict[str, Any]:
     plain = estimate.as_dict()
     if plain["value"] is not None and not math.isfinite(plain["value"]):
         plain["value"] = None

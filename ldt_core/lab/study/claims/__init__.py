@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from ldt_core.lab.study.claims import detectors, models, thresholds
-from ldt_core.lab.study.claims.aims import AIMS, DETECTOR, MODEL
-from ldt_core.lab.study.claims.claim import Claim, Verdict
-from ldt_core.lab.study.claims.evidence import Evidence
-from ldt_core.lab.study.study import Study
+from ldt_core.lab.study.claims.aims import AIMS
+from ldt_core.lab.study.claims.claim import Claim, ClaimVerdict, Statement, percent
+from ldt_core.lab.study.claims.detector_claims import DETECTOR_CLAIMS
+from ldt_core.lab.study.claims.model_claims import MODEL_CLAIMS
+from ldt_core.lab.study.claims.threshold_claims import THRESHOLD_CLAIMS
+from ldt_core.lab.study.evidence import Evidence
 
-__all__ = ["Claim", "Evidence", "Verdict", "aims", "claims"]
+__all__ = ["Claim", "ClaimVerdict", "aims", "claims", "percent"]
+
+CLAIMS = (*MODEL_CLAIMS, *DETECTOR_CLAIMS, *THRESHOLD_CLAIMS)
 
 
-def claims(study: Study) -> list[Claim]:
+def claims(evidence: Evidence) -> list[Claim]:
     """Every claim of the paper with its verdict, in the order of the paper.
 
     A claim for which the study has no runs is "not examined".
     """
-    evidence = Evidence(study)
-    every = (*models.CLAIMS, *detectors.CLAIMS, *thresholds.CLAIMS)
-    return [examine(evidence) for examine in every]
+    return [claim.examined(evidence) for claim in CLAIMS]
 
 
-def aims(study: Study, model: str = MODEL, detector: str = DETECTOR) -> list[Claim]:
+def aims(evidence: Evidence) -> list[Claim]:
     """Every aim beyond the paper with its verdict, for one learner of the group "better"."""
-    evidence = Evidence(study)
-    return [examine(evidence, model, detector) for examine in AIMS]
+    return [a.examined(evidence) if isinstance(a, Statement) else a(evidence) for a in AIMS]

@@ -12,17 +12,18 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from ldt_core.base.sentences import number
-from ldt_core.lab.study.statistics import Estimate
+from ldt_core.lab.study.evidence import Evidence
+from ldt_core.lab.study.statistics import Interval
 
 MANY = 6  # parts that a sentence can still list one by one
 
 
-class Verdict(enum.StrEnum):
+class ClaimVerdict(enum.StrEnum):
     """What the study says to a claim of the paper; to an aim of our own: met, missed."""
 
     CONFIRMED = "confirmed"
@@ -33,8 +34,14 @@ class Verdict(enum.StrEnum):
     MISSED = "missed"
 
 
+AS_AIM = {
+    ClaimVerdict.CONFIRMED: ClaimVerdict.MET,
+    ClaimVerdict.NOT_CONFIRMED: ClaimVerdict.MISSED,
+}
+
+
 @dataclass(frozen=True)
-class Part:
+class ClaimPart:
     """One figure that a claim stands on.
 
     Args:
@@ -48,7 +55,7 @@ class Part:
     """
 
     label: str
-    estimate: Estimate
+    estimate: Interval
     low: float = -math.inf
     high: float = math.inf
     unit: str = ""
@@ -56,19 +63,19 @@ class Part:
     note: str = ""
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> ClaimVerdict:
         """By the interval alone."""
         e = self.estimate
         if e.value is None:
-            return Verdict.NOT_EXAMINED
+            return ClaimVerdict.NOT_EXAMINED
         inside = self.low < e.low and e.high < self.high
         if inside or (self.inclusive and self.low <= e.low and e.high <= self.high):
-            return Verdict.CONFIRMED
+            return ClaimVerdict.CONFIRMED
         below, above = e.high < self.low, e.low > self.high
         if not self.inclusive:  # the bound itself is on the other side, but no width is no evidence
             below |= e.high == self.low > e.low
             above |= e.low == self.high < e.high
-        return Verdict.NOT_CONFIRMED if below or above else Verdict.UNDECIDED
+        return ClaimVerdict.NOT_CONFIRMED if below or above else ClaimVerdict.UNDECIDED
 
     @property
     def sentence(self) -> str:
@@ -85,16 +92,16 @@ class Claim:
         id: short name.
         text: the claim, in our words.
         where: in the paper, or whose aim it is.
-        verdict: see `Verdict`.
+        verdict: see `ClaimVerdict`.
         evidence: a sentence with the figures and their intervals.
-        numbers: the same figures by name, for a machine: each `Estimate.as_dict` and more.
+        numbers: the same figures by name, for a machine: each `Interval.as_dict` and more.
         paper: the paper's own figures, where it prints some.
     """
 
     id: str
     text: str
     where: str
-    verdict: Verdict
+    verdict: ClaimVerdict
     evidence: str
     numbers: Mapping[str, Any] = field(default_factory=dict)
     paper: Mapping[str, float] = field(default_factory=dict)
@@ -106,6 +113,10 @@ class Claim:
         return {**plain, "verdict": str(self.verdict), **rest}
 
 
+#: What a claim stands on: figures that all have to be on its side, and sentences behind them.
+Examine = Callable[[Evidence], Iterable[ClaimPart | str]]
+
+
 @dataclass(frozen=True)
 class Statement:
     """What is claimed, before it is examined.
@@ -113,52 +124,49 @@ class Statement:
     Args:
         id: short name.
         text: the claim, in our words.
-        where: in the paper.
+        where: in the paper, or whose aim it is.
         measure: what the figures are of which the evidence speaks.
+        examine: gives the figures of a study, and sentences for the reader behind them.
         paper: the paper's own figures.
+        aim: an aim is met or missed, not confirmed.
     """
 
     id: str
     text: str
     where: str
     measure: str
+    examine: Examine
     paper: Mapping[str, float] = field(default_factory=dict)
+    aim: bool = False
 
-    def examined(self, parts: Sequence[Part], remark: str = "", aim: bool = False) -> Claim:
-        """The claim with its verdict.
-
-        Args:
-            parts: figures that all have to be on the claim's side.
-            remark: a sentence for the reader behind the figures.
-            aim: an aim is met or missed, not confirmed.
-        """
-        known = [p for p in parts if p.estimate.value is not None]
-        verdict = combined([p.verdict for p in known])
-        if aim:
-            as_aim = {Verdict.CONFIRMED: Verdict.MET, Verdict.NOT_CONFIRMED: Verdict.MISSED}
-            verdict = as_aim.get(verdict, verdict)
-        numbers = {p.label or "mean": {**p.estimate.as_dict(), "unit": p.unit} for p in known}
-        if not known:
-            evidence = "The study has no runs for it."
-        else:
-            seeds = sorted({p.estimate.count for p in known})
+    def examined(self, evidence: Evidence) -> Claim:
+        """The claim with its verdict; of a study without runs for it "not examined"."""
+        given = list(self.examine(evidence))
+        parts = [p for p in given if isinstance(p, ClaimPart) and p.estimate.value is not None]
+        verdict = combined([p.verdict for p in parts])
+        verdict = AS_AIM.get(verdict, verdict) if self.aim else verdict
+        numbers = {p.label or "mean": {**p.estimate.as_dict(), "unit": p.unit} for p in parts}
+        if parts:
+            seeds = sorted({p.estimate.count for p in parts})
             few = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
-            evidence = f"{self.measure}: {_listed(known)}. Mean [95 % interval] of {few} streams."
-        evidence = f"{evidence} {remark}".strip()
-        return Claim(self.id, self.text, self.where, verdict, evidence, numbers, dict(self.paper))
+            figures = f"{self.measure}: {_listed(parts)}. Mean [95 % interval] of {few} streams."
+        else:
+            figures = "The study has no runs for it."
+        words = " ".join([figures, *(s for s in given if isinstance(s, str))]).strip()
+        return Claim(self.id, self.text, self.where, verdict, words, numbers, dict(self.paper))
 
 
-def combined(verdicts: Sequence[Verdict]) -> Verdict:
+def combined(verdicts: Sequence[ClaimVerdict]) -> ClaimVerdict:
     """Of parts that all have to hold."""
     if not verdicts:
-        return Verdict.NOT_EXAMINED
-    if Verdict.NOT_CONFIRMED in verdicts:
-        return Verdict.NOT_CONFIRMED
-    held = all(v is Verdict.CONFIRMED for v in verdicts)
-    return Verdict.CONFIRMED if held else Verdict.UNDECIDED
+        return ClaimVerdict.NOT_EXAMINED
+    if ClaimVerdict.NOT_CONFIRMED in verdicts:
+        return ClaimVerdict.NOT_CONFIRMED
+    held = all(v is ClaimVerdict.CONFIRMED for v in verdicts)
+    return ClaimVerdict.CONFIRMED if held else ClaimVerdict.UNDECIDED
 
 
-def _listed(parts: Sequence[Part]) -> str:
+def _listed(parts: Sequence[ClaimPart]) -> str:
     """Figures of all parts with a verdict each where they differ; of many, of the unusual ones."""
     verdicts = [p.verdict for p in parts]
     if len(parts) > MANY:

@@ -1,40 +1,33 @@
-"""The figures of a study, a file a theme; `style.py` says how all of them look."""
+"""The figures of a study; `views.page.style` says how all of them look."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from ldt_core.lab.study.figures import (
-    beyond,
-    detectors,
-    drifts,
-    estimate,
-    levels,
-    models,
-    stream,
-    thresholds,
-)
-from ldt_core.lab.study.figures.reading import Reading
+from ldt_core.lab.study.evidence import Evidence
+from ldt_core.lab.study.figures import curve_figures, dot_figures, stream_figures
+from ldt_core.lab.study.figures.drift_figure import detectable
+from ldt_core.lab.study.figures.region_figure import sommerfeld
 from ldt_core.views.page.style import Drawing
 
 #: Name → what makes it; None where the study has no runs for it.
-FIGURES: dict[str, Callable[[Reading], Drawing | None]] = {
-    "input_output": stream.input_output,
-    "staircase": stream.staircase,
-    "sommerfeld": models.sommerfeld,
-    "mme_by_level": levels.mme_by_level,
-    "adaptations_by_level": levels.adaptations_by_level,
-    "thresholds": thresholds.influence,
-    "detectors": detectors.beside_chance,
-    "shares": beyond.shares,
-    "over_stream": beyond.over_stream,
-    "estimate": estimate.over_stream,
-    "detectable": drifts.detectable,
-    "false_alarms": drifts.false_alarms,
-    "kinds": drifts.kinds,
+FIGURES: dict[str, Callable[[Evidence], Drawing | None]] = {
+    "input_output": stream_figures.input_output,
+    "staircase": stream_figures.staircase,
+    "sommerfeld": sommerfeld,
+    "mme_by_level": curve_figures.mme_by_level,
+    "adaptations_by_level": curve_figures.adaptations_by_level,
+    "thresholds": curve_figures.thresholds,
+    "detectors": dot_figures.detectors,
+    "shares": dot_figures.shares,
+    "over_stream": stream_figures.over_stream,
+    "estimate": stream_figures.estimate,
+    "detectable": detectable,
+    "false_alarms": dot_figures.false_alarms,
+    "kinds": dot_figures.kinds,
 }
 
 
-def drawings(reading: Reading) -> dict[str, Drawing | None]:
+def drawings(evidence: Evidence) -> dict[str, Drawing | None]:
     """All figures, by name."""
-    return {name: make(reading) for name, make in FIGURES.items()}
+    return {name: make(evidence) for name, make in FIGURES.items()}

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from ldt_core.lab.study.statistics import Estimate
+from ldt_core.lab.study.statistics import Interval
 from ldt_core.views.page.style import GREY, INK, PAPER, Layout, look, panels
 
 if TYPE_CHECKING:
@@ -38,8 +38,8 @@ class Dots:
 
     label: str
     key: str = ""
-    values: Mapping[str, Estimate] = field(default_factory=dict)
-    beside: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
+    values: Mapping[str, Interval] = field(default_factory=dict)
+    beside: Mapping[str, Mapping[str, Interval]] = field(default_factory=dict)
     hollow: bool = False
 
 
@@ -147,7 +147,7 @@ def _panel(axes: Axes, rows: Sequence[Dots], panel: Panel) -> None:
 def _dot(
     axes: Axes,
     place: float,
-    estimate: Estimate,
+    estimate: Interval,
     color: str,
     marker: str,
     size: float,

@@ -1,15 +1,13 @@
-"""The sections of the page of a study, a file each, in the order in which they are read."""
+"""The sections of the page of a study, in the order in which they are read."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
 from ldt_core.base.code_version import code_version
-from ldt_core.lab.study.figures.reading import Reading
-from ldt_core.lab.study.sections.beyond import beyond
-from ldt_core.lab.study.sections.chance import chance
-from ldt_core.lab.study.sections.method import deviations, methods, runs
-from ldt_core.lab.study.sections.reproduction import reproduction
+from ldt_core.lab.study.evidence import Evidence
+from ldt_core.lab.study.sections.findings import beyond, chance, reproduction, runs
+from ldt_core.lab.study.sections.methods import deviations, methods
 from ldt_core.lab.study.sections.summary import streams, summary
 from ldt_core.lab.study.study import Study
 from ldt_core.views.page.blocks import Section
@@ -19,7 +17,7 @@ FEW = 5  # streams; with fewer an interval by Student's t spans nearly anything
 
 Drawings = Mapping[str, Drawing | None]
 
-SECTIONS: tuple[Callable[[Reading, Drawings], Section], ...] = (
+SECTIONS: tuple[Callable[[Evidence, Drawings], Section], ...] = (
     summary,
     reproduction,
     chance,

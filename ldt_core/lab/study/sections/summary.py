@@ -6,32 +6,30 @@ from collections.abc import Mapping, Sequence
 
 from ldt_core.base.code_version import code_version
 from ldt_core.base.sentences import number
-from ldt_core.lab.study.claims import Claim, Verdict, aims, claims
-from ldt_core.lab.study.claims.claim import percent
-from ldt_core.lab.study.figures.reading import Reading
-from ldt_core.lab.study.sections.method import in_words
+from ldt_core.lab.study.claims import Claim, ClaimVerdict, aims, claims, percent
+from ldt_core.lab.study.evidence import Evidence
+from ldt_core.lab.study.sections.methods import in_words
 from ldt_core.lab.study.study import Study
 from ldt_core.views.page.blocks import Item, Items, Mark, Pairs, Section, Table, Text
 from ldt_core.views.page.style import Drawing
 
 TONES = {
-    Verdict.CONFIRMED: "good",
-    Verdict.MET: "good",
-    Verdict.NOT_CONFIRMED: "bad",
-    Verdict.MISSED: "bad",
+    ClaimVerdict.CONFIRMED: "good",
+    ClaimVerdict.MET: "good",
+    ClaimVerdict.NOT_CONFIRMED: "bad",
+    ClaimVerdict.MISSED: "bad",
 }
-BEST = ("diagnosed", "hybrid", "linear")
 
 
-def summary(reading: Reading, drawings: Mapping[str, Drawing | None]) -> Section:
+def summary(evidence: Evidence, drawings: Mapping[str, Drawing | None]) -> Section:
     """The head of the page."""
     section = Section("summary", "Summary")
-    of_paper, of_ours = claims(reading.study), aims(reading.study)
+    of_paper, of_ours = claims(evidence), aims(evidence)
     section.blocks += [
-        Items([Item(line) for line in _lines(reading, of_paper, of_ours)]),
-        Pairs(what_was_run(reading)),
+        Items([Item(line) for line in _lines(evidence, of_paper, of_ours)]),
+        Pairs(what_was_run(evidence)),
     ]
-    section.blocks += [Text(note, "missing") for note in reading.study.notes]
+    section.blocks += [Text(note, "missing") for note in evidence.study.notes]
     section.blocks += [
         Text("What the paper claims", "heading"),
         _verdicts("Claims of the paper, examined on our rotor", "claim", of_paper),
@@ -46,9 +44,9 @@ def summary(reading: Reading, drawings: Mapping[str, Drawing | None]) -> Section
     return section
 
 
-def what_was_run(reading: Reading) -> list[tuple[str, str]]:
+def what_was_run(evidence: Evidence) -> list[tuple[str, str]]:
     """Names and values of the study as a whole."""
-    study = reading.study
+    study = evidence.study
     results = study.results()
     seeds = streams(study)
     missing = f", {study.missing} planned are missing" if study.missing else ""
@@ -79,16 +77,15 @@ def duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
-def _lines(reading: Reading, of_paper: Sequence[Claim], of_ours: Sequence[Claim]) -> list[str]:
+def _lines(evidence: Evidence, of_paper: Sequence[Claim], of_ours: Sequence[Claim]) -> list[str]:
     """Five at most."""
     lines = []
     if of_paper:
         lines.append(f"Of {len(of_paper)} claims of the paper: {_counted(of_paper)}.")
     for group, words in (("paper", "As in the paper"), ("better", "Beyond the paper")):
         found = []
-        for model, detector in reading.study.pairs(group):
-            results = reading.study.results(group, model=model, detector=detector)
-            share, count = (reading.of(results, f) for f in ("share", "adaptations"))
+        for (model, detector), results in evidence.study.pairs(group).items():
+            share, count = (evidence.of(results, f) for f in ("share", "adaptations"))
             if share.value is not None and count.value is not None:
                 low, high = percent(share.low), percent(share.high)
                 range_ = f"{low} to {high}" if share.count > 1 else "one seed"
@@ -99,14 +96,14 @@ def _lines(reading: Reading, of_paper: Sequence[Claim], of_ours: Sequence[Claim]
                 )
                 found.append((share.value, text))
         lines += [min(found)[1]] if found else []
-    lines += _floor(reading)
+    lines += _floor(evidence)
     if of_ours:
         lines.append(f"Of {len(of_ours)} aims beyond the paper: {_counted(of_ours)}.")
     return lines[:5] or ["The study has no runs."]
 
 
-def _floor(reading: Reading) -> list[str]:
-    floors = [f for r in reading.study.results("better") if (f := reading.study.facts_of(r))]
+def _floor(evidence: Evidence) -> list[str]:
+    floors = [f for r in evidence.study.results("better") if (f := evidence.study.facts_of(r))]
     if not floors:
         return []
     visible = sum(len(f.detectable) for f in floors)
@@ -120,7 +117,7 @@ def _floor(reading: Reading) -> list[str]:
 
 def _counted(found: Sequence[Claim]) -> str:
     verdicts = [c.verdict for c in found]
-    return ", ".join(f"{verdicts.count(v)} {v}" for v in Verdict if v in verdicts)
+    return ", ".join(f"{verdicts.count(v)} {v}" for v in ClaimVerdict if v in verdicts)
 
 
 def _verdicts(caption: str, name: str, found: Sequence[Claim]) -> Table | Text:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from ldt_core.base.settings import resolve
 
 
 @dataclass(frozen=True)
-class Case:
+class StudyCase:
     """One run: a model and a detector on one stream.
 
     Args:
@@ -57,7 +57,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Result:
+class RunResult:
     """What came of one run; all rows have one entry an experiment, in order.
 
     Attributes:
@@ -81,7 +81,7 @@ class Result:
             no opinion. An empty row means that it never has.
     """
 
-    case: Case
+    case: StudyCase
     number: list[int]
     truth: list[float]
     max_error: list[float]
@@ -101,6 +101,25 @@ class Result:
         if not self.estimate:
             object.__setattr__(self, "estimate", [None] * len(self.number))
 
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values without the case, for JSON."""
+        plain: dict[str, Any] = {name: getattr(self, name) for name in _rows()}
+        kept = {str(number): series for number, series in self.kept.items()}
+        return {**plain, "kept": kept, "seconds": self.seconds}
+
+    @classmethod
+    def from_dict(cls, case: StudyCase, plain: Mapping[str, Any]) -> RunResult:
+        """The result of a case that `to_dict` gave, JSON in between or not.
+
+        Raises:
+            ValueError, KeyError, TypeError, AttributeError: it did not.
+        """
+        rows = {name: plain[name] for name in _rows()}
+        if any(not isinstance(row, list) or len(row) != case.experiments for row in rows.values()):
+            raise ValueError(f"rows that have not {case.experiments} entries")
+        kept = {int(number): dict(series) for number, series in plain["kept"].items()}
+        return cls(case=case, **rows, kept=kept, seconds=float(plain["seconds"]))
+
     @property
     def positives(self) -> list[int]:
         """Numbers of the experiments with a positive signal."""
@@ -111,3 +130,8 @@ class Result:
         """Numbers of the experiments after which a new model came into force."""
         pairs = zip(self.number, self.action, strict=True)
         return [n for n, action in pairs if action == "adapted"]
+
+
+def _rows() -> list[str]:
+    """Names of the fields with one entry an experiment."""
+    return sorted({f.name for f in fields(RunResult)} - {"case", "kept", "seconds"})

@@ -1,4 +1,4 @@
-"""What deviates from the paper, how each figure is made, and all of them."""
+"""What deviates from the paper, and how each figure is made."""
 
 from __future__ import annotations
 
@@ -6,23 +6,12 @@ import shlex
 from collections.abc import Mapping, Sequence
 
 from ldt_core.base.sentences import spoken
-from ldt_core.lab.study.case import Result
-from ldt_core.lab.study.cell import cell
-from ldt_core.lab.study.figures.reading import Reading
-from ldt_core.lab.study.groups import GROUPS
+from ldt_core.lab.study import GROUPS
+from ldt_core.lab.study.evidence import Evidence
 from ldt_core.lab.study.study import Study
-from ldt_core.views.page.blocks import (
-    Folded,
-    Item,
-    Items,
-    Links,
-    Pairs,
-    Section,
-    Table,
-    Text,
-    Value,
-)
-from ldt_core.views.page.style import Drawing, look, pair
+from ldt_core.lab.study.study_case import RunResult
+from ldt_core.views.page.blocks import Item, Items, Pairs, Section, Table, Text
+from ldt_core.views.page.style import Drawing, pair
 
 DEVIATIONS = (
     (
@@ -99,17 +88,6 @@ METHODS = (
         "often as the run beside them adapted.",
     ),
 )
-#: Figures of `Score` in the table of all runs.
-COLUMNS = {
-    "runs": "",
-    "MME [rad/s]": "mme",
-    "of the original's [%]": "share",
-    "adaptations": "adaptations",
-    "positives": "positives",
-    "recall": "recall",
-    "precision": "precision",
-}
-THRESHOLDS = ("threshold", "error_threshold", "window", "false_alarm_every")
 #: Detector → its parameters that a reader wants to know.
 OWN = {
     "threshold": ("threshold", "warning_threshold"),
@@ -117,18 +95,16 @@ OWN = {
     "window": ("window",),
     "calibrated": ("false_alarm_every",),
 }
-FILES = ("table.csv", "runs.csv")
 
 
-def deviations(reading: Reading, drawings: Mapping[str, Drawing | None]) -> Section:
+def deviations(evidence: Evidence, drawings: Mapping[str, Drawing | None]) -> Section:
     """Where the paper is silent or cannot be followed."""
     section = Section("deviations", "Deviations from the paper")
     section.blocks.append(Items([Item(text, name) for name, text in DEVIATIONS]))
     rows = [
-        [group, pair(model, detector), _parameters(results)]
+        [group, pair(*names), _parameters(results)]
         for group in ("paper", "better")
-        for model, detector in reading.study.pairs(group)
-        if (results := reading.study.results(group, model=model, detector=detector))
+        for names, results in evidence.study.pairs(group).items()
     ]
     if rows:
         head = ("group", "model, detector", "parameters")
@@ -136,45 +112,20 @@ def deviations(reading: Reading, drawings: Mapping[str, Drawing | None]) -> Sect
     return section
 
 
-def methods(reading: Reading, drawings: Mapping[str, Drawing | None]) -> Section:
+def methods(evidence: Evidence, drawings: Mapping[str, Drawing | None]) -> Section:
     """Formulas in words, and how to do it again."""
     section = Section("methods", "Methods")
-    settings = [(name, in_words(value)) for name, value in reading.study.settings.items()]
+    settings = [(name, in_words(value)) for name, value in evidence.study.settings.items()]
     section.blocks += [
         Items([Item(text, name) for name, text in METHODS]),
         Text("To reproduce", "heading"),
-        Text(command(reading.study), "code"),
+        Text(command(evidence.study), "code"),
         Text(
             "The same seeds give the same numbers on one machine; on another processor the last "
             "digits can differ, and with them a decision near a limit."
         ),
         Pairs(settings),
     ]
-    return section
-
-
-#: Group → the settings in which its runs differ; how to say them; which of them go without saying.
-VARIED = {
-    "sweep": THRESHOLDS[:2],
-    "kinds": ("degradation", "start"),
-    "variants": ("order", "offset", "gate"),
-}
-VARIANT = {"order": "order {}", "offset": "offset: {}", "gate": "gate {}"}
-EMPTY = ("", None, 0, False)
-
-
-def runs(reading: Reading, drawings: Mapping[str, Drawing | None]) -> Section:
-    """Means of all runs, by group."""
-    section = Section("runs", "All runs")
-    section.blocks.append(Links("The figures of every run, for your own analysis:", FILES))
-    for group, what in GROUPS.items():
-        rows = [_row(reading, label, found) for label, found in alike(reading.study, group)]
-        if rows:
-            numbers = range(1, 1 + len(COLUMNS))
-            table = Table(f"{group}: {what}", ("run", *COLUMNS), rows, numbers)
-            section.blocks.append(Folded(f"{group} ({len(rows)} rows)", table))
-        else:
-            section.blocks.append(Text(f"No runs of the group {group}.", "missing"))
     return section
 
 
@@ -195,30 +146,7 @@ def in_words(value: object) -> str:
     return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
 
-def alike(study: Study, group: str) -> list[tuple[str, list[Result]]]:
-    """(what sets them apart, results) of a group's runs that differ in their seed alone."""
-    found: dict[str, list[Result]] = {}
-    varied = VARIED.get(group, ())
-    for result in study.results(group):
-        case = result.case
-        resolved = case.resolved if varied else {}
-        own = [n for n in varied if group != "sweep" or n in OWN.get(case.detector, ())]
-        extra = [VARIANT.get(n, "{}").format(resolved[n]) for n in own if resolved[n] not in EMPTY]
-        label = ", ".join([case.model, look(case.detector).label, *extra])
-        found.setdefault(label, []).append(result)
-    return list(found.items())
-
-
-def _row(reading: Reading, label: str, results: Sequence[Result]) -> list[Value]:
-    row: list[Value] = [label, str(len(results))]
-    for name, figure in COLUMNS.items():
-        if figure:
-            scale = 100.0 if "%" in name else 1.0
-            row.append(cell(reading.of(results, figure), scale=scale))
-    return row
-
-
-def _parameters(results: Sequence[Result]) -> str:
+def _parameters(results: Sequence[RunResult]) -> str:
     case = results[0].case
     resolved = case.resolved
     names = [n for n in OWN.get(case.detector, ()) if resolved[n] >= 0]

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.errors import LdtError
-from ldt_core.lab.study.case import Result
-from ldt_core.lab.study.figures.reading import Reading
-from ldt_core.lab.study.figures.series import wear
+from ldt_core.lab.study.evidence import Evidence
+from ldt_core.lab.study.figures.wear import wear
 from ldt_core.lab.study.region import in_region, intervals, speed_bands
 from ldt_core.lab.study.study import Study
+from ldt_core.lab.study.study_case import RunResult
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.views.page.style import SHADE, Drawing, Layout, legend, look, panels
 
@@ -25,11 +25,11 @@ MARGIN = 1.0  # s round the stretch that the lower panel enlarges
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShownExperiment:
     """One experiment as several models predicted it."""
 
     number: int
-    results: dict[str, Result]
+    results: dict[str, RunResult]
     time: NDArray[np.float64]
     rows: dict[str, NDArray[np.float64]]
     mask: NDArray[np.bool_]
@@ -49,13 +49,13 @@ class Shown:
         return linear - hybrid
 
 
-def sommerfeld(reading: Reading) -> Drawing | None:
+def sommerfeld(evidence: Evidence) -> Drawing | None:
     """One experiment, measured and as the three models predict it.
 
     Of the experiments kept of both that touch the region, the one with the greatest
-    `Shown.contrast`. None where no experiment was kept of both.
+    `ShownExperiment.contrast`. None where no experiment was kept of both.
     """
-    study = reading.study
+    study = evidence.study
     candidates = _candidates(study)
     candidates = [c for c in candidates if c.mask.any()] or candidates
     if not candidates:
@@ -100,9 +100,9 @@ def sommerfeld(reading: Reading) -> Drawing | None:
     )
 
 
-def _candidates(study: Study) -> list[Shown]:
+def _candidates(study: Study) -> list[ShownExperiment]:
     """The experiments kept of both models, under the first detector of the plan that has some."""
-    pairs: dict[str, dict[int, dict[str, Result]]] = {}
+    pairs: dict[str, dict[int, dict[str, RunResult]]] = {}
     for result in study.results("paper"):
         case = result.case
         pairs.setdefault(case.detector, {}).setdefault(case.seed, {})[case.model] = result
@@ -117,7 +117,7 @@ def _candidates(study: Study) -> list[Shown]:
     return []
 
 
-def _shown(models: dict[str, Result], number: int) -> Shown:
+def _shown(models: dict[str, RunResult], number: int) -> ShownExperiment:
     kept = {name: models[name].kept[number] for name in ("linear", "hybrid")}
     rows = {"measured": kept["hybrid"]["speed"], "original": kept["hybrid"]["original"]}
     rows |= {name: kept[name]["prediction"] for name in kept}
@@ -130,10 +130,10 @@ def _shown(models: dict[str, Result], number: int) -> Shown:
     except LdtError:
         where = []
     mask = in_region(arrays["measured"], float(time[1] - time[0]), where)
-    return Shown(number, models, time, arrays, mask)
+    return ShownExperiment(number, models, time, arrays, mask)
 
 
-def _curves(axes: Axes, shown: Shown, spans: list[tuple[int, int]]) -> None:
+def _curves(axes: Axes, shown: ShownExperiment, spans: list[tuple[int, int]]) -> None:
     for index, (begin, end) in enumerate(spans):
         label = "Sommerfeld region" if index == 0 else None
         last = shown.time[min(end, len(shown.time) - 1)]
@@ -143,7 +143,7 @@ def _curves(axes: Axes, shown: Shown, spans: list[tuple[int, int]]) -> None:
         axes.plot(shown.time, shown.rows[name], **look(name).plot(lw=width))
 
 
-def _enlarged(shown: Shown, spans: list[tuple[int, int]]) -> tuple[float, float]:
+def _enlarged(shown: ShownExperiment, spans: list[tuple[int, int]]) -> tuple[float, float]:
     """The stretch [s] of the region in which linear and hybrid differ most, with a margin."""
     apart = np.abs(shown.rows["linear"] - shown.rows["hybrid"])
     begin, end = max(spans, key=lambda s: apart[s[0] : s[1]].max())

@@ -1,6 +1,6 @@
 """How often a detector is positive while nothing has changed, against what it states.
 
-    from ldt_core.lab.study.false_alarms import KINDS, count
+    from false_alarm_rates import KINDS, count
     rate = count("calibrated", KINDS["AR(0.9)"], every=1000)
     print(rate.observed, rate.interval, rate.stated)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from ldt_core.lab.study import sections
+from ldt_core.lab.study.evidence import Evidence
 from ldt_core.lab.study.figures import drawings
-from ldt_core.lab.study.figures.reading import Reading
 from ldt_core.lab.study.study import Study
 from ldt_core.views.page import style
 from ldt_core.views.page.page import render
@@ -27,7 +27,7 @@ def write_figures(study: Study, out: Path | str) -> list[Path]:
     style.require()
     folder = Path(out) / FIGURES
     folder.mkdir(parents=True, exist_ok=True)
-    found = drawings(Reading(study)).values()
+    found = drawings(Evidence(study)).values()
     return [file for drawing in found if drawing for file in style.save(drawing, folder)]
 
 
@@ -41,9 +41,9 @@ def write_page(study: Study, out: Path | str) -> Path:
         LdtError: matplotlib is not installed.
     """
     style.require()
-    reading = Reading(study)
-    found = drawings(reading)
-    made = [make(reading, found) for make in sections.SECTIONS]
+    evidence = Evidence(study)
+    found = drawings(evidence)
+    made = [make(evidence, found) for make in sections.SECTIONS]
     path = Path(out) / FILE
     path.parent.mkdir(parents=True, exist_ok=True)
     page = render(TITLE, sections.lead(study), sections.footer(study), made)

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ldt_core.lab.study import GROUPS
 from ldt_core.lab.study.baselines import baseline_cases
-from ldt_core.lab.study.case import Case, Result
-from ldt_core.lab.study.groups import GROUPS
+from ldt_core.lab.study.study_case import RunResult, StudyCase
 from ldt_core.machine.machine_file import load_machine
 
 #: The paper to the letter: every new model is taken, S_w and the present experiment are learned
@@ -62,7 +62,7 @@ DETECTOR_COST = {"threshold": 5.0, "window": 2.0}
 class Planned:
     """One run of the plan, see `study.Entry`."""
 
-    case: Case
+    case: StudyCase
     groups: tuple[str, ...]
     beside: tuple[str, ...] = ()
 
@@ -76,7 +76,7 @@ class Planned:
 
 
 @dataclass(frozen=True)
-class Plan:
+class StudyPlan:
     """What a study consists of.
 
     Args:
@@ -110,7 +110,7 @@ class Plan:
                 found[case.key] = replace(known, groups=(*known.groups, group))
         return list(found.values())
 
-    def baselines(self, results: Iterable[tuple[Planned, Result]]) -> list[Planned]:
+    def baselines(self, results: Iterable[tuple[Planned, RunResult]]) -> list[Planned]:
         """The periodic and random runs beside those of the groups paper and better.
 
         Beside the latter on a few seeds, since a training there takes longer than all else.
@@ -127,7 +127,7 @@ class Plan:
                 found[case.key] = replace(known, beside=(*known.beside, planned.case.key))
         return list(found.values())
 
-    def case(self, model: str, detector: str, index: int, settings: Mapping[str, Any]) -> Case:
+    def case(self, model: str, detector: str, index: int, settings: Mapping[str, Any]) -> StudyCase:
         """One case of this study.
 
         Args:
@@ -141,7 +141,9 @@ class Plan:
         keep = self.kept if index == 0 and usual else ()
         if model == "diagnosed":
             settings = {**settings, **self._cause}
-        return Case(model, detector, seed, self.experiments, self.machine, settings, None, keep)
+        return StudyCase(
+            model, detector, seed, self.experiments, self.machine, settings, None, keep
+        )
 
     @property
     def kept(self) -> tuple[int, ...]:
@@ -159,19 +161,19 @@ class Plan:
         """What the machine file says of the wear."""
         return load_machine(self.machine).simulation.get("degradation", {})
 
-    def _paper(self) -> Iterable[Case]:
+    def _paper(self) -> Iterable[StudyCase]:
         for index in range(self.seeds):
             for model in PAPER_MODELS:
                 for detector, values in TABLE.items():
                     yield self.case(model, detector, index, {**PAPER, **values})
 
-    def _variants(self) -> Iterable[Case]:
+    def _variants(self) -> Iterable[StudyCase]:
         for index in range(min(self.seeds, FEW_SEEDS)):
             for model, other in VARIANTS:
                 settings = {**PAPER, **TABLE["threshold"], **other}
                 yield self.case(model, "threshold", index, settings)
 
-    def _sweep(self) -> Iterable[Case]:
+    def _sweep(self) -> Iterable[StudyCase]:
         for index in range(min(self.seeds, FEW_SEEDS)):
             for model in PAPER_MODELS:
                 for detector in SWEPT:
@@ -180,12 +182,12 @@ class Plan:
                         case = self.case(model, detector, index, {**PAPER, **values})
                         yield case if values == TABLE[detector] else replace(case, keep=())
 
-    def _better(self) -> Iterable[Case]:
+    def _better(self) -> Iterable[StudyCase]:
         for index in range(self.seeds):
             for model, detector in BEYOND:
                 yield self.case(model, detector, index, {**BETTER, **TABLE.get(detector, {})})
 
-    def _control(self) -> Iterable[Case]:
+    def _control(self) -> Iterable[StudyCase]:
         """Nothing drifts: a machine as its file says, and one that is otherwise from the start.
 
         The second leaves residuals that hang together in time and depend on the voltage, with a
@@ -203,7 +205,7 @@ class Plan:
         for index in range(self.seeds * OTHERWISE_STREAMS):
             yield self.case("physics", "calibrated", index, worn)
 
-    def _kinds(self) -> Iterable[Case]:
+    def _kinds(self) -> Iterable[StudyCase]:
         learners = (
             ("diagnosed", "calibrated", BETTER),
             ("hybrid", "calibrated", BETTER),
