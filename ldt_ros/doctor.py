@@ -27,7 +27,7 @@ from ldt_core.doctor.check import Finding, Probe, ok, problem, warning
 from ldt_ros.graph.environment import MODULES, one_line, require_ros
 from ldt_ros.graph.leftovers import SHARED, leftovers, shared_memory_cleared
 from ldt_ros.graph.secure import has_security
-from ldt_ros.graph.trial import trial
+from ldt_ros.graph.trial_process import trial
 
 MIB = 1024**2
 DISTRIBUTION = "jazzy"

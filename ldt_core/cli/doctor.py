@@ -39,18 +39,18 @@ def command(recording: str | None, bag: str, mend: bool, namespace: str, as_json
 
     Example: ldt doctor
     """
-    from ldt_core.doctor import check, machine
+    from ldt_core.doctor import check, computer_checks
 
     if recording is None:
         if mend:
             raise OptionError("--repair", "a RECORDING to mend", "none")
-        found = check.examine([*machine.probes(bag), *check.found_probes()])
+        found = check.examine([*computer_checks.probes(bag), *check.found_probes()])
     elif mend:
-        from ldt_core.doctor.recording import mended
+        from ldt_core.doctor.recording_checks import mended
 
         found = mended(recording, namespace)
     else:
-        from ldt_core.doctor.recording import findings
+        from ldt_core.doctor.recording_checks import findings
         from ldt_core.recording.bag import read_bag
         from ldt_core.recording.health import inspect
 

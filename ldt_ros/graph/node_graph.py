@@ -14,7 +14,7 @@ from ldt_core.runs.offline import recorded_summary
 from ldt_ros.graph.environment import LEASE, spun_nodes
 from ldt_ros.graph.machine_run import MachineRun
 from ldt_ros.graph.placement import host_processes
-from ldt_ros.graph.recovery import Recovery
+from ldt_ros.graph.respawn import Respawner
 from ldt_ros.graph.supervisor import Child, Supervisor
 from ldt_ros.nodes.monitor import Monitor
 from ldt_ros.nodes.statements import hear
@@ -80,16 +80,16 @@ class Graph:
         expected = f"no publisher before the graph starts {ANOTHER_PLACE}"
         self._refuse_publishers(0, expected, "publisher(s) in this domain")
         names = (run.name for run in self.runs)
-        recovery = Recovery(self.supervisor, dict(zip(names, self.monitors, strict=True)))
+        respawner = Respawner(self.supervisor, dict(zip(names, self.monitors, strict=True)))
         hosts = host_processes(self.runs, self.supervisor.folder)
-        children = {host.name: recovery.start(host) for host in hosts}
+        children = {host.name: respawner.start(host) for host in hosts}
         recorders = [children[host.name] for host in hosts if host.records]
         began = time.monotonic()
         patience = STARTUP + STARTUP_EACH * len(self.runs)
         while not (stopped() or self._finished()):
             self._listen(SPIN)
-            recovery.look()
-            self._notice_rivals(recovery.restarted_at)
+            respawner.look()
+            self._notice_rivals(respawner.restarted_at)
             if time.monotonic() - began > patience and not all(m.health for m in self.monitors):
                 raise LdtError(f"the nodes did not start within {patience:g} s")
         if stopped():
@@ -99,21 +99,21 @@ class Graph:
         while not all(m.idle for m in self.monitors) and time.monotonic() < deadline:
             self._listen(SPIN)
             if not stopped():
-                recovery.look()
+                respawner.look()
                 if any(m.busy for m in self.monitors):
                     deadline = time.monotonic() + SETTLE
         interrupted = stopped()
         # The recorder drains while those who could send a lost packet again are still there.
         self.supervisor.stop(*recorders)
-        self._sum_up(recovery, interrupted)
+        self._sum_up(respawner, interrupted)
 
-    def _sum_up(self, recovery: Recovery, interrupted: bool) -> None:
+    def _sum_up(self, respawner: Respawner, interrupted: bool) -> None:
         """Fill the summaries from the recordings, with what a person should know beside it."""
         for run in self.runs:
             if interrupted:
                 run.summary.note(INTERRUPTED)
             recorded_summary(run.bag, run.namespace, run.machine, run.summary)
-        recovery.note()
+        respawner.note()
         for run, monitor in zip(self.runs, self.monitors, strict=True):
             run.note_health(monitor.health)
 

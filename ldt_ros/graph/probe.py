@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import msgs_config
 from ldt_ros.graph.environment import begin, prepare
 from ldt_ros.graph.secure import dds_library
-from ldt_ros.graph.trial import conduct
+from ldt_ros.graph.trial_process import conduct
 
 if TYPE_CHECKING:
     from rclpy.node import Node

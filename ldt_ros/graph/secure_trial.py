@@ -10,7 +10,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from ldt_ros.graph.environment import begin, prepare
-from ldt_ros.graph.trial import conduct
+from ldt_ros.graph.trial_process import conduct
 
 if TYPE_CHECKING:
     from rclpy.node import Node

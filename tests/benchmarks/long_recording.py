@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal
-from ldt_core.doctor.recording import findings
+from ldt_core.doctor.recording_checks import findings
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
 from ldt_core.recording.writer import BagWriter

@@ -86,7 +86,7 @@ def test_a_recording_s_health_decides_the_exit_code(tmp_path, capsys):
 def test_the_core_looks_without_importing_ros():
     """`ldt_core.doctor` finds the checks of the graph by entry point alone."""
     code = (
-        "import sys; from ldt_core.doctor import check, machine, recording;"
+        "import sys; from ldt_core.doctor import check, computer_checks, recording_checks;"
         "check.found_probes(); print('rclpy' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -19,7 +19,7 @@ from ldt_core.base.metrics import Summary
 from ldt_core.base.stopping import stop_on_signals
 from ldt_core.cli import invoke, ldt
 from ldt_core.doctor.check import Grade
-from ldt_core.doctor.recording import findings
+from ldt_core.doctor.recording_checks import findings
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from ldt_core.doctor import machine
+from ldt_core.doctor import computer_checks
 from ldt_core.doctor.check import Grade, Probe, examine, found_probes, ok, passed
 
 OK, WARNING, PROBLEM = Grade.OK, Grade.WARNING, Grade.PROBLEM
@@ -61,10 +61,10 @@ def test_the_checks_of_another_part_that_cannot_be_loaded_are_one_problem(monkey
 
 def test_this_environment_is_well():
     """The tests run in what the project asks for."""
-    one(machine.python(), OK, "3.")
-    one(machine.libraries(), OK, "ldt ", "numba ", "rosbags ")
-    one(machine.temporary(), OK, "free in")
-    one(machine.clock(0.1), OK, "steady")
+    one(computer_checks.python(), OK, "3.")
+    one(computer_checks.libraries(), OK, "ldt ", "numba ", "rosbags ")
+    one(computer_checks.temporary(), OK, "free in")
+    one(computer_checks.clock(0.1), OK, "steady")
 
 
 def test_a_library_that_is_missing_or_old_is_named(monkeypatch):
@@ -80,26 +80,26 @@ def test_a_library_that_is_missing_or_old_is_named(monkeypatch):
     monkeypatch.setattr(metadata, "version", version)
     monkeypatch.setattr(metadata, "requires", lambda name: wanted)
     words = ("numpy 1.9.3 is older than 1.26", "numba is missing", "pip install")
-    one(machine.libraries(), PROBLEM, *words)
+    one(computer_checks.libraries(), PROBLEM, *words)
 
 
 def test_kernels_that_cannot_be_loaded_are_a_problem(monkeypatch):
     """As numba refuses when it may keep what it compiles nowhere; and when it takes too long."""
-    monkeypatch.setattr(machine, "KERNELS_TIMEOUT", 300.0)  # s; the tests fill the machine
-    one(machine.kernels(), OK)
+    monkeypatch.setattr(computer_checks, "KERNELS_TIMEOUT", 300.0)  # s; the tests fill the machine
+    one(computer_checks.kernels(), OK)
     refusal = "cannot cache function: no locator available"
-    monkeypatch.setattr(machine, "LOAD_KERNELS", f"raise RuntimeError('{refusal}')")
-    one(machine.kernels(), PROBLEM, refusal, "NUMBA_CACHE_DIR")
-    monkeypatch.setattr(machine, "LOAD_KERNELS", "import time; time.sleep(60)")
-    monkeypatch.setattr(machine, "KERNELS_TIMEOUT", 0.2)
-    one(machine.kernels(), WARNING, "not loaded within 0.2 s")
+    monkeypatch.setattr(computer_checks, "LOAD_KERNELS", f"raise RuntimeError('{refusal}')")
+    one(computer_checks.kernels(), PROBLEM, refusal, "NUMBA_CACHE_DIR")
+    monkeypatch.setattr(computer_checks, "LOAD_KERNELS", "import time; time.sleep(60)")
+    monkeypatch.setattr(computer_checks, "KERNELS_TIMEOUT", 0.2)
+    one(computer_checks.kernels(), WARNING, "not loaded within 0.2 s")
 
 
 def test_a_place_for_recordings_is_told_with_its_room(tmp_path, monkeypatch):
     """The folder that a run would make need not be there yet, and is not made."""
     monkeypatch.chdir(tmp_path)
-    one(machine.recordings(), OK, str(tmp_path), "experiments")
-    one(machine.recordings("deep/down/here"), OK, str(tmp_path))
+    one(computer_checks.recordings(), OK, str(tmp_path), "experiments")
+    one(computer_checks.recordings("deep/down/here"), OK, str(tmp_path))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -109,16 +109,16 @@ def test_a_disk_that_is_nearly_full_is_told(free, grade, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     usage = SimpleNamespace(free=free)
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: usage)
-    one(machine.recordings(), grade, "free in")
+    one(computer_checks.recordings(), grade, "free in")
 
 
 def test_a_place_that_cannot_be_written_is_a_problem(tmp_path):
     """Existing recording, a file in the way, a file system that takes nothing."""
     (tmp_path / "there").mkdir()
     (tmp_path / "file").write_text("")
-    one(machine.recordings(str(tmp_path / "there")), PROBLEM, "exists already")
-    one(machine.recordings(str(tmp_path / "file" / "run")), PROBLEM, "is a file")
-    one(machine.recordings("/proc/ldt/run"), PROBLEM, "cannot be written in /proc")
+    one(computer_checks.recordings(str(tmp_path / "there")), PROBLEM, "exists already")
+    one(computer_checks.recordings(str(tmp_path / "file" / "run")), PROBLEM, "is a file")
+    one(computer_checks.recordings("/proc/ldt/run"), PROBLEM, "cannot be written in /proc")
 
 
 def test_no_folder_for_temporary_files_is_a_problem(monkeypatch):
@@ -127,29 +127,29 @@ def test_no_folder_for_temporary_files_is_a_problem(monkeypatch):
     def none():
         raise FileNotFoundError(2, "No usable temporary directory")
 
-    monkeypatch.setattr(machine.tempfile, "gettempdir", none)
-    one(machine.temporary(), PROBLEM, "No usable temporary directory", "TMPDIR")
+    monkeypatch.setattr(computer_checks.tempfile, "gettempdir", none)
+    one(computer_checks.temporary(), PROBLEM, "No usable temporary directory", "TMPDIR")
 
 
 def test_a_clock_that_jumps_or_is_decades_off_is_told():
     """The wall clock is set while it is watched; or it began in 1970."""
     ahead = itertools.chain([0.0] * 5, itertools.repeat(0.5))
-    one(machine.clock(0.2, lambda: time.time() + next(ahead)), WARNING, "moved by 0.500 s")
-    one(machine.clock(0.1, lambda: time.time() - 1.6e9), WARNING, "19", "timedatectl")
+    one(computer_checks.clock(0.2, lambda: time.time() + next(ahead)), WARNING, "moved by 0.500 s")
+    one(computer_checks.clock(0.1, lambda: time.time() - 1.6e9), WARNING, "19", "timedatectl")
 
 
 def test_little_memory_is_told(tmp_path):
     """And a system that tells nothing of its memory is no traceback."""
     table = tmp_path / "meminfo"
     table.write_text("MemTotal: 2000000 kB\nMemAvailable:     300000 kB\n")
-    one(machine.memory(table), WARNING, "293 MiB available")
-    one(machine.memory(tmp_path / "nowhere"), WARNING, "cannot be read")
+    one(computer_checks.memory(table), WARNING, "293 MiB available")
+    one(computer_checks.memory(tmp_path / "nowhere"), WARNING, "cannot be read")
 
 
 def test_tight_limits_of_files_are_told(monkeypatch):
     """Few descriptors; files cut at a size."""
     given = {resource.RLIMIT_NOFILE: (64, 4096), resource.RLIMIT_FSIZE: (10**6, 10**6)}
     monkeypatch.setattr(resource, "getrlimit", given.__getitem__)
-    files, size = machine.limits()
+    files, size = computer_checks.limits()
     one([files], WARNING, "64 open files", "at most 4096 here")
     one([size], WARNING, "files of at most 1 MiB")

@@ -9,7 +9,7 @@ import pytest
 
 from ldt_core.base.experiment import PAUSED, Action
 from ldt_core.base.settings import resolve
-from ldt_core.doctor.recording import findings
+from ldt_core.doctor.recording_checks import findings
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag

@@ -20,7 +20,7 @@ from ldt_core.base.experiment import (
     Signal,
 )
 from ldt_core.doctor.check import Grade
-from ldt_core.doctor.recording import findings
+from ldt_core.doctor.recording_checks import findings
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.codec import encode
 from ldt_core.recording.health import Health

@@ -17,7 +17,7 @@ from ldt_core.base.errors import RecordingError
 from ldt_core.base.settings import as_options, resolve
 from ldt_core.cli import invoke, ldt
 from ldt_core.doctor.check import Grade
-from ldt_core.doctor.recording import findings
+from ldt_core.doctor.recording_checks import findings
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
 from ldt_core.recording.run_settings import FORMAT, LONGEST, parse_settings, settings_text

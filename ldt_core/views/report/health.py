@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ldt_core.doctor.check import Finding, Grade
-from ldt_core.doctor.recording import findings
+from ldt_core.doctor.recording_checks import findings
 from ldt_core.views.page.blocks import Mark, Section, Table, Text, Value
 from ldt_core.views.report.recorded_run import Run
 

@@ -1,4 +1,4 @@
-"""What the core needs of a machine: versions, compiled kernels, disk, clock, memory, limits."""
+"""What the core needs of a computer: versions, compiled kernels, disk, clock, memory, limits."""
 
 from __future__ import annotations
 

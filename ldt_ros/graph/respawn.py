@@ -39,7 +39,7 @@ class Crashes:
         self._step = step
 
 
-class Recovery:
+class Respawner:
     """Keeps the processes of a graph running.
 
     Supervisors of services (systemd, supervisord) count restarts in a time; here a process is given
