@@ -18,7 +18,7 @@ from ldt_core.calibration.coordinates import Array, Coordinates
 from ldt_core.calibration.free_runs import FreeRuns
 from ldt_core.calibration.identifiability import WELL, Identifiability, examine
 from ldt_core.calibration.intervals import Uncertainty, uncertainty
-from ldt_core.calibration.parameter_fit import ParameterFit, coordinate, fit, starts
+from ldt_core.calibration.parameter_fit import coordinate, fit, starts
 from ldt_core.machine.machine_file import Machine
 
 HOLDOUT = 0.25  # of the experiments
@@ -112,13 +112,14 @@ class _State:
     whole: Coordinates
     coordinates: Coordinates
     runs: FreeRuns
-    fit: ParameterFit
+    z: Array
+    converged: bool
     seen: Identifiability
     uncertainty: Uncertainty
 
     @property
     def values(self) -> dict[str, float]:
-        return self.coordinates.values(self.fit.z)
+        return self.coordinates.values(self.z)
 
 
 class _Work:
@@ -193,9 +194,9 @@ class _Work:
             notes=(),
         )
         told = notes.notes(calibration, state.seen, state.runs.white, SAME)
-        told += notes.bounds(state.coordinates, state.fit.z)
+        told += notes.bounds(state.coordinates, state.z)
         told += notes.excitation(self.experiments)
-        if not state.fit.converged:
+        if not state.converged:
             told.append(notes.NOT_CONVERGED)
         return replace(calibration, notes=tuple(told)).with_recordings(())
 
@@ -219,7 +220,7 @@ class _Work:
             if set(state.seen.determined) != set(state.coordinates.names) and not last:
                 prefer, values = state.seen.determined, {**self.values, **_only(state)}
                 continue
-            errors = state.uncertainty.errors / state.coordinates.sizes(state.fit.z)
+            errors = state.uncertainty.errors / state.coordinates.sizes(state.z)
             worst = int(np.argmax(errors))
             if self.named or errors[worst] <= WELL or last:
                 return state
@@ -249,30 +250,30 @@ class _Work:
             raise LdtError(notes.nothing_determined(self.experiments))
         inner = Coordinates([c for c in whole.free if c.name in seen.determined], self.values)
         picked = [whole.names.index(n) for n in inner.names]
-        best: tuple[ParameterFit, FreeRuns] | None = None
+        best: tuple[Array, bool, FreeRuns] | None = None
         for number, start in enumerate(candidates, start=1):
             self._doing = "fitting " + ", ".join(inner.names)
             if len(candidates) > 1:
                 self._doing += f" (start {number} of {len(candidates)})"
             fresh = FreeRuns(self.physics, at, self.experiments, self.tick)
             done = fit(fresh, inner, start[picked])
-            if best is None or math.prod(fresh.noise) < math.prod(best[1].noise):
-                best = done, fresh
+            if best is None or math.prod(fresh.noise) < math.prod(best[2].noise):
+                best = *done, fresh
         assert best is not None
-        done, runs = best
+        z, converged, runs = best
         self._doing = "estimating the intervals"
-        solution = whole.at(inner.values(done.z))
+        solution = whole.at(inner.values(z))
         seen, sensitivities = self._examine(runs, whole, solution, tuple(inner.names))
-        bound = {c.name for c in inner.on_bound(done.z)}
+        bound = {c.name for c in inner.on_bound(z)}
         seen = seen.with_settled(bound)
         free = [j for j, name in zip(picked, inner.names, strict=True) if name not in bound]
         spread = uncertainty(
             [s[:, free] for s in sensitivities],
-            runs.residuals(inner.values(done.z)),
+            runs.residuals(inner.values(z)),
             [len(e) for e in self.experiments],
             runs.unknowns,
         ).among([name not in bound for name in inner.names])
-        return _State(whole, inner, runs, done, seen, spread)
+        return _State(whole, inner, runs, z, converged, seen, spread)
 
     def _examine(
         self, runs: FreeRuns, whole: Coordinates, z: Array, prefer: tuple[str, ...]
@@ -284,10 +285,10 @@ class _Work:
 
     def _estimates(self, state: _State) -> tuple[list[ParameterEstimate], Machine]:
         estimates = []
-        found = dict(zip(state.coordinates.names, state.fit.z, strict=True))
+        found = dict(zip(state.coordinates.names, state.z, strict=True))
         half = dict(zip(state.coordinates.names, state.uncertainty.half_widths, strict=True))
         unsure = state.seen.unsure if self.named else set()
-        unsure |= {c.name for c in state.coordinates.on_bound(state.fit.z)}
+        unsure |= {c.name for c in state.coordinates.on_bound(state.z)}
         for c in state.whole.free:
             if c.name not in found:
                 if self.named:

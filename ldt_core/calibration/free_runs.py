@@ -3,10 +3,8 @@
 An experiment is measured from some moment on; what speed and current (and, with an eccentric rotor,
 what angle and motion of the foundation) the machine had then is known only through noise, or not at
 all. These start states are estimated with the parameters and projected out of every residual and
-sensitivity, so that they cost the parameters the information that they should. For a linear machine
-they enter linearly and this is exact (variable projection: Golub and Pereyra, "The differentiation
-of pseudo-inverses and nonlinear least squares problems whose variables separate", SIAM J. Numer.
-Anal. 10, 1973); otherwise it is linear about the latest estimate.
+sensitivity (`estimation.variable_projection`), so that they cost the parameters the information
+that they should.
 """
 
 from __future__ import annotations
@@ -20,6 +18,8 @@ from numpy.typing import NDArray
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.calibration.coordinates import Coordinates
+from ldt_core.estimation.noise import white_noise
+from ldt_core.estimation.variable_projection import least_squares_step, project_out
 from ldt_core.physics.base import Physics
 
 Array = NDArray[np.float64]
@@ -31,7 +31,6 @@ START_ROUNDS = 4  # Gauss-Newton steps for the start states; a linear machine ne
 ANGLE_SPREAD = math.pi / math.sqrt(3)  # rad, standard deviation of an angle nobody knows
 NOISE_FLOOR = 1e-6  # of a channel's size: noise-free simulations must not divide by 0
 DIVERGED = 1e6  # noise deviations: a residual that no fit will accept
-THIRD_DIFFERENCE = math.sqrt(20)  # of white noise with deviation 1
 
 
 class FreeRuns:
@@ -58,8 +57,8 @@ class FreeRuns:
         self._sizes = [_size(speed), _size(np.concatenate(current)) if current else 1.0]
         #: Standard deviation of what is left in speed [rad/s] and current [A].
         self.noise = [
-            max(_white(e.speed for e in self.experiments), NOISE_FLOOR * self._sizes[0]),
-            max(_white(current), NOISE_FLOOR * self._sizes[1]) if current else 1.0,
+            max(white_noise(e.speed for e in self.experiments), NOISE_FLOOR * self._sizes[0]),
+            max(white_noise(current), NOISE_FLOOR * self._sizes[1]) if current else 1.0,
         ]
         #: White part of the speed's noise, judged from the measurement alone [rad/s].
         self.white = self.noise[0]
@@ -159,10 +158,7 @@ class FreeRuns:
     def _start_step(self, i: int, values: Mapping[str, float]) -> Array:
         rest = self._measured(i) - self._run(i, values, self.starts[i])
         stacked = self._stacked(i, self._start_sensitivities(i, values))
-        size = np.linalg.norm(stacked, axis=0)
-        size[size == 0] = 1.0
-        right = np.concatenate([rest, self._pull(i)])
-        return np.linalg.lstsq(stacked / size, right, rcond=None)[0] / size
+        return least_squares_step(stacked, np.concatenate([rest, self._pull(i)]))
 
     def _start_sensitivities(self, i: int, values: Mapping[str, float]) -> Array:
         base = self._run(i, values, self.starts[i])
@@ -184,9 +180,7 @@ class FreeRuns:
 
     def _eliminate(self, i: int, rows: Array, below: Array | None = None) -> Array:
         extra = np.zeros((len(self._unknown[i]), *rows.shape[1:])) if below is None else below
-        full = np.concatenate([rows, extra])
-        basis = self._bases[i]
-        return full - basis @ (basis.T @ full)
+        return project_out(np.concatenate([rows, extra]), self._bases[i])
 
     def _measured(self, i: int) -> Array:
         e = self.experiments[i]
@@ -205,13 +199,6 @@ class FreeRuns:
 
 def _size(samples: Array) -> float:
     return float(np.sqrt(np.mean(samples**2))) or 1.0
-
-
-def _white(parts: object) -> float:
-    """Deviation of white noise on a smooth signal, from its third differences (median, so that
-    steps of the signal do not count)."""
-    differences = [np.abs(np.diff(p, 3)) for p in parts]  # type: ignore[attr-defined]
-    return float(np.median(np.concatenate(differences))) / 0.6745 / THIRD_DIFFERENCE
 
 
 def _guess(physics: Physics, values: Mapping[str, float], e: Experiment) -> Array:

@@ -2,8 +2,8 @@
 
     tau_m tau_e speed'' + tau_m speed' + speed = G voltage + offset
 
-Separable least squares (Golub, Pereyra, Inverse Problems 19 (2003) R1): gain, offset and the start
-states are linear and solved for at each trial of the time constants.
+Gain, offset and the start states are linear, and solved for at each trial of the time constants
+(`estimation.variable_projection`).
 """
 
 from __future__ import annotations
@@ -15,19 +15,21 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from ldt_core.base.experiment import Experiment
+from ldt_core.estimation.least_squares import trust_region
 from ldt_core.estimation.linear import Identified, StateSpace, identify
+from ldt_core.estimation.variable_projection import project_out
 
 Array = NDArray[np.float64]
 
-# Of a sample period: an electric time constant that no sample shows, and cheap to integrate still.
-UNSEEN = 0.01
-SHOWN = 2 * UNSEEN  # an electric time constant below this has run into its bound
-SLOWEST = 1e3  # times the longest experiment; beyond it a fit has run away
+UNSEEN = 0.01  # sample periods: an electric time constant that no sample shows, yet cheap to run
+SHOWN = 2 * UNSEEN  # sample periods: an electric time constant below has run into its bound
+SLOWEST = 1e3  # times the longest experiment: a time constant beyond has run away
 TRIED = (0.3, 3.0)  # sample periods: electric time constants to begin a search with
-NEGLIGIBLE = 1e-8  # of the larger singular value: a start state that moves nothing
+NEGLIGIBLE = 1e-8  # of the larger singular value: a start state below moves nothing
+TIME_TOLERANCE = 1e-10  # relative, of the logarithms of the time constants
+LOSS_TOLERANCE = 1e-12  # relative, of the sum of squares and of its gradient
 
 
 @dataclass(frozen=True)
@@ -130,21 +132,21 @@ class _Search:
     def fit(self, start: Array, offset: bool) -> MotorResponse:
         """The nearest minimum."""
         low, high = math.log(UNSEEN * self.period), math.log(SLOWEST * self.longest)
-        found = least_squares(
+        found = trust_region(
             lambda logs: self._residual(logs, offset)[0],
             np.clip(start, low, high),
-            bounds=(low, high),
-            x_scale=1.0,
-            xtol=1e-10,
-            ftol=1e-12,
-            gtol=1e-12,
-        )
-        residual, weights = self._residual(found.x, offset)
-        size, unknowns = float(np.linalg.norm(residual)), found.x.size + weights.size
-        unknowns += found.x.size * len(self.experiments)
-        taus = np.exp(found.x)
+            low,
+            high,
+            xtol=TIME_TOLERANCE,
+            ftol=LOSS_TOLERANCE,
+            gtol=LOSS_TOLERANCE,
+        ).z
+        residual, weights = self._residual(found, offset)
+        size, unknowns = float(np.linalg.norm(residual)), found.size + weights.size
+        unknowns += found.size * len(self.experiments)
+        taus = np.exp(found)
         return MotorResponse(
-            order=found.x.size,
+            order=found.size,
             gain=float(weights[0]),
             tau_m=float(taus[0]),
             tau_e=float(taus[1]) if taus.size == 2 else UNSEEN * self.period,
@@ -164,13 +166,12 @@ class _Search:
                 bases[length] = _free(model, length, self.period)
             forced = model.simulate(e.voltage, self.period, np.zeros(model.order))
             stacked = np.column_stack([forced, *([np.ones(length)] if offset else []), e.speed])
-            basis = bases[length]
-            stacked -= basis @ (basis.T @ stacked)
+            stacked = project_out(stacked, bases[length])
             columns.append(stacked[:, :-1])
             speeds.append(stacked[:, -1])
         matrix, target = np.vstack(columns), np.concatenate(speeds)
         weights = np.linalg.lstsq(matrix, target, rcond=None)[0]
-        return target - matrix @ weights, weights
+        return np.asarray(target - matrix @ weights), np.asarray(weights, dtype=np.float64)
 
 
 def _unit(taus: Array) -> StateSpace:

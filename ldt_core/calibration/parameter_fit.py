@@ -1,7 +1,7 @@
 """The fit: bounded nonlinear least squares of free runs, start states eliminated.
 
-Rounds of `scipy.optimize.least_squares` (trust region, logarithms of the positive parameters), with
-the start states and the channels' noise estimated anew between them, until nothing moves.
+Rounds of `estimation.least_squares` (trust region, logarithms of the positive parameters), with the
+start states and the channels' noise estimated anew between them, until nothing moves.
 
 Where the machine is not linear the sum of squares can have several minima: near a critical speed
 the free run is either captured or not, and turns from one to the other within a per cent of e. So
@@ -14,7 +14,6 @@ is.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,35 +21,22 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.calibration.coordinates import Array, Coordinate, Coordinates
 from ldt_core.calibration.free_runs import FreeRuns
+from ldt_core.estimation.least_squares import trust_region
 from ldt_core.physics.base import Physics
 from ldt_core.physics.parameter import Parameter
 
-ROUNDS = 12
-STILL = 1e-3  # standard errors: a round that moves nothing by more than this was the last
-STILL_ALSO = 1e-9  # of a coordinate: the same for data without noise
-EVALUATIONS = 60  # of one round
+ROUNDS = 12  # of fit, start states and noise in turn; a fit that is not still by then creeps
+MOVED = 1e-3  # standard errors: a round that moves no coordinate by more was the last
+MOVED_EXACTLY = 1e-9  # of a coordinate: the same for data without noise
+TOLERANCE = 1e-10  # relative, of cost, coordinates and gradient: a round ends at its minimum
+EVALUATIONS = 60  # of the free runs in one round
 VISIBLE = 0.01  # of the speed: an effect this large gives a parameter at 0 its typical size
-SIZES = 10.0 ** np.arange(-8, 5, 0.25)  # sizes tried for that, in the parameter's unit
-SCAN = np.geomspace(0.2, 20, 25)  # of the typical size
-STARTS = 3  # minima of the scan from which to fit
+SIZES = 10.0 ** np.arange(-8, 5, 0.25)  # in the parameter's unit, tried for that
+SCAN = np.geomspace(0.2, 20, 25)  # of the typical size: two decades about it, 12 points a decade
+STARTS = 3  # minima of the scan from which to fit; a rotor has two, captured or not
 
 
-@dataclass(frozen=True)
-class ParameterFit:
-    """Where a fit ended.
-
-    Attributes:
-        z: (p,) coordinates.
-        cost: half the sum of squares, in noise deviations of the last round.
-        converged: whether the last round moved nothing.
-    """
-
-    z: Array
-    cost: float
-    converged: bool
-
-
-def fit(runs: FreeRuns, coordinates: Coordinates, z: Array) -> ParameterFit:
+def fit(runs: FreeRuns, coordinates: Coordinates, z: Array) -> tuple[Array, bool]:
     """Fit the free parameters.
 
     Args:
@@ -58,10 +44,12 @@ def fit(runs: FreeRuns, coordinates: Coordinates, z: Array) -> ParameterFit:
         coordinates: the free parameters.
         z: (p,) where to start.
 
+    Returns:
+        (p,) coordinates, and whether the last round moved nothing.
+
     Raises:
         LdtError: the machine cannot be simulated where the fit starts.
     """
-    from scipy.optimize import least_squares
 
     def residual(z: Array) -> Array:
         return np.concatenate(runs.residuals(coordinates.values(z)))
@@ -69,34 +57,34 @@ def fit(runs: FreeRuns, coordinates: Coordinates, z: Array) -> ParameterFit:
     def jacobian(z: Array) -> Array:
         return -np.vstack(runs.sensitivities(coordinates, z))
 
-    z, converged, cost = coordinates.inside(z), False, np.inf
+    z, converged = coordinates.inside(z), False
     runs.settle(coordinates.values(z), estimate=False)
     for _ in range(ROUNDS):
         runs.weigh(coordinates.values(z))
-        solved = least_squares(
+        solved = trust_region(
             residual,
             z,
+            *coordinates.bounds,
             jacobian,
-            bounds=coordinates.bounds,
-            xtol=1e-10,
-            ftol=1e-10,
-            gtol=1e-10,
+            xtol=TOLERANCE,
+            ftol=TOLERANCE,
+            gtol=TOLERANCE,
             max_nfev=EVALUATIONS,
         )
-        if not np.all(np.isfinite(solved.x)):
+        if not np.all(np.isfinite(solved.z)):
             raise LdtError("calibration failed: the fit left the finite numbers")
-        moved = np.abs(solved.x - z)
-        z, cost = solved.x, float(solved.cost)
+        moved = np.abs(solved.z - z)
+        z = solved.z
         runs.settle(coordinates.values(z))
-        information = solved.jac.T @ solved.jac
+        information = solved.jacobian.T @ solved.jacobian
         errors = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-        if np.all(moved <= np.maximum(STILL * errors, STILL_ALSO)):
+        if np.all(moved <= np.maximum(MOVED * errors, MOVED_EXACTLY)):
             converged = True
             break
     z = coordinates.snapped(z)
     runs.settle(coordinates.values(z))
     runs.weigh(coordinates.values(z))
-    return ParameterFit(z, cost, converged)
+    return z, converged
 
 
 def typical(

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
 from ldt_core.diagnosis.start_states import SEARCH_STEP, StartStates, turns
 from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.estimation.least_squares import ForwardDifferences, trust_region
 
 Array = NDArray[np.float64]
 
@@ -110,33 +110,13 @@ def fit(
     def rest(z: Array) -> Array:
         return residuals.of(used(members, by_member(members, z)), step, starts[0])
 
-    last: dict[str, Array] = {}
-
-    def jacobian(z: Array) -> Array:
-        base = last["rest"] if np.array_equal(last.get("z", z * np.nan), z) else rest(z)
-        columns = np.empty((residuals.size, z.size))
-        for j in range(z.size):
-            moved = z.copy()
-            moved[j] += DIFFERENCE_STEP if z[j] + DIFFERENCE_STEP <= high[j] else -DIFFERENCE_STEP
-            columns[:, j] = (rest(moved) - base) / (moved[j] - z[j])
-        return columns
-
-    def remembered(z: Array) -> Array:
-        last["rest"], last["z"] = rest(z), z.copy()
-        return last["rest"]
+    quotients = ForwardDifferences(rest, DIFFERENCE_STEP, high)
 
     def descend(z: Array, count: int) -> tuple[Array, Array, Array]:
-        solved = least_squares(
-            remembered,
-            np.clip(z, low + margin, high - margin),
-            jacobian,
-            bounds=(low, high),
-            ftol=precision,
-            xtol=1e-6,
-            gtol=1e-8,
-            max_nfev=count,
-        )
-        return solved.x, solved.fun, solved.jac
+        begin = np.clip(z, low + margin, high - margin)
+        accuracy = {"ftol": precision, "xtol": 1e-6, "gtol": 1e-8, "max_nfev": count}
+        found = trust_region(quotients.residual, begin, low, high, quotients.jacobian, **accuracy)
+        return found.z, found.residual, found.jacobian
 
     def settled(z: Array, free: bool = False, near: StartStates | None = None) -> StartStates:
         return residuals.start_states(used(members, by_member(members, z)), free, step, near)

@@ -27,11 +27,11 @@ from ldt_core.diagnosis.start_states import (
     NO_OFFSET,
     SEARCH_STEP,
     StartStates,
-    basis_of,
     searched_start_states,
     start_states_for,
 )
-from ldt_core.estimation.effect.cause import white_noise
+from ldt_core.estimation.noise import white_noise
+from ldt_core.estimation.variable_projection import basis_of, project_out
 from ldt_core.physics.base import ANGLE, CURRENT, SPEED
 from ldt_core.physics.constants import NOT_TRACKED
 from ldt_core.physics.integrate import propagate
@@ -170,7 +170,7 @@ class FreeRunResiduals:
 
         def fill(i: int) -> None:
             rest = self.difference(i, use, step, float(begun.angles[i]), begun.offsets[i])
-            row[self.pieces[i].rows] = rest - begun.bases[i] @ (begun.bases[i].T @ rest)
+            row[self.pieces[i].rows] = project_out(rest, begun.bases[i])
 
         self.each(fill)
         return row
@@ -284,7 +284,7 @@ class FreeRunResiduals:
         self, values: Values, e: Experiment, states: Array, seen: Array, gain: float
     ) -> Array:
         """(L, 3) what the observer has added to angle, speed and current so far."""
-        ad, _ = _motor(values, e.period)
+        ad, _ = MOTOR.discretised(values, e.period)
         pushed = gain * (seen - states[:, SPEED])
         moved = propagate(ad, np.ascontiguousarray(ad[:, SPEED]), pushed, np.zeros(3), *NOT_TRACKED)
         moved[:, ANGLE] = 0.0
@@ -292,7 +292,7 @@ class FreeRunResiduals:
 
     def _motor_columns(self, e: Experiment) -> Array:
         """(rows, 2) change of the residuals per unknown first speed and current."""
-        ad, bd = _motor(self.values, e.period)
+        ad, bd = MOTOR.discretised(self.values, e.period)
         columns = []
         for state in (SPEED, CURRENT):
             first = np.zeros(3)
@@ -305,22 +305,13 @@ class FreeRunResiduals:
         return np.column_stack(columns)
 
 
-def _motor(values: Values, period: float) -> tuple[Array, Array]:
-    return MOTOR.discretised(values, period)
-
-
 def channel_noise(experiments: Sequence[Experiment]) -> tuple[float, float]:
     """Deviations of the white noise on speed [rad/s] and current [A], as measured."""
     speed = np.concatenate([e.speed for e in experiments])
     floor = NOISE_FLOOR * max(float(np.abs(speed).max()), 1e-6)
-    noise = max(white_noise(experiments), floor)
+    noise = max(white_noise(e.speed for e in experiments), floor)
     current = [e.current for e in experiments if e.current is not None]
     if not current:
         return noise, 1.0
-    as_speed = [
-        Experiment(e.number, e.start, e.period, e.voltage, e.current)
-        for e in experiments
-        if e.current is not None
-    ]
     floor = NOISE_FLOOR * max(float(np.abs(np.concatenate(current)).max()), 1e-6)
-    return noise, max(white_noise(as_speed), floor)
+    return noise, max(white_noise(current), floor)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from ldt_core.estimation.variable_projection import basis_of, least_squares_step, project_out
 from ldt_core.physics.base import ANGLE, CURRENT, Physics
 from ldt_core.physics.effect import Effect
 
@@ -31,6 +32,7 @@ ANGLES_TRIED = 13  # in a turn: a prime, so that a ripple of few periods a turn 
 ANGLE_TOLERANCE = 2e-3  # rad, to which the best angle is then found
 ANGLE_MATTERS = 0.1  # noise deviations by which a start angle moves some sample, if it matters
 DIFFERENCE_OF_START = 0.01  # rad, K, ...: of a start state, for difference quotients
+SINGULAR = 1e-8  # of the largest singular value: a combination of start states that moves nothing
 FOUNDATION_SCALE = 0.01  # of that difference: a foundation moves by millimetres
 
 
@@ -190,12 +192,11 @@ def _start_of(
             columns[:, j] = residuals.difference(i, use, step, angle, moved) - rest
         both = np.column_stack([piece.columns, columns])
         directions = basis_of(both)
-        left = rest - directions @ (directions.T @ rest)
+        left = project_out(rest, directions)
         best, basis, kept = loss, directions, offset
         if float(left @ left) > loss * LEAST_DECREASE:
             break
-        size = np.linalg.norm(both, axis=0) + 1e-300
-        solved = np.linalg.lstsq(both / size, -rest, rcond=1e-8)[0] / size
+        solved = least_squares_step(both, -rest, SINGULAR)
         offset = offset.copy()
         for j, state in enumerate(names):
             offset[state] += solved[piece.columns.shape[1] + j] * unknown[state]
@@ -224,13 +225,3 @@ def _best_angle(residuals: FreeRuns, i: int, use: Use, step: float, about: float
         best = min((loss(k * width), k * width) for k in range(ANGLES_TRIED))[1]
     near, exact = (best - width, best + width), {"xatol": ANGLE_TOLERANCE}
     return float(minimize_scalar(loss, bounds=near, method="bounded", options=exact).x)
-
-
-def basis_of(columns: Array) -> Array:
-    """Orthonormal directions that span the columns; those that show nothing are left out."""
-    if columns.shape[1] == 0:
-        return columns
-    left, size, _ = np.linalg.svd(
-        columns / (np.linalg.norm(columns, axis=0) + 1e-300), full_matrices=False
-    )
-    return np.asarray(left[:, size > 1e-6])

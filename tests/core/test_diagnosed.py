@@ -18,8 +18,8 @@ from ldt_core.base.errors import LdtError, ModelError, OptionError
 from ldt_core.base.experiment import Experiment, ModelRecord
 from ldt_core.effects import get_effect, parse_effect
 from ldt_core.estimation.effect.cause import Cause
-from ldt_core.estimation.effect.joint_fit import correlation_time
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe
+from ldt_core.estimation.noise import correlation_time
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.models import build_model

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -26,8 +26,6 @@ AT_REST = 4.0  # noise deviations: a first sample nearer to 0 than this is a mac
 SENSOR_ROUNDS = 20  # to find the speed behind a first sample that went through the sensor's effect
 PROBE = 2.0  # s, run that shows whether the start angle matters
 ALIKE = 1e-6  # of the largest speed: two free runs that differ by rounding alone
-THIRD_DIFFERENCE = math.sqrt(20)  # of white noise with deviation 1
-NORMAL_MEDIAN = 0.6745  # of the size of a standard normal number
 LIVELY_STEP = 1e-3  # s, longest integration step where only the size of a motion is asked for
 
 
@@ -187,14 +185,3 @@ class Cause:
             seen = float(self.physics.measure(states, experiment.period, given)[0])
             speed += shown - seen
         return speed if math.isfinite(speed) else shown
-
-
-def white_noise(experiments: Sequence[Experiment]) -> float:
-    """Deviation of white noise on smooth speeds [rad/s], from third differences.
-
-    Their median, so that steps of the speed do not count; 0 with fewer than 4 samples.
-    """
-    parts = [np.abs(np.diff(e.speed, 3)) for e in experiments if len(e) > 3]
-    if not parts:
-        return 0.0
-    return float(np.median(np.concatenate(parts))) / NORMAL_MEDIAN / THIRD_DIFFERENCE

@@ -11,9 +11,10 @@ import numpy as np
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
-from ldt_core.estimation.effect.cause import Array, Cause, white_noise
+from ldt_core.estimation.effect.cause import Array, Cause
 from ldt_core.estimation.effect.joint_fit import FittedExperiment, JointFit, Minimum
 from ldt_core.estimation.effect.scan import Point, Scan
+from ldt_core.estimation.noise import white_noise
 
 TRIES = (1, 2)  # descents: from the scan's best point, then from the best of a closer look
 BEGINNINGS = (0.5, 0.25, 0.125)  # of an experiment that is fitted step by step
@@ -45,7 +46,7 @@ class EffectSearch:
     def __init__(self, cause: Cause, experiment: Experiment, seeds: Sequence[Point]) -> None:
         self.cause, self.experiment = cause, experiment
         size = float(np.sqrt(np.mean(experiment.speed**2))) or 1.0
-        self.noise = max(white_noise([experiment]), LEAST_NOISE * size)
+        self.noise = max(white_noise([experiment.speed]), LEAST_NOISE * size)
         self.start = cause.start(experiment, self.noise, seeds[0][0])
         #: Free runs by experiment, coordinates and start, for all who fit the same experiments.
         self.runs: dict[Any, Array] = {}

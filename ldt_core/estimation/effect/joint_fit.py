@@ -1,6 +1,6 @@
 """Least squares from a good start: effect and start states of several experiments together.
 
-Levenberg-Marquardt with difference quotients. Experiments share the effect's parameters, and the
+Experiments share the effect's parameters, and the
 start angle where the machine is held to start at the same one every time; all other unknown start
 states are each experiment's own.
 """
@@ -17,16 +17,17 @@ import numpy as np
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.estimation.effect.cause import Array, Cause, UncertainStart
+from ldt_core.estimation.least_squares import levenberg_marquardt
+from ldt_core.estimation.noise import correlation_time
 from ldt_core.physics.base import ANGLE
 
 STEP = 0.5e-3  # s, longest integration step: worst relative error 8e-5
 DIFFERENCE = 1e-4  # of a scale or of a start state's spread, for difference quotients
-ROUNDS = 12
-FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8
-LONGEST = 0.05  # scales, and
-WIDEST = 0.5  # spreads of a start state, of one step: beyond, the free run is not linear at all
-DONE = 0.1  # noise deviations that a step changes all samples together: nothing more to gain
-WEAK = 2.0  # scales: width of the prior that stands in where the data say nothing
+STEPS = 12  # of one descent: from a good start the last ones change nothing
+LONGEST_STEP = 0.05  # scales of the effect's parameters: beyond, the free run is not linear at all
+WIDEST_STEP = 0.5  # spreads of a start state, for the same reason
+LEAST_CHANGE = 0.1  # noise deviations of all samples together: a step below it gains nothing
+WEAK_PRIOR = 2.0  # scales: width of the prior that stands in where the data say nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +89,14 @@ class JointFit:
         ends = first + np.cumsum([0, *(len(u) for u in self._own)])
         self._places = [slice(a, b) for a, b in itertools.pairwise(ends.tolist())]
         self.size = int(ends[-1])
+        own_size = self.size - self._d
+        self._bounds = (
+            np.append(cause.low, np.full(own_size, -np.inf)),
+            np.append(cause.high, np.full(own_size, np.inf)),
+        )
         spreads = [s.start.spread[u] for s, u in zip(seen, self._own, strict=True)]
         angle = [cause.turn / math.sqrt(12)] if self.shared else []
-        self.spread = np.concatenate([np.full(self._d, WEAK), angle, *spreads])
+        self.spread = np.concatenate([np.full(self._d, WEAK_PRIOR), angle, *spreads])
         # What a start state's guess is worth; the angle is nobody's guess.
         pulled = np.concatenate([np.zeros(first), *(u != ANGLE for u in self._own)])
         self._pulled = np.flatnonzero(pulled)
@@ -133,32 +139,17 @@ class JointFit:
 
     def run(self, start: Array) -> Minimum:
         """Descend from these coordinates."""
-        q = self._inside(start)
-        rows = self._rows(q)
-        damping = FIRST_DAMPING
-        for _ in range(ROUNDS):
-            slopes = self._slopes(q)
-            normal, slope = slopes.T @ slopes, slopes.T @ rows
-            scale = np.diag(normal) + 1e-12 * max(float(np.diag(normal).max()), 1e-300)
-            loss = float(rows @ rows)
-            moved, better = q, rows
-            while damping < MOST_DAMPING:
-                step: Array = np.asarray(
-                    np.linalg.solve(normal + damping * np.diag(scale), -slope), dtype=np.float64
-                )
-                moved = self._inside(q + self._short(step))
-                better = self._rows(moved)
-                if float(better @ better) < loss:
-                    break
-                damping *= 10
-            else:
-                break
-            change = slopes @ (moved - q)
-            damping = max(damping / 10, LEAST_DAMPING)
-            q, rows = moved, better
-            if float(change @ change) < DONE**2 * loss / max(rows.size, 1):
-                break
-        return self._minimum(q)
+        return self._minimum(
+            levenberg_marquardt(
+                self._rows,
+                self._slopes,
+                start,
+                *self._bounds,
+                np.where(np.arange(self.size) < self._d, LONGEST_STEP, WIDEST_STEP * self.spread),
+                STEPS,
+                LEAST_CHANGE,
+            )
+        )
 
     def loss(self, q: Array, minimum: Minimum) -> float:
         """Sum of squares about a minimum, in deviations of what is left there."""
@@ -215,30 +206,3 @@ class JointFit:
                     slopes[rows, j] = change[self.seen[i].keep] / (step * self.noise)
             slopes[ends[-1] :, j] = (self._prior(moved) - prior) / step
         return slopes
-
-    def _short(self, step: Array) -> Array:
-        most = np.where(np.arange(self.size) < self._d, LONGEST, WIDEST * self.spread)
-        return step / max(1.0, float(np.max(np.abs(step) / most)))
-
-    def _inside(self, q: Array) -> Array:
-        q = q.copy()
-        q[: self._d] = np.clip(q[: self._d], self.cause.low, self.cause.high)
-        return q
-
-
-def correlation_time(rest: Array) -> float:
-    """Samples of white noise that tell as much as one of these: 1 + 2 sum of autocorrelations.
-
-    Summed while sums of neighbouring pairs are positive: Geyer, "Practical Markov chain Monte
-    Carlo", Statistical Science 7 (1992).
-    """
-    length = rest.size
-    if length < 4:
-        return 1.0
-    spectrum = np.abs(np.fft.rfft(rest, 2 * length)) ** 2
-    correlation = np.fft.irfft(spectrum)[: length // 4 * 2]
-    if correlation[0] <= 0:
-        return 1.0
-    pairs = correlation.reshape(-1, 2).sum(axis=1) / correlation[0]
-    ends = np.flatnonzero(pairs <= 0)
-    return max(1.0, 2 * float(pairs[: ends[0] if ends.size else pairs.size].sum()) - 1.0)

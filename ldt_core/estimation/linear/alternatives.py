@@ -56,24 +56,6 @@ class Alternative:
     weight: float
 
 
-def correlation_time(residuals: list[Array]) -> float:
-    """Samples that carry as much as one independent one, at least 1.
-
-    Sum of the autocorrelations over all lags, up to where two neighbours together are no longer
-    positive (C. Geyer, "Practical Markov chain Monte Carlo", Statistical Science 7 (1992)).
-    """
-    longest = max(r.size for r in residuals)
-    size = 2 ** int(np.ceil(np.log2(2 * longest)))
-    power = sum(np.abs(np.fft.rfft(r, size)) ** 2 for r in residuals)
-    covariance = np.fft.irfft(power, size)[:longest]
-    if not covariance[0] > 0:
-        return 1.0
-    correlation = covariance / covariance[0]
-    pairs = correlation[: longest // 2 * 2].reshape(-1, 2).sum(axis=1)
-    negative = np.flatnonzero(pairs <= 0)
-    return max(1.0, 2 * float(pairs[: negative[0] if negative.size else None].sum()) - 1.0)
-
-
 def residual_deviation(squares: float, samples: int, unknowns: int, time: float) -> float:
     """Standard deviation of a residual, what the unknowns took of it given back."""
     used = min(unknowns * time / samples, MOST_USED)

@@ -15,7 +15,6 @@ from ldt_core.base.threads import one_thread
 from ldt_core.estimation.linear import order_selection, schwarz
 from ldt_core.estimation.linear.alternatives import (
     alternatives,
-    correlation_time,
     residual_deviation,
 )
 from ldt_core.estimation.linear.multistart import minima
@@ -28,6 +27,7 @@ from ldt_core.estimation.linear.run_start import (
     usual,
 )
 from ldt_core.estimation.linear.state_space import StateSpace
+from ldt_core.estimation.noise import common_correlation_time
 
 Array = NDArray[np.float64]
 
@@ -245,7 +245,7 @@ def _model(
     period, linear = experiments[0].period, search.solve(theta)
     residual = search.y - search.outputs(theta, linear)
     squares = float(residual @ residual)
-    time = correlation_time(np.split(residual, search.begins[1:-1]))
+    time = common_correlation_time(np.split(residual, search.begins[1:-1]))
     unknowns = _unknowns(theta.size, len(search.lengths), search.feedthrough + search.offset)
     deviation = residual_deviation(squares, search.count, unknowns, time)
     around = float(((search.y - search.y.mean()) ** 2).sum())

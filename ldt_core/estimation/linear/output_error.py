@@ -40,6 +40,7 @@ from ldt_core.estimation.linear.levenberg_marquardt import (
     tangent,
 )
 from ldt_core.estimation.linear.normal_equations import eliminate
+from ldt_core.estimation.variable_projection import least_squares_step, project_out
 
 Array = NDArray[np.float64]
 
@@ -247,20 +248,20 @@ class _At:
         """(all samples, m): the columns less what start states could explain."""
         projected = np.empty(self.columns.shape)
         for e, rows in self.search.experiments():
-            basis, part = self.bases[self.search.lengths[e]][0], self.columns[rows]
-            projected[rows] = part - basis @ (basis.T @ part)
+            basis = self.bases[self.search.lengths[e]][0]
+            projected[rows] = project_out(self.columns[rows], basis)
         return projected
 
     def solve(self) -> Linear:
         """The linear parameters."""
         factor = _triangle(self.projected())
-        weights = _least_squares(factor[:, :-1], factor[:, -1])
+        weights = least_squares_step(factor[:, :-1], factor[:, -1], RANK_TOLERANCE)
         rest = self.columns[:, -1] - self.columns[:, :-1] @ weights
         n = self.order
         v = np.empty((len(self.search.lengths), n))
         for e, rows in self.search.experiments():
             basis, triangle = self.bases[self.search.lengths[e]]
-            v[e] = _least_squares(triangle, basis.T @ rest[rows])
+            v[e] = least_squares_step(triangle, basis.T @ rest[rows], RANK_TOLERANCE)
         D = float(weights[n]) if self.search.feedthrough else 0.0
         offset = float(weights[-1]) if self.search.offset else 0.0
         return Linear(weights[:n], D, v, offset)
@@ -277,12 +278,6 @@ def _triangle(columns: Array) -> Array:
     packed = np.linalg.qr(columns, mode="raw")[0]
     size = packed.shape[0]
     return np.where(np.tri(size, dtype=bool).T, packed[:, :size].T, 0.0)
-
-
-def _least_squares(columns: Array, target: Array) -> Array:
-    size = np.sqrt((columns**2).sum(axis=0))
-    size[size == 0] = 1.0
-    return np.linalg.lstsq(columns / size, target, rcond=RANK_TOLERANCE)[0] / size
 
 
 @njit(cache=True, fastmath=False)

@@ -1,0 +1,170 @@
+"""Bounded nonlinear least squares, by which every fit in free run finds its parameters.
+
+A fit gives its residuals in noise deviations; a prior is one more row, (z - mean) / deviation.
+Start states are eliminated beforehand (`variable_projection`) or are coordinates with priors.
+
+`trust_region` is the rule. `levenberg_marquardt` is for free runs that are linear over a small step
+only. `linear.levenberg_marquardt` stays apart: it works on sums of products that one compiled pass
+makes, so its residuals never exist as rows, and it has the damping of another reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.base.errors import LdtError
+
+Array = NDArray[np.float64]
+#: (p,) coordinates -> (N,) residuals, or (N, p) their derivatives.
+Residual = Callable[[Array], Array]
+
+# Damping of `levenberg_marquardt`, relative to each coordinate's curvature.
+FIRST_DAMPING = 1e-3  # nearly a Gauss-Newton step
+LEAST_DAMPING = 1e-9  # a Gauss-Newton step to rounding
+MOST_DAMPING = 1e8  # a step so short that if it does not help, none will
+DAMPING_FACTOR = 10.0  # to either side, after a step that helped or did not
+#: Part of the largest curvature that is added to all, so that a coordinate without any is damped.
+CURVATURE_FLOOR = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where a search ended.
+
+    Attributes:
+        z: (p,) coordinates.
+        residual: (N,) there.
+        jacobian: (N, p) there.
+    """
+
+    z: Array
+    residual: Array
+    jacobian: Array
+
+
+def trust_region(
+    residual: Residual,
+    start: Array,
+    low: Array | float,
+    high: Array | float,
+    jacobian: Residual | None = None,
+    **tolerances: Any,
+) -> Solution:
+    """The minimum that scipy's `least_squares` finds from a start.
+
+    Args:
+        residual: in noise deviations.
+        start: (p,) within the bounds.
+        low: (p,) or one for all, bounds.
+        high: likewise.
+        jacobian: of the residual; None takes difference quotients.
+        tolerances: xtol, ftol, gtol and max_nfev of `scipy.optimize.least_squares`.
+
+    Raises:
+        LdtError: the search left the finite numbers.
+
+    References:
+        Branch, Coleman, Li: A subspace, interior, and conjugate gradient method for large-scale
+        bound-constrained minimization problems, SIAM J. Sci. Comput. 21 (1999).
+    """
+    from scipy.optimize import least_squares  # 0.3 s to import
+
+    derivative = "2-point" if jacobian is None else jacobian
+    found = least_squares(residual, start, derivative, bounds=(low, high), **tolerances)
+    if not np.all(np.isfinite(found.x)):
+        raise LdtError("the fit left the finite numbers")
+    return Solution(found.x, found.fun, found.jac)
+
+
+def levenberg_marquardt(
+    residual: Residual,
+    jacobian: Residual,
+    start: Array,
+    low: Array,
+    high: Array,
+    longest: Array,
+    steps: int,
+    least_change: float,
+) -> Array:
+    """(p,) the minimum reached by damped Gauss-Newton steps of limited length.
+
+    scipy's `least_squares` can neither limit each component of a step nor stop where a step changes
+    the samples by less than the noise, so its numbers would be others.
+
+    Args:
+        residual: in noise deviations.
+        jacobian: its derivative.
+        start: (p,).
+        low: (p,) bounds.
+        high: (p,) bounds.
+        longest: (p,) change of each coordinate by one step, at most.
+        steps: accepted steps at most.
+        least_change: of all samples together, in deviations of the present residual. A step that
+            changes them less is the last.
+
+    References:
+        Marquardt: An algorithm for least-squares estimation of nonlinear parameters, SIAM J. Appl.
+        Math. 11 (1963).
+    """
+    z = np.clip(start, low, high)
+    rows, damping = residual(z), FIRST_DAMPING
+    for _ in range(steps):
+        slopes = jacobian(z)
+        normal, slope = slopes.T @ slopes, slopes.T @ rows
+        scale = np.diag(normal) + CURVATURE_FLOOR * max(float(np.diag(normal).max()), 1e-300)
+        loss = float(rows @ rows)
+        moved, better = z, rows
+        while damping < MOST_DAMPING:
+            step = np.linalg.solve(normal + damping * np.diag(scale), -slope)
+            step = step / max(1.0, float(np.max(np.abs(step) / longest)))
+            moved = np.clip(z + step, low, high)
+            better = residual(moved)
+            if float(better @ better) < loss:
+                break
+            damping *= DAMPING_FACTOR
+        else:
+            break
+        change = slopes @ (moved - z)
+        damping = max(damping / DAMPING_FACTOR, LEAST_DAMPING)
+        z, rows = moved, better
+        if float(change @ change) < least_change**2 * loss / max(rows.size, 1):
+            break
+    return z
+
+
+class ForwardDifferences:
+    """A residual with its derivative by difference quotients, backward where a bound is near.
+
+    The last residual is remembered: a search asks for the derivative where it was last.
+
+    Args:
+        residual: (p,) -> (N,).
+        step: of every coordinate.
+        high: (p,) upper bounds.
+    """
+
+    def __init__(self, residual: Residual, step: float, high: Array) -> None:
+        self._residual, self._step, self._high = residual, step, high
+        self._last: tuple[Array, Array] | None = None
+
+    def residual(self, z: Array) -> Array:
+        """(N,) at z (p,)."""
+        rows = self._residual(z)
+        self._last = z.copy(), rows
+        return rows
+
+    def jacobian(self, z: Array) -> Array:
+        """(N, p) at z (p,)."""
+        known = self._last is not None and np.array_equal(self._last[0], z)
+        base = self._last[1] if self._last is not None and known else self._residual(z)
+        columns = np.empty((base.size, z.size))
+        for j in range(z.size):
+            moved = z.copy()
+            moved[j] += self._step if z[j] + self._step <= self._high[j] else -self._step
+            columns[:, j] = (self._residual(moved) - base) / (moved[j] - z[j])
+        return columns
