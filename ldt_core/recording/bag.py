@@ -98,11 +98,6 @@ class Bag:
         """What is odd about the recording, a sentence each; complete when all has been read."""
         return self.storage.notes
 
-    @property
-    def damage(self) -> str | None:
-        """The notes as one text, None when there are none."""
-        return "; ".join(self.notes) or None
-
     def topic(self, name: str) -> str | None:
         """A topic's absolute name by that or by its last part; None when the recording lacks it."""
         absolute = name if name in self.topics else f"{self.namespace}/{name}"
@@ -246,8 +241,8 @@ class Bag:
                     raise ExperimentError(where, error.expected, error.got) from None
             yield experiment
         if not seen:
-            got = f"none ({self.damage})" if self.damage else "none"
-            raise RecordingError(f"{self.path}, {self.topic('experiment')}", "experiments", got)
+            where = f"{self.path}, {self.topic('experiment')}"
+            raise RecordingError(where, "experiments", f"none{_because(self.storage)}")
         if repeated:
             told = numbered("experiment", repeated.spans, LISTED)
             self.storage.note(f"{self.path}: recorded more than once: {told}")

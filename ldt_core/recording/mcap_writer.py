@@ -51,7 +51,8 @@ class McapWriter:
 
     def __init__(self, file: Path, library: str = LIBRARY) -> None:
         self.file = file
-        self._messages, self._first, self._last = 0, -1, -1
+        #: What it holds so far.
+        self.facts = FileInformation(file.name)
         #: Chunks written; each is held in memory as an entry of the index.
         self.chunks = 0
         #: Bytes written, without what is still collected for the next chunk.
@@ -73,11 +74,6 @@ class McapWriter:
                 file.unlink()  # it holds nothing
             raise
         self.size = self._stream.tell()
-
-    @property
-    def facts(self) -> FileInformation:
-        """What it holds so far."""
-        return FileInformation(self.file.name, self._messages, self._first, self._last)
 
     def register(self, channel: ChannelDescription) -> int:
         """Describe a channel; its number in the file, from 1 in the order of these calls."""
@@ -104,9 +100,7 @@ class McapWriter:
         """Write a message; it is in the file after the next `flush` at the latest."""
         sent = time_ns if published_ns is None else published_ns
         self._writer.add_message(channel, time_ns, data, sent, sequence)
-        self._first = time_ns if self._first < 0 else min(self._first, time_ns)
-        self._last = max(self._last, time_ns)
-        self._messages += 1
+        self.facts = self.facts.with_message(time_ns)
         self._measure()
 
     def flush(self) -> None:

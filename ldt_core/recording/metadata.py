@@ -62,14 +62,6 @@ class FileInformation(NamedTuple):
         """As `metadata.yaml` lists it."""
         return {"path": self.name, **self._counted()}
 
-    @classmethod
-    def of_entry(cls, entry: Mapping[str, Any]) -> FileInformation:
-        """What `metadata.yaml` lists."""
-        count = entry["message_count"]
-        first = entry["starting_time"]["nanoseconds_since_epoch"] if count else -1
-        last = first + entry["duration"]["nanoseconds"] if count else -1
-        return cls(entry["path"], count, first, last)
-
     def _counted(self) -> dict[str, Any]:
         return {
             "duration": {"nanoseconds": self.last - self.first},

@@ -149,17 +149,6 @@ class BagWriter:
         """
         return self._numbers.get(self._absolute(topic), ExperimentNumbers())
 
-    def holds(self, topic: str, kind: str, data: bytes) -> bool:
-        """Whether a message of the same topic about the same experiment is recorded already.
-
-        Args:
-            topic: absolute.
-            kind: message type.
-            data: CDR bytes of the message in question.
-        """
-        number = number_of(topic, kind, data)
-        return number is not None and number in self._numbers.get(topic, ())
-
     def write(self, topic: str, record: Record | Any, time_s: float) -> None:
         """Write a record, or one of the messages of `ldt_core.recording.messages.standard`.
 

@@ -85,7 +85,7 @@ def test_a_whole_run_is_read_back_bit_equal_from_folder_and_bare_file(tmp_path):
         assert prediction.speed_std.tobytes() == np.abs(one.speed).tobytes()
         for topic in ("signal", "model", "adaptation"):
             assert list(back.records(topic)) == [records[topic]]
-        assert back.damage is None
+        assert back.notes == []
 
 
 def test_other_readers_read_every_message_equal(tmp_path):
@@ -138,7 +138,7 @@ def test_a_killed_writer_loses_at_most_the_last_half_second(tmp_path, programs):
     found = [e.number for e in bag.experiments()]
     assert found == list(range(1, len(found) + 1))
     assert len(found) >= len(safe)
-    assert "has no end" in bag.damage
+    assert "has no end" in bag.notes[0]
 
 
 def test_the_last_message_reaches_the_file_without_a_further_one(tmp_path):

@@ -53,7 +53,7 @@ def test_every_node_may_be_killed_and_nothing_is_lost_or_doubled(ldt, undisturbe
     assert run["experiments"] == 40
     assert differences(undisturbed, tmp_path / "run") == {}
     assert differences(tmp_path / "run", tmp_path / "run") == {}
-    assert read_bag(tmp_path / "run").damage is None
+    assert read_bag(tmp_path / "run").notes == []
 
 
 def test_the_comparison_finds_what_is_lost_doubled_or_other(undisturbed, ldt, tmp_path):
@@ -79,7 +79,7 @@ def test_a_whole_stack_that_was_killed_goes_on(ldt, undisturbed, tmp_path):
     run = finished(ldt("up", "--resume", "run", "--rate", "max", "--json"))
     assert run["experiments"] == 40
     assert differences(undisturbed, tmp_path / "run") == {}
-    assert read_bag(tmp_path / "run").damage is None
+    assert read_bag(tmp_path / "run").notes == []
 
 
 def test_a_run_without_the_graph_goes_on_as_well(ldt, undisturbed, tmp_path):

@@ -82,7 +82,7 @@ def test_a_secured_run_gives_the_same_numbers(ldt, keystore, undisturbed, tmp_pa
     assert victims == Counter(roles)
     assert set(notes) >= {f"{role} crashed once and was started again" for role in roles}
     assert differences(undisturbed, tmp_path / "run") == {}
-    assert read_bag(tmp_path / "run").damage is None
+    assert read_bag(tmp_path / "run").notes == []
 
 
 def test_whoever_has_no_key_or_another_keystore_s_stays_outside(

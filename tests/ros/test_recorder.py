@@ -59,7 +59,7 @@ def test_a_burst_right_before_the_end_is_recorded_whole(stranger, recorder, tmp_
     stranger.until(lambda: process.poll() is not None, "end of the recorder")
     assert (process.returncode, process.communicate()[0]) == (0, "")
     bag = read_bag(tmp_path / "bag")
-    assert bag.damage is None
+    assert bag.notes == []
     assert [e.number for e in bag.experiments()] == list(range(1, 81))
 
 
@@ -107,4 +107,4 @@ def test_a_full_disk_is_counted_and_what_came_meanwhile_is_recorded_once_there_i
     assert "Traceback" not in output
     bag = read_bag(tmp_path / "bag")
     assert sorted(e.number for e in bag.experiments()) == list(range(1, sent + 1))
-    assert bag.damage is None
+    assert bag.notes == []
