@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,11 +12,12 @@ import numpy as np
 
 from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.sentences import counted
 from ldt_core.recording.csv_table import CsvTable
 from ldt_core.recording.message_fields import is_recording, parse_field_path, read_fields
-from ldt_core.recording.recorded_stream import segmented
 from ldt_core.recording.storage import Storage
 from ldt_core.recording.units import Field, parse_field
+from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
 from ldt_core.segmenter.resampling import (
     GAP_PERIODS,
     Series,
@@ -26,6 +28,7 @@ from ldt_core.segmenter.resampling import (
     split_at_gaps,
 )
 
+LEAST_GAP = 1.5  # periods of the experiments; a stream far faster than they are may not pause less
 LEAST_SAMPLES = 2  # of an experiment: one sample has no dynamics
 ROUNDING = 1e-6  # of a period: what floating point loses in a length or an end time
 MOST_SAMPLES = 100_000_000  # of a stretch; more is a period in the wrong unit
@@ -90,8 +93,8 @@ def _from_table(
         q: column * field.factor for (q, field), column in zip(fields.items(), columns, strict=True)
     }
     assert sample_period is not None or "time" in values
-    counted = np.asarray(np.arange(lines.size) * (sample_period or 0.0), dtype=np.float64)
-    times = values.pop("time", counted)
+    at = np.asarray(np.arange(lines.size) * (sample_period or 0.0), dtype=np.float64)
+    times = values.pop("time", at)
     notes = [f"{lines.size} rows; {_conversions(fields)}", *table.notes]
 
     def place(index: int) -> str:
@@ -110,8 +113,8 @@ def _from_bag(
     storage = Storage(path)
     series, clocks = read_fields(storage, sources)
     series = {q: s._replace(values=s.values * fields[q].factor) for q, s in series.items()}
-    counted = ", ".join(f"{s.values.size} of {sources[q].text}" for q, s in series.items())
-    notes = [f"{counted}; {_conversions(fields)}"]
+    sizes = ", ".join(f"{s.values.size} of {sources[q].text}" for q, s in series.items())
+    notes = [f"{sizes}; {_conversions(fields)}"]
     if "time" in series:
         times = series.pop("time").values
         series = {q: s._replace(time=times) for q, s in series.items()}
@@ -151,15 +154,15 @@ def _cut(
         notes.append(f"times moved by {-start:g} s to begin at 0")
         series = {q: s._replace(time=s.time - start) for q, s in series.items()}
     if cut is not None and cut["cut"] != "length":
-        done, counts = segmented(series, period, found, length, cut)
+        done, counts = _segmented(series, period, found, length, cut)
         if not done:
             expected = f"an experiment by {cut['cut']}"
             raise RecordingError(where, expected, _listed(counts) or "none")
-        notes.append(f"{_counted(len(done), 'experiment')} by {cut['cut']}, {_lengths(done)}")
+        notes.append(f"{counted(len(done), 'experiment')} by {cut['cut']}, {_lengths(done)}")
         return Imported(done, [*notes, *([_listed(counts)] if counts else [])])
     stretches = _stretches(series, found)
     if len(stretches) > 1:
-        gaps = _counted(len(stretches) - 1, "gap")
+        gaps = counted(len(stretches) - 1, "gap")
         notes.append(
             f"{gaps} of more than {GAP_PERIODS:g} periods of {found:g} s, the first after "
             f"{_gap(series, found)}; no experiment reaches over one"
@@ -188,18 +191,42 @@ def _cut(
         raise RecordingError(
             where, f"a stretch of {wanted} without a gap", f"{longest + period:g} s at most"
         )
-    notes.append(f"{_counted(len(experiments), 'experiment')}, sample period {period:g} s")
+    notes.append(f"{counted(len(experiments), 'experiment')}, sample period {period:g} s")
     if resampled:
         notes.append("resampled: the samples were not on a uniform grid of that period")
     if dropped:
         notes.append(
-            f"{_counted(dropped, 'sample')} at ends of stretches dropped: too few for an experiment"
+            f"{counted(dropped, 'sample')} at ends of stretches dropped: too few for an experiment"
         )
     return Imported(experiments, notes)
 
 
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
+def _segmented(
+    series: Mapping[str, Series],
+    period: float,
+    found: float,
+    length: float | None,
+    cut: Mapping[str, Any],
+) -> tuple[list[Experiment], Counter[str]]:
+    """Experiments as the segmenter of a running machine cuts them, and what it left out."""
+    if length is None:
+        raise OptionError("--length", f"seconds, where the cut is by {cut['cut']}", "none")
+    rest = {name: value for name, value in cut.items() if name != "cut"}
+    rule = build_rule(cut["cut"], period, length, **rest)
+    gap = max(GAP_PERIODS * found, LEAST_GAP * period)
+    # All that is of one time has come before a period is over: there is nothing to wait for.
+    one = Segmenter(rule, period, gap=gap, lateness=period, current="current" in series)
+    order = sorted(
+        (at, channel == "speed", channel, index)
+        for channel in CHANNELS
+        if channel in series
+        for index, at in enumerate(series[channel].time.tolist())
+    )
+    values = {channel: s.values.tolist() for channel, s in series.items()}
+    done: list[Experiment] = []
+    for at, _, channel, index in order:
+        done += one.feed(channel, at, values[channel][index])
+    return done + one.end(), one.counts
 
 
 def _listed(counts: Mapping[str, int]) -> str:

@@ -43,6 +43,7 @@ from ldt_core.recording.mcap_records import (
     next_record,
 )
 from ldt_core.recording.metadata import FileInformation, bag_information, channel_entry, text_of
+from ldt_core.recording.storage import free_name
 
 TAIL = ".tail"  # behind the name of a file: the first bytes of a chunk that was cut off
 
@@ -245,11 +246,7 @@ def _bytes(record: Any) -> bytes:
 
 def _keep(file: Path, data: bytes) -> None:
     """Bytes that are cut off, forced onto the medium, under a name that is free."""
-    count, name = 1, file
-    while name.exists():
-        count += 1
-        name = file.with_name(f"{file.name}.{count}")
-    with name.open("xb") as stream:
+    with free_name(file).open("xb") as stream:
         stream.write(data)
         stream.flush()
         os.fsync(stream.fileno())

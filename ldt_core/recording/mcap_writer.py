@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
 
+from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
 from ldt_core.recording.mcap_records import LIBRARY
@@ -16,26 +15,16 @@ from ldt_core.recording.metadata import FileInformation
 from ldt_core.recording.storage import METADATA, PROFILE
 
 
-class ChannelDescription(NamedTuple):
-    """What a file says of a channel."""
-
-    topic: str
-    kind: str
-    schema: bytes
-    metadata: Mapping[str, str]
-    schema_encoding: str = "ros2msg"
-    encoding: str = "cdr"
-
-
-def describe_channel(topic: str, kind: str) -> ChannelDescription:
-    """A topic of a standard message type, with the declared quality of service.
+def describe_channel(topic: str, kind: str) -> tuple[Channel, Schema]:
+    """A topic of a standard message type, with the declared quality of service, not numbered yet.
 
     Raises:
         RecordingError: the type is not a standard one.
     """
     text, digest = schema(kind)
     about = {"offered_qos_profiles": offered_qos_text(topic), "topic_type_hash": digest}
-    return ChannelDescription(topic, kind, text.encode(), about)
+    described = Schema(id=0, name=kind, encoding="ros2msg", data=text.encode())
+    return Channel(0, topic, "cdr", about, 0), described
 
 
 class McapWriter:
@@ -75,19 +64,16 @@ class McapWriter:
             raise
         self.size = self._stream.tell()
 
-    def register(self, channel: ChannelDescription) -> int:
+    def register(self, channel: Channel, described: Schema | None) -> int:
         """Describe a channel; its number in the file, from 1 in the order of these calls."""
-        key = channel.kind, channel.schema_encoding, channel.schema
         number = 0
-        if channel.schema_encoding:
+        if described is not None and described.encoding:
+            key = described.name, described.encoding, described.data
             if key not in self._schemas:
                 self._schemas[key] = self._writer.register_schema(*key)
             number = self._schemas[key]
-        return int(
-            self._writer.register_channel(
-                channel.topic, channel.encoding, number, dict(channel.metadata)
-            )
-        )
+        about = channel.topic, channel.message_encoding, number, dict(channel.metadata)
+        return int(self._writer.register_channel(*about))
 
     def add(
         self,

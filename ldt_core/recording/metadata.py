@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import textwrap
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,24 +19,26 @@ from ldt_core.recording.storage import METADATA
 VERSION = 9
 
 
+@dataclass
 class TopicInformation:
     """A topic of a recording: its name, its type, how many messages of it were written."""
 
-    def __init__(self, name: str, kind: str, count: int = 0) -> None:
-        self.name, self.kind, self.count = name, kind, count
+    name: str
+    kind: str
+    count: int = 0
 
     def entry(self) -> dict[str, Any]:
         """As `metadata.yaml` lists it."""
-        return {
-            "topic_metadata": {
-                "name": self.name,
-                "type": self.kind,
-                "serialization_format": "cdr",
-                "offered_qos_profiles": offered_qos(self.name),
-                "type_description_hash": schema(self.kind)[1],
-            },
-            "message_count": self.count,
-        }
+        digest = schema(self.kind)[1]
+        return _entry(self.name, self.kind, "cdr", offered_qos(self.name), digest, self.count)
+
+
+def _entry(
+    name: str, kind: str, encoding: str, qos: list[Any], digest: str, count: int = 0
+) -> dict[str, Any]:
+    about: dict[str, Any] = {"name": name, "type": kind, "serialization_format": encoding}
+    about |= {"offered_qos_profiles": qos, "type_description_hash": digest}
+    return {"topic_metadata": about, "message_count": count}
 
 
 class FileInformation(NamedTuple):
@@ -124,16 +127,9 @@ def channel_entry(channel: Channel, described: Schema | None) -> dict[str, Any]:
     offered: Any = None
     with contextlib.suppress(yaml.YAMLError, RecursionError):
         offered = load(channel.metadata.get("offered_qos_profiles", ""))
-    return {
-        "topic_metadata": {
-            "name": channel.topic,
-            "type": kind,
-            "serialization_format": channel.message_encoding,
-            "offered_qos_profiles": offered if isinstance(offered, list) else [],
-            "type_description_hash": channel.metadata.get("topic_type_hash", ""),
-        },
-        "message_count": 0,
-    }
+    qos = offered if isinstance(offered, list) else []
+    digest = channel.metadata.get("topic_type_hash", "")
+    return _entry(channel.topic, kind, channel.message_encoding, qos, digest)
 
 
 def write_metadata(folder: Path, text: str) -> None:

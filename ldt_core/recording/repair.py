@@ -18,14 +18,13 @@ from typing import Any
 
 import yaml
 from mcap.reader import make_reader
-from mcap.records import Channel, Schema
 
 from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.recording.experiment_numbers import parse_numbers
 from ldt_core.recording.lock import FolderLock
 from ldt_core.recording.mcap_reader import McapSummary, TolerantMcapReader
 from ldt_core.recording.mcap_records import BROKEN, LIBRARY
-from ldt_core.recording.mcap_writer import ChannelDescription, McapWriter
+from ldt_core.recording.mcap_writer import McapWriter
 from ldt_core.recording.messages import load
 from ldt_core.recording.metadata import (
     FileInformation,
@@ -34,7 +33,7 @@ from ldt_core.recording.metadata import (
     text_of,
     write_metadata,
 )
-from ldt_core.recording.storage import METADATA, Storage, is_mcap, listed_topics
+from ldt_core.recording.storage import METADATA, Storage, free_name, is_mcap, listed_topics
 
 KEPT = ".damaged"  # behind the name of a file that was replaced
 MENDED_BY = "ldt repair"  # the writer that a mended file names: its channels have other numbers
@@ -229,7 +228,7 @@ def _replace(file: Path, looked: _Looked, work: Repair) -> None:
         _copy(looked, new)
         if _stamp(file) != looked.before:
             raise RecordingError(file, "a file that nobody is writing", "one that has changed")
-        kept = _free_name(file)
+        kept = free_name(file.with_name(file.name + KEPT))
         try:
             os.link(file, kept)
         except OSError:  # a file system without links
@@ -247,7 +246,7 @@ def _copy(looked: _Looked, new: Path) -> None:
     part = McapWriter(new, MENDED_BY)
     try:
         described = looked.mcap.described
-        numbers = {n: part.register(_description(*described[n])) for n in sorted(described)}
+        numbers = {n: part.register(*described[n]) for n in sorted(described)}
         for channel, _, message in source.messages():
             part.add(
                 numbers[channel.id],
@@ -283,7 +282,7 @@ def _renew_metadata(storage: Storage, work: Repair) -> None:
         return
     file = storage.path / METADATA
     if not old and file.exists() and file.stat().st_size:
-        file.rename(_free_name(file))
+        file.rename(free_name(file.with_name(file.name + KEPT)))
     write_metadata(storage.path, text_of(new))
     work.metadata = why
 
@@ -334,23 +333,6 @@ def _drop_empty(storage: Storage, file: Path, work: Repair) -> None:
         file.unlink()
     else:
         work.unmended.append(f"{file}: holds nothing that can be read")
-
-
-def _description(channel: Channel, described: Schema | None) -> ChannelDescription:
-    if described is None:
-        about = ("", b"", channel.metadata, "")
-    else:
-        about = (described.name, described.data, channel.metadata, described.encoding)
-    return ChannelDescription(channel.topic, *about, channel.message_encoding)
-
-
-def _free_name(file: Path) -> Path:
-    kept = file.with_name(file.name + KEPT)
-    count = 1
-    while kept.exists():
-        count += 1
-        kept = file.with_name(f"{file.name}{KEPT}.{count}")
-    return kept
 
 
 def _stamp(file: Path) -> tuple[int, int]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
 import re
 import sqlite3
 from collections.abc import Collection, Iterator
@@ -332,3 +333,9 @@ def _sqlite(file: Path, query: str, *types: type) -> Iterator[tuple[Any, ...]]:
             if not all(map(isinstance, row, types)):
                 raise ValueError(f"values {quoted(row)} in the database")
             yield row
+
+
+def free_name(file: Path) -> Path:
+    """This name, or with a number behind it the first that no file has."""
+    numbered = (file.with_name(f"{file.name}.{count}") for count in itertools.count(2))
+    return next(name for name in itertools.chain([file], numbered) if not name.exists())

@@ -196,7 +196,7 @@ class BagWriter:
                 self._split()
             try:
                 if topic not in self._channels:
-                    self._channels[topic] = self._part.register(describe_channel(topic, kind))
+                    self._channels[topic] = self._part.register(*describe_channel(topic, kind))
                     self._unlisted = True
                 self._part.add(self._channels[topic], data, time_ns, known.count)
             except OSError as error:
@@ -311,7 +311,7 @@ class BagWriter:
         part = McapWriter(self.path / f"{self._stem}_{self._index}.mcap")
         self._index += 1
         self._channels = {
-            name: part.register(describe_channel(name, topic.kind))
+            name: part.register(*describe_channel(name, topic.kind))
             for name, topic in self._topics.items()
         }
         self._custom[RECORDED] = numbers_text(self._numbers, len(self._files))
