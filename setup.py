@@ -28,6 +28,7 @@ TEST = [
     "import-linter>=2.0",
     "mcap-ros2-support>=0.5.5",
     "mypy>=1.18",
+    "pandas>=2.2",
     "pre-commit>=4",
     "playwright>=1.50",
     "psutil>=5.9",
@@ -149,6 +150,7 @@ def build() -> None:
         extras_require={
             "ros": ROS,
             "plot": ["matplotlib>=3.9"],
+            "notebook": ["matplotlib>=3.9", "pandas>=2.2"],
             "cluster": ["dask>=2024.8", "distributed>=2024.8"],
             "challenge": ["pysindy>=2"],
             "river": ["river>=0.21"],

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from ldt_core.detectors.base import Detector
     from ldt_core.machine.machine_file import Machine
     from ldt_core.models.base import Model
+    from ldt_core.notebook.explained import FittedMachine, GapDiagnosis, calibrate, diagnose
+    from ldt_core.notebook.learned import TwinRun, run
+    from ldt_core.notebook.recorded import Recording, read
+    from ldt_core.notebook.simulated import simulate
     from ldt_core.physics.base import Physics
     from ldt_core.physics.effect import Effect
     from ldt_core.physics.parameter import Parameter
@@ -34,6 +38,8 @@ __all__ = [
     "Detector",
     "Effect",
     "Experiment",
+    "FittedMachine",
+    "GapDiagnosis",
     "LdtError",
     "Level",
     "Machine",
@@ -41,9 +47,16 @@ __all__ = [
     "Parameter",
     "Physics",
     "Prediction",
+    "Recording",
     "Signal",
     "Step",
     "Twin",
+    "TwinRun",
+    "calibrate",
+    "diagnose",
+    "read",
+    "run",
+    "simulate",
 ]
 
 #: Module → what is public of it.
@@ -55,6 +68,10 @@ _NAMES = {
     "detectors.base": ("Detector",),
     "machine.machine_file": ("Machine",),
     "models.base": ("Model",),
+    "notebook.explained": ("FittedMachine", "GapDiagnosis", "calibrate", "diagnose"),
+    "notebook.learned": ("TwinRun", "run"),
+    "notebook.recorded": ("Recording", "read"),
+    "notebook.simulated": ("simulate",),
     "physics.base": ("Physics",),
     "physics.effect": ("Effect",),
     "physics.parameter": ("Parameter",),

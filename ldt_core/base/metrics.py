@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ldt_core.base.errors import ExperimentError, RepeatedExperiment
 from ldt_core.base.experiment import (
     PAUSED,
     Action,
@@ -48,10 +49,13 @@ class Summary:
         """Add what a person should know."""
         self.notes += [s for s in sentences if s not in self.notes]
 
-    def reject(self, sentence: str) -> None:
-        """Count an experiment that could not be used; the first says why."""
+    def reject(self, error: ExperimentError) -> None:
+        """Count an experiment that could not be used, or came again; the first says why."""
+        if isinstance(error, RepeatedExperiment):
+            self.repeated += 1
+            return
         if not self.rejected:
-            self.note(f"rejected {sentence}")
+            self.note(f"rejected {error}")
         self.rejected += 1
 
     def add(self, step: Step) -> None:

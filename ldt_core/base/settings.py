@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import msgs_config
@@ -40,7 +40,8 @@ def check(name: str, value: Any, declaration: Mapping[str, Any]) -> Any:
     """
     kind = declaration["type"]
     if kind == "string_array":
-        if isinstance(value, str) or not all(isinstance(v, str) for v in value):
+        many = isinstance(value, Iterable) and not isinstance(value, str | Mapping)
+        if not many or not all(isinstance(v, str) for v in value):
             raise OptionError(name, "a list of words", repr(value))
         value = list(value)
     elif kind == "string":

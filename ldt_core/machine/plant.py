@@ -105,8 +105,15 @@ class Plant:
                 effect.change_parameters(self.physics, machine.parameters, given)
 
     @classmethod
-    def from_settings(cls, machine: Machine, settings: Mapping[str, Any]) -> Self:
+    def from_settings(
+        cls, machine: Machine, settings: Mapping[str, Any], effects: Sequence[EffectUse] = ()
+    ) -> Self:
         """The plant that parameters of the groups plant and run describe (`parameters.yaml`).
+
+        Args:
+            machine: as it is known beforehand.
+            settings: of the plant.
+            effects: further ones beside those of the settings.
 
         Raises:
             MachineFileError: a section `simulation` that cannot be used.
@@ -117,7 +124,7 @@ class Plant:
             machine,
             experiments=settings["experiments"],
             seed=settings["seed"],
-            effects=[parse_effect(text) for text in settings["effect"]],
+            effects=[*map(parse_effect, settings["effect"]), *effects],
             degradation=settings["degradation"],
             degradation_to=None if to == FROM_FILE else to,
             noise=None if noise == FROM_FILE else noise,

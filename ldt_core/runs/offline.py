@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ldt_core.base.errors import BadInput, ExperimentError, RepeatedExperiment
+from ldt_core.base.errors import BadInput
 from ldt_core.base.experiment import Experiment, Step
 from ldt_core.base.metrics import Summary
 from ldt_core.machine.machine_file import Machine
@@ -44,21 +44,10 @@ def run(
         LdtError: a recording that is damaged beyond mending.
     """
     twin = Twin.from_settings(machine, settings)
+    if bag is None:
+        return run_unrecorded(twin, experiments, on_step)
     untrained = twin.model.record()
     summary = Summary()
-
-    def rejected(error: ExperimentError) -> None:
-        if isinstance(error, RepeatedExperiment):
-            summary.repeated += 1
-        else:
-            summary.reject(str(error))
-
-    if bag is None:
-        for step in twin.steps(experiments, rejected):
-            summary.add(step)
-            on_step(step)
-        summary.note(*_troubles(twin))
-        return summary
     goes_on = bool(settings.get("resume"))
     if goes_on:
         twin.adaptor.paused = bool(Pause(bag))
@@ -76,7 +65,7 @@ def run(
         recovery = TwinRecovery(twin, RecordedRun(bag, namespace, machine), summary.note)
         done = recovery.resume() if goes_on else 0
         ahead = (e for e in experiments if e.number > done)
-        for index, step in enumerate(twin.steps(ahead, rejected)):
+        for index, step in enumerate(twin.steps(ahead, summary.reject)):
             if index == 0 and not done:
                 writer.write("model", untrained, step.experiment.start)
             write_step(writer, step)
@@ -86,6 +75,18 @@ def run(
                 summary.add(step)
     if goes_on:
         recorded_summary(bag, namespace, machine, summary)
+    summary.note(*_troubles(twin))
+    return summary
+
+
+def run_unrecorded(
+    twin: Twin, experiments: Iterable[Experiment], on_step: Callable[[Step], None]
+) -> Summary:
+    """Take experiments through a twin."""
+    summary = Summary()
+    for step in twin.steps(experiments, summary.reject):
+        summary.add(step)
+        on_step(step)
     summary.note(*_troubles(twin))
     return summary
 

@@ -33,6 +33,7 @@ class RecordedStep:
         model: adopted in this step, or by a rollback; None where the model stayed.
         diagnosis: made at this experiment, or None.
         advice: given at this experiment, or None.
+        original: by the model that never learns, or None where it was not read.
     """
 
     experiment: Experiment
@@ -42,6 +43,10 @@ class RecordedStep:
     model: ModelRecord | None = None
     diagnosis: DiagnosisRecord | None = None
     advice: AdviceRecord | None = None
+    original: Prediction | None = None
+
+    def __repr__(self) -> str:
+        return f"RecordedStep({self.number}, {self.signal.level.word}, {self.adaptation.action})"
 
     @property
     def number(self) -> int:

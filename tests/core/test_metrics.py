@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ldt_core.base.errors import ExperimentError
 from ldt_core.base.experiment import (
     Action,
     Adaptation,
@@ -88,11 +89,12 @@ def test_rejected_experiments_are_counted_and_the_first_says_why():
     """A thousand bad experiments are one note and a number."""
     summary = Summary()
     for number in (3, 4, 5):
-        summary.reject(f"experiment {number}")
+        summary.reject(ExperimentError(f"experiment {number}", "finite samples", "nan"))
     for _ in range(2):
         summary.note("the machine file was older")
     assert summary.rejected == 3
-    assert summary.notes == ["rejected experiment 3", "the machine file was older"]
+    first = "rejected experiment 3: expected finite samples, got nan"
+    assert summary.notes == [first, "the machine file was older"]
 
 
 def test_errors_of_free_runs_by_hand():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.result_files import write
@@ -13,6 +14,9 @@ from ldt_core.views.diagnosis_page.places import places, places_on
 from ldt_core.views.diagnosis_page.ranking import shares, shares_height, shares_on
 from ldt_core.views.page import style
 from ldt_core.views.page.page import render
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 WHO = "a diagnosis' page"
 
@@ -53,9 +57,22 @@ def picture(diagnosis: Diagnosis, file: Path | str) -> None:
     Raises:
         LdtError: matplotlib is not installed, or there is nothing to draw.
     """
+    figure = diagnosis_figure(diagnosis)
     import matplotlib
 
+    with matplotlib.rc_context(style.RC):
+        figure.savefig(file, dpi=style.PNG_DPI, facecolor="white")
+
+
+def diagnosis_figure(diagnosis: Diagnosis) -> Figure:
+    """The same as a figure.
+
+    Raises:
+        LdtError: as `picture`.
+    """
     style.require("a diagnosis' picture")
+    import matplotlib
+
     upper, lower = fits(diagnosis), places(diagnosis)
     if upper is None or lower is None:
         raise LdtError("nothing to draw: the diagnosis keeps no experiment")
@@ -69,4 +86,4 @@ def picture(diagnosis: Diagnosis, file: Path | str) -> None:
         places_on(parts[1], lower, style.WIDE)
         for part in parts[2:]:
             shares_on(part, diagnosis, style.WIDE)
-        figure.savefig(file, dpi=style.PNG_DPI, facecolor="white")
+    return figure

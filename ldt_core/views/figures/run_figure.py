@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,13 +10,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ldt_core.base.errors import OptionError
-from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal
+from ldt_core.base.experiment import (
+    Action,
+    Adaptation,
+    Experiment,
+    Level,
+    Prediction,
+    Signal,
+    Step,
+)
 from ldt_core.base.result_files import check_target
 from ldt_core.recording.bag import read_twin_run
+from ldt_core.twin.stage import RecordedStep
 from ldt_core.views.page import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # Okabe and Ito's colours, which colour-blind people can tell apart.
 MEASURED, TWIN, ORIGINAL, POSITIVE = "#000000", "#0072B2", "#E69F00", "#D55E00"
@@ -72,6 +83,33 @@ def load_run(recording: str | Path, namespace: str = "", number: int | None = No
     return RunRecords(errors, original_errors, signals, adaptations, shown)
 
 
+def records_of(steps: Sequence[Step | RecordedStep], number: int | None = None) -> RunRecords:
+    """Of steps in memory; `number` as of `load_run`.
+
+    Raises:
+        OptionError: no such experiment among them.
+    """
+    shown = [s for s in steps if number is None or s.number == number]
+    if not shown:
+        known = [s.number for s in steps]
+        expected = f"one of the experiments {min(known)} to {max(known)}" if known else "steps"
+        raise OptionError("experiment", expected, number)
+    best = max(shown, key=_gain)
+    return RunRecords(
+        {s.number: s.signal.max_error for s in steps},
+        {s.number: s.original.max_error(s.experiment) for s in steps if s.original},
+        {s.number: s.signal for s in steps},
+        {s.number: s.adaptation for s in steps},
+        (best.experiment, best.prediction, best.original),
+    )
+
+
+def _gain(step: Step | RecordedStep) -> float:
+    """By how much the twin's maximum error is less than the original model's [rad/s]."""
+    original = step.original.max_error(step.experiment) if step.original else 0.0
+    return original - step.signal.max_error
+
+
 def plot_run(run: RunRecords, out: str | Path, title: str = "") -> None:
     """Draw one experiment over time, and the errors over the run.
 
@@ -80,6 +118,15 @@ def plot_run(run: RunRecords, out: str | Path, title: str = "") -> None:
         LdtError: matplotlib is not installed.
     """
     check_target(out, endings=style.PICTURES)
+    run_figure(run, title).savefig(out, dpi=DPI)
+
+
+def run_figure(run: RunRecords, title: str = "") -> Figure:
+    """The same as a figure.
+
+    Raises:
+        LdtError: matplotlib is not installed.
+    """
     style.require("a picture")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -91,7 +138,7 @@ def plot_run(run: RunRecords, out: str | Path, title: str = "") -> None:
     _errors(lower, run)
     if title:
         figure.suptitle(title)
-    figure.savefig(out, dpi=DPI)
+    return figure
 
 
 def _experiment(axes: Axes, shown: tuple[Experiment, Prediction, Any], signal: Signal) -> None:

@@ -1,0 +1,110 @@
+"""A twin taken along experiments: `run`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from ldt_core.base.experiment import Step
+from ldt_core.base.metrics import Summary
+from ldt_core.detectors.base import Detector
+from ldt_core.models.base import Model
+from ldt_core.notebook.arguments import ExperimentsLike, MachineLike, measured
+from ldt_core.notebook.frames import described_step, frame
+from ldt_core.runs.offline import run_unrecorded
+from ldt_core.twin.loop import Twin
+from ldt_core.views.figures.run_figure import records_of, run_figure
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+    from ldt_core.detectors.foreign import Updatable
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class TwinRun:
+    """What a twin said and did along experiments; `run` makes it.
+
+    Attributes:
+        twin: as it is after the last experiment.
+        steps: one for each experiment that could be used.
+        summary: all figures.
+    """
+
+    twin: Twin
+    steps: list[Step]
+    summary: Summary
+
+    def __len__(self) -> int:
+        return len(self.steps)
+
+    def __repr__(self) -> str:
+        if self.mme is None:
+            return "TwinRun(no experiments)"
+        errors = f"MME {self.mme:.4g} rad/s (original model {self.mme_original:.4g})"
+        adapted = f"{self.summary.adaptations} adaptations"
+        return f"TwinRun({len(self)} experiments, {errors}, {adapted})"
+
+    @property
+    def mme(self) -> float | None:
+        """Mean over the experiments of each one's largest error [rad/s]; None without any."""
+        return self.summary.mme
+
+    @property
+    def mme_original(self) -> float | None:
+        """The same of the model that never learns [rad/s]."""
+        return self.summary.mme_original
+
+    @property
+    def notes(self) -> list[str]:
+        """What a person should know beside the figures, a sentence each."""
+        return list(self.summary.notes)
+
+    def to_frame(self) -> pandas.DataFrame:
+        """A table with one row an experiment.
+
+        Raises:
+            LdtError: pandas is not installed.
+        """
+        return frame(described_step(step) for step in self.steps)
+
+    def plot(self, experiment: int | None = None) -> Figure:
+        """One experiment over time, and the errors over the run.
+
+        Args:
+            experiment: number of the one to show; None takes that in which the twin gained most.
+
+        Raises:
+            OptionError: no such experiment.
+            LdtError: matplotlib is not installed.
+        """
+        return run_figure(records_of(self.steps, experiment))
+
+
+def run(
+    recording: ExperimentsLike,
+    machine: MachineLike,
+    model: str | Model | type[Model] = "auto",
+    detector: str | Detector | type[Detector] | Updatable | None = None,
+    **settings: Any,
+) -> TwinRun:
+    """Take a new twin along experiments, as `ldt run` and `ldt replay` do.
+
+    Args:
+        recording: of `read`, its folder or file, or experiments in the order of their numbers.
+        machine: as it is known beforehand; its name or file.
+        model: as of `Twin`.
+        detector: as of `Twin`.
+        settings: as of `Twin`.
+
+    Raises:
+        BadInput: an argument that cannot be used.
+        LdtError: a simulation without bound.
+    """
+    experiments, known = measured(recording, machine)
+    twin = Twin(known, model, detector, **settings)
+    steps: list[Step] = []
+    summary = run_unrecorded(twin, experiments, steps.append)
+    summary.note(*experiments.notes_about(known))
+    return TwinRun(twin, steps, summary)

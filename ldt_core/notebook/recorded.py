@@ -1,0 +1,142 @@
+"""Recordings as objects: `read`."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, overload
+
+from ldt_core.base.errors import ArgumentTypeError, described
+from ldt_core.base.experiment import Action, Experiment, Prediction
+from ldt_core.machine.machine_file import Machine
+from ldt_core.notebook.frames import described_experiment, described_step, frame
+from ldt_core.recording.bag import Bag, read_bag
+from ldt_core.twin.adaptor import ROLLED_BACK
+from ldt_core.twin.stage import RecordedStep
+
+if TYPE_CHECKING:
+    import pandas
+
+
+class Recording(Sequence[Experiment]):
+    """The experiments of one machine, and what a twin made of them; `read` makes it.
+
+    A sequence of experiments in recorded order: loop over it, take its `len`, or one by its place.
+
+    Attributes:
+        path: as it was given to `read`; "" for experiments that are from no file.
+    """
+
+    def __init__(self, experiments: Sequence[Experiment], bag: Bag | None = None, path: str = ""):
+        self._experiments, self._bag, self.path = list(experiments), bag, path
+
+    @overload
+    def __getitem__(self, place: int) -> Experiment: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[Experiment]: ...
+    def __getitem__(self, place: int | slice) -> Experiment | list[Experiment]:
+        return self._experiments[place]
+
+    def __len__(self) -> int:
+        return len(self._experiments)
+
+    def __repr__(self) -> str:
+        what = "run of a twin" if self._bag and self._bag.judged else "machine alone"
+        about = f"{self.machine or 'unknown machine'}, {len(self)} experiments, {what}"
+        return f"Recording({self.path!r}, {about})"
+
+    @property
+    def machine(self) -> str:
+        """Name of the machine; "" where the recording does not say."""
+        return self._bag.machine if self._bag else ""
+
+    @property
+    def notes(self) -> list[str]:
+        """What is odd about the recording, a sentence each."""
+        return list(self._bag.notes) if self._bag else []
+
+    def notes_about(self, machine: Machine) -> list[str]:
+        """The notes, and one where the recording is of another machine than this."""
+        other = self._bag.other_machine(machine) if self._bag else ""
+        return [*self.notes, *([other] if other else [])]
+
+    @functools.cached_property
+    def steps(self) -> list[RecordedStep]:
+        """What the twin said and did, one an experiment; none of a machine alone.
+
+        Experiments that did not go all the way, such as one that the twin refused, have no step.
+        """
+        if self._bag is None or not self._bag.judged:
+            return []
+        bag = self._bag
+        predictions = {p.number: p for p in bag.records("prediction")}
+        originals = {p.number: p for p in bag.records("original_prediction")}
+        signals = {s.number: s for s in bag.records("signal")}
+        adaptations = {a.number: a for a in bag.records("adaptation")}
+        models = {m.version: m for m in bag.records("model")}
+        diagnoses = {d.number: d for d in bag.rare("diagnosis")}
+        advice = {a.number: a for a in bag.rare("advice")}
+        found: dict[int, RecordedStep] = {}
+        for experiment in self:
+            number = experiment.number
+            prediction, signal = predictions.get(number), signals.get(number)
+            adaptation, original = adaptations.get(number), originals.get(number)
+            if signal is None or adaptation is None or not _of(experiment, prediction):
+                continue
+            assert prediction is not None
+            new = adaptation.action is Action.ADAPTED or ROLLED_BACK in adaptation.details
+            found.setdefault(
+                number,
+                RecordedStep(
+                    experiment,
+                    prediction,
+                    signal,
+                    adaptation,
+                    models.get(adaptation.model_version) if new else None,
+                    diagnoses.get(number),
+                    advice.get(number),
+                    original if _of(experiment, original) else None,
+                ),
+            )
+        return list(found.values())
+
+    def to_frame(self) -> pandas.DataFrame:
+        """A table with one row an experiment; with the steps' columns where there is a twin.
+
+        Raises:
+            LdtError: pandas is not installed.
+        """
+        steps = {id(step.experiment): step for step in self.steps}
+        return frame(
+            described_step(steps[id(e)]) if id(e) in steps else described_experiment(e)
+            for e in self
+        )
+
+
+def _of(experiment: Experiment, prediction: Prediction | None) -> bool:
+    """Whether this is the one predicted: a number may have been sent for several."""
+    if prediction is None:
+        return False
+    return (prediction.start, len(prediction)) == (experiment.start, len(experiment))
+
+
+def read(path: str | os.PathLike[str], namespace: str | None = None) -> Recording:
+    """Read a recording into memory.
+
+    Args:
+        path: folder of a recording, or a file of one (`.mcap`, `.mcap.zstd`, `.db3`).
+        namespace: of the machine, where the recording has several; "/" is the root.
+
+    Raises:
+        RecordingError: nothing there, no recording, several machines, or no experiments.
+        ExperimentError: a message that is no experiment.
+        ArgumentTypeError: no path at all.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise ArgumentTypeError("path", "the folder or file of a recording", described(path))
+    if namespace is not None and not isinstance(namespace, str):
+        raise ArgumentTypeError("namespace", "the name of one", described(namespace))
+    bag = read_bag(Path(path), namespace)
+    return Recording(list(bag.experiments()), bag, os.fspath(path))
