@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from ldt_core.physics.parameter import Parameter
     from ldt_core.twin.loop import Twin
 
+    __version__: str
+
 __all__ = [
     "Action",
     "Adaptation",
@@ -79,15 +81,17 @@ _NAMES = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    if name == "__version__":
-        return metadata.version("ldt")
-    for module, names in _NAMES.items():
-        if name in names:
-            found = getattr(import_module(f"ldt_core.{module}"), name)
-            globals()[name] = found
-            return found
-    raise AttributeError(f"module 'ldt_core' has no attribute {name!r}")
+if not TYPE_CHECKING:  # type checkers would take any name for one of ours
+
+    def __getattr__(name: str) -> Any:
+        if name == "__version__":
+            return metadata.version("ldt")
+        for module, names in _NAMES.items():
+            if name in names:
+                found = getattr(import_module(f"ldt_core.{module}"), name)
+                globals()[name] = found
+                return found
+        raise AttributeError(f"module 'ldt_core' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
