@@ -12,8 +12,8 @@ from ldt_core.calibration import calibrate as fit_machine
 from ldt_core.calibration.calibration import Calibration
 from ldt_core.calibration.machine_yaml import write_machine_file
 from ldt_core.diagnosis.diagnose import diagnose as find_cause
-from ldt_core.diagnosis.diagnose import library
-from ldt_core.diagnosis.result import Diagnosis
+from ldt_core.diagnosis.diagnosis import Diagnosis
+from ldt_core.diagnosis.library import library
 from ldt_core.notebook.arguments import ExperimentsLike, MachineLike, names, number, possible
 from ldt_core.physics.effect import Effect
 from ldt_core.views.diagnosis_page import diagnosis_figure
