@@ -1,5 +1,8 @@
 """The same function on many items: in processes here, or on a Dask cluster.
 
+joblib computes, on a cluster by its own Dask backend. What it lacks is here: whether the workers
+have the same LDT, exceptions of a cluster's tasks, and an end of workers whose parent was killed.
+
 Results do not depend on where they were computed or in how many processes: each worker computes an
 item in one thread, as this process would.
 """

@@ -1,5 +1,8 @@
 """A keystore in the layout of SROS 2: made once, whole or not at all, and looked at before use.
 
+The package sros2 is in no wheel, and takes permissions from a running graph or from files by hand.
+Here they follow from the table of topics.
+
 public/      certificates of the authority
 private/     its key: needed for nothing but further enclaves, so it belongs elsewhere
 enclaves/    governance, and a folder for each enclave: key, certificate, permissions

@@ -1,4 +1,4 @@
-"""Processes and those they come from, as Linux has it (prctl)."""
+"""Processes and their parents, by two calls of Linux' prctl that Python's library lacks."""
 
 from __future__ import annotations
 
