@@ -14,8 +14,8 @@ from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.learning_switch import Pause
 from ldt_core.restart.recorded_run import RecordedRun
-from ldt_core.restart.recovery import TwinRecovery
 from ldt_core.restart.run_key import check_key, key_text
+from ldt_core.restart.stage_restart import TwinRestart
 from ldt_core.twin.loop import Twin
 
 
@@ -62,14 +62,14 @@ def run(
         once=goes_on,
         key=key_text(machine),
     ) as writer:
-        recovery = TwinRecovery(twin, RecordedRun(bag, namespace, machine), summary.note)
-        done = recovery.resume() if goes_on else 0
+        restart = TwinRestart(twin, RecordedRun(bag, namespace, machine), summary.note)
+        done = restart.resume() if goes_on else 0
         ahead = (e for e in experiments if e.number > done)
         for index, step in enumerate(twin.steps(ahead, summary.reject)):
             if index == 0 and not done:
                 writer.write("model", untrained, step.experiment.start)
             write_step(writer, step)
-            recovery.passed(step.experiment)
+            restart.passed(step.experiment)
             on_step(step)
             if not goes_on:
                 summary.add(step)

@@ -118,7 +118,7 @@ class Diagnoser:
         self.machine = machine
         self.every: int = given["diagnosis_every"]
         self.trouble = ""
-        self._make = make
+        self.make = make
         self._recent: deque[tuple[Experiment, Level]] = deque(maxlen=given["diagnosis_experiments"])
         self._last: Known | None = None
         self._last_at = 0  # number of the experiment at which that was found
@@ -224,7 +224,7 @@ class Diagnoser:
         return pool
 
     def _diagnosed(self, pool: Sequence[Experiment]) -> Found:
-        diagnosis = self._make(self.machine, pool, workers=1, tick=self._tick)
+        diagnosis = self.make(self.machine, pool, workers=1, tick=self._tick)
         use = [(get_effect(e["effect"]), e["parameters"]) for e in diagnosis.effects]
         return Found(diagnosis, use, self._error(pool[-1], use), pool)
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 MODULES = ("rclpy", "std_msgs", "diagnostic_msgs", "sensor_msgs")
 DOMAINS = range(233)  # Fast DDS computes port numbers from it, and ends the process above 232
-#: s after which a killed node's topics are gone; its lease lasts 5 (msgs_config/fastdds.xml).
-LEASE = 6.0
 
 
 def require_ros() -> None:

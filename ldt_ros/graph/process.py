@@ -29,7 +29,7 @@ ROLES = {
     "plant": "ldt_ros.nodes.plant_node:PlantNode",
     "player": "ldt_ros.nodes.player_node:PlayerNode",
     "segmenter": "ldt_ros.nodes.segmenter_node:SegmenterNode",
-    "twin": "ldt_ros.nodes.twin_node:PredictorNode",
+    "twin": "ldt_ros.nodes.twin_node:TwinNode",
     "detector": "ldt_ros.nodes.detector_node:DetectorNode",
     "adaptor": "ldt_ros.nodes.adaptor_node:AdaptorNode",
     "diagnoser": "ldt_ros.nodes.diagnoser_node:DiagnoserNode",
@@ -134,7 +134,7 @@ def host(
                 nodes.append(node)
                 executor.add_node(node)
         for node in nodes:
-            node.colleagues = [other for other in nodes if other is not node]
+            node.report.others = [other.report for other in nodes if other is not node]
         # EventsExecutor.spin() does not return on these wheels; spin_once does.
         while not (stopped() or all(node.done for node in nodes)):
             executor.spin_once(timeout_sec=SPIN)

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 
-from ldt_core.base.experiment import Experiment, Signal
+from ldt_core.base.experiment import Experiment, Level, Signal
 from ldt_core.base.printable import one_line
 from ldt_core.models import build_model
 from ldt_core.restart.learning_switch import Pause
 from ldt_core.twin.loop import build_adaptor
 from ldt_ros.nodes.convert import to_message
-from ldt_ros.nodes.worker_node import WorkerNode
+from ldt_ros.nodes.experiment_pairs import ExperimentPairs
+from ldt_ros.nodes.node import LdtNode
+from ldt_ros.nodes.stage_worker import StageWorker
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
-class AdaptorNode(WorkerNode, LifecycleNodeMixin):
+class AdaptorNode(LdtNode, LifecycleNodeMixin):
     """Keeps, stores, or learns from each experiment as its signal says.
 
     A managed node, which is active from its start on. While it is inactive it learns nothing: each
@@ -35,10 +38,8 @@ class AdaptorNode(WorkerNode, LifecycleNodeMixin):
     A model that learns by what a diagnosis names asks for one first; then this node publishes it,
     and the graph has no diagnoser. It may take 40 s, within which the twin waits unless its
     `adaptation_timeout` is shorter. What the node does with what it receives is said at
-    `WorkerNode` and `PairedNode`.
+    `ExperimentPairs` and `StageWorker`.
     """
-
-    beside = "signal"
 
     def __init__(self, **node_arguments: Any) -> None:
         groups = ("machine", "model", "adaptor", "diagnosis")
@@ -47,16 +48,20 @@ class AdaptorNode(WorkerNode, LifecycleNodeMixin):
         self.adaptor = build_adaptor(model, self.settings)
         self._pause = Pause(self.settings["resume"] or self.settings["bag"])
         LifecycleNodeMixin.__init__(self)
-        self._change = self._service_change_state.callback
-        self._service_change_state.callback = self._on_change_state
+        self._survive_refusals()
         self.trigger_configure()
         self.adaptor.paused = bool(self._pause)
         if not self.adaptor.paused:
             self.trigger_activate()
-        self._model = self.publishes("model")
-        self._adaptation = self.publishes("adaptation")
-        self._diagnosis = self.publishes("diagnosis") if model.asks_for_diagnosis else None
-        self.listen(self.adaptor)
+        self._model = self.topics.publishes("model")
+        self._adaptation = self.topics.publishes("adaptation")
+        asks = model.asks_for_diagnosis
+        self._diagnosis = self.topics.publishes("diagnosis") if asks else None
+        self.worker = StageWorker(self, self.adaptor, "signal")
+        self.pairs = ExperimentPairs(self, "signal", self._pair)
+        self.parts = [self.worker, self.pairs]
+        self.worker.go_to_the_end(self.pairs.pairing.met)
+        self.pairs.listen()
         self._model.publish(to_message(self.adaptor.model.record()))
 
     def health(self) -> dict[str, Any]:
@@ -66,7 +71,7 @@ class AdaptorNode(WorkerNode, LifecycleNodeMixin):
         values = {
             "model_version": self.adaptor.model.version,
             "warning_set": len(self.adaptor.memory),
-            "training": str(self.busy).lower(),
+            "training": self.worker.busy,
             "learning": "off" if self.adaptor.paused else "on",
             **super().health(),
         }
@@ -76,7 +81,7 @@ class AdaptorNode(WorkerNode, LifecycleNodeMixin):
         """Let a training finish, and say what became of it while somebody may listen."""
         if self.adaptor.diagnoser is not None:
             self.adaptor.diagnoser.cancel()  # it may take longer than anybody waits
-        self.worker.shutdown(wait=True)
+        self.worker.end(wait=True, cancel=False)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Learn from the next experiment on."""
@@ -103,19 +108,29 @@ class AdaptorNode(WorkerNode, LifecycleNodeMixin):
         self.adaptor.paused = not wanted
         return SUCCESS
 
-    def _on_change_state(self, request: Any, response: Any) -> Any:
-        """Say no to what the state does not have; the library would end the node."""
-        try:
-            return self._change(request, response)
-        except Exception as error:
-            self.get_logger().warning(f"change_state: {one_line(str(error))}")
-            response.success = False
-            return response
+    def _survive_refusals(self) -> None:
+        """Say no to what the present state does not have; the library would end the node."""
+        service = next(s for s in self.services if s.srv_name.endswith("/change_state"))
+        change = service.callback
 
-    def step(self, experiment: Experiment, beside: Signal) -> None:
+        def guarded(request: Any, response: Any) -> Any:
+            try:
+                return change(request, response)
+            except Exception as error:
+                self.get_logger().warning(f"change_state: {one_line(str(error))}")
+                response.success = False
+                return response
+
+        service.callback = guarded
+
+    def _pair(self, experiment: Experiment, beside: Signal) -> None:
+        work = partial(self._adapt, experiment, beside)
+        self.worker.deal(experiment, work, beside.level is Level.POSITIVE)
+
+    def _adapt(self, experiment: Experiment, signal: Signal) -> None:
         """Keep, store or learn, and say so."""
         before = self.adaptor.model.version
-        adaptation, model = self.adaptor.step(experiment, beside)
+        adaptation, model = self.adaptor.step(experiment, signal)
         diagnosis = self.adaptor.diagnosis
         if self._diagnosis is not None and diagnosis is not None:
             self._diagnosis.publish(to_message(diagnosis, experiment.end, self.machine.name))

@@ -12,44 +12,48 @@ from ldt_core.models import build_model
 from ldt_core.twin.loop import build_advisor
 from ldt_core.twin.stage import Archive, RecordedStep
 from ldt_ros.nodes.convert import from_message, to_message
-from ldt_ros.nodes.versions import Versions
-from ldt_ros.nodes.worker_node import WorkerNode
+from ldt_ros.nodes.experiment_pairs import ExperimentPairs
+from ldt_ros.nodes.model_versions import ModelVersions
+from ldt_ros.nodes.node import LdtNode
+from ldt_ros.nodes.stage_worker import StageWorker
 
 
-class AdvisorNode(WorkerNode):
+class AdvisorNode(LdtNode):
     """Advises people; no node listens to what it says.
 
-    What it does with `experiment` and `adaptation` is said at `PairedNode`; beside it
+    What it does with `experiment` and `adaptation` is said at `ExperimentPairs`; beside it
 
     | received | what happens |
     |---|---|
     | `model` | kept until an adaptation names its version; the last twelve |
     | `diagnosis` | counts from then on |
     | more than 100 waiting for a model or an advice | the oldest is left out and counted |
-    """
 
-    beside = "adaptation"
-    answers = "advice"
-    awaited = True
+    It is a `Stage` itself: with the advisor, the models go back to where the recording ends.
+    """
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("advisor", "machine", "model", "advice", **node_arguments)
         self.advisor = build_advisor(self.machine, self.settings)
         untrained = build_model(self.settings["model"], self.machine, self.settings)
-        self._models: Versions[ModelRecord] = Versions(untrained.record())
+        self._models = ModelVersions(untrained.record())
         self._waiting: deque[tuple[Experiment, Adaptation]] = deque()
         self._made = 0
-        self._advice = self.publishes("advice")
-        self.listens("model", self._on_model)
-        self.listens("diagnosis", self._on_diagnosis)
-        self.listen(self.advisor)
+        self._advice = self.topics.publishes("advice")
+        self.topics.listens("model", self._on_model)
+        self.topics.listens("diagnosis", self._on_diagnosis)
+        self.worker = StageWorker(self, self, "adaptation", awaited=True, answers="advice")
+        self.pairs = ExperimentPairs(self, "adaptation", self._pair)
+        self.parts = [self.worker, self.pairs]
+        self.worker.go_to_the_end(self.pairs.pairing.met, self._again)
+        self.pairs.listen()
 
     def health(self) -> dict[str, Any]:
         """Last experiment dealt with, whether it is at work, what was lost."""
         values = {
-            "experiment": self.finished_with,
+            "experiment": self.worker.finished_with,
             "advices": self._made,
-            "advising": str(self.busy).lower(),
+            "advising": self.worker.busy,
             **super().health(),
         }
         trouble = self.advisor.trouble
@@ -57,36 +61,38 @@ class AdvisorNode(WorkerNode):
 
     def close(self) -> None:
         """Begin nothing more; what is under way takes a second."""
-        self.worker.shutdown(wait=True, cancel_futures=True)
+        self.worker.end(wait=True, cancel=True)
 
-    def pair(self, experiment: Experiment, beside: Adaptation) -> None:
-        """Wait for the model that the adaptation names, and then in turn."""
-        self._waiting.append((experiment, beside))
-        if len(self._waiting) + self._begun - self._ended > self.waiting:
-            self._waiting.popleft()
-            self.left_out += 1
-        self._go_on()
-
-    def take_up(self, step: RecordedStep) -> None:
-        """Be as after a recorded step, unless its advice may have been under way."""
+    def recall(self, step: RecordedStep) -> None:
+        """Take over what a recorded step says."""
         if step.model is not None:
             self._models.put(step.model.version, step.model)
-        if step.experiment.number <= self.answered:
-            super().take_up(step)
-        else:
-            if step.diagnosis is not None:
-                self.worker.submit(self.advisor.informed, step.diagnosis)
-            self.pair(step.experiment, step.adaptation)
+        self.advisor.recall(step)
 
-    def make_up(self, step: RecordedStep) -> None:
-        """Be as after a step that was missed: advice on it is out of date."""
-        super().take_up(step)
+    def state(self) -> dict[str, Any]:
+        """That of the advisor; the models are recorded."""
+        return self.advisor.state()
 
     def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
-        """Take back a state."""
+        """Take back a state, and the model in force then."""
         present = archive.model(archive.steps[-1].adaptation.model_version).record()
-        super().return_to(state, archive)
+        self.advisor.return_to(state, archive)
         self._models.put(present.version, present)
+
+    def _again(self, step: RecordedStep) -> None:
+        if step.model is not None:
+            self._models.put(step.model.version, step.model)
+        if step.diagnosis is not None:
+            self.worker.submit(self.advisor.informed, step.diagnosis)
+        self._pair(step.experiment, step.adaptation)
+
+    def _pair(self, experiment: Experiment, beside: Adaptation) -> None:
+        """Wait for the model that the adaptation names, and then in turn."""
+        self._waiting.append((experiment, beside))
+        if len(self._waiting) + self.worker.pending > self.worker.waiting:
+            self._waiting.popleft()
+            self.worker.left_out += 1
+        self._go_on()
 
     def _on_model(self, message: Any) -> None:
         record = from_message("model", message)
@@ -103,11 +109,10 @@ class AdvisorNode(WorkerNode):
             if model is None:
                 break
             self._waiting.popleft()
-            self.deal(experiment.number, partial(self._advise, experiment, model), True)
+            self.worker.deal(experiment, partial(self._advise, experiment, model), long=True)
 
     def _advise(self, experiment: Experiment, model: ModelRecord) -> None:
         advice = self.advisor.step(experiment, model)
         if advice is not None:
             self._advice.publish(to_message(advice, experiment.end, self.machine.name))
             self._made += 1
-        self.passed(experiment)

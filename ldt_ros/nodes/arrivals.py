@@ -6,11 +6,13 @@ import time
 from collections.abc import Callable
 
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
+from ldt_ros.nodes.part import Part
 
-STRETCHES = 1000  # of numbers without a gap that are remembered
+#: Stretches of numbers without a gap that are remembered.
+STRETCHES = 1000
 
 
-class Arrivals:
+class Arrivals(Part):
     """The numbers of the experiments that have come, and when the last did.
 
     By a clock, not by the middleware's deadline: whoever asks for that is not matched by a machine
@@ -57,7 +59,7 @@ class Arrivals:
         """For `/diagnostics`."""
         return {"missing": self.missing, "overdue": self.overdue}
 
-    def words(self) -> str:
+    def complaint(self) -> str:
         """What is to be said of it now; "" when all is well."""
         found = []
         if self._told:

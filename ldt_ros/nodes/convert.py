@@ -19,7 +19,7 @@ from ldt_core.recording.codec import Record, decode, encode
 from ldt_core.recording.messages import Messages
 
 
-def _doubles(values: Any) -> array.array:
+def _doubles(values: Any) -> array.array[float]:
     # rclpy takes an array of doubles as it is; any other sequence it checks item by item.
     return array.array("d", values.tobytes())
 

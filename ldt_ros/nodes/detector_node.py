@@ -2,38 +2,43 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.twin.loop import build_detector_stage
 from ldt_ros.nodes.convert import to_message
-from ldt_ros.nodes.paired_node import PairedNode
+from ldt_ros.nodes.experiment_pairs import ExperimentPairs
+from ldt_ros.nodes.node import LdtNode
+from ldt_ros.nodes.stage_worker import StageWorker
 
 
-class DetectorNode(PairedNode):
-    """Judges each prediction once the experiment of the same number is there.
+class DetectorNode(LdtNode):
+    """Compares each prediction with the experiment of the same number once both are there.
 
     A pair of different lengths is rejected; what else it does with what it receives is said at
-    `PairedNode`.
+    `ExperimentPairs`.
     """
-
-    beside = "prediction"
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("detector", "machine", "detector", **node_arguments)
         self.detector = build_detector_stage(self.settings)
-        self._signal = self.publishes("signal")
+        self._signal = self.topics.publishes("signal")
         self._last = ""
-        self.listen(self.detector)
+        self.worker = StageWorker(self, self.detector, "prediction")
+        self.pairs = ExperimentPairs(self, "prediction", self._pair)
+        self.parts = [self.pairs]  # nothing takes long, so that the worker has nothing to tell
+        self.worker.go_to_the_end(self.pairs.pairing.met)
+        self.pairs.listen()
 
     def health(self) -> dict[str, Any]:
         """Last signal."""
         return {"signal": self._last, **super().health()}
 
-    def pair(self, experiment: Experiment, beside: Prediction) -> None:
-        """Judge, and say so."""
-        self.in_turn(experiment.number)
-        signal = self.detector.step(experiment, beside)
+    def _pair(self, experiment: Experiment, beside: Prediction) -> None:
+        self.worker.deal(experiment, partial(self._detect, experiment, beside), long=False)
+
+    def _detect(self, experiment: Experiment, prediction: Prediction) -> None:
+        signal = self.detector.step(experiment, prediction)
         self._last = signal.level.word
         self._signal.publish(to_message(signal, experiment.end, self.machine.name))
-        self.passed(experiment)

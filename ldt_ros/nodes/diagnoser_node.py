@@ -2,40 +2,51 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
-from ldt_core.base.experiment import Experiment, Signal
+from ldt_core.base.experiment import Experiment, Level, Signal
 from ldt_core.twin.loop import build_diagnoser
 from ldt_core.twin.stage import RecordedStep
 from ldt_ros.nodes.convert import to_message
-from ldt_ros.nodes.worker_node import WorkerNode
+from ldt_ros.nodes.experiment_pairs import ExperimentPairs
+from ldt_ros.nodes.node import LdtNode
+from ldt_ros.nodes.stage_worker import StageWorker
+
+#: Experiments that may wait for a diagnosis.
+WAITING = 1000
 
 
-class DiagnoserNode(WorkerNode):
+class DiagnoserNode(LdtNode):
     """Says at positives what has happened to the machine.
 
     Told to stop, it breaks off the diagnosis, and nobody waits for it. What it does with what it
-    receives is said at `WorkerNode` and `PairedNode`; a thousand experiments may wait.
+    receives is said at `ExperimentPairs` and `StageWorker`.
     """
-
-    beside = "signal"
-    answers = "diagnosis"
-    waiting = 1000
-    awaited = True
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("diagnoser", "machine", "diagnosis", **node_arguments)
         self.diagnoser = build_diagnoser(self.machine, self.settings)
         self._made = 0
-        self._diagnosis = self.publishes("diagnosis")
-        self.listen(self.diagnoser)
+        self._diagnosis = self.topics.publishes("diagnosis")
+        self.worker = StageWorker(
+            self, self.diagnoser, "signal", waiting=WAITING, awaited=True, answers="diagnosis"
+        )
+        self.pairs = ExperimentPairs(self, "signal", self._pair)
+        self.parts = [self.worker, self.pairs]
+        self.worker.go_to_the_end(
+            self.pairs.pairing.met,
+            lambda step: self._pair(step.experiment, step.signal),
+            self._missed,
+        )
+        self.pairs.listen()
 
     def health(self) -> dict[str, Any]:
         """Last experiment dealt with, whether it is diagnosing, what came to nothing."""
         values = {
-            "experiment": self.finished_with,
+            "experiment": self.worker.finished_with,
             "diagnoses": self._made,
-            "diagnosing": str(self.busy).lower(),
+            "diagnosing": self.worker.busy,
             **super().health(),
         }
         trouble = self.diagnoser.trouble
@@ -48,25 +59,20 @@ class DiagnoserNode(WorkerNode):
     def close(self) -> None:
         """Begin nothing more."""
         self.diagnoser.cancel()
-        self.worker.shutdown(wait=False, cancel_futures=True)
+        self.worker.end(wait=False, cancel=True)
 
-    def take_up(self, step: RecordedStep) -> None:
-        """Be as after a recorded step, unless its diagnosis may have been under way."""
-        if step.experiment.number <= self.answered:
-            super().take_up(step)
+    def _missed(self, step: RecordedStep) -> None:
+        if step.number <= self.worker.answered:
+            self.worker.recall(step)
         else:
-            self.pair(step.experiment, step.signal)
+            self._diagnose(step.experiment, step.signal)
 
-    def make_up(self, step: RecordedStep) -> None:
-        """Be as after a step that was missed, its diagnosis included."""
-        if step.experiment.number <= self.answered:
-            super().take_up(step)
-        else:
-            self.step(step.experiment, step.signal)
+    def _pair(self, experiment: Experiment, beside: Signal) -> None:
+        work = partial(self._diagnose, experiment, beside)
+        self.worker.deal(experiment, work, beside.level is Level.POSITIVE)
 
-    def step(self, experiment: Experiment, beside: Signal) -> None:
-        """Diagnose at a positive."""
-        found = self.diagnoser.step(experiment, beside)
+    def _diagnose(self, experiment: Experiment, signal: Signal) -> None:
+        found = self.diagnoser.step(experiment, signal)
         if found is not None and not self.diagnoser.cancelled:
             self._diagnosis.publish(to_message(found, experiment.end, self.machine.name))
             self._made += 1

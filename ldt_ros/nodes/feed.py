@@ -15,11 +15,12 @@ from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.recording.message_fields import number_in, parse_field_path, seconds
 from ldt_core.recording.units import parse_field
 
-DEPTH = 10_000  # samples that may wait: ten seconds of a fast machine on a busy computer
+#: Samples that may wait: ten seconds of a fast machine on a busy computer.
+DEPTH = 10_000
 MESSAGE_TYPE = re.compile(r"(\w+)/msg/(\w+)")
 NUMBER = re.compile(r"std_msgs/msg/(Float|U?Int)\d+")
 #: Message type → channel → where its number is, if the option names no field.
-FIELDS = {
+FIELDS: dict[str, dict[str, tuple[str | int, ...]]] = {
     "sensor_msgs/msg/JointState": {
         "voltage": ("effort", 0),
         "speed": ("velocity", 0),

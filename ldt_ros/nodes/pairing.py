@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from ldt_core.base.bounded import forget_oldest
 
@@ -64,7 +64,7 @@ class Pairing(Generic[Left, Right]):
         self.met(number)
         self.callback(left, right)
 
-    def _wait(self, side: dict, number: int, item: Left | Right) -> None:
+    def _wait(self, side: dict[int, Any], number: int, item: Left | Right) -> None:
         if number in self._met:
             self.repeated += 1
             return

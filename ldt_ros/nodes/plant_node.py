@@ -6,19 +6,21 @@ from typing import Any
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.machine import Plant
-from ldt_ros.nodes.source import SourceNode
+from ldt_ros.nodes.experiment_source import GROUPS, ExperimentSource
+from ldt_ros.nodes.node import LdtNode
 
 
-class PlantNode(SourceNode):
-    """Simulates one experiment after the other (see `SourceNode` for pacing)."""
+class PlantNode(LdtNode):
+    """Simulates one experiment after the other (see `ExperimentSource` for pacing)."""
 
     def __init__(self, **node_arguments: Any) -> None:
-        super().__init__("plant", "machine", "plant", "run", **node_arguments)
+        super().__init__("plant", "machine", "plant", "run", *GROUPS, **node_arguments)
+        self.source = ExperimentSource(self, self._next)
+        self.parts = [self.source]
         self.plant = Plant.from_settings(self.machine, self.settings)
-        self._number = self._adapted
+        self._number = self.source.adapted
 
-    def fetch(self) -> Experiment | None:
-        """The next experiment of the run."""
+    def _next(self) -> Experiment | None:
         if self._number >= self.settings["experiments"]:
             return None
         self._number += 1

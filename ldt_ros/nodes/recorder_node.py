@@ -18,17 +18,22 @@ from ldt_core.restart.run_key import key_text
 from ldt_core.runs.fleet_members import new_recording
 from ldt_ros.nodes.backlog import Backlog
 from ldt_ros.nodes.interfaces import LISTENER_DEPTH
-from ldt_ros.nodes.node import TwinNode
+from ldt_ros.nodes.node import LdtNode
 from ldt_ros.nodes.statements import concerns
 
-QUIET = 0.2  # s without a message after which nothing more is under way, at the end of a run
-PATIENCE = 3.0  # s that the end of a run waits for quiet at most
-AGAIN = 5.0  # s after which a recording that failed is tried once more, then twice as long
-SELDOM = 60.0  # s between two tries at most: each reads the file that was cut short
-STUCK = 20.0  # s in which a slow medium must take one message, or the end does not wait for it
+#: Time without a message after which nothing more is under way, at the end of a run [s].
+QUIET_TIME = 0.2
+#: Longest time that the end of a run waits for that [s].
+PATIENCE = 3.0
+#: Time after which a recording that failed is tried once more, then twice as long [s].
+RETRY_TIME = 5.0
+#: Longest time between two tries [s]: each reads the file that was cut short.
+LONGEST_RETRY_TIME = 60.0
+#: Time in which a slow medium must take one message, or the end does not wait for it [s].
+STUCK_TIME = 20.0
 
 
-class RecorderNode(TwinNode):
+class RecorderNode(LdtNode):
     """Writes messages as they come, without decoding them.
 
     | received | what happens |
@@ -61,40 +66,42 @@ class RecorderNode(TwinNode):
             once=True,
             key=key_text(self.machine),
         )
-        self._writer = self._open(resume=bool(resume))
+        self.writer = self._open(resume=bool(resume))
         self._repeated = 0
-        self._backlog = Backlog(self._write)
+        self.backlog = Backlog(self._write)
         self._last = 0.0
-        self._again_after = AGAIN
+        self._again_after = RETRY_TIME
         self._trial: Timer | None = None
         self._listen()
 
     def _listen(self) -> None:
         for topic, (name, kind) in self._recorded.items():
             take = partial(self._take, topic, name, kind)
-            self.listens(topic, take, raw=True, depth=LISTENER_DEPTH)
+            self.topics.listens(topic, take, raw=True, depth=LISTENER_DEPTH)
 
     def health(self) -> dict[str, Any]:
         """Messages written."""
-        written = sum(self._writer.counts.values())
-        values = {"written": written, "repeated": self._repeated, "waiting": len(self._backlog)}
-        lost = self._backlog.dropped
+        written = sum(self.writer.counts.values())
+        values = {"written": written, "repeated": self._repeated, "waiting": len(self.backlog)}
+        lost = self.backlog.dropped
         values["dropped"] = lost.total()
         values |= {f"dropped {topic}": count for topic, count in lost.items()}
-        return {**values, "bag": str(self._writer.path)}
+        return {**values, "bag": str(self.writer.path)}
 
     def complaint(self) -> str:
         """What the recording lacks since the medium was too slow."""
-        lost = self._backlog.dropped.total()
+        lost = self.backlog.dropped.total()
         return f"{lost} messages not recorded: the medium is too slow" if lost else ""
 
-    #: How long a process waits for `quiet` when it is told to stop [s].
-    patience = PATIENCE
+    @property
+    def patience(self) -> float:
+        """Longest time that a process waits for `quiet` when it is told to stop [s]."""
+        return PATIENCE
 
     @property
     def quiet(self) -> bool:
         """Whether nothing has arrived for a while, health apart."""
-        return time.monotonic() - self._last > QUIET
+        return time.monotonic() - self._last > QUIET_TIME
 
     def halt(self) -> None:
         """Begin to wait for quiet: what has come already may not have been taken yet."""
@@ -102,11 +109,11 @@ class RecorderNode(TwinNode):
 
     def close(self) -> None:
         """Write what waits, and finish the recording."""
-        self._backlog.close(STUCK)
+        self.backlog.close(STUCK_TIME)
         try:
-            self._writer.close()
+            self.writer.close()
         except LdtError as error:
-            if not self.rejected:  # else it was said when it happened
+            if not self.topics.rejected:  # else it was said when it happened
                 self.get_logger().error(str(error))
 
     def _take(self, topic: str, name: str, kind: str, data: bytes) -> None:
@@ -114,16 +121,16 @@ class RecorderNode(TwinNode):
             self._last = time.monotonic()
         elif not concerns(data, self.get_namespace()):
             return  # another machine's twin, which has a recording of its own
-        self._backlog.put(topic, len(data), topic, name, kind, data, time.time_ns())
-        if self._writer.failure is not None:
+        self.backlog.put(topic, len(data), topic, name, kind, data, time.time_ns())
+        if self.writer.failure is not None:
             self._go_on_later()
 
     def _write(self, topic: str, name: str, kind: str, data: bytes, at: int) -> None:
         try:
-            if not self._writer.write_raw(name, kind, data, at):
+            if not self.writer.write_raw(name, kind, data, at):
                 self._repeated += 1
         except LdtError as error:
-            self.reject(topic, error)
+            self.topics.reject(topic, error)
         except Exception as error:  # would be lost in the thread
             self.failure = error
 
@@ -138,16 +145,16 @@ class RecorderNode(TwinNode):
         self.destroy_timer(self._trial)
         self._trial = None
         with contextlib.suppress(LdtError):  # which was said when it happened
-            self._writer.close()
+            self.writer.close()
         try:
-            self._writer = self._open(resume=True)
+            self.writer = self._open(resume=True)
         except LdtError:
-            self._again_after = min(2 * self._again_after, SELDOM)
+            self._again_after = min(2 * self._again_after, LONGEST_RETRY_TIME)
             self._go_on_later()
             return
-        self._again_after = AGAIN
+        self._again_after = RETRY_TIME
         self.get_logger().warning(
-            f"{self._writer.path}: recording goes on in a new file; what was missed is asked for "
+            f"{self.writer.path}: recording goes on in a new file; what was missed is asked for "
             "again, as far as the others keep it"
         )
         self._listen()

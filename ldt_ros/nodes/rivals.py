@@ -5,16 +5,20 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Mapping
-from typing import Any
-
-from rclpy.node import Node
+from typing import TYPE_CHECKING, Any
 
 from ldt_core.base.printable import one_line
 from ldt_core.recording.node_status import SECOND_PUBLISHER
-from ldt_ros.graph.environment import LEASE
 
-GUARDED = ("experiment", "model")  # what comes there moves the twin
-UNKNOWN = "_NODE_NAME_UNKNOWN_"  # of a publisher that is met before its node
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+#: Time after which a killed node's topics are gone [s]; its lease is 5 (msgs_config/fastdds.xml).
+LEASE = 6.0
+#: Topics on which a message moves the twin.
+GUARDED = ("experiment", "model")
+#: Name of a publisher that is met before its node.
+UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 
 class Rivals:
@@ -56,7 +60,7 @@ class Rivals:
         """How often each alarm has been raised, for `/diagnostics`."""
         return {f"{SECOND_PUBLISHER}{topic}": count for topic, count in self.raised.items()}
 
-    def words(self) -> str:
+    def complaint(self) -> str:
         """What is to be said of them; "" when there are none."""
         told = (f"{t} ({self.alarms[t]})" if t in self.alarms else t for t in self.topics)
         return f"more than one publisher of {', '.join(told)}" if self.topics else ""

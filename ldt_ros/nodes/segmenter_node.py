@@ -15,15 +15,19 @@ from ldt_core.segmenter.rules import SteadyRule
 from ldt_core.segmenter.streams import ArrivalClock
 from ldt_ros.nodes.convert import to_message
 from ldt_ros.nodes.feed import Feed, stamp_of, subscribe
-from ldt_ros.nodes.gated_node import GatedNode
-from ldt_ros.nodes.node import LINGER
+from ldt_ros.nodes.health_report import LINGER
+from ldt_ros.nodes.node import LdtNode
+from ldt_ros.nodes.start_gate import StartGate
 
-UNSET = -1.0  # of a parameter: take the machine file's, or the usual
-LOOK = 0.1  # s, how often topics are looked for, and silence is noticed
-SILENCE = 10  # looks without a sample, 1 s, after which no voltage is awaited that may still come
+#: Value of a parameter in whose place that of the machine file, or the usual one, is taken.
+UNSET = -1.0
+#: Time between two looks for topics, and for silence [s].
+LOOK_PERIOD = 0.1
+#: Looks without a sample, 1 s, after which no voltage is awaited that may still come.
+SILENT_LOOKS = 10
 
 
-class SegmenterNode(GatedNode):
+class SegmenterNode(LdtNode):
     """Cuts what a machine streams into experiments (see `Segmenter` for how).
 
     | received | what happens |
@@ -41,6 +45,7 @@ class SegmenterNode(GatedNode):
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("segmenter", "machine", "segmenter", "cut", "run", **node_arguments)
+        self._gate = StartGate(self, self._hear)
         settings = {n: v for n, v in self.settings.items() if v != UNSET}
         period = settings.get("sample_period", self.machine.sample_period)
         names = ("trigger_level", "pre_trigger", "steady_band", "steady_time")
@@ -64,15 +69,15 @@ class SegmenterNode(GatedNode):
         self._early: dict[str, tuple[float, float]] = {}
         #: Topic → its type, once somebody publishes it.
         self._kinds: dict[str, str] = {}
-        self._doubled = self.rivals.further
-        self._publisher = self.publishes("experiment")
+        self._doubled = self.topics.rivals.further
+        self._publisher = self.topics.publishes("experiment")
         self._begun = self._speed_came = False
         #: Experiments of before this node was started again.
-        self._before = self.last_recorded("experiment", END)
+        self._before = self.recording.last_of("experiment", END)
         self._sent = self._last = self._before
         self._sent_at = 0.0
         self._silent = 0
-        self.create_timer(LOOK, self._look, clock=self.steady)
+        self.create_timer(LOOK_PERIOD, self._look, clock=self.steady)
         self._look()
 
     def health(self) -> dict[str, Any]:
@@ -87,8 +92,10 @@ class SegmenterNode(GatedNode):
         counted = self.segmenter.counts.items()
         return values | {f"{LEFT_OUT}{reason}": count for reason, count in counted}
 
-    #: How long a process waits for `quiet` when it is told to stop [s].
-    patience = 2 * LINGER
+    @property
+    def patience(self) -> float:
+        """Longest time that a process waits for `quiet` when it is told to stop [s]."""
+        return 2 * LINGER
 
     @property
     def quiet(self) -> bool:
@@ -98,9 +105,9 @@ class SegmenterNode(GatedNode):
     def halt(self) -> None:
         """Cut no further experiment, and say which was the last."""
         self.stopped = not self.finished
-        self.tell()
+        self.report.tell()
 
-    def hear(self, told: NodeStatus) -> None:
+    def _hear(self, told: NodeStatus) -> None:
         """Number on from what the twin has had, of which not all may be recorded."""
         if told.role == "twin" and self.settings["resume"] and self._sent == self._before:
             had = (told.number("experiment") or 0) + (told.number("waiting") or 0)
@@ -119,14 +126,14 @@ class SegmenterNode(GatedNode):
                 self._doubled.discard(topic)
         # Looks are counted, not seconds: this process may have slept, with samples in its queue.
         self._silent += 1
-        if self._silent == SILENCE:
+        if self._silent == SILENT_LOOKS:
             self._publish(self.segmenter.catch_up())
 
     def _subscribe(self, topic: str) -> None:
         try:
             kind = subscribe(self, topic, lambda kind, m: self._on_sample(topic, kind, m))
         except LdtError as error:
-            self.reject(topic, error)
+            self.topics.reject(topic, error)
             kind = "not understood"
         if kind is not None:
             self._kinds[topic] = kind
@@ -135,18 +142,18 @@ class SegmenterNode(GatedNode):
     def _on_sample(self, topic: str, kind: str, message: Any) -> None:
         now, stamp = time.time(), stamp_of(message)
         at = self._arrivals.unstamped(now) if stamp is None else self._arrivals.stamped(stamp, now)
-        self._begun = self._begun or self.started  # the graph is not asked at every sample
+        self._begun = self._begun or self._gate.is_open  # the graph is not asked at every sample
         if self.ended or self._doubled or not self._begun:
             return
         self._silent = 0
-        self.counts[topic] += 1
+        self.topics.counts[topic] += 1
         for feed in self._feeds:
             if feed.topic != topic:
                 continue
             try:
                 value = feed.value(kind, message)
             except LdtError as error:
-                self.reject(topic, error)
+                self.topics.reject(topic, error)
                 continue
             if stamp is None and feed.channel != "speed" and not self._speed_came:
                 # Which clock is that of the stamps is known when the first speed has come.
@@ -168,4 +175,4 @@ class SegmenterNode(GatedNode):
             self._sent_at = time.monotonic()
             if self._sent >= self.settings["experiments"]:
                 self.finished = True
-                self.tell()
+                self.report.tell()

@@ -11,22 +11,24 @@ from ldt_core.base.errors import LdtError, RepeatedExperiment
 from ldt_core.base.experiment import Adaptation, Experiment
 from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
+from ldt_core.recording.node_status import REFUSED
 from ldt_core.restart.lookup import Lookup
-from ldt_core.restart.recorded_run import END, RecordedRun
+from ldt_core.restart.recorded_run import END
 from ldt_core.twin.loop import Predictor, out_of_order
 from ldt_core.twin.stage import WINDOW, RecordedStep
 from ldt_ros.nodes.arrivals import Arrivals
 from ldt_ros.nodes.convert import from_message, to_message
-from ldt_ros.nodes.node import REFUSED, TwinNode
-from ldt_ros.nodes.versions import Versions
+from ldt_ros.nodes.model_versions import ModelVersions
+from ldt_ros.nodes.node import LdtNode
 
-TICK = 0.05  # s, how often a time-out is looked for
+#: Time between two looks for a time-out [s].
+TICK = 0.05
 #: Experiments that may wait for an adaptation; beyond, the oldest are dropped. What a source keeps
 #: comes at once after it was cut off (100), and the present beside it.
 QUEUE = 200
 
 
-class PredictorNode(TwinNode):
+class TwinNode(LdtNode):
     """Predicts each experiment after the adaptation of the one before.
 
     | received | what happens |
@@ -54,11 +56,12 @@ class PredictorNode(TwinNode):
         model = build_model(self.settings["model"], self.machine, self.settings)
         self.predictor = Predictor(self.machine, model)
         self.predictor.warm_up()
-        self._models: Versions[Model] = Versions(model)
+        self._models: ModelVersions[Model] = ModelVersions(model)
         self._waiting: deque[tuple[Experiment, float]] = deque()
         self._adapted: dict[int, Adaptation] = {}
         self._arrivals = Arrivals(self.settings["deadline"])
-        for step in self.recorded(END):
+        self.parts = [self._arrivals]
+        for step in self.recording.steps(END):
             self._take_up(step)
         if self._adapted and self.settings["resume"]:
             self._find_model()
@@ -66,11 +69,11 @@ class PredictorNode(TwinNode):
         self._refused = self._repeated = 0
         self._timeouts = 0
         self._dropped = 0
-        self._prediction = self.publishes("prediction")
-        self._original = self.publishes("original_prediction")
-        self.listens("model", self._on_model)
-        self.listens("adaptation", self._on_adaptation)
-        self.listens("experiment", self._on_experiment)
+        self._prediction = self.topics.publishes("prediction")
+        self._original = self.topics.publishes("original_prediction")
+        self.topics.listens("model", self._on_model)
+        self.topics.listens("adaptation", self._on_adaptation)
+        self.topics.listens("experiment", self._on_experiment)
         self.create_timer(TICK, self._go_on, clock=self.steady)
 
     def health(self) -> dict[str, Any]:
@@ -83,20 +86,16 @@ class PredictorNode(TwinNode):
             REFUSED: self._refused,
             "repeated": self._repeated,
             "adaptation time-outs": self._timeouts,
-            **self._arrivals.health(),
+            **super().health(),
         }
-
-    def complaint(self) -> str:
-        """Experiments that are overdue, or never came."""
-        return self._arrivals.words()
 
     def _on_model(self, message: Any) -> None:
         record = from_message("model", message)
         known = self._models.get(record.version)
         # An adaptor that begins anew counts its versions from 0 again.
-        same = known is not None and known.record() == record
-        model = known if same else restore_model(record, self.machine, self.settings)
-        self._models.put(record.version, model)
+        if known is None or known.record() != record:
+            known = restore_model(record, self.machine, self.settings)
+        self._models.put(record.version, known)
         self._go_on()
 
     def _on_adaptation(self, message: Any) -> None:
@@ -119,9 +118,9 @@ class PredictorNode(TwinNode):
         if isinstance(error, RepeatedExperiment):
             self._repeated += 1
             return
-        self.reject("experiment", error)
+        self.topics.reject("experiment", error)
         self._refused = experiment.number
-        self.tell()
+        self.report.tell()
 
     def _on_experiment(self, message: Any) -> None:
         experiment = from_message("experiment", message)
@@ -146,8 +145,8 @@ class PredictorNode(TwinNode):
         self._go_on()
 
     def _take_up(self, step: RecordedStep) -> None:
-        """Be as after a recorded step."""
-        self._arrivals.known(step.experiment.number)
+        """Take over what a recorded step says."""
+        self._arrivals.known(step.number)
         self.predictor.recall(step)
         if step.model is not None:
             restored = restore_model(step.model, self.machine, self.settings)
@@ -160,22 +159,21 @@ class PredictorNode(TwinNode):
         version = self._adapted[max(self._adapted)].model_version
         if self._models.get(version) is None:
             try:
-                run = RecordedRun(self.settings["resume"], self.get_namespace(), self.machine)
-                bag = run.bag(listed=True)
+                bag = self.recording.run.bag(listed=True)
                 assert bag is not None  # it has steps
                 found = Lookup(bag, self.machine, self.settings, ()).model(version)
                 self._models.put(version, found)
             except (LdtError, OSError):
-                for step in self.recorded():
+                for step in self.recording.steps():
                     self._take_up(step)
         self.predictor.model = self._models.get(version) or self.predictor.model
 
     def _go_on(self) -> None:
         if self._arrivals.newly_overdue():
-            self.get_logger().warning(self._arrivals.words())
-            self.tell()
+            self.get_logger().warning(self._arrivals.complaint())
+            self.report.tell()
         if self._waiting:
-            for step in self.missed(self.predictor.last or 0, self._waiting[0][0].number):
+            for step in self.recording.missed(self.predictor.last or 0, self._waiting[0][0].number):
                 self._take_up(step)
         while self._waiting and self._may_predict(*self._waiting[0]):
             experiment, _ = self._waiting.popleft()
@@ -193,7 +191,7 @@ class PredictorNode(TwinNode):
             # Nobody waits for the yardstick, so it is made while the detector works.
             self._original.publish(to_message(self.predictor.original.predict(experiment)))
         except LdtError as error:
-            self.reject("experiment", error)
+            self.topics.reject("experiment", error)
 
     def _may_predict(self, experiment: Experiment, since: float) -> bool:
         last = self.predictor.last

@@ -26,7 +26,7 @@ from ldt_core.base.settings import resolve
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.recorded_run import END, RecordedRun
-from ldt_core.restart.recovery import Recovery
+from ldt_core.restart.stage_restart import StageRestart
 from ldt_core.twin.loop import Twin
 from tests.benchmarks.__main__ import machine as computer
 
@@ -42,7 +42,7 @@ def write(folder: Path, count: int) -> None:
     """A run of so many experiments, and the checkpoints that it would have kept."""
     twin = Twin.from_settings(MACHINE, GIVEN)
     untrained = twin.model.record()
-    recoveries = [_recovery(twin, folder, GIVEN["checkpoint_every"], s) for s in STAGES]
+    restarts = [_restart(twin, folder, GIVEN["checkpoint_every"], s) for s in STAGES]
     noise = np.random.default_rng(0)
     rows = noise.uniform(0, 20, (8, 2, SAMPLES)).round(2)  # packs like what a sensor measures
     with BagWriter(folder, "rotor", split_size=SPLIT) as bag:
@@ -66,23 +66,23 @@ def write(folder: Path, count: int) -> None:
             bag.write("adaptation", told, one.end)
             twin.adaptor.memory.remember(one)
             bag.flush()
-            for recovery in recoveries:
-                recovery.passed(one)
+            for restart in restarts:
+                restart.passed(one)
 
 
-def _recovery(twin: Twin, folder: Path, every: int, role: str) -> Recovery:
+def _restart(twin: Twin, folder: Path, every: int, role: str) -> StageRestart:
     given = {**GIVEN, "checkpoint_every": every}
-    return Recovery(twin.stages[role], role, RecordedRun(folder, "", MACHINE), given, print)
+    return StageRestart(twin.stages[role], role, RecordedRun(folder, "", MACHINE), given, print)
 
 
 def stage(folder: Path, every: int, name: str) -> int:
     """What a stage's node does when it is started again; steps recalled."""
-    recovery = _recovery(Twin.from_settings(MACHINE, GIVEN), folder, every, name)
-    known = recovery.return_to_checkpoint()
+    restart = _restart(Twin.from_settings(MACHINE, GIVEN), folder, every, name)
+    known = restart.return_to_checkpoint()
     recalled = 0
-    for step in recovery.run.steps(known):
+    for step in restart.run.steps(known):
         recalled += step.number > known
-        recovery.recall(step)
+        restart.recall(step)
     return recalled
 
 

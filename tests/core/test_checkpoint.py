@@ -28,7 +28,7 @@ from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.checkpoint import digest
 from ldt_core.restart.lookup import Lookup
 from ldt_core.restart.recorded_run import END, RecordedRun
-from ldt_core.restart.recovery import Recovery, TwinRecovery
+from ldt_core.restart.stage_restart import StageRestart, TwinRestart
 from ldt_core.twin.adaptor import ROLLED_BACK
 from ldt_core.twin.loop import DetectorStage, Twin
 from ldt_core.twin.stage import WINDOW, RecordedStep
@@ -120,7 +120,7 @@ class Killed:
         twin, told, steps = Twin.from_settings(MACHINE, {**GIVEN, **other}), [], []
         recall = twin.adaptor.recall
         twin.adaptor.recall = lambda step: (steps.append(step), recall(step))
-        TwinRecovery(twin, recorded(self.folder), told.append).resume()
+        TwinRestart(twin, recorded(self.folder), told.append).resume()
         return known(twin), len(steps), told
 
 
@@ -131,11 +131,11 @@ def runs(tmp_path_factory):
     twin = Twin.from_settings(MACHINE, GIVEN)
     with BagWriter(place / "run", "rotor", split_size=0.2) as writer:
         writer.write("model", twin.model.record(), 1e9)
-        recovery = TwinRecovery(twin, recorded(place / "run"), pytest.fail)
+        restart = TwinRestart(twin, recorded(place / "run"), pytest.fail)
         for step in STEPS:
             number = step.experiment.number
             write(writer, step)
-            recovery.recall(step)
+            restart.recall(step)
             if number in KILLS:
                 shutil.copytree(place / "run", place / str(number))
                 found[number] = Killed(place / str(number), known(twin))
@@ -183,12 +183,12 @@ def flipped(file):
 
 def returned(folder, told):
     """The step to which the detector goes back by its checkpoints."""
-    return detector_recovery(folder, told).return_to_checkpoint()
+    return detector_restart(folder, told).return_to_checkpoint()
 
 
-def detector_recovery(folder, told):
+def detector_restart(folder, told):
     stage = Twin.from_settings(MACHINE, GIVEN).detector
-    return Recovery(stage, "detector", recorded(folder), GIVEN, told.append)
+    return StageRestart(stage, "detector", recorded(folder), GIVEN, told.append)
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ def detector_recovery(folder, told):
 def test_a_file_that_is_no_checkpoint_of_the_run_is_told_and_left_out(spoil, words, run):
     """The one before it is still there."""
     told = []
-    files = detector_recovery(run.folder, told).files
+    files = detector_restart(run.folder, told).files
     newest = max(files.paths, key=lambda f: json.loads(f.read_text())["experiment"])
     assert [c.experiment for c in files.read()] == [COUNT, COUNT - EVERY]
     spoil(newest)
@@ -302,10 +302,10 @@ def test_checkpoints_take_turns_and_stop_with_the_run(run):
     }
     before = {f.name: json.loads(f.read_text())["experiment"] for f in run.files()}
     twin = Twin.from_settings(MACHINE, GIVEN)
-    recovery = TwinRecovery(twin, recorded(run.folder), pytest.fail)
-    recovery.resume()
+    restart = TwinRestart(twin, recorded(run.folder), pytest.fail)
+    restart.resume()
     for number in range(COUNT + 1, COUNT + EVERY + 1):
-        recovery.passed(replace(STEPS[0].experiment, number=number))
+        restart.passed(replace(STEPS[0].experiment, number=number))
     after = {f.name: json.loads(f.read_text())["experiment"] for f in run.files()}
     for name, number in before.items():
         assert after[name] == (COUNT + EVERY if number == COUNT - EVERY else COUNT)
@@ -320,9 +320,9 @@ def test_a_detector_that_does_not_say_its_state_is_told_all_of_the_recording(run
     twin = Twin.from_settings(MACHINE, GIVEN, DetectorStage("lddm", Own()))
     assert (twin.detector.state(), twin.adaptor.state() is None) == (None, False)
     (runs[640].folder / "own").mkdir()
-    recovery = TwinRecovery(twin, recorded(runs[640].folder / "own"), pytest.fail)
+    restart = TwinRestart(twin, recorded(runs[640].folder / "own"), pytest.fail)
     for step in STEPS[: 2 * EVERY]:
-        recovery.passed(step.experiment)
+        restart.passed(step.experiment)
     assert not list((runs[640].folder / "own").glob("detector*"))
     assert list((runs[640].folder / "own").glob("adaptor*"))
 
@@ -330,11 +330,11 @@ def test_a_detector_that_does_not_say_its_state_is_told_all_of_the_recording(run
 def test_where_they_cannot_be_kept_it_is_told_once(tmp_path):
     """A full disk must not end the twin."""
     told = []
-    recovery = detector_recovery(tmp_path, told)
-    for slot in recovery.files.paths:
+    restart = detector_restart(tmp_path, told)
+    for slot in restart.files.paths:
         slot.mkdir()
     for step in STEPS[: 3 * EVERY]:
-        recovery.passed(step.experiment)
+        restart.passed(step.experiment)
     assert len(told) == 1
     assert "no checkpoints of the detector are kept" in told[0]
 
@@ -426,9 +426,10 @@ def test_an_adaptor_that_diagnoses_knows_what_was_named_last(lookup):
     one.named = step.diagnosis
     other.return_to(json.loads(json.dumps(one.state())), lookup)
     assert other.named == step.diagnosis
-    for adaptor in (one, other):
-        assert adaptor.diagnoser._last.error == one.diagnoser._last.error > 0
-        assert adaptor.diagnoser._recent[0][0].number == step.experiment.number
+    known = one.diagnoser.state()
+    assert other.diagnoser.state() == known
+    assert known["last"]["error"] > 0
+    assert known["recent"][0][0] == step.number
 
 
 def test_damage_on_the_way_leaves_it_to_the_whole_recording(run):

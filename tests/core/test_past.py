@@ -20,7 +20,7 @@ from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.lookup import Lookup
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.recorded_steps import complete_steps
-from ldt_core.restart.recovery import TwinRecovery
+from ldt_core.restart.stage_restart import TwinRestart
 from ldt_core.runs.offline import run, write_step
 from ldt_core.twin.loop import Twin
 from ldt_core.twin.stage import WINDOW
@@ -46,9 +46,9 @@ def recorded(path, given, made):
 
 def recalled(twin, steps):
     """Let a twin take over recorded steps, as one that goes on from a recording does."""
-    recovery = TwinRecovery(twin, RecordedRun("", "", SHORT), pytest.fail)
+    restart = TwinRestart(twin, RecordedRun("", "", SHORT), pytest.fail)
     for step in steps:
-        recovery.recall(step)
+        restart.recall(step)
 
 
 def same(one, other):

@@ -18,7 +18,7 @@ from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.learning_switch import NAME, Pause
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.recorded_steps import complete_steps
-from ldt_core.restart.recovery import TwinRecovery
+from ldt_core.restart.stage_restart import TwinRestart
 from ldt_core.runs.offline import run, write_step
 from ldt_core.twin.loop import Twin
 
@@ -77,9 +77,9 @@ def test_a_run_with_such_a_time_goes_on_from_its_recording(tmp_path):
     told = list(complete_steps(read_bag(tmp_path / "run"), SHORT))
     for end in (10, 12, 14, 15, 16, 20):
         again = Twin.from_settings(SHORT, given)
-        recovery = TwinRecovery(again, RecordedRun("", "", SHORT), pytest.fail)
+        restart = TwinRestart(again, RecordedRun("", "", SHORT), pytest.fail)
         for step in told[:end]:
-            recovery.recall(step)
+            restart.recall(step)
         for ran, step in zip(steps[end:], steps_of(again, experiments[end:]), strict=True):
             assert ran.adaptation == step.adaptation
             assert np.array_equal(ran.prediction.speed, step.prediction.speed)

@@ -17,7 +17,7 @@ from ldt_core.machine.sensor_check import fault, sound
 from ldt_core.recording.bag import read_bag
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.recorded_steps import complete_steps
-from ldt_core.restart.recovery import TwinRecovery
+from ldt_core.restart.stage_restart import TwinRestart
 from ldt_core.runs.offline import run
 from ldt_core.twin.adaptor import FAULTY
 from ldt_core.twin.loop import Twin
@@ -116,9 +116,9 @@ def test_a_run_with_a_faulty_sensor_goes_on_from_its_recording(tmp_path):
     told = list(complete_steps(read_bag(tmp_path / "run"), SHORT))
     for end in (5, 6, 9, 12):
         twin = Twin.from_settings(SHORT, given)
-        recovery = TwinRecovery(twin, RecordedRun("", "", SHORT), pytest.fail)
+        restart = TwinRestart(twin, RecordedRun("", "", SHORT), pytest.fail)
         for step in told[:end]:
-            recovery.recall(step)
+            restart.recall(step)
         remembered = twin.adaptor.memory.recent
         for ran, step in zip(steps[end:], twin.steps(experiments[end:]), strict=True):
             assert ran.adaptation == step.adaptation

@@ -34,7 +34,7 @@ from ldt_ros.nodes.adaptor_node import AdaptorNode  # noqa: E402
 from ldt_ros.nodes.convert import to_message  # noqa: E402
 from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
 from ldt_ros.nodes.player_node import PlayerNode  # noqa: E402
-from ldt_ros.nodes.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.nodes.twin_node import TwinNode  # noqa: E402
 
 PHYSICS = {"model": "physics"}
 WRONG_NUMBERS = {  # place in data → values that cannot be
@@ -154,10 +154,11 @@ def every_one_is_rejected(stranger: Stranger, node, topic: str, messages: dict) 
     """Each message adds one to the node's count of rejections on the topic."""
     stranger.listen("/diagnostics")
     logged = log_of(stranger)
+    rejected = node.topics.rejected
     for count, (name, message) in enumerate(messages.items(), start=1):
         stranger.send(topic, message)
-        stranger.until(lambda c=count: sum(node.rejected.values()) >= c, f"rejection of: {name}")
-        assert sum(node.rejected.values()) == count, name
+        stranger.until(lambda c=count: rejected.total() >= c, f"rejection of: {name}")
+        assert rejected.total() == count, name
     told = stranger.until(lambda: _told(stranger, node, len(messages)), "count in /diagnostics")
     assert told["level"] == 1  # WARN
     assert len(told["last rejection"]) < 500
@@ -177,18 +178,18 @@ def _told(stranger: Stranger, node, count: int) -> dict[str, str]:
 # ---- bad messages
 
 
-@pytest.mark.parametrize("kind", [PredictorNode, DetectorNode, AdaptorNode])
+@pytest.mark.parametrize("kind", [TwinNode, DetectorNode, AdaptorNode])
 def test_what_is_no_experiment_is_counted_logged_once_a_kind_and_the_node_goes_on(kind, stranger):
     """Layout, labels, sizes, strides, offset, head, samples; then a good one is taken."""
     parameters = {} if kind is DetectorNode else PHYSICS
     node = stranger.start(kind, **parameters)
     good = to_message(experiment(1))
     every_one_is_rejected(stranger, node, "experiment", bad_arrays(good, "voltage,torque"))
-    before = node.counts["experiment"]
+    before = node.topics.counts["experiment"]
     stranger.send("experiment", good)
-    stranger.until(lambda: node.counts["experiment"] > before)
-    assert sum(node.rejected.values()) == before
-    if kind is PredictorNode:
+    stranger.until(lambda: node.topics.counts["experiment"] > before)
+    assert sum(node.topics.rejected.values()) == before
+    if kind is TwinNode:
         assert node.predictor.last == 1
 
 
@@ -205,7 +206,7 @@ def test_what_is_no_prediction_is_rejected_by_the_detector(stranger):
     stranger.send("experiment", experiment(1), experiment(2))
     stranger.send("prediction", prediction(1, length=LENGTH + 1), prediction(2))
     stranger.until(lambda: stranger.numbers("signal") == [2], "signal 2 alone")
-    assert sum(node.rejected.values()) == len(bad) + 1
+    assert sum(node.topics.rejected.values()) == len(bad) + 1
 
 
 def test_what_is_no_signal_is_rejected_by_the_adaptor(stranger):
@@ -227,7 +228,7 @@ def test_what_is_no_signal_is_rejected_by_the_adaptor(stranger):
 
 def test_what_is_no_adaptation_is_rejected_by_the_twin(stranger):
     """The twin goes on waiting for the right one."""
-    node = stranger.start(PredictorNode, **PHYSICS)
+    node = stranger.start(TwinNode, **PHYSICS)
     every_one_is_rejected(stranger, node, "adaptation", bad_statuses(to_message(adaptation(1))))
     stranger.listen("prediction")
     stranger.send("experiment", experiment(1), experiment(2))
@@ -249,7 +250,7 @@ def test_what_is_no_adaptation_is_rejected_by_the_player(stranger, tmp_path):
 
 def test_what_is_no_model_is_rejected_by_the_twin(stranger):
     """JSON and parameters of every wrong sort; nothing of it comes into force."""
-    node = stranger.start(PredictorNode, **PHYSICS)
+    node = stranger.start(TwinNode, **PHYSICS)
     every_one_is_rejected(stranger, node, "model", bad_models())
     stranger.listen("prediction")
     stranger.send("experiment", experiment(1))
@@ -259,7 +260,7 @@ def test_what_is_no_model_is_rejected_by_the_twin(stranger):
 
 def test_experiments_that_cannot_be_are_refused_by_number(stranger):
     """Voltage outside the limits, another of the same number, a lower one: told in /diagnostics."""
-    node = stranger.start(PredictorNode, **PHYSICS)
+    node = stranger.start(TwinNode, **PHYSICS)
     stranger.listen("prediction", "/diagnostics")
     stranger.send("experiment", experiment(3))
     stranger.until(lambda: stranger.numbers("prediction") == [3])
@@ -271,7 +272,7 @@ def test_experiments_that_cannot_be_are_refused_by_number(stranger):
         number = str(bad.number)
         stranger.until(lambda n=number: stranger.health("twin").get("refused experiment") == n)
         assert time.monotonic() - began < 0.5  # at once, not with the next report
-    assert node.rejected == {"experiment: ExperimentError": 3}
+    assert node.topics.rejected == {"experiment: ExperimentError": 3}
     assert "-24 to 24 V (limits of machine 'rotor')" in stranger.health("twin")["last rejection"]
     stranger.send("experiment", experiment(4))
     stranger.until(lambda: stranger.numbers("prediction") == [3, 4])
@@ -279,7 +280,7 @@ def test_experiments_that_cannot_be_are_refused_by_number(stranger):
 
 def test_an_experiment_that_comes_again_is_left_out_and_told_of(stranger):
     """Nothing is wrong with it; nobody predicts, judges or learns from it twice."""
-    nodes = [stranger.start(kind, **PHYSICS) for kind in (PredictorNode, DetectorNode, AdaptorNode)]
+    nodes = [stranger.start(kind, **PHYSICS) for kind in (TwinNode, DetectorNode, AdaptorNode)]
     stranger.listen("prediction", "signal", "adaptation", "/diagnostics")
     for number in (1, 1, 2, 1, 2):
         stranger.send("experiment", experiment(number))
@@ -294,12 +295,12 @@ def test_an_experiment_that_comes_again_is_left_out_and_told_of(stranger):
     stranger.send("experiment", experiment(3))
     stranger.until(lambda: stranger.numbers("adaptation")[-1] == 3)
     assert stranger.numbers("signal") == [1, 2, 2, 3]  # the stranger's own among them
-    assert not any(node.rejected for node in nodes)
+    assert not any(node.topics.rejected for node in nodes)
 
 
 def test_a_second_publisher_is_warned_of(stranger):
     """WARN in /diagnostics that names the topic, and one line in the log; gone, all is well."""
-    stranger.start(PredictorNode, **PHYSICS)
+    stranger.start(TwinNode, **PHYSICS)
     stranger.listen("/diagnostics")
     logged = log_of(stranger)
     stranger.publisher("experiment")
@@ -323,12 +324,12 @@ def test_two_machines_that_count_alike_are_not_mixed(stranger):
     stranger.listen("signal", "adaptation")
     other = replace(experiment(1), start=5e8)
     stranger.send("experiment", other)
-    stranger.until(lambda: all(node.counts["experiment"] for node in nodes))
+    stranger.until(lambda: all(node.topics.counts["experiment"] for node in nodes))
     stranger.send("experiment", experiment(1))
     stranger.send("prediction", prediction(1))
-    stranger.until(lambda: detector.rejected == {"prediction: ExperimentError": 1})
+    stranger.until(lambda: detector.topics.rejected == {"prediction: ExperimentError": 1})
     stranger.send("signal", to_message(answer(1), experiment(1).end))
-    stranger.until(lambda: adaptor.rejected == {"signal: ExperimentError": 1})
+    stranger.until(lambda: adaptor.topics.rejected == {"signal: ExperimentError": 1})
     stranger.send("experiment", experiment(2))
     stranger.send("prediction", prediction(2))
     stranger.until(lambda: stranger.numbers("adaptation") == [2])
@@ -337,18 +338,18 @@ def test_two_machines_that_count_alike_are_not_mixed(stranger):
 
 def test_a_clock_that_jumps_changes_nothing(stranger):
     """Experiments are told apart by their numbers; their times may go back and forth."""
-    nodes = [stranger.start(kind, **PHYSICS) for kind in (PredictorNode, DetectorNode, AdaptorNode)]
+    nodes = [stranger.start(kind, **PHYSICS) for kind in (TwinNode, DetectorNode, AdaptorNode)]
     stranger.listen("prediction", "signal", "adaptation")
     for number, start in enumerate((1e9, 5e8, 2e9, 1.0, 1e9), start=1):
         stranger.send("experiment", replace(experiment(number), start=start))
     stranger.until(lambda: stranger.numbers("adaptation") == [1, 2, 3, 4, 5])
     assert stranger.numbers("prediction") == stranger.numbers("signal") == [1, 2, 3, 4, 5]
-    assert not any(node.rejected for node in nodes)
+    assert not any(node.topics.rejected for node in nodes)
 
 
 def test_what_a_newer_or_older_version_says_is_taken_if_it_says_what_is_needed(stranger):
     """Keys that nobody knows are left aside; models had no digest once."""
-    twin = stranger.start(PredictorNode, **PHYSICS)
+    twin = stranger.start(TwinNode, **PHYSICS)
     stranger.start(AdaptorNode, **PHYSICS)
     stranger.listen("adaptation")
     newer = to_message(answer(1))
@@ -362,7 +363,7 @@ def test_what_a_newer_or_older_version_says_is_taken_if_it_says_what_is_needed(s
     stranger.send("model", *(String(data=json.dumps(text)) for text in versions))
     stranger.until(lambda: twin._models.get(4) is not None)
     assert twin._models.get(3) is not None
-    assert not twin.rejected
+    assert not twin.topics.rejected
 
 
 def test_garbage_does_not_end_the_launching_process(monitor, stranger):

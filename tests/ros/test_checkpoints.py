@@ -11,7 +11,7 @@ import pytest
 from ldt_core.base.settings import resolve
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.runs.offline import run
-from ldt_core.twin.loop import Twin
+from ldt_core.twin.loop import Predictor, Twin
 from ldt_core.twin.stage import WINDOW
 
 rclpy = pytest.importorskip("rclpy")
@@ -22,7 +22,8 @@ from ldt_ros.nodes.adaptor_node import AdaptorNode  # noqa: E402
 from ldt_ros.nodes.advisor_node import AdvisorNode  # noqa: E402
 from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
 from ldt_ros.nodes.plant_node import PlantNode  # noqa: E402
-from ldt_ros.nodes.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.nodes.stage_worker import StageWorker  # noqa: E402
+from ldt_ros.nodes.twin_node import TwinNode  # noqa: E402
 
 EVERY, COUNT, SAMPLES = 10, 345, 1000
 GIVEN = {
@@ -60,36 +61,36 @@ def test_a_node_goes_on_from_a_checkpoint_of_a_run_without_the_graph(
     """It knows the same, and has recalled what came since."""
     folder, twin = recorded
     taken = []
-    recall = kind.recall
+    recall = StageWorker.recall
     monkeypatch.setattr(
-        kind, "recall", lambda self, step: (taken.append(step), recall(self, step))[1]
+        StageWorker, "recall", lambda self, step: (taken.append(step), recall(self, step))[1]
     )
     node = stranger.start(kind, resume=str(folder), **GIVEN, advice_every=100)
-    stranger.until(lambda: node.last == COUNT)
+    stranger.until(lambda: node.worker.last == COUNT)
     # What may have been under way an advisor does again, as without checkpoints.
     again = 0 if kind is AdvisorNode else COUNT % EVERY
-    assert (node.known, len(taken)) == (COUNT - COUNT % EVERY, again)
-    stranger.until(lambda: not getattr(node, "busy", False))
-    assert node.state() == twin.stages[node.role].state()
+    assert (node.worker.restart.known, len(taken)) == (COUNT - COUNT % EVERY, again)
+    stranger.until(lambda: not node.worker.busy)
+    assert node.worker.restart.stage.state() == twin.stages[node.role].state()
     for number in (COUNT - WINDOW + 1, COUNT):  # what is said once more is left out
-        node.pairs.right(number, None)
-    assert node.pairs.repeated == 2
+        node.pairs.pairing.right(number, None)
+    assert node.pairs.pairing.repeated == 2
 
 
 def test_the_twin_and_the_source_read_the_end_alone(recorded, stranger, monkeypatch):
     """Of which all follows that they have to know: the last step, and the model after it."""
     folder, twin = recorded
     taken = []
-    take_up = PredictorNode._take_up
+    recall = Predictor.recall
     monkeypatch.setattr(
-        PredictorNode, "_take_up", lambda self, step: (taken.append(step), take_up(self, step))[1]
+        Predictor, "recall", lambda self, step: (taken.append(step), recall(self, step))[1]
     )
-    node = stranger.start(PredictorNode, resume=str(folder), **GIVEN)
+    node = stranger.start(TwinNode, resume=str(folder), **GIVEN)
     assert WINDOW <= len(taken) < COUNT
     assert node.predictor.last == COUNT
     assert node.predictor.starts == twin.predictor.starts
     assert node.predictor.model.version == twin.model.version
-    assert stranger.start(PlantNode, resume=str(folder), **GIVEN)._adapted == COUNT
+    assert stranger.start(PlantNode, resume=str(folder), **GIVEN).source.adapted == COUNT
 
 
 def test_a_node_keeps_checkpoints_beside_the_recording(stranger, tmp_path):
@@ -101,7 +102,7 @@ def test_a_node_keeps_checkpoints_beside_the_recording(stranger, tmp_path):
         stranger.send("experiment", one)
         stranger.send("prediction", prediction(number))
         stranger.send("signal", answer(number))
-    stranger.until(lambda: node.last == 2 * EVERY)
+    stranger.until(lambda: node.worker.last == 2 * EVERY)
     files = [tmp_path / f"detector.{slot}.checkpoint" for slot in (0, 1)]
     assert sorted(tmp_path.glob("*.checkpoint")) == files
     assert [json.loads(f.read_text())["experiment"] for f in files] == [EVERY, 2 * EVERY]

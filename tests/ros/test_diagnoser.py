@@ -85,7 +85,7 @@ def slow(stranger):
     """A diagnoser node in the middle of a diagnosis that never ends, and the stranger."""
     node = stranger.start(DiagnoserNode)
     make = Slow()
-    node.diagnoser._make = make
+    node.diagnoser.make = make
     stranger.listen("diagnosis", "/diagnostics")
     stranger.send("experiment", *(experiment(n) for n in (1, 2)))
     stranger.send("signal", answer(1, Level.POSITIVE), answer(2))
@@ -111,7 +111,7 @@ def test_told_to_stop_it_ends_at_once(slow):
     slow.halt()
     slow.close()
     assert time.monotonic() - began < 0.5
-    slow.worker.shutdown(wait=True)
+    slow.worker.end(wait=True, cancel=False)
     assert time.monotonic() - began < 2
     assert slow.failure is None
 

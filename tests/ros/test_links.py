@@ -18,7 +18,7 @@ from ldt_ros.nodes.arrivals import Arrivals  # noqa: E402
 from ldt_ros.nodes.convert import to_message  # noqa: E402
 from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
 from ldt_ros.nodes.interfaces import qos  # noqa: E402
-from ldt_ros.nodes.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.nodes.twin_node import TwinNode  # noqa: E402
 
 PHYSICS = {"model": "physics"}
 OK, WARN = 0, 1
@@ -39,9 +39,9 @@ def test_an_experiment_is_overdue_once_until_one_comes():
     for at, newly in ((5.0, False), (5.5, True), (9.0, False)):
         now[0] = at
         assert arrivals.newly_overdue() is newly
-    assert arrivals.words() == "no experiment for 9 s, one is due every 5 s"
+    assert arrivals.complaint() == "no experiment for 9 s, one is due every 5 s"
     arrivals.came(1)
-    assert arrivals.words() == ""
+    assert arrivals.complaint() == ""
     now[0] = 15.0
     assert arrivals.newly_overdue()
     assert arrivals.health() == {"missing": 0, "overdue": 2}
@@ -60,17 +60,17 @@ def test_numbers_that_were_left_out_are_missing_until_they_come():
     arrivals = Arrivals(0.0)
     for number in (7, 8, 12, 14):
         arrivals.came(number)
-    assert arrivals.words() == "4 experiments are missing, last 13"
+    assert arrivals.complaint() == "4 experiments are missing, last 13"
     arrivals.came(13)
-    assert arrivals.words() == "3 experiments are missing, last 9 to 11"
+    assert arrivals.complaint() == "3 experiments are missing, last 9 to 11"
     for number in (9, 10, 11):
         arrivals.known(number)
-    assert (arrivals.words(), arrivals.missing) == ("", 0)
+    assert (arrivals.complaint(), arrivals.missing) == ("", 0)
 
 
 def test_the_twin_tells_of_overdue_and_missing_experiments(stranger):
     """WARN in /diagnostics with the sentence, a line in the log, counts that stay."""
-    stranger.start(PredictorNode, **PHYSICS, deadline=0.3)
+    stranger.start(TwinNode, **PHYSICS, deadline=0.3)
     stranger.listen("/diagnostics", "prediction")
     logged = log_of(stranger)
     assert told(stranger, "twin", "no experiment for")["level"] == WARN
@@ -89,7 +89,7 @@ def test_the_twin_tells_of_overdue_and_missing_experiments(stranger):
 
 def test_a_publisher_that_cannot_be_heard_is_told_of_while_it_is_there(stranger):
     """It offers best effort where every experiment counts."""
-    stranger.start(PredictorNode, **PHYSICS)
+    stranger.start(TwinNode, **PHYSICS)
     stranger.listen("/diagnostics")
     told(stranger, "twin", "running")
     best_effort = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -103,12 +103,12 @@ def test_a_publisher_that_cannot_be_heard_is_told_of_while_it_is_there(stranger)
 
 def test_a_listener_that_asks_for_too_much_is_counted_where_it_hears_nothing(stranger):
     """By the publisher, who sees it."""
-    node = stranger.start(PredictorNode, **PHYSICS)
+    node = stranger.start(TwinNode, **PHYSICS)
     logged = log_of(stranger)
     greedy = qos("prediction")
     greedy.deadline = rclpy.duration.Duration(seconds=1)
     stranger.listen("prediction", profile=greedy)
-    stranger.until(lambda: node.links.counts["not matched, prediction"] == 1)
+    stranger.until(lambda: node.topics.links.counts["not matched, prediction"] == 1)
     stranger.until(lambda: [m for m in logged if "asks for deadline that is not" in m.msg])
 
 
@@ -120,13 +120,13 @@ def test_a_publisher_that_is_stopped_is_told_of_until_it_goes_on(stranger, progr
     process = programs.start([*other, *names], env=dict(os.environ))
     node = stranger.start(DetectorNode, graph=graph)
     stranger.listen("/diagnostics")
-    stranger.until(lambda: node.links.alive.get("prediction"), "a sign of life")
+    stranger.until(lambda: node.topics.links.alive.get("prediction"), "a sign of life")
     process.send_signal(signal.SIGSTOP)
     found = told(stranger, "detector", "no sign of life of who publishes prediction")
     assert (found["level"], found["times lifeless, prediction"]) == (WARN, "1")
     process.send_signal(signal.SIGCONT)
     assert told(stranger, "detector", "running")["level"] == OK
-    assert not node.rejected
+    assert not node.topics.rejected
     process.terminate()
     stranger.until(lambda: not node.count_publishers("prediction"))
     assert told(stranger, "detector", "its peers have left")["times lifeless, prediction"] == "1"
@@ -134,7 +134,7 @@ def test_a_publisher_that_is_stopped_is_told_of_until_it_goes_on(stranger, progr
 
 def test_a_machine_that_promises_nothing_is_heard(stranger):
     """Nodes of the user's, as which the stranger acts, need no lease and keep no past."""
-    stranger.start(PredictorNode, **PHYSICS, graph=["twin", "detector", "adaptor"])
+    stranger.start(TwinNode, **PHYSICS, graph=["twin", "detector", "adaptor"])
     stranger.listen("prediction")
     one = stranger.node.create_publisher(Float64MultiArray, "experiment", QoSProfile(depth=5))
     stranger.until(one.get_subscription_count, "the twin as a listener")
@@ -146,7 +146,7 @@ def test_a_machine_that_promises_nothing_is_heard(stranger):
 def test_a_message_is_a_sign_of_life(stranger):
     """The middleware does not always say that somebody who was cut off is there again."""
     node = stranger.start(DetectorNode)
-    node.links.alive["experiment"] = False
-    assert node.links.words() == "no sign of life of who publishes experiment"
+    node.topics.links.alive["experiment"] = False
+    assert node.topics.links.complaint() == "no sign of life of who publishes experiment"
     stranger.send("experiment", experiment(1))
-    stranger.until(lambda: node.links.words() == "")
+    stranger.until(lambda: node.topics.links.complaint() == "")

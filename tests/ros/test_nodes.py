@@ -26,7 +26,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E
 from std_msgs.msg import String  # noqa: E402
 from stranger import TOPICS, adaptation, answer, experiment, log_of, written  # noqa: E402
 
-from ldt_ros.nodes import node as node_module  # noqa: E402
 from ldt_ros.nodes.adaptor_node import AdaptorNode  # noqa: E402
 from ldt_ros.nodes.advisor_node import AdvisorNode  # noqa: E402
 from ldt_ros.nodes.convert import to_message  # noqa: E402
@@ -34,7 +33,7 @@ from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
 from ldt_ros.nodes.plant_node import PlantNode  # noqa: E402
 from ldt_ros.nodes.player_node import PlayerNode  # noqa: E402
 from ldt_ros.nodes.recorder_node import RecorderNode  # noqa: E402
-from ldt_ros.nodes.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.nodes.twin_node import TwinNode  # noqa: E402
 
 PHYSICS = {"model": "physics"}
 
@@ -44,7 +43,7 @@ PHYSICS = {"model": "physics"}
 
 def test_the_twin_predicts_after_the_adaptation_of_the_one_before(stranger):
     """However early the experiments come."""
-    stranger.start(PredictorNode, **PHYSICS)
+    stranger.start(TwinNode, **PHYSICS)
     stranger.listen("prediction")
     stranger.send("experiment", *(experiment(n) for n in (1, 2, 3)))
     stranger.until(lambda: stranger.numbers("prediction") == [1])
@@ -65,7 +64,7 @@ def model_record(version: int) -> ModelRecord:
 
 def test_the_twin_awaits_a_model_that_comes_after_its_adaptation(stranger):
     """The two topics have no common order; the adaptation says which model is meant."""
-    stranger.start(PredictorNode, **PHYSICS)
+    stranger.start(TwinNode, **PHYSICS)
     stranger.listen("prediction")
     stranger.send("experiment", experiment(1), experiment(2))
     stranger.send("adaptation", adaptation(1, version=1))
@@ -80,7 +79,7 @@ def test_the_twin_awaits_a_model_that_comes_after_its_adaptation(stranger):
 
 def test_a_model_is_not_used_before_an_adaptation_names_it(stranger):
     """It may come before the adaptation, which may yet refuse it."""
-    stranger.start(PredictorNode, **PHYSICS)
+    stranger.start(TwinNode, **PHYSICS)
     stranger.listen("prediction")
     stranger.send("experiment", experiment(1))
     stranger.until(lambda: stranger.numbers("prediction") == [1])
@@ -93,7 +92,7 @@ def test_a_model_is_not_used_before_an_adaptation_names_it(stranger):
 
 def test_without_an_adaptation_the_twin_goes_on_after_its_time_out_and_says_so(stranger):
     """With the model it has; logged and counted."""
-    stranger.start(PredictorNode, **PHYSICS, adaptation_timeout=0.3)
+    stranger.start(TwinNode, **PHYSICS, adaptation_timeout=0.3)
     stranger.listen("prediction", "/diagnostics")
     logged = log_of(stranger)
     stranger.send("experiment", experiment(1), experiment(2))
@@ -111,7 +110,7 @@ def test_a_machine_that_is_faster_than_the_queue_does_not_outrun_the_time_out(
 ):
     """Its turn passes from an experiment that was dropped to the next."""
     monkeypatch.setattr("ldt_ros.nodes.twin_node.QUEUE", 2)
-    stranger.start(PredictorNode, **PHYSICS, adaptation_timeout=1.0)
+    stranger.start(TwinNode, **PHYSICS, adaptation_timeout=1.0)
     stranger.listen("prediction", "/diagnostics")
     for number in range(1, 41):  # none waits for a second in the queue
         stranger.send("experiment", experiment(number))
@@ -129,8 +128,8 @@ def test_a_twin_that_joins_late_has_the_model_in_force(stranger):
     early = stranger.node.create_publisher(String, "model", qos("model"))
     for version in (1, 2):
         early.publish(to_message(model_record(version)))
-    node = stranger.start(PredictorNode, **PHYSICS)
-    stranger.until(lambda: node.counts["model"] == 2, "latched models")
+    node = stranger.start(TwinNode, **PHYSICS)
+    stranger.until(lambda: node.topics.counts["model"] == 2, "latched models")
     stranger.listen("prediction")
     stranger.send("experiment", experiment(9))
     stranger.until(lambda: stranger.numbers("prediction") == [9])
@@ -245,9 +244,9 @@ def test_a_node_that_is_started_again_waits_for_its_recording_to_be_mended(
                 raise RecordingError(folder, "a recording", "half of one")
 
     monkeypatch.setattr(RecordedRun, "steps", half)
-    monkeypatch.setattr(node_module, "MENDING", 0.01)
+    monkeypatch.setattr("ldt_ros.nodes.own_recording.MENDING", 0.01)
     node = stranger.start(DetectorNode, resume=str(folder))
-    assert (len(tries), node.last) == (3, 6)
+    assert (len(tries), node.worker.last) == (3, 6)
     expected = build_detector_stage(resolve({}))
     for step in steps(RecordedRun(folder, "/", node.machine)):
         expected.recall(step)
@@ -260,14 +259,14 @@ def test_an_adaptor_slower_than_the_machine_keeps_what_waits_bounded(stranger):
     stranger.listen("adaptation", "/diagnostics")
     gate, step = threading.Event(), node.adaptor.step
     node.adaptor.step = lambda *pair: gate.wait(30) and step(*pair)
-    waiting = type(node).waiting
+    waiting = node.worker.waiting
     for number in range(1, waiting + 21):
         stranger.send("experiment", experiment(number, length=2))
         stranger.send("signal", answer(number, Level.POSITIVE))
         stranger.spin(0.01)
     told = stranger.until(lambda: stranger.health("adaptor").get("dropped") not in (None, "0"))
     assert told
-    stranger.until(lambda: node.left_out == 19)  # one is at work, and so many wait
+    stranger.until(lambda: node.worker.left_out == 19)  # one is at work, and so many wait
     gate.set()
     stranger.until(lambda: len(stranger.heard["adaptation"]) == waiting + 1)
     assert stranger.numbers("adaptation") == list(range(1, waiting + 2))
@@ -306,7 +305,7 @@ def test_a_source_waits_for_the_nodes_of_its_graph(stranger, tmp_path):
     play = written(tmp_path / "bag", 1)
     stranger.listen("experiment")
     stranger.start(PlayerNode, play=play, graph=graph)
-    stranger.start(PredictorNode, **PHYSICS, graph=graph)
+    stranger.start(TwinNode, **PHYSICS, graph=graph)
     stranger.spin(0.5)
     assert stranger.numbers("experiment") == []
     stranger.start(DetectorNode, graph=graph)
@@ -320,7 +319,7 @@ def test_a_whole_graph_passes_over_experiments_that_the_twin_refuses(stranger, t
     stranger.listen("adaptation")
     stranger.start(DetectorNode, **graph)
     stranger.start(AdaptorNode, **PHYSICS, **graph)
-    stranger.start(PredictorNode, **PHYSICS, **graph)
+    stranger.start(TwinNode, **PHYSICS, **graph)
     player = stranger.start(PlayerNode, play=play, **graph)
     began = time.monotonic()
     stranger.until(lambda: player.finished)
@@ -370,11 +369,11 @@ def test_a_recording_that_breaks_while_it_is_played_ends_the_player(stranger, tm
 
         raise RecordingError("bag", "an experiment", "rubbish")
 
-    node.fetch = broken
+    node.source.fetch = broken
     stranger.send("adaptation", adaptation(1))
     stranger.until(lambda: node.failure is not None)
     assert str(node.failure) == "bag: expected an experiment, got rubbish"
-    assert not node.rejected
+    assert not node.topics.rejected
 
 
 # ---- the launching process
@@ -420,7 +419,7 @@ def test_stock_tools_can_listen_to_every_topic(durability, stranger, tmp_path, s
     stranger.start(RecorderNode, bag=str(tmp_path / "bag"), **shared)
     stranger.start(DetectorNode, **shared)
     stranger.start(AdvisorNode, advice_every=1, **shared)
-    stranger.start(PredictorNode, **PHYSICS, **shared)
+    stranger.start(TwinNode, **PHYSICS, **shared)
     streaming = {"stream": "beside", "measure_current": True}
     stranger.start(PlantNode, experiments=3, seed=1, **streaming, **shared)
     # The adaptor comes last: the first model is sent when it does.

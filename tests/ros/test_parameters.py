@@ -26,7 +26,7 @@ from stranger import experiment  # noqa: E402
 from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
 from ldt_ros.nodes.interfaces import declare  # noqa: E402
 from ldt_ros.nodes.plant_node import PlantNode  # noqa: E402
-from ldt_ros.nodes.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.nodes.twin_node import TwinNode  # noqa: E402
 
 RANGED = {n: d for n, d in msgs_config.parameters().items() if "range" in d}
 CHOSEN = {n: d for n, d in msgs_config.parameters().items() if "choices" in d}
@@ -248,7 +248,7 @@ def test_choices_are_visible(stranger):
 def test_machines_in_two_namespaces_do_not_hear_each_other(stranger):
     """All topics are relative; /diagnostics is shared, and names the machine."""
     for name in ("press", "mill"):
-        stranger.start(PredictorNode, namespace=name, model="physics")
+        stranger.start(TwinNode, namespace=name, model="physics")
     stranger.listen("press/prediction", "mill/prediction", "/diagnostics")
     stranger.send("press/experiment", experiment(1))
     stranger.until(lambda: stranger.numbers("press/prediction") == [1])

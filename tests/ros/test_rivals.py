@@ -18,7 +18,7 @@ from ldt_core.recording.model_json import model_text  # noqa: E402
 from ldt_ros.graph.machine_run import MachineRun  # noqa: E402
 from ldt_ros.nodes import rivals as module  # noqa: E402
 from ldt_ros.nodes.interfaces import message_type, qos  # noqa: E402
-from ldt_ros.nodes.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.nodes.twin_node import TwinNode  # noqa: E402
 
 OK, WARN, ERROR = 0, 1, 2
 PHYSICS = {"model": "physics"}
@@ -36,7 +36,7 @@ def intruder(stranger):
 @pytest.mark.parametrize("topic", ["experiment", "model"])
 def test_a_second_publisher_of_another_name_is_an_alarm(stranger, intruder, topic):
     """ERROR in /diagnostics with both names, one error in the log, and a count that stays."""
-    stranger.start(PredictorNode, **PHYSICS)
+    stranger.start(TwinNode, **PHYSICS)
     stranger.listen("/diagnostics")
     logged = log_of(stranger)
     stranger.publisher(topic)
@@ -54,50 +54,50 @@ def test_a_second_publisher_of_another_name_is_an_alarm(stranger, intruder, topi
 
 def test_one_that_stays_for_less_than_a_report_is_noticed(stranger, intruder):
     """Health is told once a second; whoever comes within is counted all the same."""
-    node = stranger.start(PredictorNode, **PHYSICS)
+    node = stranger.start(TwinNode, **PHYSICS)
     stranger.listen("/diagnostics")
     stranger.publisher("model")
     stranger.until(lambda: stranger.health("twin").get("level") == OK)
     second = intruder.create_publisher(String, "model", qos("model"))
-    stranger.until(lambda: node._inputs["model"].get_publisher_count() == 2)
+    stranger.until(lambda: 2 in node.topics.matched)
     stranger.spin(0.15)
     intruder.destroy_publisher(second)
-    assert node.rivals.raised == {"model": 1}
+    assert node.topics.rivals.raised == {"model": 1}
 
 
 def test_what_a_killed_node_has_left_is_no_alarm_until_it_cannot_be_that(stranger, monkeypatch):
     """Another publisher of the same name is a warning first, and an alarm after the lease."""
     monkeypatch.setattr(module, "LEASE", 1.5)
-    node = stranger.start(PredictorNode, **PHYSICS)
+    node = stranger.start(TwinNode, **PHYSICS)
     stranger.listen("/diagnostics")
     stranger.publisher("experiment")
     stranger.publisher("experiment")
     stranger.until(lambda: stranger.health("twin").get("level") == WARN)
-    assert not node.rivals.raised
+    assert not node.topics.rivals.raised
     stranger.until(lambda: stranger.health("twin").get("level") == ERROR)
-    assert node.rivals.raised == {"experiment": 1}
+    assert node.topics.rivals.raised == {"experiment": 1}
 
 
 def test_a_topic_that_only_tells_is_a_warning(stranger, intruder):
     """Two of `adaptation`: the twin waits for one, and learns from neither."""
-    node = stranger.start(PredictorNode, **PHYSICS)
+    node = stranger.start(TwinNode, **PHYSICS)
     stranger.listen("/diagnostics")
     for of in (stranger.node, intruder):
         of.create_publisher(message_type("adaptation"), "adaptation", 10)
     stranger.until(lambda: stranger.health("twin").get("level") == WARN)
-    assert not node.rivals.raised
+    assert not node.topics.rivals.raised
 
 
 def test_a_model_whose_digest_is_wrong_never_comes_into_force(stranger):
     """It is rejected as any other that is none, and the twin stays with what it has."""
-    node = stranger.start(PredictorNode, **PHYSICS)
+    node = stranger.start(TwinNode, **PHYSICS)
     stranger.listen("prediction")
     good = model_text(node.predictor.model.record())
     changed = json.loads(good)
     changed["version"] = 7
     stranger.send("model", String(data=json.dumps(changed)))
-    stranger.until(lambda: node.rejected)
-    assert node.rejected == {"model: ModelError": 1}
+    stranger.until(lambda: node.topics.rejected)
+    assert node.topics.rejected == {"model: ModelError": 1}
     stranger.send("experiment", experiment(1))
     stranger.until(lambda: stranger.heard["prediction"])
     assert stranger.heard["prediction"][0].model_version == 0
@@ -107,7 +107,7 @@ def test_a_model_whose_digest_is_wrong_never_comes_into_force(stranger):
 def test_the_summary_tells_of_the_alarm(stranger, intruder, monitor, tmp_path):
     """Of a run into which somebody has published a model, whatever became of it."""
     node, _ = monitor
-    stranger.start(PredictorNode, **PHYSICS)
+    stranger.start(TwinNode, **PHYSICS)
     stranger.publisher("model")
     intruder.create_publisher(String, "model", qos("model"))
     key = "second publisher of model"

@@ -28,7 +28,7 @@ from ldt_core.base.errors import OptionError  # noqa: E402
 from ldt_ros.nodes.feed import Feed  # noqa: E402
 from ldt_ros.nodes.plant_node import PlantNode  # noqa: E402
 from ldt_ros.nodes.player_node import PlayerNode  # noqa: E402
-from ldt_ros.nodes.samples import exact_stamp  # noqa: E402
+from ldt_ros.nodes.sample_stream import exact_stamp  # noqa: E402
 from ldt_ros.nodes.segmenter_node import SegmenterNode  # noqa: E402
 
 PERIOD, SIZE = 0.02, 25  # s, samples: half a second of a machine in real time

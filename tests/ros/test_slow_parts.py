@@ -87,8 +87,8 @@ def test_a_recorder_slower_than_the_graph_counts_what_it_leaves_out(
         recorder_node, "Backlog", lambda work: Backlog(work, messages=10, most_bytes=10**9)
     )
     node = stranger.start(recorder_node.RecorderNode, bag=str(tmp_path / "bag"))
-    gate, write = threading.Event(), node._writer.write_raw
-    node._writer.write_raw = lambda *message: gate.wait(30) and write(*message)
+    gate, write = threading.Event(), node.writer.write_raw
+    node.writer.write_raw = lambda *message: gate.wait(30) and write(*message)
     stranger.listen("/diagnostics")
     for number in range(1, 31):
         stranger.send("experiment", experiment(number))
@@ -99,11 +99,11 @@ def test_a_recorder_slower_than_the_graph_counts_what_it_leaves_out(
     assert told["level"] == 1
     assert told["message"].endswith("messages not recorded: the medium is too slow")
     gate.set()
-    stranger.until(lambda: not len(node._backlog))
+    stranger.until(lambda: not len(node.backlog))
     stranger.send("experiment", experiment(31))
-    stranger.until(lambda: 31 in node._writer._numbers["/experiment"])
+    stranger.until(lambda: 31 in node.writer.recorded("/experiment"))
     stranger.node.destroy_publisher(stranger._publishers["experiment"])
     node.close()
     numbers = [e.number for e in read_bag(tmp_path / "bag").experiments()]
     assert numbers == [*range(1, len(numbers)), 31]
-    assert len(numbers) + node._backlog.dropped["experiment"] == 31
+    assert len(numbers) + node.backlog.dropped["experiment"] == 31

@@ -22,7 +22,7 @@ rclpy = pytest.importorskip("rclpy")
 from std_msgs.msg import Float64MultiArray, String  # noqa: E402
 from stranger import PATIENCE, answer, experiment, prediction  # noqa: E402
 
-from ldt_ros.nodes.twin_node import PredictorNode  # noqa: E402
+from ldt_ros.nodes.twin_node import TwinNode  # noqa: E402
 from ldt_ros.nodes.watch_node import WatchNode  # noqa: E402
 from ldt_ros.watch import GraphSource  # noqa: E402
 
@@ -79,7 +79,7 @@ def test_what_is_malformed_is_counted_and_the_rest_shown(stranger, watched):
 
 def test_it_publishes_nothing_and_nodes_are_told_of(stranger, watched):
     """It is an ear only; the twin's health is shown under its machine."""
-    stranger.start(PredictorNode, namespace="press", model="physics")
+    stranger.start(TwinNode, namespace="press", model="physics")
     stranger.until(lambda: watched.machines.get("press"), "the machine")
     stranger.until(lambda: watched.machine("/press")["nodes"], "its health")
     assert watched.machine("/press")["nodes"][0]["role"] == "twin"

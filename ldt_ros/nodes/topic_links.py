@@ -19,8 +19,8 @@ from rclpy.qos import qos_policy_name_from_kind
 from ldt_core.recording.node_status import LIFELESS, UNMATCHED
 
 
-class Links:
-    """Counts what happens to a node's topics, and has words for what is so now.
+class TopicLinks:
+    """Counts what happens to a node's topics, and says what is wrong now.
 
     Args:
         node: whose log tells of it.
@@ -75,7 +75,7 @@ class Links:
         if not self.alive.get(topic, True):
             self.alive[topic] = True
 
-    def words(self) -> str:
+    def complaint(self) -> str:
         """What is wrong now; "" when nothing is."""
         found = [_lifeless(topic) for topic, alive in sorted(self.alive.items()) if not alive]
         for topic, policy in sorted(self._policies.items()):

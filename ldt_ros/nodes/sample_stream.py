@@ -11,7 +11,8 @@ from sensor_msgs.msg import JointState
 
 from ldt_core.base.experiment import Experiment
 
-BURST = 10  # samples in 5 ms at most, 2000 a second: a listener in Python keeps up with that
+#: Samples in 5 ms at most, 2000 a second: a listener in Python keeps up with that.
+BURST = 10
 
 
 class SampleStream:

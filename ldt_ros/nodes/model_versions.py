@@ -8,17 +8,18 @@ from ldt_core.base.bounded import forget_oldest
 
 T = TypeVar("T")
 
-KEPT = 12  # as many as the topic holds for late joiners, and some that come meanwhile
+#: As many as the topic holds for late joiners, and some that come meanwhile.
+KEPT_VERSIONS = 12
 
 
-class Versions(Generic[T]):
+class ModelVersions(Generic[T]):
     """Models by version, bounded.
 
     Args:
         first: the model of version 0, which stays known.
     """
 
-    def __init__(self, first: T | None = None) -> None:
+    def __init__(self, first: T) -> None:
         self.first = first
         self._models: dict[int, T] = {}
 
@@ -26,7 +27,7 @@ class Versions(Generic[T]):
         """Take in a model; an adaptor that begins anew counts its versions from 0 again."""
         self._models.pop(version, None)
         self._models[version] = model
-        forget_oldest(self._models, KEPT)
+        forget_oldest(self._models, KEPT_VERSIONS)
 
     def get(self, version: int) -> T | None:
         """The model of a version; None where it has not come, or long ago."""
@@ -34,6 +35,6 @@ class Versions(Generic[T]):
         return self.first if found is None and version == 0 else found
 
     @property
-    def last(self) -> T | None:
+    def last(self) -> T:
         """The model that came last."""
         return next(reversed(self._models.values()), self.first)

@@ -26,7 +26,7 @@ GROUPS = {
 }
 
 
-class Recovery:
+class StageRestart:
     """Brings one stage to where its recording ends: by a checkpoint, and the steps since.
 
     First `return_to_checkpoint`, then `recall` for each recorded step, then `passed` for each
@@ -118,7 +118,7 @@ class Recovery:
         return Lookup(bag, self.run.machine, self.settings, before)
 
 
-class TwinRecovery:
+class TwinRestart:
     """Brings a twin, all its stages, to where its recording ends.
 
     Args:
@@ -130,7 +130,8 @@ class TwinRecovery:
     def __init__(self, twin: Twin, run: RecordedRun, log: Callable[[str], None]) -> None:
         self._twin, self._run = twin, run
         self._stages = [
-            Recovery(stage, role, run, twin.settings, log) for role, stage in twin.stages.items()
+            StageRestart(stage, role, run, twin.settings, log)
+            for role, stage in twin.stages.items()
         ]
 
     def resume(self) -> int:
@@ -141,7 +142,7 @@ class TwinRecovery:
             ModelError: a recorded model that cannot be this machine's.
         """
         last = 0
-        least = min([recovery.return_to_checkpoint() for recovery in self._stages])
+        least = min([restart.return_to_checkpoint() for restart in self._stages])
         for step in self._run.steps(least):
             last = step.number
             self.recall(step)
@@ -150,11 +151,11 @@ class TwinRecovery:
     def recall(self, step: RecordedStep) -> None:
         """Take over what a recorded step says; raises as `resume`."""
         self._twin.predictor.recall(step)
-        for recovery in self._stages:
-            recovery.recall(step)
+        for restart in self._stages:
+            restart.recall(step)
         self._twin.predictor.model = self._twin.adaptor.model
 
     def passed(self, experiment: Experiment) -> None:
         """The twin has taken an experiment."""
-        for recovery in self._stages:
-            recovery.passed(experiment)
+        for restart in self._stages:
+            restart.passed(experiment)

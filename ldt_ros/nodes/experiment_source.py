@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
-import abc
 import time
+from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
-from ldt_core.recording.node_status import NodeStatus
+from ldt_core.recording.node_status import REFUSED, NodeStatus
 from ldt_core.recording.pace import parse_rate
 from ldt_core.restart.recorded_run import END
 from ldt_ros.nodes.convert import from_message, to_message
-from ldt_ros.nodes.gated_node import GatedNode
-from ldt_ros.nodes.node import LINGER, REFUSED
-from ldt_ros.nodes.samples import SampleStream
+from ldt_ros.nodes.health_report import LINGER
+from ldt_ros.nodes.node import LdtNode
+from ldt_ros.nodes.part import Part
+from ldt_ros.nodes.sample_stream import SampleStream
+from ldt_ros.nodes.start_gate import StartGate
 
-PATIENCE = 3.0  # s that a stop waits for the experiment under way
-TICK = 0.005  # s, resolution of paced publishing where that is a fiftieth of an experiment or more
-LONGEST_TICK = 0.05  # s
-TICKS = 50  # an experiment
+#: Parameters that it needs of its node.
+GROUPS = ("pace", "twin", "stream")
+#: Longest time that a stop waits for the experiment under way [s].
+PATIENCE = 3.0
+#: Shortest and longest time between two looks at the clock [s].
+SHORTEST_TICK, LONGEST_TICK = 0.005, 0.05
+#: Looks at the clock during an experiment, if they are not nearer or farther than that.
+TICKS_PER_EXPERIMENT = 50
 
 
-class SourceNode(GatedNode):
+class ExperimentSource(Part):
     """Publishes `experiment`, once all nodes of the graph have found each other.
 
     As fast as it goes, experiment i + 1 follows the `adaptation` of experiment i, so that no queue
@@ -45,38 +51,41 @@ class SourceNode(GatedNode):
     | `adaptation` of another experiment | ignored; of a later one not where it was started again |
     | `/diagnostics` of the twin: it refused the experiment sent last | the next is sent |
     | anything that is no adaptation | counted, logged once per kind |
+
+    Args:
+        node: that publishes.
+        fetch: gives the next experiment; None when there are no more.
+
+    Attributes:
+        adapted: number of the last experiment that is known to be adapted to.
     """
 
-    def __init__(self, role: str, *groups: str, **node_arguments: Any) -> None:
-        super().__init__(role, *groups, "pace", "twin", "stream", **node_arguments)
-        self.rate = 1.0 if self.settings["real_time"] else parse_rate(self.settings["rate"])
-        stream = self.settings["stream"]
-        self._samples = SampleStream(self.publishes, self.machine.name) if stream else None
+    patience = PATIENCE
+
+    def __init__(self, node: LdtNode, fetch: Callable[[], Experiment | None]) -> None:
+        self._node, self.fetch = node, fetch
+        self._gate = StartGate(node, self._hear)
+        settings = node.settings
+        self.rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
+        self._timeout: float = settings["adaptation_timeout"]
+        stream = settings["stream"]
+        self._samples = SampleStream(node.topics.publishes, node.machine.name) if stream else None
         self._publisher = None
         if stream != "only":
-            self._publisher = self.publishes("experiment")
-            self.listens("adaptation", self._on_adaptation)
-        self._adapted = self._resumed = self._resumed_after()
+            self._publisher = node.topics.publishes("experiment")
+            node.topics.listens("adaptation", self._on_adaptation)
+        # Of a run that goes on, the last experiment that is recorded as adapted to.
+        self._resumed = max((step.number for step in node.recording.steps(END)), default=0)
+        self.adapted = self._resumed
         self._next: Experiment | None = None
         self._message: Any = None
         self._sent: Experiment | None = None
-        self._count = self._adapted
+        self._count = self.adapted
         self._under_way = False
         self._asked = False  # for the next experiment, where there is no rate
         self._began: tuple[float, float] | None = None
         self._waiting_since = 0.0
-        self._ticker = self.create_timer(LONGEST_TICK, self._tick, clock=self.steady)
-
-    def _resumed_after(self) -> int:
-        """The last experiment of a run that is recorded as adapted, 0 where it begins."""
-        last = 0
-        for step in self.recorded(END):
-            last = step.experiment.number
-        return last
-
-    @abc.abstractmethod
-    def fetch(self) -> Experiment | None:
-        """The next experiment; None when there are no more."""
+        self._ticker = node.create_timer(LONGEST_TICK, self._tick, clock=node.steady)
 
     def health(self) -> dict[str, Any]:
         """Number of the last experiment sent, and how many were."""
@@ -84,21 +93,18 @@ class SourceNode(GatedNode):
 
     def halt(self) -> None:
         """Send no further experiment, and say which was the last."""
-        self.stopped = not self.finished
-        self.tell()
-
-    #: How long a process waits for `quiet` when it is told to stop [s].
-    patience = PATIENCE
+        self._node.stopped = not self._node.finished
+        self._node.report.tell()
 
     @property
     def quiet(self) -> bool:
         """Whether all have had time to take the last experiment, which leaves with its sender."""
         return not self._under_way and time.monotonic() - self._waiting_since > LINGER
 
-    def hear(self, told: NodeStatus) -> None:
+    def _hear(self, told: NodeStatus) -> None:
         """Begin once all are there; go on where the twin refused the experiment sent last."""
         sent = self._sent
-        if self._began is None and not self.ended:
+        if self._began is None and not self._node.ended:
             self._begin_if_all_are_there()
         if told.role == "twin" and sent and told.values.get(REFUSED) == str(sent.number):
             self._go_on()
@@ -106,28 +112,28 @@ class SourceNode(GatedNode):
     def _on_adaptation(self, message: DiagnosticArray) -> None:
         adaptation = from_message("adaptation", message)
         answers = self._sent is not None and adaptation.experiment == self._sent.number
-        if answers or self.settings["resume"]:
-            self._adapted = max(self._adapted, adaptation.experiment)
+        if answers or self._node.settings["resume"]:
+            self.adapted = max(self.adapted, adaptation.experiment)
         if answers:
             self._go_on()
 
     def _is_answered(self) -> bool:
         """Whether what was sent last had been adapted to before, so that nobody adapts now."""
-        return self._under_way and self._sent is not None and self._sent.number <= self._adapted
+        return self._under_way and self._sent is not None and self._sent.number <= self.adapted
 
     def _go_on(self) -> None:
         """The twin is done with the experiment sent last."""
         self._under_way = False
-        if self.ended:
+        if self._node.ended:
             return
         if self._next is None:
-            self.finished = True
+            self._node.finished = True
         elif self.rate is None:
             self._asked = True
             self._send_when_streamed()
 
     def _tick(self) -> None:
-        if self.ended:
+        if self._node.ended:
             self._ticker.cancel()
         elif self._began is None:
             self._begin_if_all_are_there()
@@ -139,17 +145,17 @@ class SourceNode(GatedNode):
             if self._asked:
                 self._send_when_streamed()
             elif self._next is None or self.rate is None:
-                if time.monotonic() - self._waiting_since > self.settings["adaptation_timeout"]:
+                if time.monotonic() - self._waiting_since > self._timeout:
                     self._give_up_waiting()
             elif time.monotonic() >= self._due(self._next):
                 self._send_when_streamed()
 
     def _begin_if_all_are_there(self) -> None:
-        if not self.started:
+        if not self._gate.is_open:
             return
         self._fetch()
         if self._next is None:
-            self.finished = True
+            self._node.finished = True
         else:
             self._began = (time.monotonic(), self._next.start)
             self._asked = self.rate is None
@@ -160,12 +166,13 @@ class SourceNode(GatedNode):
         """Look at the clock as often as this pace asks for; each look costs 0.1 ms."""
         period = LONGEST_TICK
         if self._samples is not None:
-            period = TICK
+            period = SHORTEST_TICK
         elif self.rate is not None:
-            period = min(max(first.duration / self.rate / TICKS, TICK), LONGEST_TICK)
+            look = first.duration / self.rate / TICKS_PER_EXPERIMENT
+            period = min(max(look, SHORTEST_TICK), LONGEST_TICK)
         if period < LONGEST_TICK:
             self._ticker.cancel()
-            self._ticker = self.create_timer(period, self._tick, clock=self.steady)
+            self._ticker = self._node.create_timer(period, self._tick, clock=self._node.steady)
 
     def _send_when_streamed(self) -> None:
         if self.rate is not None and self._next and time.monotonic() < self._due(self._next):
@@ -183,17 +190,17 @@ class SourceNode(GatedNode):
 
     def _due(self, experiment: Experiment) -> float:
         assert self._began is not None
+        assert self.rate is not None
         wall, start = self._began
         return wall + (experiment.end - start) / self.rate
 
     def _give_up_waiting(self) -> None:
         assert self._sent is not None
-        self.get_logger().warning(
-            f"no adaptation of experiment {self._sent.number} within "
-            f"{self.settings['adaptation_timeout']:g} s, going on"
+        self._node.get_logger().warning(
+            f"no adaptation of experiment {self._sent.number} within {self._timeout:g} s, going on"
         )
         if self._next is None:
-            self.finished = True
+            self._node.finished = True
         else:
             self._send()
 
@@ -207,7 +214,7 @@ class SourceNode(GatedNode):
         # While the twin works on this one, the next is made.
         self._fetch()
         if self._publisher is None and self._next is None:
-            self.finished = True
+            self._node.finished = True
 
     def _fetch(self) -> None:
         self._next = self._message = None
@@ -220,4 +227,4 @@ class SourceNode(GatedNode):
             if self._samples is not None:
                 self._samples.load(self._next)
         except LdtError as error:  # no fault of the message that it follows
-            self.failure = error
+            self._node.failure = error

@@ -1,0 +1,137 @@
+"""A node's publishers and subscriptions, and what became of the messages on them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+
+import msgs_config
+from ldt_core.base.errors import LdtError
+from ldt_core.base.printable import one_line
+from ldt_ros.nodes.interfaces import listener_qos, message_type, qos
+from ldt_ros.nodes.rivals import Rivals
+from ldt_ros.nodes.topic_links import TopicLinks
+
+#: Longest reason of a rejection [characters]; a foreign message may be of any size.
+REASON_LENGTH = 400
+
+
+class Topics:
+    """Declared topics of a node.
+
+    A message that cannot be used is counted and logged once per kind, and the node goes on.
+
+    Args:
+        node: that publishes and listens.
+        graph: roles of the nodes of its graph.
+    """
+
+    def __init__(self, node: Node, graph: Iterable[str]) -> None:
+        self._node, self._graph = node, set(graph)
+        #: Messages that have come, by topic.
+        self.counts: Counter[str] = Counter()
+        #: Messages that could not be used, by topic and kind of error.
+        self.rejected: Counter[str] = Counter()
+        self.last_rejection = ""
+        self._outputs: dict[str, Publisher] = {}
+        self._inputs: dict[str, Subscription] = {}
+        self.rivals = Rivals(node, self._outputs, self._inputs)
+        self.links = TopicLinks(node)
+
+    def publishes(self, topic: str) -> Publisher:
+        """A publisher of a declared topic."""
+        self._outputs[topic] = self._node.create_publisher(
+            message_type(topic), topic, qos(topic), event_callbacks=self.links.of_output(topic)
+        )
+        return self._outputs[topic]
+
+    def listens(
+        self, topic: str, callback: Callable[[Any], None], *, raw: bool = False, depth: int = 0
+    ) -> None:
+        """Subscribe to a declared topic; what the callback refuses is counted, not raised.
+
+        A second time it is in place of the first.
+        """
+        if topic in self._inputs:
+            self._node.destroy_subscription(self._inputs.pop(topic))
+
+        def guarded(message: Any) -> None:
+            try:
+                self.counts[topic] += 1
+                self.links.heard(topic)
+                callback(message)
+            except LdtError as error:
+                self.reject(topic, error)
+
+        self._inputs[topic] = self._node.create_subscription(
+            message_type(topic),
+            topic,
+            guarded,
+            self._listener_qos(topic, depth),
+            raw=raw,
+            event_callbacks=self.links.of_input(topic),
+        )
+        self.links.add(topic, self._inputs[topic])
+
+    def _listener_qos(self, topic: str, depth: int) -> QoSProfile:
+        """What was missed, and signs of life, are asked for alone of nodes of this graph.
+
+        They keep the one and give the other; a machine of the user's may not. Who was started
+        again, or cut off from another host for a while, has missed something. From one
+        subscription: of two, one would hear the present before the other hears the past.
+        """
+        ours = self._graph & set(msgs_config.topics()[topic]["publisher"])
+        return listener_qos(topic, depth, own=bool(ours))
+
+    def reject(self, topic: str, error: Exception) -> None:
+        """Count a message that cannot be used; log the first of its kind."""
+        kind = f"{topic}: {type(error).__name__}"
+        self.rejected[kind] += 1
+        reason = one_line(str(error))
+        reason = reason if len(reason) <= REASON_LENGTH else reason[: REASON_LENGTH - 3] + "..."
+        self.last_rejection = f"{topic}: {reason}"
+        if self.rejected[kind] == 1:
+            self._node.get_logger().error(f"rejected a message on {self.last_rejection}")
+
+    @property
+    def matched(self) -> tuple[int, ...]:
+        """How many there are at the other end of each; cheap enough to be asked all the time."""
+        outputs, inputs = self._outputs.values(), self._inputs.values()
+        return (*map(_matched, outputs), *map(_matched, inputs))
+
+    @property
+    def ready(self) -> bool:
+        """Whether every topic has met the peers that the graph has for it."""
+        table = msgs_config.topics()
+        ends: list[tuple[int, set[str], Callable[[str], list[Any]], str]] = []
+        for topic, output in self._outputs.items():
+            wanted = self._graph & set(table[topic]["subscriber"])
+            ends.append(
+                (_matched(output), wanted, self._node.get_subscriptions_info_by_topic, topic)
+            )
+        for topic, listener in self._inputs.items():
+            wanted = self._graph & set(table[topic]["publisher"])
+            ends.append(
+                (_matched(listener), wanted, self._node.get_publishers_info_by_topic, topic)
+            )
+        # Numbers first: to ask for names means to go through the whole graph.
+        if any(matched < len(wanted) for matched, wanted, _, _ in ends):
+            return False
+        for matched, wanted, ask, topic in ends:
+            found = [info.node_name for info in ask(topic)]
+            # Being seen in the graph comes before being matched; only the latter gets messages.
+            if matched < len(found) or not wanted <= set(found):
+                return False
+        return True
+
+
+def _matched(end: Publisher | Subscription) -> int:
+    if isinstance(end, Publisher):
+        return end.get_subscription_count()
+    return end.get_publisher_count()
