@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ldt_core.cli.options import diagnosis_option, json_option, namespace_option, parameters
-from ldt_core.cli.terminal import echo, echo_json, one_line
+from ldt_core.cli.terminal import echo_result, one_line
 
 if TYPE_CHECKING:
     from ldt_core.base.experiment import DiagnosisRecord, Experiment, ModelRecord
@@ -90,16 +90,12 @@ def command(
         from ldt_core.views.figures.advice_figure import plot_advice
 
         plot_advice(machine, belief.values, way, out, machine.duration)
-    if as_json:
-        record = {
-            "experiment": advice.experiment or None,
-            "warning": advice.warning,
-            "sentence": advice.sentence,
-            **advice.values,
-            "way": way and {**vars(way), "sentence": way.describe()},
-        }
-        echo_json(record)
-        return
-    echo(one_line(advice.sentence))
-    if way is not None:
-        echo(way.describe())
+    record = {
+        "experiment": advice.experiment or None,
+        "warning": advice.warning,
+        "sentence": advice.sentence,
+        **advice.values,
+        "way": way and {**vars(way), "sentence": way.describe()},
+    }
+    lines = [one_line(advice.sentence), *([way.describe()] if way else [])]
+    echo_result(as_json, record, *lines)

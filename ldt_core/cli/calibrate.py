@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.table import Table
 
+from ldt_core.base.sentences import counted
 from ldt_core.cli.console import Console
 from ldt_core.cli.options import (
     force_option,
@@ -108,8 +109,7 @@ def _print(found: Calibration, out: str) -> None:
     console.print(table)
     for part, (before, after) in found.errors.items():
         where = {"fit": "fitted", "held_out": "held out"}[part]
-        numbers = found.experiments[part]
-        many = f"{len(numbers)} experiment{'s' if len(numbers) > 1 else ''}"
+        many = counted(len(found.experiments[part]), "experiment")
         console.print(
             f"free-run error on {many} {where}: {before.rmse:.4g} rad/s before, "
             f"{after.rmse:.4g} after (mean maximum {before.mean_max_error:.4g} and "

@@ -10,7 +10,7 @@ import click
 
 from ldt_core.cli.options import compute_options, jobs_option, json_option
 from ldt_core.cli.spelling import SuggestingGroup
-from ldt_core.cli.terminal import echo, echo_json
+from ldt_core.cli.terminal import echo, echo_json, echo_result
 
 if TYPE_CHECKING:
     from ldt_core.lab.challenge.score.score import Score
@@ -84,11 +84,8 @@ def make(
         say=say,
         progress=lambda items, total, doing: track(items, doing, total),
     )
-    if as_json:
-        record = {"cases": cases, "out": out, "key": str(written), "sha256": digests[0]}
-        echo_json(record)
-    else:
-        echo(f"{cases} cases: {out}; key: {written}")
+    record = {"cases": cases, "out": out, "key": str(written), "sha256": digests[0]}
+    echo_result(as_json, record, f"{cases} cases: {out}; key: {written}")
 
 
 @command.command("score", short_help="Diagnose the cases and compare with the key.")

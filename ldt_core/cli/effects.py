@@ -9,7 +9,7 @@ import click
 
 from ldt_core.cli.completion import known
 from ldt_core.cli.options import json_option
-from ldt_core.cli.terminal import echo, echo_json
+from ldt_core.cli.terminal import echo, echo_result
 
 if TYPE_CHECKING:
     from ldt_core.physics.effect import Effect
@@ -32,16 +32,13 @@ def command(effect: str | None, as_json: bool) -> None:
     if effect is not None:
         found = get_effect(effect)
         checked = _check(found)
-        if as_json:
-            echo_json({**_record(found), "checked": checked})
-        else:
-            echo("\n".join([*_lines(found), "", "Checked:", *(f"- {c}" for c in checked)]))
+        record = {**_record(found), "checked": checked}
+        lines = [*_lines(found), "", "Checked:", *(f"- {c}" for c in checked)]
+        echo_result(as_json, record, *lines)
         return
     known = _known()
-    if as_json:
-        echo_json([_record(e) for e in known])
-    else:
-        echo("\n\n".join("\n".join(_lines(e)) for e in known))
+    text = "\n\n".join("\n".join(_lines(e)) for e in known)
+    echo_result(as_json, [_record(e) for e in known], text)
 
 
 def _known() -> list[Effect]:

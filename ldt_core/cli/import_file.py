@@ -8,7 +8,7 @@ import click
 
 from ldt_core.base.sentences import counted
 from ldt_core.cli.options import declared_option, json_option, out_option
-from ldt_core.cli.terminal import echo, echo_json, one_line
+from ldt_core.cli.terminal import echo_result, one_line
 
 UNIT_HELP = "with a unit if it is not SI, for example"
 
@@ -83,21 +83,19 @@ def command(
         for experiment in until_stopped(imported.experiments, stop):
             writer.write("experiment", experiment, experiment.end)
     first = imported.experiments[0]
-    if as_json:
-        record = {
-            "experiments": len(imported.experiments),
-            "samples": len(first),
-            "sample_period": first.period,
-            "notes": list(imported.notes),
-            "recording": out,
-        }
-        echo_json(record)
-        return
-    for note in imported.notes:
-        echo(one_line(note))
+    record = {
+        "experiments": len(imported.experiments),
+        "samples": len(first),
+        "sample_period": first.period,
+        "notes": list(imported.notes),
+        "recording": out,
+    }
     sizes = sorted({len(e) for e in imported.experiments})
     samples = " to ".join(str(size) for size in dict.fromkeys((sizes[0], sizes[-1])))
-    echo(
+    echo_result(
+        as_json,
+        record,
+        *map(one_line, imported.notes),
         f"{counted(len(imported.experiments), 'experiment')} of {samples} samples at "
-        f"{1 / first.period:.6g} Hz: {out}"
+        f"{1 / first.period:.6g} Hz: {out}",
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from ldt_core.cli.options import json_option, namespace_option
-from ldt_core.cli.terminal import echo, echo_json
+from ldt_core.cli.terminal import echo_result
 
 
 @click.command("plot", short_help="A run as a picture.")
@@ -36,8 +36,5 @@ def command(
 
     run = load_run(recording, namespace, experiment)
     plot_run(run, out, title)
-    if as_json:
-        record = {"figure": out, "shown": run.shown[0].number, "experiments": len(run.signals)}
-        echo_json(record)
-    else:
-        echo(out)
+    record = {"figure": out, "shown": run.shown[0].number, "experiments": len(run.signals)}
+    echo_result(as_json, record, out)

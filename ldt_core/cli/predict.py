@@ -14,7 +14,7 @@ from ldt_core.cli.options import (
     out_option,
     parameters,
 )
-from ldt_core.cli.terminal import echo, echo_json, warn
+from ldt_core.cli.terminal import echo_result, warn
 
 
 @click.command("predict", short_help="Predict a recording by the physics alone.")
@@ -75,11 +75,10 @@ def command(
             writer.write("prediction", prediction, experiment.end)
             error.add(prediction.residual(experiment))
     warn(*played.notes)
-    if as_json:
-        echo_json({**error.as_dict(), "recording": out})
-    else:
-        echo(
-            f"{counted(error.experiments, 'experiment')}, "
-            f"root mean square error {error.rmse:.4g} rad/s, "
-            f"mean maximum error {error.mean_max_error:.4g} rad/s: {out}"
-        )
+    echo_result(
+        as_json,
+        {**error.as_dict(), "recording": out},
+        f"{counted(error.experiments, 'experiment')}, "
+        f"root mean square error {error.rmse:.4g} rad/s, "
+        f"mean maximum error {error.mean_max_error:.4g} rad/s: {out}",
+    )

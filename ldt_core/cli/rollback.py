@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import click
 
 from ldt_core.cli.options import json_option, namespace_option
-from ldt_core.cli.terminal import echo, echo_json, one_line
+from ldt_core.cli.terminal import echo_result, one_line
 
 if TYPE_CHECKING:
     from ldt_core.restart.rollback import History
@@ -34,31 +35,26 @@ def command(
 
     found = history(recording, namespace, machine)
     if version is None:
-        if as_json:
-            echo_json(found.as_dict())
-        else:
-            _show(found)
+        echo_result(as_json, found.as_dict(), *_lines(found))
         return
     done = roll_back(found, version)
-    if as_json:
-        record = {"in_force": done.model_version, "rolled_back_to": version, "reason": done.reason}
-        echo_json({**record, "experiment": done.experiment})
-    else:
-        echo(f"{done.reason}; go on with --resume {recording}")
+    record = {"in_force": done.model_version, "rolled_back_to": version, "reason": done.reason}
+    record["experiment"] = done.experiment
+    echo_result(as_json, record, f"{done.reason}; go on with --resume {recording}")
 
 
-def _show(found: History) -> None:
-    echo("version  adopted  predicted  mean max error  held back: before -> after  faulty sensor")
+def _lines(found: History) -> Iterator[str]:
+    yield "version  adopted  predicted  mean max error  held back: before -> after  faulty sensor"
     for r in found.reigns:
         error = "-" if r.mean_max_error is None else f"{r.mean_max_error:.4g} rad/s"
-        compared = ""
+        compared = "-"
         if r.before is not None and r.after is not None:
             compared = f"{r.before:.4g} -> {r.after:.4g} rad/s"
         when = f"at {r.adopted}" if r.adopted else "first"
-        echo(
-            f"{r.version:7}  {when:>7}  {r.experiments:9}  {error:>14}  {compared or '-':>26}  "
+        yield (
+            f"{r.version:7}  {when:>7}  {r.experiments:9}  {error:>14}  {compared:>26}  "
             f"{r.faulty or '-':>13}"
         )
         if r.adopted:
-            echo(f"         {one_line(r.reason)}")
-    echo(f"version {found.reigns[-1].version} is in force")
+            yield f"         {one_line(r.reason)}"
+    yield f"version {found.reigns[-1].version} is in force"

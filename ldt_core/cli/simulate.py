@@ -8,7 +8,7 @@ import click
 
 from ldt_core.base.sentences import counted
 from ldt_core.cli.options import Command, declared_option, json_option, out_option, parameters
-from ldt_core.cli.terminal import echo, echo_json
+from ldt_core.cli.terminal import echo_result
 
 
 @click.command(
@@ -59,17 +59,16 @@ def command(
         for number in until_stopped(numbers, stop):
             experiment = plant.experiment(number)
             writer.write("experiment", experiment, experiment.end)
-    if as_json:
-        record = {
-            "machine": machine.name,
-            "experiments": settings["experiments"],
-            "samples": machine.samples,
-            "simulated": plant.describe(),
-            "recording": out,
-        }
-        echo_json(record)
-        return
-    echo(
+    record = {
+        "machine": machine.name,
+        "experiments": settings["experiments"],
+        "samples": machine.samples,
+        "simulated": plant.describe(),
+        "recording": out,
+    }
+    echo_result(
+        as_json,
+        record,
         f"{counted(settings['experiments'], 'experiment')} of {machine.samples} samples "
-        f"({', '.join(plant.describe())}): {out}"
+        f"({', '.join(plant.describe())}): {out}",
     )

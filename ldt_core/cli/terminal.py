@@ -20,10 +20,18 @@ def echo_json(record: Any, indent: int | None = None) -> None:
     click.echo(json.dumps(record, allow_nan=False, indent=indent))
 
 
+def echo_result(as_json: bool, record: Any, *lines: str) -> None:
+    """Print what a command did, as JSON for programs or in lines for people."""
+    if as_json:
+        echo_json(record)
+    else:
+        echo("\n".join(lines))
+
+
 def warn(*sentences: str) -> None:
     """Print sentences to standard error, a line each."""
     for sentence in sentences:
         echo(one_line(sentence), err=True)
 
 
-__all__ = ["echo", "echo_json", "one_line", "printable", "warn"]
+__all__ = ["echo", "echo_json", "echo_result", "one_line", "printable", "warn"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from ldt_core.cli.options import json_option, namespace_option
-from ldt_core.cli.terminal import echo, echo_json, printable
+from ldt_core.cli.terminal import echo_result, printable
 
 PORT = 8766
 
@@ -59,10 +59,8 @@ def command(
                 "unencrypted and without a password"
             )
             click.secho(printable(warning), err=True, fg="red", bold=True)
-        if as_json:
-            echo_json({"address": address, "watched": source.words})
-        else:
-            echo(f"{source.words}: {address} (Ctrl-C ends it)")
+        record = {"address": address, "watched": source.words}
+        echo_result(as_json, record, f"{source.words}: {address} (Ctrl-C ends it)")
 
     fleet = Fleet(source.live)
     serve(fleet, source, assets(source.words), host, port, ready)
