@@ -13,7 +13,7 @@ from ldt_core.cli.spelling import SuggestingGroup
 from ldt_core.cli.terminal import echo, echo_json, echo_result
 
 if TYPE_CHECKING:
-    from ldt_core.lab.challenge.score.score import Score
+    from ldt_core.lab.challenge.score.score import ChallengeScore
 
 
 @click.group(
@@ -130,8 +130,8 @@ def score(
     Example: ldt challenge score cases cases.key.json --out score
     """
     from ldt_core.cli.progress import ResumableProgress
-    from ldt_core.lab.challenge.score.files import write_files
     from ldt_core.lab.challenge.score.score import OUT_SUFFIX, score_challenge
+    from ldt_core.lab.challenge.score.score_files import write_files
     from ldt_core.views.page import style
 
     style.require("a score")
@@ -156,13 +156,12 @@ def score(
     _print(found, write_files(found, target), as_json)
 
 
-def _print(score: Score, files: Sequence[Path], as_json: bool) -> None:
+def _print(score: ChallengeScore, files: Sequence[Path], as_json: bool) -> None:
     from rich.box import SIMPLE
     from rich.table import Table
 
     from ldt_core.cli.console import Console
-    from ldt_core.lab.challenge.score.files import as_dict
-    from ldt_core.lab.challenge.score.markdown import cell, headline, quality, versus
+    from ldt_core.lab.challenge.score.score_files import as_dict, cell, headline, quality, versus
 
     if as_json:
         echo_json(as_dict(score))

@@ -132,7 +132,7 @@ def lost_voltage(y, volts, p):  # pragma: no cover - compiled
 
 @njit(cache=True, error_model="numpy")
 def rates(t, y, volts, p, dy):  # pragma: no cover - compiled
-    """Write the derivative of the state `y` (in the order of `plant.STATES`) to `dy`."""
+    """Write the derivative of the state `y` (in the order of `case_plant.STATES`) to `dy`."""
     theta, omega, i = y[0], y[1], y[2]
     supplied = volts
     if p.actuator_time > 0.0:

@@ -1,4 +1,7 @@
-"""Sealed cases on disk: folders that tell nothing, and a key apart whose hash is known first."""
+"""Sealed cases on disk: folders that tell nothing, and a key apart whose hash is known first.
+
+The order of the cases tells nothing either.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +9,92 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 import yaml
 
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.parallel import Workers
-from ldt_core.lab.challenge.case import Plan, plan_case, rounded
-from ldt_core.lab.challenge.mix import Order, orders
+from ldt_core.lab.challenge.case_plan import CasePlan, plan_case, rounded
+from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
 from ldt_core.recording.writer import BagWriter
+
+#: Shares of the kinds of cases, in percent.
+SHARES = {"none": 15, "single": 45, "pair": 15, "triple": 5, "outside": 20}
+ORDER, EFFECTS, CASE = range(3)  # independent random streams of a challenge
+
+
+@dataclass(frozen=True)
+class Order:
+    """A case to be made.
+
+    Args:
+        name: of its folder.
+        kind: none, single, pair, triple or outside.
+        effects: that must act in it; the others of a set are drawn.
+        seed: of all that is random in it.
+        left_out: effect that the diagnosis is to do without, or None.
+        samples: in each experiment.
+    """
+
+    name: str
+    kind: str
+    effects: tuple[str, ...]
+    seed: tuple[int, ...]
+    left_out: str | None = None
+    samples: int = 2000
+
+
+def orders(cases: int, seed: int, leave_one_out: bool = False, samples: int = 2000) -> list[Order]:
+    """The cases of a challenge, shuffled.
+
+    Args:
+        cases: how many.
+        seed: of the challenge.
+        leave_one_out: single effects only, each left out of the library by turns.
+        samples: in each experiment.
+    """
+    counts = {"single": cases} if leave_one_out else _counts(cases)
+    turns = {kind: _in_turn(kind, seed) for kind in counts}
+    wanted = [(kind, next(turns[kind])) for kind, count in counts.items() for _ in range(count)]
+    shuffled = np.random.default_rng(np.random.SeedSequence([seed, ORDER])).permutation(cases)
+    return [
+        Order(
+            name=f"case_{number:04d}",
+            kind=wanted[index][0],
+            effects=wanted[index][1],
+            seed=(seed, CASE, number),
+            left_out=wanted[index][1][0] if leave_one_out else None,
+            samples=samples,
+        )
+        for number, index in enumerate(shuffled, start=1)
+    ]
+
+
+def _counts(cases: int) -> dict[str, int]:
+    """Cases of each kind: the shares, what is left over to the largest remainders."""
+    exact = {kind: cases * share / 100 for kind, share in SHARES.items()}
+    counts = {kind: int(number) for kind, number in exact.items()}
+    behind = sorted(counts, key=lambda kind: counts[kind] - exact[kind])
+    for kind in behind[: cases - sum(counts.values())]:
+        counts[kind] += 1
+    return counts
+
+
+def _in_turn(kind: str, seed: int) -> Iterator[tuple[str, ...]]:
+    """Each effect once in a random order, then once again in another one, and so on."""
+    known: Sequence[str] = sorted(OUTSIDE if kind == "outside" else LAWS)
+    stream = list(SHARES).index(kind)
+    random = np.random.default_rng(np.random.SeedSequence([seed, EFFECTS, stream]))
+    while True:
+        for name in random.permutation(known):
+            yield () if kind == "none" else (str(name),)
+
 
 MACHINE, SHOWN, FURTHER = "machine.yaml", "recording", "further"
 KEY_SUFFIX = ".key.json"
@@ -109,7 +185,7 @@ def check_places(out: str | Path, key: str | Path = "") -> tuple[Path, Path]:
     return folder, key
 
 
-def plan_order(order: Order) -> Plan:
+def plan_order(order: Order) -> CasePlan:
     """The plan of an ordered case, its name in the key's entry."""
     seed, samples = order.seed, order.samples
     plan = plan_case(order.kind, order.effects, seed=seed, samples=samples)
@@ -123,7 +199,7 @@ def key_text(truths: Sequence[dict[str, Any]]) -> str:
     return f"[\n{lines}\n]\n"
 
 
-def write_case(item: tuple[Path, Plan]) -> None:
+def write_case(item: tuple[Path, CasePlan]) -> None:
     """Write the folder of a case."""
     folder, plan = item
     folder.mkdir()
@@ -133,7 +209,7 @@ def write_case(item: tuple[Path, Plan]) -> None:
     _write_bag(folder / FURTHER, plan, plan.further())
 
 
-def _write_bag(path: Path, plan: Plan, experiments: Iterable[Experiment]) -> None:
+def _write_bag(path: Path, plan: CasePlan, experiments: Iterable[Experiment]) -> None:
     # Simulated before the file is opened: its chunks tell how long the writer waited.
     whole = list(experiments)
     with BagWriter(path, machine=plan.machine["name"]) as writer:

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.experiment import Experiment, rms
-from ldt_core.lab.challenge.excitation import Excitation
+from ldt_core.lab.challenge.case_plant import ideal
 from ldt_core.lab.challenge.law import Law
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
-from ldt_core.lab.challenge.plant import ideal
 from ldt_core.lab.challenge.simulation import Drive, Motion, free_run, simulate
+from ldt_core.lab.challenge.voltage_pattern import VoltagePattern
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class Acting:
 
 
 @dataclass(frozen=True)
-class Setting:
+class CaseSetting:
     """All of a case but what acts in it.
 
     Args:
@@ -67,8 +67,8 @@ class Setting:
 
     physics: str
     known: Mapping[str, float]
-    excitation: Excitation
-    other: Excitation
+    excitation: VoltagePattern
+    other: VoltagePattern
     start: str
     warm: int
     noise: float
@@ -82,14 +82,14 @@ class Setting:
         return np.random.default_rng(np.random.SeedSequence([*self.seed, number, stream]))
 
 
-class Bench:
+class CaseBench:
     """Simulates a setting's experiments with laws that act.
 
     Args:
         setting: of the case.
     """
 
-    def __init__(self, setting: Setting) -> None:
+    def __init__(self, setting: CaseSetting) -> None:
         self.setting = setting
         self._drives: dict[int, Drive] = {}
         self._ideal: dict[int, Array] = {}

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.errors import LdtError
+from ldt_core.lab.challenge.case_plant import STATES, TOLERANCES
 from ldt_core.lab.challenge.dormand_prince import TOLERANCE, integrate
-from ldt_core.lab.challenge.plant import STATES, TOLERANCES
 
 Array = NDArray[np.float64]
 WALK_PERIOD = 0.01  # s, in which a wandering supply takes a step

@@ -10,9 +10,9 @@ import yaml
 
 import msgs_config
 from ldt_core.base.errors import OptionError, did_you_mean
-from ldt_core.lab.challenge.excitation import KINDS, REVERSING, draw_excitation
 from ldt_core.lab.challenge.law import Law
-from ldt_core.lab.challenge.rig import STARTS, Setting
+from ldt_core.lab.challenge.rig import STARTS, CaseSetting
+from ldt_core.lab.challenge.voltage_pattern import KINDS, REVERSING, draw_excitation
 
 ROTOR, MOTOR = "dc_motor_rotor", "dc_motor"
 MOTORS = 0.2  # share of machines without a foundation
@@ -38,7 +38,7 @@ def draw_setting(
     noise: float | None = None,
     current: bool | None = None,
     samples: int = 2000,
-) -> Setting:
+) -> CaseSetting:
     """A setting in which these laws can act and show; what is not given is drawn.
 
     Args:
@@ -79,7 +79,7 @@ def draw_setting(
     warm = round(random.uniform(*WARM) / period)
     drawn_noise = float(np.round(random.uniform(*NOISE), 3))
     with_current = random.random() < 0.5
-    return Setting(
+    return CaseSetting(
         physics=physics,
         known=machine,
         excitation=voltages[0],

@@ -12,16 +12,18 @@ since most of their seeds have none.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from ldt_core.base.sentences import number
 
 CONFIDENCE = 0.95
+DRAWS = 2000  # of cases, with replacement, for a bootstrap
 MOST_LOG = 700.0  # math.exp overflows above 709
 
 
@@ -95,11 +97,20 @@ def _exp(bound: float) -> float:
     return math.exp(bound) if bound < MOST_LOG else math.inf
 
 
-def proportion(part: int, whole: int, confidence: float = CONFIDENCE) -> Interval:
-    """Share with the exact interval of Clopper and Pearson."""
+def proportion(
+    part: int,
+    whole: int,
+    confidence: float = CONFIDENCE,
+    method: Literal["exact", "wilson"] = "exact",
+) -> Interval:
+    """Share with an interval: the exact one of Clopper and Pearson, or Wilson's.
+
+    >>> proportion(2, 4, method="wilson").value
+    0.5
+    """
     if whole == 0:
         return UNKNOWN
-    interval = stats.binomtest(part, whole).proportion_ci(confidence, "exact")
+    interval = stats.binomtest(part, whole).proportion_ci(confidence, method)
     return Interval(part / whole, float(interval.low), float(interval.high), whole)
 
 
@@ -137,3 +148,32 @@ def rank_correlation(x: Sequence[float], y: Sequence[float | None]) -> float | N
     if len(set(second)) == 1:
         return 0.0
     return float(stats.spearmanr(first, second).statistic)
+
+
+def resampled(
+    cases: Sequence[Sequence[float]],
+    statistic: Callable[[NDArray[np.float64]], float],
+    seed: int = 0,
+) -> Interval:
+    """A statistic of all values, with the percentile interval of draws of whole cases.
+
+    Args:
+        cases: values of each case; those without any are left out.
+        statistic: of (n,) values.
+        seed: of the draws.
+    """
+    known = [np.asarray(values, dtype=np.float64) for values in cases if len(values)]
+    if not known:
+        return UNKNOWN
+    value, count = float(statistic(np.concatenate(known))), len(known)
+    if count == 1:
+        return Interval(value, -math.inf, math.inf, 1)
+    picks = np.random.default_rng(seed).integers(0, count, (DRAWS, count))
+    if all(v.size == 1 for v in known):
+        flat = np.concatenate(known)
+        drawn = [float(statistic(flat[pick])) for pick in picks]
+    else:
+        drawn = [float(statistic(np.concatenate([known[k] for k in pick]))) for pick in picks]
+    tail = 50 * (1 - CONFIDENCE)
+    low, high = np.percentile(drawn, [tail, 100 - tail], method="nearest")
+    return Interval(value, float(low), float(high), count)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ldt_core.lab.challenge.score.answer import Answer, Further
+from ldt_core.lab.challenge.score.answer import CaseAnswer, Further
 from ldt_core.lab.challenge.score.judge import Judged, judge
 from ldt_core.lab.challenge.score.key import Truth
 
@@ -35,7 +35,7 @@ def further(same, another, gap=1.0):
 def answer(kind, *acting, who="diagnosis", seconds=5.0, more=(), ranges=None, **found):
     """An answer of a kind, with the groups of names that act."""
     seen = {"physics": "dc_motor", "current": False, "range": ranges or {}}
-    return Answer(who, diagnosis(kind, acting, **found), more, seconds, seen)
+    return CaseAnswer(who, diagnosis(kind, acting, **found), more, seconds, seen)
 
 
 def truth(kind, *effects, case="case_0001", snr=5.0, **more):
@@ -43,6 +43,6 @@ def truth(kind, *effects, case="case_0001", snr=5.0, **more):
     return Truth(case, kind, tuple(effects), noise=NOISE, signal_to_noise=snr, **more)
 
 
-def judged(about: Truth, given: Answer) -> Judged:
+def judged(about: Truth, given: CaseAnswer) -> Judged:
     """The one against the other."""
     return judge(about, given)

@@ -6,15 +6,16 @@ import math
 
 import numpy as np
 import pytest
+from made_case import make_case
 
 from ldt_core.base.experiment import rms
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.lab.challenge.case import EXPLAINED, make_case, plan_case
-from ldt_core.lab.challenge.excitation import KINDS, draw_excitation
+from ldt_core.lab.challenge.case_plan import EXPLAINED, plan_case
+from ldt_core.lab.challenge.case_plant import STATES, ideal
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
-from ldt_core.lab.challenge.plant import STATES, ideal
-from ldt_core.lab.challenge.rig import Bench
+from ldt_core.lab.challenge.rig import CaseBench
 from ldt_core.lab.challenge.simulation import Drive, simulate
+from ldt_core.lab.challenge.voltage_pattern import KINDS, draw_excitation
 from ldt_core.machine.machine_file import load_machine, machine_from_dict
 
 ROTOR = load_machine("rotor")
@@ -56,7 +57,7 @@ def test_without_a_law_the_rotor_moves_as_the_twins_physics_says(e, kind):
 def test_a_case_without_a_gap_is_its_machine_file_and_white_noise(physics):
     """What is left of it, next to the twin's free run from the true start, is the noise."""
     plan = plan_case("none", seed=(1,), physics=physics, start="running", samples=1000)
-    machine, bench = machine_from_dict(plan.machine, "case"), Bench(plan.setting)
+    machine, bench = machine_from_dict(plan.machine, "case"), CaseBench(plan.setting)
     moved, measured = bench.run((), 1), bench.experiment((), 1)
     first = moved.states[0][: len(machine.model.states)]
     twin = machine.model.simulate(machine.parameters, measured.voltage, PERIOD, first)
@@ -78,7 +79,7 @@ def test_the_laws_are_of_the_librarys_effects_by_their_names_and_units():
 def test_a_laws_nearest_parameters_explain_nearly_all_of_its_gap_in_the_twin(name):
     """And never all of it: no candidate is exactly right."""
     plan = plan_case("single", [name], seed=(4,), strength=6.0, **MIDDLE)
-    machine, bench = machine_from_dict(plan.machine, "case"), Bench(plan.setting)
+    machine, bench = machine_from_dict(plan.machine, "case"), CaseBench(plan.setting)
     effect, key = get_effect(name), plan.truth["parameters"][name]
     used = [(effect, effect.check({n: p["value"] for n, p in key.items()}))]
     gap = left = 0.0

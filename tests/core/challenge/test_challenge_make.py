@@ -12,15 +12,15 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
+from made_case import make_case
 
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import rms
 from ldt_core.cli.challenge import command
-from ldt_core.lab.challenge.case import FURTHER, KINDS, MEMBERS, make_case, plan_case
+from ldt_core.lab.challenge.case_plan import FURTHER, KINDS, MEMBERS, plan_case
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
-from ldt_core.lab.challenge.make import make_challenge
-from ldt_core.lab.challenge.mix import SHARES, orders
-from ldt_core.lab.challenge.rig import ALIKE, OTHER, SHOWN, Bench
+from ldt_core.lab.challenge.make import SHARES, make_challenge, orders
+from ldt_core.lab.challenge.rig import ALIKE, OTHER, SHOWN, CaseBench
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import experiments, read_bag
 
@@ -222,7 +222,7 @@ def test_the_command_prints_the_hash_first(tmp_path):
 def test_the_key_knows_the_noise_as_it_fell_out_on_further_experiments():
     """What was recorded is the motion plus just that."""
     plan = plan_case("single", ["constant_load"], seed=(6,), samples=400)
-    bench = Bench(plan.setting)
+    bench = CaseBench(plan.setting)
     quiet = bench.speeds(plan.acting, FURTHER)
     for number, speed, e in zip(FURTHER, quiet, plan.further(), strict=True):
         assert plan.truth["further_noise"][str(number)] == pytest.approx(rms(e.speed - speed), 1e-5)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_case import make_case
 
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.lab.challenge.case import make_case
 from ldt_core.lab.challenge.comparators import COMPARATORS, WORDS, compare
-from ldt_core.lab.challenge.comparators.held_out import block_errors, improves
+from ldt_core.lab.challenge.comparators.selection import block_errors, improves
 from ldt_core.lab.challenge.comparators.sparse_regression import TERMS
 from ldt_core.machine.machine_file import machine_from_dict
 

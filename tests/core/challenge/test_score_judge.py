@@ -9,10 +9,10 @@ from fake_answers import NOISE, SAMPLES, answer, further, judged, truth
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.lab.challenge.score.answer import Answer, Further, realised
+from ldt_core.lab.challenge.score.answer import CaseAnswer, Further, realised
 from ldt_core.lab.challenge.score.judge import matched, overlap
 
-FAILED = Answer("diagnosis", None, error="ZeroDivisionError: division by zero")
+FAILED = CaseAnswer("diagnosis", None, error="ZeroDivisionError: division by zero")
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from ldt_core.cli.challenge import command
 from ldt_core.effects import get_effect
 from ldt_core.lab.challenge.comparators import COMPARATORS
 from ldt_core.lab.challenge.make import make_challenge
-from ldt_core.lab.challenge.score import answer_case, score
+from ldt_core.lab.challenge.score import score, sealed
 from ldt_core.lab.challenge.score.answer import Answers
 from ldt_core.lab.challenge.score.key import left_out, read_keys
 
@@ -37,7 +37,7 @@ def counted(monkeypatch):
 
     def fake(task):
         asked.append((task.name, task.who, task.left_out))
-        seen = answer_case.read_sealed(task.folder).seen()
+        seen = sealed.read_sealed(task.folder).seen()
         return [
             type(a)(a.who, a.found, seen=seen)
             for a in (answer("none", who=who) for who in task.who)
@@ -163,7 +163,7 @@ def test_a_crash_is_an_answer_and_the_others_are_kept(made, tmp_path, monkeypatc
     def crash(*_, **__):
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr(answer_case, "diagnose", crash)
+    monkeypatch.setattr(sealed, "diagnose", crash)
     out, key = made
     found = score.score_challenge(out, [key], tmp_path / "score", jobs=1)
     assert [j.outcome for j in found.judged["diagnosis"]] == ["failed"] * 2
@@ -175,7 +175,7 @@ def test_a_crash_is_an_answer_and_the_others_are_kept(made, tmp_path, monkeypatc
 def test_the_command_diagnoses_scores_and_prints_the_hash_first(made, tmp_path, monkeypatch):
     """Two cases from end to end; what is kept is what `ldt predict --with` takes."""
     few = [get_effect(name) for name in ("coulomb_friction", "inertia", "sensor_gain")]
-    monkeypatch.setattr(answer_case, "library", lambda machine, without: few)
+    monkeypatch.setattr(sealed, "library", lambda machine, without: few)
     out, key = made
     options = ["score", out, key, "--out", tmp_path / "score", "--jobs", "1"]
     done = CliRunner().invoke(command, [str(o) for o in options], catch_exceptions=False)
@@ -190,7 +190,7 @@ def test_the_command_diagnoses_scores_and_prints_the_hash_first(made, tmp_path, 
         found = json.loads((tmp_path / "score" / case / "diagnosis.json").read_text())
         assert {"verdict", "gap", "where", "candidates", "effects"} < set(found)
         about = {"case": score.digest(out / case), "left_out": None}
-        assert kept.read(case, "diagnosis", {**answer_case.stamp(), **about}).seconds > 0
+        assert kept.read(case, "diagnosis", {**sealed.stamp(), **about}).seconds > 0
 
 
 def test_a_command_works_after_the_command_run_was_imported(capsys):

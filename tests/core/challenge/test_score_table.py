@@ -7,11 +7,11 @@ import json
 import pytest
 from fake_answers import answer, further, judged, truth
 
-from ldt_core.lab.challenge.score.estimates import resampled, share
-from ldt_core.lab.challenge.score.files import write_files
 from ldt_core.lab.challenge.score.pictures import confusion
-from ldt_core.lab.challenge.score.score import Score
-from ldt_core.lab.challenge.score.table import Table
+from ldt_core.lab.challenge.score.score import ChallengeScore
+from ldt_core.lab.challenge.score.score_files import write_files
+from ldt_core.lab.challenge.score.score_table import ScoreTable
+from ldt_core.lab.study.statistics import proportion, resampled
 
 
 def some(who="diagnosis"):
@@ -31,7 +31,7 @@ def some(who="diagnosis"):
 
 def test_shares_and_means_are_those_of_the_cases_of_a_kind():
     """In total and by signal to noise."""
-    table = Table({"diagnosis": some()})
+    table = ScoreTable({"diagnosis": some()})
 
     def value(figure, kind, bin="all"):
         return table.get("diagnosis", figure, kind, bin).value
@@ -57,11 +57,11 @@ def test_shares_and_means_are_those_of_the_cases_of_a_kind():
 
 def test_shares_have_wilsons_interval():
     """Of 8 in 10: 0.490 to 0.943 (Wilson, 1927, as tabulated by Newcombe's formula)."""
-    found = share([True] * 8 + [False] * 2)
+    found = proportion(8, 10, method="wilson")
     assert (found.value, found.count) == (0.8, 10)
     assert found.low == pytest.approx(0.4902, abs=1e-4)
     assert found.high == pytest.approx(0.9433, abs=1e-4)
-    assert share([]).value is None
+    assert proportion(0, 0, method="wilson").value is None
 
 
 def test_draws_take_cases_whole():
@@ -88,7 +88,9 @@ def test_a_row_of_the_confusion_adds_up_to_its_cases():
 def test_a_score_is_written_as_numbers_words_and_pictures(tmp_path):
     """With the hash of each key, and every case that went wrong."""
     found = {"diagnosis": some(), "greedy": some("greedy")}
-    score = Score({"answers.json": "f" * 64}, found, Table(found), {"ldt": "1", "code": "2"})
+    score = ChallengeScore(
+        {"answers.json": "f" * 64}, found, ScoreTable(found), {"ldt": "1", "code": "2"}
+    )
     files = write_files(score, tmp_path)
     assert all(f.stat().st_size for f in files)
     assert {f.name for f in files} == {

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from ldt_core.lab.challenge.comparators.compare import Comparator, compare
 from ldt_core.lab.challenge.comparators.gaussian_process import gaussian_process
-from ldt_core.lab.challenge.comparators.greedy import greedy
-from ldt_core.lab.challenge.comparators.information import akaike, bayes
+from ldt_core.lab.challenge.comparators.selection import akaike, bayes, greedy
 from ldt_core.lab.challenge.comparators.sparse_regression import sparse_regression
 
 #: Comparators by name, and what they are.

@@ -12,19 +12,19 @@ from ldt_core.models.hybrid import HybridModel
 
 if TYPE_CHECKING:
     from ldt_core.base.experiment import Experiment
-    from ldt_core.lab.challenge.comparators.compare import Data, Found
+    from ldt_core.lab.challenge.comparators.compare import ComparatorAnswer, Data
 
 INPUTS = (("speed",), ("speed", "voltage"), ("speed", "voltage", "current"))
 INDUCING = 120
 
 
-def gaussian_process(data: Data) -> Found:
+def gaussian_process(data: Data) -> ComparatorAnswer:
     """The hybrid model, its inputs those with which the held-out error is least.
 
     Raises:
         LdtError: no inputs that can be learned over.
     """
-    from ldt_core.lab.challenge.comparators.compare import Found
+    from ldt_core.lab.challenge.comparators.compare import ComparatorAnswer
 
     best: tuple[float, HybridModel | None] = (np.inf, None)
     why: LdtError | None = None
@@ -46,4 +46,4 @@ def gaussian_process(data: Data) -> Found:
         except LdtError:
             return np.full(len(e), np.nan)
 
-    return Found((), predict, {}, named=False)
+    return ComparatorAnswer((), predict, {}, named=False)

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from ldt_core.base.errors import LdtError
 from ldt_core.diagnosis.holdout import free_run
 from ldt_core.diagnosis.residual_torque import TorqueEstimator
-from ldt_core.lab.challenge.comparators.held_out import block_errors, improves
+from ldt_core.lab.challenge.comparators.selection import block_errors, improves
 from ldt_core.models.hybrid import HybridModel
 from ldt_core.physics.motor import memory
 
 if TYPE_CHECKING:
     from ldt_core.base.experiment import Experiment
-    from ldt_core.lab.challenge.comparators.compare import Data, Found
+    from ldt_core.lab.challenge.comparators.compare import ComparatorAnswer, Data
     from ldt_core.machine.machine_file import Machine
 
 Array = NDArray[np.float64]
@@ -83,7 +83,7 @@ def _beyond(volts: Array, limit: Array) -> Array:
     return np.asarray(np.sign(volts) * np.maximum(np.abs(volts) - limit, 0.0))
 
 
-def sparse_regression(data: Data) -> Found:
+def sparse_regression(data: Data) -> ComparatorAnswer:
     """Terms of the residual torque; the sparsest threshold within one error of the best.
 
     Terms of measured signals share their noise with the torque, those of simulated ones are wrong
@@ -95,7 +95,7 @@ def sparse_regression(data: Data) -> Found:
     """
     from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
     from ldt_core.diagnosis.residual_torque import residual_torque
-    from ldt_core.lab.challenge.comparators.compare import Found
+    from ldt_core.lab.challenge.comparators.compare import ComparatorAnswer
 
     if not installed():
         raise LdtError("sparse regression needs PySINDy: pip install 'ldt[challenge]'")
@@ -103,7 +103,7 @@ def sparse_regression(data: Data) -> Found:
     edges = np.cumsum([len(e) for e in data.fitted])[:-1]
     allowed = {e.name for e in data.effects}
     terms = [t for t in TERMS if t.effect in allowed]
-    chosen, error = Found((), None, {}), None
+    chosen, error = ComparatorAnswer((), None, {}), None
     nothing = block_errors(data.held, lambda e: free_run(data.machine, e))
     for simulated in (False, True):
         signals = [_signals(data.machine, e, simulated) for e in data.fitted]
@@ -116,7 +116,7 @@ def sparse_regression(data: Data) -> Found:
         errors = block_errors(data.held, model.predict)
         if improves(nothing, errors) and (error is None or errors.sum() < error):
             names = tuple(dict.fromkeys(term.effect for term, _ in used))
-            chosen, error = Found(names, model.predict, {}), errors.sum()
+            chosen, error = ComparatorAnswer(names, model.predict, {}), errors.sum()
     return chosen
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from ldt_core.lab.challenge.law import Law
-from ldt_core.lab.challenge.laws import drive, friction, mechanics, outside, sensor
+from ldt_core.lab.challenge.laws.electrical_laws import ELECTRICAL
+from ldt_core.lab.challenge.laws.friction_laws import FRICTION
+from ldt_core.lab.challenge.laws.mechanical_laws import MECHANICAL
+from ldt_core.lab.challenge.laws.outside_laws import OUTSIDE
 
-#: Effects that a diagnosis may name, by their names there.
-LAWS: dict[str, Law] = {
-    law.name: law for module in (friction, drive, mechanics, sensor) for law in module.LAWS
-}
-#: Causes that no candidate of a diagnosis is.
-OUTSIDE: dict[str, Law] = {law.name: law for law in outside.LAWS}
+__all__ = ["LAWS", "OUTSIDE"]
+
+#: Effects that a diagnosis may name, by their names there; `OUTSIDE`: what none of them is.
+LAWS: dict[str, Law] = {**FRICTION, **ELECTRICAL, **MECHANICAL}

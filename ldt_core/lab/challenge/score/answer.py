@@ -38,7 +38,7 @@ class Further:
 
 
 @dataclass(frozen=True)
-class Answer:
+class CaseAnswer:
     """What somebody found in a case.
 
     Attributes:
@@ -113,7 +113,7 @@ class Answers:
     def __init__(self, out: str | Path) -> None:
         self.out = Path(out)
 
-    def read(self, case: str, who: str, origin: Mapping[str, Any]) -> Answer | None:
+    def read(self, case: str, who: str, origin: Mapping[str, Any]) -> CaseAnswer | None:
         """An answer of the same origin; None if there is none that can be used."""
         found, run = self._files(case, who)
         kept = recall(run, found, FORMAT, origin)
@@ -125,11 +125,11 @@ class Answers:
                 for f in kept.about["further"]
             )
             known = {name: kept.about[name] for name in ("seconds", "seen", "error")}
-            return Answer(who, json.loads(kept.text), further, **known)
+            return CaseAnswer(who, json.loads(kept.text), further, **known)
         except (ValueError, KeyError, TypeError, RecursionError):
             return None
 
-    def write(self, case: str, answer: Answer, origin: Mapping[str, Any]) -> None:
+    def write(self, case: str, answer: CaseAnswer, origin: Mapping[str, Any]) -> None:
         """Keep an answer; a reader sees all of it or nothing."""
         found, run = self._files(case, answer.who)
         text = json.dumps(answer.found, allow_nan=False, indent=1) + "\n"

@@ -11,7 +11,7 @@ from typing import Any
 from ldt_core.base.errors import LdtError
 from ldt_core.effects import get_effect
 from ldt_core.lab.challenge.rig import ALIKE
-from ldt_core.lab.challenge.score.answer import Answer, realised
+from ldt_core.lab.challenge.score.answer import CaseAnswer, realised
 from ldt_core.lab.challenge.score.key import Truth
 
 EQUIVALENT = 0.95  # of the gap on further experiments: an effect that closes so much is as good
@@ -22,7 +22,7 @@ INSIDE = ("single", "pair", "triple")  # kinds whose truth has a name
 
 
 @dataclass(frozen=True)
-class Amount:
+class ParameterError:
     """A parameter as it was found, next to what it is.
 
     Attributes:
@@ -58,10 +58,10 @@ class Judged:
     """
 
     truth: Truth
-    answer: Answer
+    answer: CaseAnswer
     outcome: str
     group: float | None
-    amounts: tuple[Amount, ...]
+    amounts: tuple[ParameterError, ...]
     place: bool | None
     closure: Mapping[str, tuple[float, float]]
 
@@ -76,7 +76,7 @@ class Judged:
         return self.outcome in right.get(self.truth.kind, ("outright", "group"))
 
 
-def judge(truth: Truth, answer: Answer) -> Judged:
+def judge(truth: Truth, answer: CaseAnswer) -> Judged:
     """Compare an answer with the truth."""
     noise = truth.noise if truth.noise is not None else answer.noise
     result = outcome(truth, answer, noise)
@@ -93,7 +93,7 @@ def judge(truth: Truth, answer: Answer) -> Judged:
     )
 
 
-def outcome(truth: Truth, answer: Answer, noise: float | None) -> str:
+def outcome(truth: Truth, answer: CaseAnswer, noise: float | None) -> str:
     """What an answer is, in a word.
 
     none, unknown, failed, unnamed as the answer says; else outright: exactly the true effects;
@@ -125,7 +125,7 @@ def matched(effects: Sequence[str], acting: Sequence[Sequence[str]]) -> dict[str
     return best
 
 
-def amounts(truth: Truth, answer: Answer) -> tuple[Amount, ...]:
+def amounts(truth: Truth, answer: CaseAnswer) -> tuple[ParameterError, ...]:
     """Every parameter to which the key gives a value."""
     given = {c["effect"]: c["parameters"] for c in (answer.found or {}).get("candidates", [])}
     found = []
@@ -137,7 +137,7 @@ def amounts(truth: Truth, answer: Answer) -> tuple[Amount, ...]:
     return tuple(found)
 
 
-def _amount(effect: str, name: str, true: float, found: Mapping[str, Any]) -> Amount:
+def _amount(effect: str, name: str, true: float, found: Mapping[str, Any]) -> ParameterError:
     off, measure = float(found["value"]) - true, _measure(effect, name)
     if measure == "angle":
         off = math.remainder(off, 2 * math.pi)
@@ -150,7 +150,9 @@ def _amount(effect: str, name: str, true: float, found: Mapping[str, Any]) -> Am
         inside, narrower = (k * low - slack <= -off <= k * high + slack for k in (1.0, NINETY))
         covered = inside, narrower
     error = abs(off) / size if size > 0 else None
-    return Amount(effect, name, measure, error, abs(off) if measure == "factor" else None, covered)
+    return ParameterError(
+        effect, name, measure, error, abs(off) if measure == "factor" else None, covered
+    )
 
 
 def _measure(effect: str, name: str) -> str:
@@ -163,7 +165,7 @@ def _measure(effect: str, name: str) -> str:
     return "factor" if p.unit == "" and p.default == 1.0 and p.open_low else "size"
 
 
-def place(truth: Truth, answer: Answer) -> bool | None:
+def place(truth: Truth, answer: CaseAnswer) -> bool | None:
     """Whether some place of the gap overlaps the true one by half.
 
     None if the key has no place, or only one that the recording does not reach.
@@ -202,7 +204,9 @@ def overlap(a: tuple[float, float], b: tuple[float, float]) -> float:
     return max(both, 0.0) / either if either > 0 else float(a == b)
 
 
-def closure(truth: Truth, answer: Answer, noise: float | None) -> dict[str, tuple[float, float]]:
+def closure(
+    truth: Truth, answer: CaseAnswer, noise: float | None
+) -> dict[str, tuple[float, float]]:
     """Promised and realised closed fraction, on further experiments of each excitation."""
     if answer.promised is None or noise is None:
         return {}

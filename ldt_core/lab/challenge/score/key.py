@@ -12,7 +12,7 @@ from typing import Any
 
 from ldt_core.base.errors import BadInput, did_you_mean
 from ldt_core.effects import EFFECTS
-from ldt_core.lab.challenge.case import KINDS, MEMBERS
+from ldt_core.lab.challenge.case_plan import KINDS, MEMBERS
 
 MOST_BYTES = 100_000_000
 BEFOREHAND = ("case", "left_out")  # what of an entry may be read before the case is diagnosed

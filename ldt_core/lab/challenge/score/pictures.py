@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ldt_core.base.sentences import spoken
 from ldt_core.effects import EFFECTS
 from ldt_core.lab.challenge.score.judge import Judged
-from ldt_core.lab.challenge.score.table import POINTS
+from ldt_core.lab.challenge.score.score_table import POINTS
 from ldt_core.views.page import style
 
 if TYPE_CHECKING:

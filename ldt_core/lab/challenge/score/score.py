@@ -13,19 +13,18 @@ from ldt_core.base.parallel import Workers
 from ldt_core.base.result_files import digest
 from ldt_core.lab.challenge.comparators import COMPARATORS
 from ldt_core.lab.challenge.comparators.sparse_regression import installed
-from ldt_core.lab.challenge.score.answer import DIAGNOSIS, Answer, Answers
-from ldt_core.lab.challenge.score.answer_case import Task, answer, stamp
+from ldt_core.lab.challenge.score.answer import DIAGNOSIS, Answers, CaseAnswer
 from ldt_core.lab.challenge.score.judge import Judged, judge
 from ldt_core.lab.challenge.score.key import Truth, left_out, read_keys, sha256
-from ldt_core.lab.challenge.score.sealed import cases, check_entries
-from ldt_core.lab.challenge.score.table import Table
+from ldt_core.lab.challenge.score.score_table import ScoreTable
+from ldt_core.lab.challenge.score.sealed import AnswerTask, answer, cases, check_entries, stamp
 
 OUT_SUFFIX = ".score"
 SAME_CASES = "diagnosis, same cases"  # those that comparators answered, if these are fewer
 
 
 @dataclass(frozen=True)
-class Score:
+class ChallengeScore:
     """What came out.
 
     Attributes:
@@ -38,7 +37,7 @@ class Score:
 
     keys: dict[str, str]
     judged: dict[str, list[Judged]]
-    table: Table
+    table: ScoreTable
     stamp: dict[str, str]
     notes: tuple[str, ...] = ()
 
@@ -54,7 +53,7 @@ def score_challenge(
     scheduler: str = "",
     say: Callable[[str, str], None] = lambda file, digest: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Score:
+) -> ChallengeScore:
     """Answer every case, then open the keys.
 
     Of a key nothing is looked at before all answers are on disk but its bytes' SHA-256, the names
@@ -103,7 +102,7 @@ def score_challenge(
         notes.append(f"comparators answered the first {subset} of {len(names)} cases only")
     if comparators and not installed():
         notes.append("sparse_regression needs PySINDy, which is not installed, and is left out")
-    return Score(sums, judged, Table(judged), stamp(), tuple(notes))
+    return ChallengeScore(sums, judged, ScoreTable(judged), stamp(), tuple(notes))
 
 
 def _able() -> list[str]:
@@ -117,7 +116,7 @@ def _answers(
     out: Path,
     where: tuple[int, str],
     progress: Callable[[int, int], None],
-) -> dict[tuple[str, str], Answer]:
+) -> dict[tuple[str, str], CaseAnswer]:
     """(who, case) to answer; those that are not on disk are made, and written as they come.
 
     Args:
@@ -143,7 +142,7 @@ def _answers(
             asked = [w for w in answering if (w == DIAGNOSIS) == first and (w, name) in origins]
             missing = tuple(w for w in asked if (w, name) not in found)
             if missing:
-                tasks.append(Task(name, folder.resolve(), missing, without[name]))
+                tasks.append(AnswerTask(name, folder.resolve(), missing, without[name]))
     total = len(origins)
     progress(len(found), total)
     jobs, scheduler = where
@@ -158,7 +157,7 @@ def _answers(
     return found
 
 
-def _check(truth: Truth, answer: Answer, folder: str | Path) -> None:
+def _check(truth: Truth, answer: CaseAnswer, folder: str | Path) -> None:
     """Refuse a key whose case is another one of the same name.
 
     Raises:

@@ -1,15 +1,21 @@
-"""A score in words and tables: `score.md`, and the short table of the terminal."""
+"""What a score leaves in its folder: numbers, words and tables, pictures."""
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
 
+from ldt_core.base.result_files import write
 from ldt_core.base.sentences import number
 from ldt_core.lab.challenge.comparators import WORDS
 from ldt_core.lab.challenge.score.answer import DIAGNOSIS
 from ldt_core.lab.challenge.score.judge import Judged
-from ldt_core.lab.challenge.score.score import SAME_CASES, Score
-from ldt_core.lab.challenge.score.table import BINS, EVERY, OUTCOMES
+from ldt_core.lab.challenge.score.pictures import write_pictures
+from ldt_core.lab.challenge.score.score import SAME_CASES, ChallengeScore
+from ldt_core.lab.challenge.score.score_table import BINS, EVERY, OUTCOMES
 from ldt_core.lab.study.statistics import Interval
 
 KINDS = {
@@ -60,7 +66,7 @@ def cell(estimate: Interval | None, figure: str) -> str:
     return f"{number(scale * estimate.value, digits)}{unit}{spread} of {estimate.count}"
 
 
-def headline(score: Score) -> list[tuple[str, str, Interval | None]]:
+def headline(score: ChallengeScore) -> list[tuple[str, str, Interval | None]]:
     """(cases, what is right, share) of the diagnosis, for a short table."""
     return [
         (words, RIGHT.get(kind, NAMED), score.table.get(DIAGNOSIS, "right", kind))
@@ -69,13 +75,13 @@ def headline(score: Score) -> list[tuple[str, str, Interval | None]]:
     ]
 
 
-def quality(score: Score) -> list[tuple[str, Interval | None]]:
+def quality(score: ChallengeScore) -> list[tuple[str, Interval | None]]:
     """(figure, value) of the diagnosis over all cases."""
     found = [(figure, score.table.get(DIAGNOSIS, figure)) for figure in QUALITY]
     return [(figure, estimate) for figure, estimate in found if estimate is not None]
 
 
-def versus(score: Score) -> tuple[list[str], list[list[str]]]:
+def versus(score: ChallengeScore) -> tuple[list[str], list[list[str]]]:
     """Head and rows of the table that sets everybody side by side."""
     kinds = [k for k in KINDS if score.table.get(DIAGNOSIS, "right", k) is not None]
     figures = [("right", k, KINDS[k]) for k in kinds]
@@ -96,14 +102,14 @@ def versus(score: Score) -> tuple[list[str], list[list[str]]]:
     return ["", *who], rows
 
 
-def markdown(score: Score, pictures: Sequence[str] = ()) -> str:
+def markdown(score: ChallengeScore, pictures: Sequence[str] = ()) -> str:
     """The whole of `score.md`.
 
     Args:
         score: what came out.
         pictures: names of the files beside it.
     """
-    table, lines = score.table, ["# Score of a challenge", ""]
+    table, lines = score.table, ["# ChallengeScore of a challenge", ""]
     lines += [f"- SHA-256 of {file}: `{digest}`" for file, digest in score.keys.items()]
     lines += [f"- {len(score.judged[DIAGNOSIS])} cases; answers by {_versions(score.stamp)}"]
     lines += ["- in brackets 95 % intervals: Wilson's of shares, else by draws of cases"]
@@ -178,3 +184,58 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 def _versions(stamp: dict[str, str]) -> str:
     return ", ".join(f"{name} {value}" for name, value in stamp.items())
+
+
+def write_files(score: ChallengeScore, folder: str | Path) -> list[Path]:
+    """Write score.json, score.md and the pictures.
+
+    Returns:
+        the files that a person looks at.
+
+    Raises:
+        LdtError: matplotlib is not installed.
+    """
+    out = Path(folder)
+    write(out / "score.json", json.dumps(as_dict(score), allow_nan=False, indent=1) + "\n")
+    pictures = write_pictures(score.judged[DIAGNOSIS], out)
+    write(out / "score.md", markdown(score, pictures))
+    return [out / "score.md", out / "score.json", *(out / name for name in pictures)]
+
+
+def as_dict(score: ChallengeScore) -> dict[str, Any]:
+    """The content of `score.json`."""
+    return {
+        "keys": [{"file": file, "sha256": digest} for file, digest in score.keys.items()],
+        "stamp": dict(score.stamp),
+        "notes": list(score.notes),
+        "figures": [row.as_dict() for row in score.table.rows],
+        "cases": [
+            {"who": who, **_plain(j)}
+            for who, judged in score.judged.items()
+            if who != SAME_CASES
+            for j in judged
+        ],
+    }
+
+
+def _plain(j: Judged) -> dict[str, Any]:
+    truth, answer = j.truth, j.answer
+    return {
+        "case": truth.case,
+        "kind": truth.kind,
+        "effects": list(truth.effects),
+        "outside": truth.outside,
+        "signal_to_noise": truth.signal_to_noise,
+        "verdict": answer.kind,
+        "acting": answer.acting,
+        "outcome": j.outcome,
+        "right": j.right,
+        "amounts": [vars(a) | {"covered": a.covered and list(a.covered)} for a in j.amounts],
+        "place_right": j.place,
+        "closure": {
+            name: {"promised": promised, "realised": real if math.isfinite(real) else None}
+            for name, (promised, real) in j.closure.items()
+        },
+        "seconds": answer.seconds,
+        "error": answer.error,
+    }

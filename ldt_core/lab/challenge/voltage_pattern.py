@@ -18,7 +18,7 @@ BAND = (0.05, 2.0)  # Hz, of multisines
 
 
 @dataclass(frozen=True)
-class Excitation:
+class VoltagePattern:
     """One kind of voltage.
 
     Args:
@@ -63,14 +63,14 @@ class Excitation:
         return volts
 
 
-def draw_excitation(kind: str, random: np.random.Generator) -> Excitation:
+def draw_excitation(kind: str, random: np.random.Generator) -> VoltagePattern:
     """An excitation of this kind, its levels and times drawn."""
     last = float(random.uniform(0.5, 2.0))
     if kind in REVERSING:
         top = float(random.choice([10.0, 12.0, 14.0]))
-        return Excitation(kind, -top, top, (0.5, 2.0), last)
+        return VoltagePattern(kind, -top, top, (0.5, 2.0), last)
     if kind == "steps":  # the rotor's standard, more often than not
         hold = float(random.choice([0.5, 1.0, 1.0, 1.0, 2.0]))
-        return Excitation(kind, 6.0, 16.0, (hold, hold))
+        return VoltagePattern(kind, 6.0, 16.0, (hold, hold))
     middle, half = random.uniform(9, 11), random.uniform(3, 5)
-    return Excitation(kind, float(middle - half), float(middle + half), last=last)
+    return VoltagePattern(kind, float(middle - half), float(middle + half), last=last)

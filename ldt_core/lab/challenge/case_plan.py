@@ -12,11 +12,10 @@ import numpy as np
 from ldt_core.base.errors import LdtError, OptionError, did_you_mean
 from ldt_core.base.experiment import Experiment, rms
 from ldt_core.lab.challenge.law import Law
+from ldt_core.lab.challenge.law_fitting import nearest, size_for
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
-from ldt_core.lab.challenge.nearest import nearest
-from ldt_core.lab.challenge.rig import ALIKE, OTHER, PROBES, SHOWN, Acting, Bench, Setting
+from ldt_core.lab.challenge.rig import ALIKE, OTHER, PROBES, SHOWN, Acting, CaseBench, CaseSetting
 from ldt_core.lab.challenge.simulation import Unsteady
-from ldt_core.lab.challenge.sizing import size_for
 from ldt_core.lab.challenge.variation import ROTOR, draw_setting
 
 KINDS = ("none", "single", "pair", "triple", "outside")
@@ -37,7 +36,7 @@ WINDING = 8  # state
 
 
 @dataclass(frozen=True)
-class Plan:
+class CasePlan:
     """All that makes a case's experiments, and what its key says.
 
     Args:
@@ -46,7 +45,7 @@ class Plan:
         truth: entry of the key.
     """
 
-    setting: Setting
+    setting: CaseSetting
     acting: tuple[Acting, ...]
     truth: dict[str, Any]
 
@@ -64,49 +63,13 @@ class Plan:
 
     def experiments(self) -> Iterator[Experiment]:
         """Those that the diagnosis sees."""
-        bench = Bench(self.setting)
+        bench = CaseBench(self.setting)
         return (bench.experiment(self.acting, n) for n in range(1, SHOWN + 1))
 
     def further(self) -> Iterator[Experiment]:
         """Those of the same machine that it does not see."""
-        bench = Bench(self.setting)
+        bench = CaseBench(self.setting)
         return (bench.experiment(self.acting, n) for n in FURTHER)
-
-
-@dataclass(frozen=True)
-class Case:
-    """A case in memory.
-
-    Args:
-        machine: keys of the machine file.
-        experiments: recorded for the diagnosis.
-        further: of the same machine, which the diagnosis does not see.
-        truth: entry of the key.
-    """
-
-    machine: dict[str, Any]
-    experiments: tuple[Experiment, ...]
-    further: tuple[Experiment, ...]
-    truth: dict[str, Any]
-
-
-def make_case(kind: str, effects: Sequence[str] = (), *, seed: int, **asked: Any) -> Case:
-    """A case of this kind.
-
-    Args:
-        kind: none, single, pair, triple or outside.
-        effects: names, as many as the kind has; of an outside cause its own. Those that are not
-            given are drawn.
-        seed: the same seed makes the same case.
-        asked: whatever is not to be drawn: `strength` (of the gap over the noise), and of
-            `setting.draw_setting` physics, excitation, start, noise, current, samples.
-
-    Raises:
-        OptionError: an unknown kind or effect, or one that the machine asked for cannot have.
-        LdtError: no fair case was found.
-    """
-    plan = plan_case(kind, effects, seed=(seed,), **asked)
-    return Case(plan.machine, tuple(plan.experiments()), tuple(plan.further()), plan.truth)
 
 
 def plan_case(
@@ -116,8 +79,21 @@ def plan_case(
     seed: tuple[int, ...],
     strength: float | None = None,
     **asked: Any,
-) -> Plan:
-    """As `make_case`, without its experiments."""
+) -> CasePlan:
+    """All of a case of this kind but its experiments.
+
+    Args:
+        kind: none, single, pair, triple or outside.
+        effects: names, as many as the kind has; of an outside cause its own. Those that are not
+            given are drawn.
+        seed: the same seed makes the same case.
+        asked: whatever is not to be drawn: `strength` (of the gap over the noise), and of
+            `draw_setting` physics, excitation, start, noise, current, samples.
+
+    Raises:
+        OptionError: an unknown kind or effect, or one that the machine asked for cannot have.
+        LdtError: no fair case was found.
+    """
     _check(kind, effects)
     random = np.random.default_rng(np.random.SeedSequence(seed))
     for attempt in range(ATTEMPTS):
@@ -162,12 +138,12 @@ def _laws(kind: str, effects: Sequence[str], random: np.random.Generator) -> lis
 def _plan(
     kind: str,
     laws: Sequence[Law],
-    setting: Setting,
+    setting: CaseSetting,
     random: np.random.Generator,
     strength: float | None,
-) -> Plan | None:
+) -> CasePlan | None:
     """The plan of a case, or None when it would not be fair."""
-    bench, wanted = Bench(setting), _strengths(len(laws), random, strength)
+    bench, wanted = CaseBench(setting), _strengths(len(laws), random, strength)
     acting: list[Acting] = []
     for law, snr in zip(laws, wanted, strict=True):
         shape = {n: float(v) for n, v in law.draw(random, setting.known).items()}
@@ -204,7 +180,7 @@ def _plan(
         "explained": explained,
         "further_noise": {str(n): bench.noise(n) for n in FURTHER},
     }
-    return Plan(setting, tuple(acting), rounded({**truth, **figures}))
+    return CasePlan(setting, tuple(acting), rounded({**truth, **figures}))
 
 
 def _strengths(
@@ -235,7 +211,7 @@ def _fair(kind: str, strengths: Sequence[float], own: Sequence[np.ndarray]) -> b
     return max(cosines) <= ALIKE_AT
 
 
-def _sane(bench: Bench, acting: Sequence[Acting]) -> bool:
+def _sane(bench: CaseBench, acting: Sequence[Acting]) -> bool:
     """Whether the machine turns and nothing burns."""
     for number in PROBES:
         motion = bench.run(acting, number)
@@ -246,7 +222,7 @@ def _sane(bench: Bench, acting: Sequence[Acting]) -> bool:
 
 def _truth(
     kind: str,
-    setting: Setting,
+    setting: CaseSetting,
     acting: Sequence[Acting],
     fitted: Sequence[Acting],
     wanted: Sequence[float],
@@ -275,7 +251,7 @@ def _truth(
     }
 
 
-def _parameters(fitted: Acting, setting: Setting) -> dict[str, Any]:
+def _parameters(fitted: Acting, setting: CaseSetting) -> dict[str, Any]:
     """The library's parameters with units; null what has no one value in all experiments."""
     known = {}
     for name, unit in fitted.law.units.items():

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ldt_core.lab.challenge.score.estimates import resampled, share
 from ldt_core.lab.challenge.score.judge import INSIDE, Judged
-from ldt_core.lab.study.statistics import Interval
+from ldt_core.lab.study.statistics import Interval, proportion, resampled
 
 POINTS = 0.05  # of a closed fraction
 BINS = {  # signal to noise ratio: from, to
@@ -46,7 +45,7 @@ NAMED = tuple(name for name in OUTCOMES if name != "equivalent")
 
 
 @dataclass(frozen=True)
-class Row:
+class ScoreRow:
     """A figure.
 
     Attributes:
@@ -69,7 +68,7 @@ class Row:
         return {**about, "signal_to_noise": self.signal_to_noise, **_plain(self.estimate)}
 
 
-class Table:
+class ScoreTable:
     """The rows of everybody.
 
     Args:
@@ -86,7 +85,7 @@ class Table:
         return self._known.get((who, figure, kind, bin))
 
 
-def _rows(who: str, judged: Sequence[Judged]) -> list[Row]:
+def _rows(who: str, judged: Sequence[Judged]) -> list[ScoreRow]:
     found = []
     for kind in KINDS:
         of_kind = [j for j in judged if _is(j, kind)]
@@ -96,7 +95,7 @@ def _rows(who: str, judged: Sequence[Judged]) -> list[Row]:
                 continue
             for figure, estimate in _figures(chosen, kind).items():
                 if estimate.count:
-                    found.append(Row(who, figure, kind, name, estimate))
+                    found.append(ScoreRow(who, figure, kind, name, estimate))
     return found
 
 
@@ -112,15 +111,15 @@ def _within(j: Judged, name: str) -> bool:
 def _figures(judged: Sequence[Judged], kind: str) -> dict[str, Interval]:
     figures = {}
     if any(j.outcome != "unnamed" for j in judged):
-        figures["right"] = share([j.right for j in judged])
+        figures["right"] = _share([j.right for j in judged])
         figures |= {
-            figure: share([j.outcome == OUTCOMES[figure] for j in judged])
+            figure: _share([j.outcome == OUTCOMES[figure] for j in judged])
             for figure in POSSIBLE.get(kind, NAMED)
         }
     groups = [[j.group] for j in judged if j.group is not None]
     figures["names in a group"] = resampled(groups, _mean)
     figures |= _amounts(judged)
-    figures["place right"] = share([j.place for j in judged if j.place is not None])
+    figures["place right"] = _share([j.place for j in judged if j.place is not None])
     for excitation in ("same", "another"):
         figures |= _closure(judged, excitation)
     seconds = [[j.answer.seconds] for j in judged]
@@ -144,9 +143,9 @@ def _amounts(judged: Sequence[Judged]) -> dict[str, Interval]:
         "amounts: relative error": resampled(errors("size", "factor"), _median),
         "amounts: error of a factor": resampled(factors, _median),
         "amounts: error of an angle [rad]": resampled(errors("angle"), _median),
-        "amounts: with an interval": share([a.covered is not None for a in found]),
-        "amounts: 95 % interval covers": share([c[0] for c in known]),
-        "amounts: 90 % interval covers": share([c[1] for c in known]),
+        "amounts: with an interval": _share([a.covered is not None for a in found]),
+        "amounts: 95 % interval covers": _share([c[0] for c in known]),
+        "amounts: 90 % interval covers": _share([c[1] for c in known]),
     }
 
 
@@ -155,10 +154,14 @@ def _closure(judged: Sequence[Judged], excitation: str) -> dict[str, Interval]:
     off = [abs(promised - real) for promised, real in pairs]
     where = f"{excitation} excitation"
     return {
-        f"closure within 5 points, {where}": share([o <= POINTS for o in off]),
+        f"closure within 5 points, {where}": _share([o <= POINTS for o in off]),
         f"closure off by, {where}": resampled([[o] for o in off], _median),
         f"closure realised, {where}": resampled([[real] for _, real in pairs], _median),
     }
+
+
+def _share(right: Sequence[bool | None]) -> Interval:
+    return proportion(sum(map(bool, right)), len(right), method="wilson")
 
 
 def _plain(estimate: Interval) -> dict[str, Any]:

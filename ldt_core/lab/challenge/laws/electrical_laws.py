@@ -1,0 +1,185 @@
+"""The electrical side and the speed sensor, by laws other than the library's."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+from ldt_core.lab.challenge import law
+from ldt_core.lab.challenge.law import EITHER, Law, Signed, drawn
+
+ELECTRICAL: dict[str, Law] = {}
+electrical = partial(law.law, ELECTRICAL)
+
+TOP = 16.0  # V, beyond which no excitation goes: what a limit is measured against
+
+
+def factor(low):
+    """A factor above 1 or, not below `low`, under it; the size is its distance from 1."""
+
+    def values(size, s, known):
+        return {"factor": 1.0 + size if s["sign"] > 0 else max(1.0 / (1.0 + size), low)}
+
+    return values
+
+
+@electrical(
+    "armature_resistance",
+    {"factor": ""},
+    (0.003, 2.0),
+    # contact: of what the resistance has more or less
+    drawn(sign=EITHER, contact=Signed(0.2, 0.6), current=(2.0, 8.0), R="R"),
+    factor(0.4),
+    family="resistance",
+)
+def _resistance(p, v, s, odd):
+    more = (v["factor"] - 1.0) * s["R"]
+    p["R"] += more
+    p["contact"], p["contact_current"] = odd * s["contact"] * more, s["current"]
+
+
+@electrical(
+    "motor_constant",
+    {"factor": ""},
+    (0.001, 0.6),
+    # loss: of what the constant has more or less
+    drawn(sign=EITHER, loss=(0.3, 0.8), current=(4.0, 12.0)),
+    factor(0.6),
+)
+def _constant(p, v, s, odd):
+    p["K"] *= v["factor"]
+    p["flux_loss"] = odd * s["loss"] * abs(v["factor"] - 1.0)
+    p["flux_current"] = s["current"]
+
+
+@electrical(
+    "armature_inductance",
+    {"factor": ""},
+    (0.3, 40.0),
+    drawn(
+        sign=lambda random: 1.0 if random.random() < 0.8 else -1.0,
+        loss=(0.3, 0.6),
+        current=(4.0, 10.0),
+    ),
+    factor(0.1),
+)
+def _inductance(p, v, s, odd):
+    p["L"] *= v["factor"]
+    p["inductance_loss"], p["inductance_current"] = odd * s["loss"], s["current"]
+
+
+@electrical(
+    "winding_heating",
+    {"thermal_resistance": "K/W", "time_constant": "s"},
+    (0.05, 100.0),
+    # housing: its part of the whole thermal resistance
+    drawn(time=(3.0, 15.0), housing=(0.2, 0.4), housing_time=(15.0, 60.0)),
+    lambda size, s, known: {"thermal_resistance": size, "time_constant": s["time"]},
+)
+def _heating(p, v, s, odd):
+    share = odd * s["housing"]
+    p["heat_winding"] = v["thermal_resistance"] * (1.0 - share)
+    p["heat_housing"] = v["thermal_resistance"] * share
+    p["time_winding"], p["time_housing"] = v["time_constant"], s["housing_time"]
+
+
+@electrical(
+    "source_resistance",
+    {"resistance": "Ohm"},
+    (0.003, 2.0),
+    drawn(rise=(0.03, 0.08)),  # 1/A
+    family="resistance",
+)
+def _source(p, v, s, odd):
+    p["source"], p["source_rise"] = v["resistance"], odd * s["rise"]
+
+
+def _cut_off(v, s, known):
+    ends = {"from": v["limit"], "to": TOP}
+    return {"quantity": "voltage", **ends, "unit": "V", "either_sign": True}
+
+
+@electrical(
+    "voltage_saturation",
+    {"limit": "V"},
+    (0.02, 0.7),
+    drawn(sharpness=(6.0, 12.0)),
+    lambda size, s, known: {"limit": TOP * (1.0 - size)},
+    place=_cut_off,
+)
+def _saturation(p, v, s, odd):
+    p["limit"] = v["limit"]
+    # The knee is as wide, next to what is cut off, whatever the limit.
+    sharpness = s["sharpness"] * v["limit"] / (TOP - v["limit"])
+    p["limit_sharpness"] = sharpness / odd if odd > 0 else 0.0
+
+
+@electrical(
+    "input_deadzone", {"width": "V"}, (0.01, 4.0), drawn(softness=(0.5, 1.2)), family="voltage loss"
+)
+def _dead(p, v, s, odd):
+    p["dead"], p["dead_softness"] = v["width"], odd * s["softness"]
+
+
+@electrical("input_delay", {"delay": "s"}, (5e-4, 0.3), drawn(actuator=(0.3, 0.7)))
+def _delay(p, v, s, odd):
+    p["actuator_time"] = odd * s["actuator"] * v["delay"]
+    p["delay"] = v["delay"] - p["actuator_time"]
+
+
+@electrical(
+    "brush_drop",
+    {"voltage": "V"},
+    (0.01, 4.0),
+    drawn(softness=(0.05, 0.2), rise=(0.05, 0.2)),  # softness: A
+    family="voltage loss",
+)
+def _brush(p, v, s, odd):
+    p["brush"] = v["voltage"]
+    p["brush_current"] = 0.1 + odd * s["softness"]
+    p["brush_rise"] = odd * s["rise"]
+
+
+@electrical(
+    "no_regeneration",
+    {"share": ""},
+    (0.05, 32.0),
+    drawn(R="R", fall=(0.05, 0.2)),  # fall: 1/A
+    lambda size, s, known: {"share": size / (1.0 + size)},
+)
+def _block(p, v, s, odd):
+    # A resistance in the way back that lets only 1 - share of the braking current through.
+    p["block"] = s["R"] * v["share"] / (1.0 - v["share"])
+    p["block_fall"] = odd * s["fall"]
+
+
+@electrical(
+    "sensor_gain",
+    {"factor": ""},
+    (0.0005, 0.4),
+    drawn(sign=EITHER, bend=Signed(0.2, 0.5)),
+    lambda size, s, known: {"factor": 1.0 + s["sign"] * size},
+)
+def _gain(p, v, s, odd):
+    p["gain"], p["gain_bend"] = v["factor"], odd * s["bend"]
+
+
+@electrical(
+    "sensor_bias",
+    {"bias": "rad/s"},
+    (0.01, 8.0),
+    drawn(
+        sign=EITHER, wave=(0.1, 0.22), rate=lambda random: 2 * math.pi / random.uniform(5.0, 40.0)
+    ),
+    lambda size, s, known: {"bias": s["sign"] * size},
+)
+def _bias(p, v, s, odd):
+    p["bias"] = v["bias"]
+    p["bias_wave"], p["bias_rate"] = odd * s["wave"], s["rate"]
+
+
+@electrical("sensor_lag", {"time_constant": "s"}, (5e-4, 0.3), drawn(second=(0.3, 0.5)))
+def _lag(p, v, s, odd):
+    # Two lags in a row, with the library's group delay together.
+    p["lag_2"] = odd * s["second"] * v["time_constant"]
+    p["lag_1"] = v["time_constant"] - p["lag_2"]
