@@ -7,7 +7,6 @@ import resource
 import shutil
 import time
 from importlib import metadata
-from types import SimpleNamespace
 
 import pytest
 
@@ -50,13 +49,9 @@ def test_a_probe_that_raises_or_hangs_is_a_problem_and_the_others_answer():
 
 def test_the_checks_of_another_part_that_cannot_be_loaded_are_one_problem(monkeypatch):
     """An entry point of a broken package ends nothing."""
-
-    def load():
-        raise ImportError("no such thing")
-
-    broken = SimpleNamespace(name="other", load=load)
+    broken = metadata.EntryPoint("other", "no_such_thing:PROBES", "ldt.check")
     monkeypatch.setattr("ldt_core.doctor.check.entry_points", lambda group: [broken])
-    one(examine(found_probes()), PROBLEM, "ImportError: no such thing")
+    one(examine(found_probes()), PROBLEM, "ModuleNotFoundError: No module named 'no_such_thing'")
 
 
 def test_this_environment_is_well():
@@ -107,7 +102,7 @@ def test_a_place_for_recordings_is_told_with_its_room(tmp_path, monkeypatch):
 def test_a_disk_that_is_nearly_full_is_told(free, grade, tmp_path, monkeypatch):
     """A default run does not fit, or a long one may not."""
     monkeypatch.chdir(tmp_path)
-    usage = SimpleNamespace(free=free)
+    usage = shutil.disk_usage(tmp_path)._replace(free=free)
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: usage)
     one(computer_checks.recordings(), grade, "free in")
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
+import shutil
 import socket
 import subprocess
 import sys
 import time
-from types import SimpleNamespace
 
 import pytest
 
@@ -187,7 +187,8 @@ def test_leftovers_in_shared_memory_are_told_while_nobody_uses_them(
     assert "fastrtps_5678" in found.message
     assert "fastrtps_1234" not in found.message
     user.communicate(b"")
-    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda _: SimpleNamespace(free=10**6))
+    usage = shutil.disk_usage(tmp_path)._replace(free=10**6)
+    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda _: usage)
     assert "0 MiB free" in doctor.shared_memory()[0].message
     monkeypatch.setattr(doctor, "SHARED", tmp_path / "nowhere")
     assert doctor.shared_memory()[0].grade is WARNING
