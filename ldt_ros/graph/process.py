@@ -18,12 +18,15 @@ import time
 import traceback
 from collections.abc import Callable
 from contextlib import ExitStack
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.stopping import SIGNALS
 from ldt_ros.graph.environment import one_line, prepare, require_ros
 from ldt_ros.graph.parentage import end_with
+
+if TYPE_CHECKING:
+    from ldt_ros.nodes.node import LdtNode
 
 ROLES = {
     "plant": "ldt_ros.nodes.plant_node:PlantNode",
@@ -92,10 +95,11 @@ def _parsed(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
     return parser.parse_args(arguments[:at]), arguments[at:]
 
 
-def node_class(role: str) -> Any:
+def node_class(role: str) -> Callable[..., LdtNode]:
     """Of the node that a role is played by."""
     module, _, name = ROLES[role].partition(":")
-    return getattr(importlib.import_module(module), name)
+    found: Callable[..., LdtNode] = getattr(importlib.import_module(module), name)
+    return found
 
 
 def host(
@@ -121,7 +125,7 @@ def host(
         rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # of which rclpy's own are kinds
         raise BadInput("ROS arguments", "what ROS 2 understands", one_line(error)) from error
-    nodes: list[Any] = []
+    nodes: list[LdtNode] = []
     with ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
         executor = EventsExecutor()
@@ -143,8 +147,8 @@ def host(
                     raise node.failure
         for node in nodes:
             node.halt()
-        deadline = time.monotonic() + max(getattr(n, "patience", 0.0) for n in nodes)
-        while time.monotonic() < deadline and not all(getattr(n, "quiet", True) for n in nodes):
+        deadline = time.monotonic() + max(node.patience for node in nodes)
+        while time.monotonic() < deadline and not all(node.quiet for node in nodes):
             executor.spin_once(timeout_sec=SPIN)
     return 0
 
