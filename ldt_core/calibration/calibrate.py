@@ -16,17 +16,17 @@ from ldt_core.calibration import notes
 from ldt_core.calibration.calibration import Calibration, ParameterEstimate, free_run_error, rounded
 from ldt_core.calibration.coordinates import Array, Coordinates
 from ldt_core.calibration.free_runs import FreeRuns
-from ldt_core.calibration.identifiability import WELL, Identifiability, examine
+from ldt_core.calibration.identifiability import MOST_ERROR, Identifiability, examine
 from ldt_core.calibration.intervals import Uncertainty, uncertainty
 from ldt_core.calibration.parameter_fit import coordinate, fit, starts
 from ldt_core.machine.machine_file import Machine
 
-HOLDOUT = 0.25  # of the experiments
+HOLDOUT = 0.25  # share of the experiments to judge by, unless said otherwise
 LEAST_TO_HOLD_OUT = 4  # experiments; fewer are all needed for the fit
 SHORTEST = 10  # samples of an experiment: fewer do not even show its start state
 PASSES = 6  # fits with another set of free parameters, should one not hold at its own solution
-WORSE = 1.001  # times the error before: a fit that ends above it has failed
-SAME = 0.99  # times the error before: above it the file's values were as good
+FAILED = 1.001  # times the error before: a fit that ends above it has failed
+AS_GOOD = 0.99  # times the error before: above it the file's values were as good
 
 
 def calibrate(
@@ -155,7 +155,7 @@ class _Work:
         estimates, machine = self._estimates(state)
         if not state.seen.determined:
             nominal = free_run_error(self.machine, self.experiments)
-            if free_run_error(machine, self.experiments).rmse < SAME * nominal.rmse:
+            if free_run_error(machine, self.experiments).rmse < AS_GOOD * nominal.rmse:
                 raise LdtError(notes.nothing_determined(self.experiments))
             estimates = [replace(e, value=e.nominal) for e in estimates]
             machine = self.machine
@@ -172,7 +172,7 @@ class _Work:
                 errors[part] = (before, free_run_error(machine, experiments))
                 numbers[part] = [e.number for e in experiments]
         before, after = errors["fit"]
-        if after.rmse > WORSE * before.rmse and not self._start_explains(state):
+        if after.rmse > FAILED * before.rmse and not self._start_explains(state):
             raise LdtError(
                 f"calibration failed: the free-run error did not go down ({before.rmse:.4g} rad/s "
                 f"before, {after.rmse:.4g} rad/s after); {notes.SUGGEST_FREE}"
@@ -193,7 +193,7 @@ class _Work:
             experiments=numbers,
             notes=(),
         )
-        told = notes.notes(calibration, state.seen, state.runs.white, SAME)
+        told = notes.notes(calibration, state.seen, state.runs.white, AS_GOOD)
         told += notes.bounds(state.coordinates, state.z)
         told += notes.excitation(self.experiments)
         if not state.converged:
@@ -222,7 +222,7 @@ class _Work:
                 continue
             errors = state.uncertainty.errors / state.coordinates.sizes(state.z)
             worst = int(np.argmax(errors))
-            if self.named or errors[worst] <= WELL or last:
+            if self.named or errors[worst] <= MOST_ERROR or last:
                 return state
             self.reasons[state.coordinates.names[worst]] = notes.VAGUE
             prefer, values = (), self.values

@@ -11,7 +11,7 @@ from ldt_core.base.metrics import FreeRunError
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.physics import PhysicsModel
 
-DIGITS = 6  # of a calibrated value: more than any recording determines
+DIGITS = 6  # significant ones of a calibrated value: more than any recording determines
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from ldt_core.physics.parameter import Parameter
 
 Array = NDArray[np.float64]
 
-SEARCH = 1000.0  # times and parts of the start: a fit that leaves three decades is no calibration
-SMALL = 0.1  # of its scale: a parameter that may be 0 counts as at least this large
+SEARCH_FACTOR = 1000.0  # either way from the start: beyond three decades it is no calibration
+LEAST_SIZE = 0.1  # of its scale: a parameter that may be 0 counts as at least this large
 ON_BOUND = 1e-4  # of a coordinate: nearer than this to its bound, a parameter has ended there
 
 
@@ -61,11 +61,11 @@ class Coordinate:
         """Lowest and highest coordinate: what physics allows, within the range of the search."""
         if self.logarithmic:
             high = self.parameter.high
-            return -math.log(SEARCH), min(
-                math.log(SEARCH), math.inf if math.isinf(high) else self.at(high)
+            return -math.log(SEARCH_FACTOR), min(
+                math.log(SEARCH_FACTOR), math.inf if math.isinf(high) else self.at(high)
             )
-        return max(self.parameter.low / self.scale, -SEARCH), min(
-            self.parameter.high / self.scale, SEARCH
+        return max(self.parameter.low / self.scale, -SEARCH_FACTOR), min(
+            self.parameter.high / self.scale, SEARCH_FACTOR
         )
 
 
@@ -116,7 +116,7 @@ class Coordinates:
         """(p,) change of each coordinate that is a change of its parameter by its own size."""
         return np.array(
             [
-                1.0 if c.logarithmic else max(abs(v), SMALL)
+                1.0 if c.logarithmic else max(abs(v), LEAST_SIZE)
                 for c, v in zip(self.free, z, strict=True)
             ]
         )

@@ -24,12 +24,13 @@ from ldt_core.physics.base import Physics
 
 Array = NDArray[np.float64]
 
-STEP_LINEAR = 1e-4  # of a coordinate: difference quotients of the exact solution, good to 1e-8
-STEP_INTEGRATED = 5e-4  # wider, since the integrator's own error (5e-6) enters the difference
-START_STEP = 1e-3  # of a start state's spread, for its difference quotient
-START_ROUNDS = 4  # Gauss-Newton steps for the start states; a linear machine needs one
+DIFFERENCE_LINEAR = 1e-4  # of a coordinate: quotients of the exact solution are good to 1e-8
+DIFFERENCE_INTEGRATED = 5e-4  # of a coordinate: the integrator's error of 5e-6 enters it
+DIFFERENCE_OF_START = 1e-3  # of a start state's spread, for its difference quotient
+START_STEPS = 4  # Gauss-Newton steps for the start states; a linear machine needs one
+LEAST_GAIN = 1e-6  # of the loss: a step of the start states that gains less is the last
 ANGLE_SPREAD = math.pi / math.sqrt(3)  # rad, standard deviation of an angle nobody knows
-NOISE_FLOOR = 1e-6  # of a channel's size: noise-free simulations must not divide by 0
+NOISE_FLOOR = 1e-6  # of a channel's size: a simulation without noise must not divide by 0
 DIVERGED = 1e6  # noise deviations: a residual that no fit will accept
 
 
@@ -92,7 +93,7 @@ class FreeRuns:
     def sensitivities(self, coordinates: Coordinates, z: Array) -> list[Array]:
         """Change of each experiment's free run per coordinate: (rows, p), as in `residuals`."""
         linear = self.physics.is_linear(coordinates.values(z))
-        step = STEP_LINEAR if linear else STEP_INTEGRATED
+        step = DIFFERENCE_LINEAR if linear else DIFFERENCE_INTEGRATED
         low, high = coordinates.bounds
         columns: list[list[Array]] = [[] for _ in self.experiments]
         for j in range(len(coordinates)):
@@ -117,14 +118,14 @@ class FreeRuns:
         for i in range(len(self.experiments)):
             linear = self.physics.is_linear(values)
             best = self._loss(i, values, self.starts[i])
-            for _ in range((1 if linear else START_ROUNDS) if estimate else 0):
+            for _ in range((1 if linear else START_STEPS) if estimate else 0):
                 step = self._start_step(i, values)
                 tried = self.starts[i].copy()
                 tried[self._unknown[i]] += step
                 loss = self._loss(i, values, tried)
                 if not loss < best:
                     break
-                done = best - loss < 1e-6 * best
+                done = best - loss < LEAST_GAIN * best
                 self.starts[i], best = tried, loss
                 if done:
                     break
@@ -165,7 +166,7 @@ class FreeRuns:
         columns = np.empty((base.size, len(self._unknown[i])))
         for column, state in enumerate(self._unknown[i]):
             spread = self._spread[i][state]
-            step = START_STEP * (spread if math.isfinite(spread) else self._sizes[0])
+            step = DIFFERENCE_OF_START * (spread if math.isfinite(spread) else self._sizes[0])
             moved = self.starts[i].copy()
             moved[state] += step
             columns[:, column] = (self._run(i, values, moved) - base) / step

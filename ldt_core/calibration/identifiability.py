@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-WELL = 0.25  # standard error of a logarithm: the 95 % interval is about a factor of 1.6 either way
-EXACT = 1e-6  # of the largest singular value: below it is the rounding of difference quotients
-INTEGRATED = 1e-3  # the same where sensitivities are differences of integrated runs
-SHOWN = 0.01  # exponent below which a parameter has no part in a group
-PRINTED = 0.05  # exponent below which it is left out of a product that is printed
-LITTLE = 1.0  # sum of squared exponents that is no worse than one product of two parameters
-WHOLE = 0.1  # an exponent this near to a whole number is written as that
+MOST_ERROR = 0.25  # standard error of a logarithm: 95 % lie within a factor of 1.6 either way
+EXACT_TOLERANCE = 1e-6  # of the largest singular value: rounding of difference quotients
+INTEGRATED_TOLERANCE = 1e-3  # of the same, where sensitivities are differences of integrated runs
+LEAST_EXPONENT = 0.01  # below which a parameter has no part in a group
+PRINTED_EXPONENT = 0.05  # below which it is left out of a product that is printed
+ONE_PRODUCT = 1.0  # sum of squared exponents that is no worse than one product of two parameters
+WHOLE_NUMBER = 0.1  # an exponent this near to a whole number is written as that
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,11 @@ class Identifiability:
         found = []
         for name in self.determined:
             powers = {name: 1.0}
-            powers |= {x: -c[name] for x, c in self.groups.items() if abs(c.get(name, 0)) > PRINTED}
+            powers |= {
+                x: -c[name]
+                for x, c in self.groups.items()
+                if abs(c.get(name, 0)) > PRINTED_EXPONENT
+            }
             if len(powers) > 1:
                 found.append(product(powers))
         return found
@@ -105,16 +109,20 @@ def examine(
         Identifiability; among sets of equal size, the one whose members would suffer least from
         wrong values of the parameters left out.
     """
-    tolerance = EXACT if exact else INTEGRATED
+    tolerance = EXACT_TOLERANCE if exact else INTEGRATED_TOLERANCE
     triangle: Array = np.asarray(np.linalg.qr(sensitivities, mode="r"))
     size = np.linalg.norm(triangle, axis=0)
-    loud = [j for j in range(len(names)) if size[j] * WELL > 1 and size[j] > tolerance * size.max()]
+    loud = [
+        j
+        for j in range(len(names))
+        if size[j] * MOST_ERROR > 1 and size[j] > tolerance * size.max()
+    ]
     chosen: tuple[int, ...] = ()
     for count in range(len(loud), 0, -1):
         sets = [
             s
             for s in itertools.combinations(loud, count)
-            if _errors(triangle[:, s], tolerance).max() <= WELL
+            if _errors(triangle[:, s], tolerance).max() <= MOST_ERROR
         ]
         if sets:
             kept = tuple(j for j in loud if names[j] in prefer)
@@ -125,7 +133,7 @@ def examine(
     for j in sorted(set(range(len(names))) - set(chosen)):
         c = _shares(triangle[:, chosen], triangle[:, j], tolerance) if j in loud else np.zeros(0)
         shares = zip(chosen, -c, strict=False)
-        exponents = {names[i]: float(share) for i, share in shares if abs(share) > SHOWN}
+        exponents = {names[i]: float(share) for i, share in shares if abs(share) > LEAST_EXPONENT}
         if exponents:
             groups[names[j]] = exponents
         else:
@@ -150,7 +158,7 @@ def _price(
     others = [j for j in loud if j not in chosen]
     shares = _shares(triangle[:, chosen], triangle[:, others], tolerance)
     errors = _errors(triangle[:, chosen], tolerance)
-    suffering = max(float(np.sum(shares**2)), LITTLE)
+    suffering = max(float(np.sum(shares**2)), ONE_PRODUCT)
     return round(math.log10(suffering)), round(math.log10(float(np.sum(errors**2))), 1)
 
 
@@ -172,4 +180,4 @@ def _power(name: str, exponent: float) -> str:
 
 def _shown(exponent: float) -> str:
     whole = round(exponent)
-    return str(whole) if whole and abs(exponent - whole) < WHOLE else f"{exponent:.2g}"
+    return str(whole) if whole and abs(exponent - whole) < WHOLE_NUMBER else f"{exponent:.2g}"

@@ -31,14 +31,13 @@ from ldt_core.estimation.linear import Identified, identify
 from ldt_core.machine.machine_file import Machine
 
 PHYSICS = "dc_motor"
-RESISTANCE, FRICTION = 1.0, 0.0  # Ohm, N m s: by convention, since speed and voltage say nothing
-WIDENED = 0.2  # of the recorded range of voltage, beyond either end: a limit must not be too tight
-# Times the longest experiment: of a slower motion it shows the beginning only, which any gain fits.
-SLOWEST = 3.0
-# A motor is refused where it explains less than this of the speed [%], and leaves more than WORSE
-# times what the best linear model of any order leaves.
-LEAST_FIT, WORSE = 90.0, 2.0
-LACKING = 1.2  # times what the best linear model leaves: worth a note
+RESISTANCE = 1.0  # Ohm, by convention: speed and voltage say nothing of it
+FRICTION = 0.0  # N m s, by convention, likewise
+LIMIT_MARGIN = 0.2  # of the recorded range of voltage, at either end: a limit must not be too tight
+SLOWEST = 3.0  # times the longest experiment: of a slower motion any gain fits the beginning
+LEAST_FIT_PERCENT = 90.0  # of the speed: a motor that explains less may be refused
+REFUSED = 2.0  # times what the best linear model of any order leaves: such a motor is refused
+LACKING = 1.2  # times the same: such a motor lacks something, which is worth a note
 
 
 @dataclass(frozen=True)
@@ -174,7 +173,7 @@ def _refuse(form: MotorResponse, linear: Identified, experiments: list[Experimen
             f"of which experiments of {longest:.3g} s show the beginning only (longer ones would "
             "settle it, unless the speed is unstable)"
         )
-    if form.fit_percent < LEAST_FIT and form.noise_std > WORSE * linear.noise_std:
+    if form.fit_percent < LEAST_FIT_PERCENT and form.noise_std > REFUSED * linear.noise_std:
         raise LdtError(
             f"the recording shows no motor but {shown}, which leaves {linear.noise_std:.3g} rad/s "
             f"where a motor leaves {form.noise_std:.3g} rad/s: a machine with more than two time "
@@ -231,7 +230,7 @@ def _machine(
 def _widened(low: float, high: float) -> tuple[float, float]:
     """The recorded range and 0 V, widened, to one digit behind that of the width."""
     low, high = min(low, 0.0), max(high, 0.0)
-    wider = WIDENED * (high - low)
+    wider = LIMIT_MARGIN * (high - low)
     digit = 10.0 ** math.floor(math.log10(wider))
     return (
         rounded(math.floor((low - wider) / digit) * digit),
@@ -269,7 +268,7 @@ def _notes(form: MotorResponse, linear: Identified, experiments: list[Experiment
             f"The steady speed is {form.offset:+.3g} rad/s off gain times voltage, as by a load, "
             "dry friction or a sensor's bias: no dc_motor has that, and the file leaves it out."
         )
-    if form.fit_percent < LEAST_FIT:
+    if form.fit_percent < LEAST_FIT_PERCENT:
         notes.append(
             f"This motor explains {form.fit_percent:.0f} % of the speed, and no linear model does "
             "much better: what is missing is nonlinear, or the recording is mostly noise."

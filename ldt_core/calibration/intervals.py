@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-CLUSTERS = 8  # experiments from which their scatter says more than a model of the noise
-ONE_HOLDS_ALL = 0.1  # of the information on a direction is left when an experiment is left out
-ORDERS = 20  # highest order of the autoregression
-LEAST_FREEDOM = 3.0
+FEWEST_CLUSTERS = 8  # experiments from which their scatter says more than a model of the noise
+LEFT_WITHOUT_ONE = 0.1  # of the information on a direction, at least, when one is left out
+MOST_ORDER = 20  # of the autoregression: its memory in samples
+LEAST_FREEDOM = 3.0  # degrees of freedom: below, Student's t has no variance
 RIDGE = 1e-14  # of the information: rounding, so that a direction without any can be inverted
 
 
@@ -85,7 +85,7 @@ def uncertainty(
     if not total.size:
         return Uncertainty(total, LEAST_FREEDOM, "none: every free parameter ended on a bound")
     total += RIDGE * np.diag(total).max() * np.eye(len(total))
-    if len(sensitivities) >= CLUSTERS and _spread_out(information, total):
+    if len(sensitivities) >= FEWEST_CLUSTERS and _spread_out(information, total):
         scores = [s.T @ r for s, r in zip(sensitivities, residuals, strict=True)]
         moved = np.array(
             [-np.linalg.solve(total - h, g) for h, g in zip(information, scores, strict=True)]
@@ -99,7 +99,9 @@ def uncertainty(
 
 def _spread_out(information: Sequence[Array], total: Array) -> bool:
     root = np.linalg.inv(np.linalg.cholesky(total))
-    return all(np.linalg.eigvalsh(root @ h @ root.T)[-1] < 1 - ONE_HOLDS_ALL for h in information)
+    return all(
+        np.linalg.eigvalsh(root @ h @ root.T)[-1] < 1 - LEFT_WITHOUT_ONE for h in information
+    )
 
 
 def _stationary(
@@ -141,7 +143,7 @@ def _stationary(
 def _autocovariance(residuals: Sequence[Array], longest: int) -> tuple[Array, int]:
     """(longest,) autocovariance of the autoregression that fits the residuals, and its order."""
     samples = sum(len(r) for r in residuals)
-    lags = max(1, min(ORDERS, samples // 10, min(len(r) for r in residuals) - 1))
+    lags = max(1, min(MOST_ORDER, samples // 10, min(len(r) for r in residuals) - 1))
     found = np.array(
         [sum(float(r[: len(r) - k] @ r[k:]) for r in residuals) / samples for k in range(lags + 1)]
     )

@@ -14,7 +14,7 @@ from ldt_core.calibration.calibration import Calibration
 from ldt_core.calibration.identify import EquivalentMotor
 from ldt_core.machine.machine_file import Machine
 
-COMMENT = 16  # column at which the comments begin
+COMMENT_COLUMN = 16  # at which the comments on parameters begin
 
 
 def write_machine_file(calibration: Calibration, file: str | Path, force: bool = False) -> None:
@@ -137,7 +137,7 @@ def _parameters(machine: Machine, comments: Mapping[str, str]) -> list[str]:
     for parameter in machine.model.parameters:
         name = parameter.name
         entry = f"  {name}: {_flow(machine.parameters[name])}"
-        lines.append(f"{entry:<{COMMENT}}  # {comments[name]}")
+        lines.append(f"{entry:<{COMMENT_COLUMN}}  # {comments[name]}")
     return lines
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import listed
 from ldt_core.calibration.calibration import Calibration
-from ldt_core.calibration.coordinates import SEARCH, Array, Coordinates
+from ldt_core.calibration.coordinates import SEARCH_FACTOR, Array, Coordinates
 from ldt_core.calibration.identifiability import Identifiability
 
 NOT_NAMED = "not freed"
@@ -22,8 +22,8 @@ SUGGEST_FREE = "free other parameters or check the machine file"
 NOT_CONVERGED = (
     "The fit had not quite settled when it was stopped; the values may still move a little."
 )
-SMOOTH = 5.0  # times its white part: what is left of a fit beyond it is not the sensor's noise
-STEADY = 0.02  # of the largest voltage: less change than this excites nothing
+NOT_NOISE = 5.0  # times the white part of a residual: one beyond it is not the sensor's noise
+CONSTANT_RANGE = 0.02  # of the largest voltage: a smaller range excites nothing
 
 
 def notes(calibration: Calibration, seen: Identifiability, white: float, same: float) -> list[str]:
@@ -53,7 +53,7 @@ def notes(calibration: Calibration, seen: Identifiability, white: float, same: f
                 "be wider than a factor of 1.6 either way."
             )
     left = calibration.noise["speed"]
-    if left > SMOOTH * white:
+    if left > NOT_NOISE * white:
         said.append(
             f"What is left ({left:.3g} rad/s) is smooth, not noise (about {white:.2g} rad/s): the "
             "machine has something that the physics lacks, and the calibrated values imitate it as "
@@ -81,7 +81,11 @@ def bounds(coordinates: Coordinates, z: Array) -> list[str]:
             said.append(f"{c.name} stayed at {at:.4g} {c.parameter.unit}, as in the file.")
             continue
         physical = at in (c.parameter.low, c.parameter.high)
-        edge = "what physics allows" if physical else f"the search, {SEARCH:g} times off the file"
+        edge = (
+            "what physics allows"
+            if physical
+            else f"the search, {SEARCH_FACTOR:g} times off the file"
+        )
         said.append(
             f"{c.name} ended at {at:.4g} {c.parameter.unit}, the edge of {edge}: another parameter "
             "is off, or the machine has something that the physics lacks."
@@ -113,4 +117,4 @@ def nothing_determined(experiments: Sequence[Experiment]) -> str:
 
 def _constant(experiments: Sequence[Experiment]) -> float | None:
     volts = np.concatenate([e.voltage for e in experiments])
-    return float(volts.mean()) if np.ptp(volts) <= STEADY * np.abs(volts).max() else None
+    return float(volts.mean()) if np.ptp(volts) <= CONSTANT_RANGE * np.abs(volts).max() else None

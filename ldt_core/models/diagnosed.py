@@ -28,15 +28,15 @@ if TYPE_CHECKING:
     from ldt_core.physics.effect import Effect
 
 AUTO = "auto"  # in place of an effect's name: the one that a diagnosis names
-MEMBER_STEP = 1e-3  # s, longest integration step of the spread; worst relative error 1e-3
+SPREAD_STEP = 1e-3  # s, longest integration step of the spread: worst relative error 1e-3
 # Start angles that stand for any, a row each, with the signs of the other start states' deviations:
 # every pair of states has all four combinations of signs equally often.
 SIGNS = np.array(
     [[(-1.0) ** (i & j).bit_count() for j in range(8)] for i in range(8)], dtype=np.float64
 )
-LEAST_SAMPLES = 20  # of an experiment; a free run of fewer says nothing about a machine
-CONTRADICTED = 4.0  # deviations by which a new noise differs from the old one by more than chance
-LEAST_WEIGHT = 0.02  # of a hypothesis about the start angle: below, its runs are not made
+LEAST_SAMPLES = 20  # of an experiment: a free run of fewer says nothing about a machine
+NOISE_CONTRADICTED = 4.0  # deviations between a new noise and the old one: more than chance
+LEAST_WEIGHT = 0.02  # probability of a hypothesis about the start angle, for its runs to be made
 
 _cached_effect = functools.lru_cache(maxsize=32)(get_effect)
 
@@ -214,7 +214,7 @@ class DiagnosedModel(Model):
                 z = self.members[i % len(self.members)].z
                 chosen.append(((1 - same) / len(SIGNS), z, offset))
         runs = [
-            self.cause.speed(experiment, z, offset, start.rest, MEMBER_STEP)
+            self.cause.speed(experiment, z, offset, start.rest, SPREAD_STEP)
             for _, z, offset in chosen
         ]
         weights = np.array([c[0] for c in chosen])
@@ -265,7 +265,7 @@ class DiagnosedModel(Model):
         if not (self.noise_std and learned.noise and old):
             return learned.noise, new
         doubt = math.sqrt(0.5 / new + 0.5 / old)  # of the logarithm of the two deviations' ratio
-        if abs(math.log(learned.noise / self.noise_std)) > CONTRADICTED * doubt:
+        if abs(math.log(learned.noise / self.noise_std)) > NOISE_CONTRADICTED * doubt:
             return learned.noise, new
         square = (new * learned.noise**2 + old * self.noise_std**2) / (new + old)
         return math.sqrt(square), new + old

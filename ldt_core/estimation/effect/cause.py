@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-DIVERGED = 1e6  # rad/s, a speed that no fit accepts, in place of a free run that grows for ever
-AT_REST = 4.0  # noise deviations: a first sample nearer to 0 than this is a machine at rest
-SENSOR_ROUNDS = 20  # to find the speed behind a first sample that went through the sensor's effect
-PROBE = 2.0  # s, run that shows whether the start angle matters
-ALIKE = 1e-6  # of the largest speed: two free runs that differ by rounding alone
-LIVELY_STEP = 1e-3  # s, longest integration step where only the size of a motion is asked for
+DIVERGED_SPEED = 1e6  # rad/s, that no fit accepts, in place of a free run that grows for ever
+AT_REST = 4.0  # noise deviations: a first sample nearer to 0 is that of a machine at rest
+SENSOR_ROUNDS = 20  # of a fixed point for the speed behind a first sample; it converges in a few
+PROBE_DURATION = 2.0  # s, of the run that shows whether the start angle matters: several turns
+ROUNDING_SHARE = 1e-6  # of the largest speed: two free runs that differ by less are the same
+MOTION_STEP = 1e-3  # s, longest integration step where only the size of a motion is asked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +84,13 @@ class Cause:
         """
         high = max(abs(v) for v in self.machine.voltage_limits)
         period = self.machine.sample_period
-        rest = np.zeros(max(3, round(PROBE / period)))
+        rest = np.zeros(max(3, round(PROBE_DURATION / period)))
         probe = Experiment(1, 0.0, period, rest + high, rest)
         z = self.typical
         nominal, *turned = (
             self.speed(probe, z, self.offset(angle)) for angle in (0.0, 1.0, math.pi)
         )
-        limit = ALIKE * max(1.0, float(np.abs(nominal).max()))
+        limit = ROUNDING_SHARE * max(1.0, float(np.abs(nominal).max()))
         other, half = (float(np.abs(t - nominal).max()) <= limit for t in turned)
         return 0.0 if other and half else math.pi if half else 2 * math.pi
 
@@ -125,7 +125,7 @@ class Cause:
                 spread[CURRENT] = float(np.abs(experiment.voltage).max()) / self.values["R"]
             lively = self.typical if lively is None else lively
             if self.turn > 0 and spread.size > CURRENT + 1:
-                states = self._states(experiment, lively, self.offset(0.0), rest, LIVELY_STEP)
+                states = self._states(experiment, lively, self.offset(0.0), rest, MOTION_STEP)
                 moved = states[:, CURRENT + 1 : spread.size]
                 spread[CURRENT + 1 :] = np.sqrt(np.mean(moved**2, axis=0))
         return UncertainStart(rest, spread)
@@ -150,7 +150,9 @@ class Cause:
         states = self._states(experiment, z, offset, rest, max_step)
         given = [(self.effect, self.given(z))]
         speed = self.physics.measure(states, experiment.period, given)
-        return np.nan_to_num(speed, nan=DIVERGED, posinf=DIVERGED, neginf=-DIVERGED)
+        return np.nan_to_num(
+            speed, nan=DIVERGED_SPEED, posinf=DIVERGED_SPEED, neginf=-DIVERGED_SPEED
+        )
 
     def _states(
         self,
@@ -171,7 +173,7 @@ class Cause:
             about = experiment.voltage, experiment.period, initial, [(self.effect, given)]
             return self.physics.simulate(self.values, *about, **step)
         except LdtError:
-            return np.full((len(experiment), len(self.physics.states)), DIVERGED)
+            return np.full((len(experiment), len(self.physics.states)), DIVERGED_SPEED)
 
     def _first_speed(self, experiment: Experiment, z: Array) -> float:
         """The shaft's speed when a settled sensor, with the effect, shows the first sample."""

@@ -16,17 +16,18 @@ from ldt_core.estimation.effect.joint_fit import FittedExperiment, JointFit, Min
 from ldt_core.estimation.effect.scan import Point, Scan
 from ldt_core.estimation.noise import white_noise
 
-TRIES = (1, 2)  # descents: from the scan's best point, then from the best of a closer look
-BEGINNINGS = (0.5, 0.25, 0.125)  # of an experiment that is fitted step by step
-BEGINNING_TRIES = 3  # descents for each
-FOLLOWING = 8  # steps from there to its end
-SAME = 1e-3  # scales of the first parameter, part of the residual: two minima that are one
-WIDTH, ALONG = 4.0, 33  # deviations either way, points: what is looked through where a step fails
+DESCENTS = (1, 2)  # from the scan's best point, then from the best of a closer look
+BEGINNINGS = (0.5, 0.25, 0.125)  # shares of an experiment from which it is fitted step by step
+DESCENTS_OF_BEGINNING = 3  # for each: the scan's best point may be the wrong side of a resonance
+EXTENSIONS = 8  # from a beginning to the whole: each is short enough to follow the minimum
+SAME_MINIMUM = 1e-3  # scales of the first parameter, and share of the residual, apart at most
+ALONG_WIDTH = 4.0  # deviations either way, looked through where an extension fails
+ALONG_POINTS = 33  # in that width: four a deviation
 NOISE_LIKE = 1.3  # times the white noise: a residual above this is more than noise
-BLOCK = 20  # samples: means of so many are as small as white noise makes them,
-WHITE = 6.0  # to so many deviations. A neighbouring minimum shows there long before the first test
-LEAST_NOISE = 1e-6  # of the speed's size: noise-free simulations must not divide by 0
-LEAST_GAIN = 1e-9  # difference of a scan's scores below which the effect shows in nothing
+BLOCK = 20  # samples: their mean shows slow errors of a fifth of the noise
+BLOCK_DEVIATIONS = 6.0  # of white noise's block means; a neighbouring minimum shows there first
+NOISE_FLOOR = 1e-6  # of the speed's size: a simulation without noise must not divide by 0
+LEAST_SCORE_RANGE = 1e-9  # of a scan's scores: below, the effect shows in nothing
 
 
 class EffectSearch:
@@ -46,7 +47,7 @@ class EffectSearch:
     def __init__(self, cause: Cause, experiment: Experiment, seeds: Sequence[Point]) -> None:
         self.cause, self.experiment = cause, experiment
         size = float(np.sqrt(np.mean(experiment.speed**2))) or 1.0
-        self.noise = max(white_noise([experiment.speed]), LEAST_NOISE * size)
+        self.noise = max(white_noise([experiment.speed]), NOISE_FLOOR * size)
         self.start = cause.start(experiment, self.noise, seeds[0][0])
         #: Free runs by experiment, coordinates and start, for all who fit the same experiments.
         self.runs: dict[Any, Array] = {}
@@ -77,7 +78,7 @@ class EffectSearch:
 
     def _whole(self) -> Minimum:
         keep = np.ones(len(self.experiment), dtype=bool)
-        if not float(np.ptp(self._scan.scores(keep))) > LEAST_GAIN:
+        if not float(np.ptp(self._scan.scores(keep))) > LEAST_SCORE_RANGE:
             raise LdtError(
                 f"diagnosed model: experiment {self.experiment.number} says nothing about "
                 f"{self.cause.effect.name}: its speed is the same with and without"
@@ -86,7 +87,7 @@ class EffectSearch:
         found: list[Minimum] = []
         looks = (lambda: None, lambda: self._scan.look_closer(keep))
         tried: set[tuple[bytes, float]] = set()
-        for look, tries in zip(looks, TRIES, strict=True):
+        for look, tries in zip(looks, DESCENTS, strict=True):
             look()
             fresh = (p for p in self._scan.best(keep) if (p[0].tobytes(), p[1]) not in tried)
             for z, angle in itertools.islice(fresh, tries):
@@ -99,7 +100,7 @@ class EffectSearch:
             return followed
         if not _twice(found):
             self._scan.refine()
-            for z, angle in itertools.islice(self._scan.best(keep), TRIES[-1]):
+            for z, angle in itertools.islice(self._scan.best(keep), DESCENTS[-1]):
                 found.append(descent.run(descent.point(z, [angle])))
         return min(found, key=lambda m: m.rms)
 
@@ -110,7 +111,7 @@ class EffectSearch:
             return minimum.rms < NOISE_LIKE * self.noise
         blocks = rest[: rest.size // BLOCK * BLOCK].reshape(-1, BLOCK)
         smooth = BLOCK * float(np.mean(blocks.mean(axis=1) ** 2)) / float(np.mean(blocks**2))
-        limit = 1 + WHITE * math.sqrt(2 / len(blocks))
+        limit = 1 + BLOCK_DEVIATIONS * math.sqrt(2 / len(blocks))
         return minimum.rms < NOISE_LIKE * self.noise and smooth < limit
 
     def _step_by_step(self) -> Minimum | None:
@@ -124,7 +125,7 @@ class EffectSearch:
             end = round(length * part)
             descent = self._beginning(end)
             points = self._scan.best(np.arange(length) < end)
-            for z, angle in itertools.islice(points, BEGINNING_TRIES):
+            for z, angle in itertools.islice(points, DESCENTS_OF_BEGINNING):
                 minimum = descent.run(descent.point(z, [angle]))
                 if self._noise_like(minimum):
                     followed = self._followed(minimum, end)
@@ -134,7 +135,7 @@ class EffectSearch:
 
     def _followed(self, minimum: Minimum, begin: int) -> Minimum | None:
         length = len(self.experiment)
-        for end in np.linspace(begin, length, FOLLOWING + 1)[1:].round().astype(int):
+        for end in np.linspace(begin, length, EXTENSIONS + 1)[1:].round().astype(int):
             descent = self._beginning(int(end))
             further = descent.run(minimum.q)
             if not self._noise_like(further):
@@ -157,12 +158,13 @@ class EffectSearch:
         deviations = np.sqrt(np.diag(minimum.covariance))
         values, vectors = np.linalg.eigh(minimum.covariance / np.outer(deviations, deviations))
         axis = vectors[:, -1] * math.sqrt(max(float(values[-1]), 0.0)) * deviations
-        return [minimum.q + t * axis for t in np.linspace(-WIDTH, WIDTH, ALONG)]
+        return [minimum.q + t * axis for t in np.linspace(-ALONG_WIDTH, ALONG_WIDTH, ALONG_POINTS)]
 
 
 def _twice(found: Sequence[Minimum]) -> bool:
     """Whether two descents ended in the same, so that a finer scan would hardly find another."""
     return any(
-        float(np.abs(one.q - other.q)[0]) < SAME and abs(one.rms / other.rms - 1) < SAME
+        float(np.abs(one.q - other.q)[0]) < SAME_MINIMUM
+        and abs(one.rms / other.rms - 1) < SAME_MINIMUM
         for one, other in itertools.combinations(found, 2)
     )

@@ -21,7 +21,7 @@ from ldt_core.estimation.least_squares import levenberg_marquardt
 from ldt_core.estimation.noise import correlation_time
 from ldt_core.physics.base import ANGLE
 
-STEP = 0.5e-3  # s, longest integration step: worst relative error 8e-5
+INTEGRATION_STEP = 0.5e-3  # s, longest: worst relative error of the speed 8e-5
 DIFFERENCE = 1e-4  # of a scale or of a start state's spread, for difference quotients
 STEPS = 12  # of one descent: from a good start the last ones change nothing
 LONGEST_STEP = 0.05  # scales of the effect's parameters: beyond, the free run is not linear at all
@@ -133,7 +133,7 @@ class JointFit:
         e = seen.experiment
         key = e.number, e.start, len(e), z.tobytes(), offset.tobytes()
         if key not in self._runs:
-            run = self.cause.speed(seen.experiment, z, offset, seen.start.rest, STEP)
+            run = self.cause.speed(seen.experiment, z, offset, seen.start.rest, INTEGRATION_STEP)
             self._runs[key] = run
         return seen.experiment.speed - self._runs[key]
 

@@ -16,9 +16,9 @@ from ldt_core.estimation.effect.sigma_points import SigmaPoint, sigma_points
 from ldt_core.estimation.effect.start_angle import AngleBelief, FoundAngle, believe, together
 from ldt_core.physics.base import ANGLE
 
-AGREEING = 1.5  # times the newest experiment's residual: an older one below this still holds
-CONTRADICTION = 25.0  # squared deviations by which a common start angle may fit less well
-TURNED = 4  # parts of a turn in which the start angle of an older experiment is looked for
+MOST_RATIO = 1.5  # of an older experiment's residual to the newest one's, for it to count as well
+CONTRADICTION = 25.0  # squared deviations by which a common start angle may fit less well: 5 sigma
+ANGLES_TRIED = 4  # in a turn, for the start of an older experiment; the descent finds the rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +129,8 @@ class EffectLearner:
             return angle
         known = believe(self._angles, self.cause.turn).angle
         likely = [angle] if known is None else [angle, known]
-        parts = [self.cause.turn * (k + 0.5) / TURNED for k in range(TURNED)]
-        limit = AGREEING * self.search.best.rms
+        parts = [self.cause.turn * (k + 0.5) / ANGLES_TRIED for k in range(ANGLES_TRIED)]
+        limit = MOST_RATIO * self.search.best.rms
         best, least = angle, math.inf
         for tried in [*likely, *parts]:
             rms = self._rms(seen, z, tried)
@@ -155,7 +155,7 @@ class EffectLearner:
         angle = self._turned(seen, z)
         shifts = [np.zeros(d), *(np.diag(std)[j] * s for j in range(d) for s in (2.0, -2.0))]
         near = (np.clip(z + s, self.cause.low, self.cause.high) for s in shifts)
-        return any(self._rms(seen, n, angle) < AGREEING * best.rms for n in near)
+        return any(self._rms(seen, n, angle) < MOST_RATIO * best.rms for n in near)
 
     def _weigh(self, descent: JointFit, minimum: Minimum) -> tuple[AngleBelief, list[FoundAngle]]:
         if self.cause.turn == 0:

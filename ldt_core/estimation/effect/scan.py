@@ -18,16 +18,16 @@ from numpy.typing import NDArray
 from ldt_core.base.experiment import Experiment
 from ldt_core.estimation.effect.cause import Array, Cause, UncertainStart
 
-STEP = 2e-3  # s, longest integration step: good to some percent near the edge of capture
+INTEGRATION_STEP = 2e-3  # s, longest: good to some per cent near the edge of capture
 REACH = 2.0  # scales of the parameter on either side of its neutral and of its typical value
-FINENESS = 20  # grid points a scale
-WIDENINGS = 3  # times the reach is doubled when the best value lies at its end
-POINTS = 200  # of an effect with several parameters, spread evenly in their box
-ANGLES = 2  # start angles in half a turn
-ROBUST = 0.03  # of the speed's root mean square: a deviation above this counts little more
-NOISES = 3.0  # noise deviations, and at least this
-APART = 1.01  # grid steps between two minima
-CLOSER = 3  # of them that are looked at more closely when the best leads nowhere
+POINTS_PER_SCALE = 20  # so that a descent from the best one reached the noise in 90 of 90 trials
+WIDENINGS = 3  # doublings of the reach while the best value lies at its end
+BOX_POINTS = 200  # for an effect with several parameters, spread evenly in their box
+ANGLES_PER_HALF_TURN = 2  # start angles: a closer look has twice as many
+ROBUST_SHARE = 0.03  # of the speed's root mean square: a deviation above this counts little more
+ROBUST_NOISES = 3.0  # noise deviations, the least width of what counts in full
+APART = 1.01  # grid steps between two minima: neighbours on the grid are one
+CLOSER_LOOKS = 3  # minima that are looked at more closely when the best leads nowhere
 
 Point = tuple[Array, float]  # the effect's coordinates, the start angle
 
@@ -53,11 +53,11 @@ class Scan:
     ) -> None:
         self.cause, self.experiment, self.start = cause, experiment, start
         size = float(np.sqrt(np.mean(experiment.speed**2)))
-        self._width = max(NOISES * noise, ROBUST * size, 1e-9)
+        self._width = max(ROBUST_NOISES * noise, ROBUST_SHARE * size, 1e-9)
         self._points: list[Point] = []
         self._rests: list[Array] = []
         self._done: set[tuple[bytes, float]] = set()
-        self._angles = _angles(cause.turn, ANGLES)
+        self._angles = _angles(cause.turn, ANGLES_PER_HALF_TURN)
         self._add(seeds)
         if len(cause.names) == 1:
             self._line()
@@ -70,20 +70,20 @@ class Scan:
         Args:
             keep: (L,) bool, samples that count.
         """
-        angles = _angles(self.cause.turn, 2 * ANGLES)
-        for z, _ in list(itertools.islice(self.best(keep), CLOSER)):
+        angles = _angles(self.cause.turn, 2 * ANGLES_PER_HALF_TURN)
+        for z, _ in list(itertools.islice(self.best(keep), CLOSER_LOOKS)):
             for step in (-0.5, 0.0, 0.5):
-                near = np.clip(z + step / FINENESS, self.cause.low, self.cause.high)
+                near = np.clip(z + step / POINTS_PER_SCALE, self.cause.low, self.cause.high)
                 self._add((near, angle) for angle in angles)
 
     def refine(self) -> None:
         """Twice as fine everywhere."""
-        angles = _angles(self.cause.turn, 2 * ANGLES)
+        angles = _angles(self.cause.turn, 2 * ANGLES_PER_HALF_TURN)
         coordinates = _distinct(z for z, _ in self._points)
         if len(self.cause.names) == 1:
             between = [(a + b) / 2 for a, b in itertools.pairwise(coordinates)]
         else:
-            between = _box(self.cause, POINTS)
+            between = _box(self.cause, BOX_POINTS)
         self._add(itertools.product(between, self._angles))
         self._add(itertools.product(coordinates, angles))
 
@@ -97,7 +97,7 @@ class Scan:
         seen: list[Array] = []
         for i in np.argsort(scores, kind="stable"):
             z, angle = self._points[i]
-            if all(np.abs(z - other).max() > APART / FINENESS for other in seen):
+            if all(np.abs(z - other).max() > APART / POINTS_PER_SCALE for other in seen):
                 seen.append(z)
                 yield z, angle
 
@@ -118,9 +118,9 @@ class Scan:
         for reach in REACH * 2.0 ** np.arange(WIDENINGS):
             best = float(next(self.best(everything))[0][0])
             have = [z[0] for z, _ in self._points]
-            if best - min(have) < 2 / FINENESS and best > low:
+            if best - min(have) < 2 / POINTS_PER_SCALE and best > low:
                 more = best - _grid(0.0, reach)
-            elif max(have) - best < 2 / FINENESS and best < high:
+            elif max(have) - best < 2 / POINTS_PER_SCALE and best < high:
                 more = best + _grid(0.0, reach)
             else:
                 return
@@ -134,13 +134,13 @@ class Scan:
                 continue
             self._done.add((z.tobytes(), angle))
             offset = self.cause.offset(angle)
-            run = self.cause.speed(self.experiment, z, offset, self.start.rest, STEP)
+            run = self.cause.speed(self.experiment, z, offset, self.start.rest, INTEGRATION_STEP)
             self._points.append((z, angle))
             self._rests.append(self.experiment.speed - run)
 
 
 def _grid(low: float, high: float) -> Array:
-    return np.linspace(low, high, round((high - low) * FINENESS) + 1)
+    return np.linspace(low, high, round((high - low) * POINTS_PER_SCALE) + 1)
 
 
 def _angles(turn: float, count: int) -> list[float]:
@@ -154,7 +154,7 @@ def _distinct(coordinates: Iterator[Array]) -> list[Array]:
 
 
 def _box(cause: Cause, skip: int = 0) -> list[Array]:
-    """POINTS points of Halton's sequence in the box about neutral and typical values."""
+    """BOX_POINTS points of Halton's sequence in the box about neutral and typical values."""
     from scipy.stats import qmc
 
     typical = cause.typical
@@ -162,5 +162,5 @@ def _box(cause: Cause, skip: int = 0) -> list[Array]:
     high = np.minimum(np.maximum(0.0, typical) + REACH, cause.high)
     sequence = qmc.Halton(len(cause.names), scramble=False)
     sequence.fast_forward(1 + skip)
-    inside = low + (high - low) * sequence.random(POINTS)
+    inside = low + (high - low) * sequence.random(BOX_POINTS)
     return [np.clip(np.zeros(low.size), low, high), typical, *inside]

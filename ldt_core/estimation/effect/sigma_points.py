@@ -17,10 +17,10 @@ from ldt_core.estimation.effect.cause import Array
 from ldt_core.estimation.effect.joint_fit import JointFit, Minimum
 from ldt_core.estimation.effect.start_angle import AngleBelief
 
-RISE = 3.0  # squared deviations at a sigma point: then two a direction have the normal's moments
-UNLIKELY = 5.0  # deviations from the angle at which the machine always starts
-TOLERANCE = 2.0  # factor by which the rise may miss that
-ROUNDS = 4  # corrections of a sigma point's distance
+RISE = 3.0  # squared deviations at a sigma point: two a direction then have a normal's moments
+ANGLE_OUTLIER = 5.0  # deviations from the common start angle: one further off was no start of it
+RISE_TOLERANCE = 2.0  # factor by which the rise may miss `RISE`: the spread is good to a half
+CORRECTIONS = 4  # of a sigma point's distance: two are usual
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ def _likely(angle: float, descent: JointFit, belief: AngleBelief) -> bool:
         return True
     turn = descent.cause.turn
     off = (angle - belief.angle + turn / 2) % turn - turn / 2
-    return abs(off) < UNLIKELY * belief.std
+    return abs(off) < ANGLE_OUTLIER * belief.std
 
 
 def _moved(descent: JointFit, minimum: Minimum, move: Array) -> Array:
@@ -93,12 +93,12 @@ def _moved(descent: JointFit, minimum: Minimum, move: Array) -> Array:
     d = len(descent.cause.names)
     least = descent.loss(minimum.q, minimum)
     most = math.sqrt(RISE) * descent.spread
-    for _ in range(ROUNDS):
+    for _ in range(CORRECTIONS):
         move = move / max(1.0, float(np.max(np.abs(move) / most)))
         q = minimum.q + move
         q[:d] = np.clip(q[:d], descent.cause.low, descent.cause.high)
         rise = descent.loss(q, minimum) - least
-        if RISE / TOLERANCE <= rise <= RISE * TOLERANCE:
+        if RISE / RISE_TOLERANCE <= rise <= RISE * RISE_TOLERANCE:
             break
         factor = math.sqrt(RISE / rise) if rise > 0 else 2.0
         move = move * min(max(factor, 0.1), 2.0)

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-WRONG = 0.1  # part of the angles found that say nothing
-GRID = 2000  # angles in a turn, over which the common one is summed
+WRONG_SHARE = 0.1  # of the angles found say nothing: a free run can fit for a wrong reason
+GRID = 2000  # angles in a turn, over which the common one is summed: 0.2 degrees apart
 LEAST_STD = 0.002  # rad, a tenth of a degree: what a machine that homes its shaft repeats
 MOST_STD = 0.15  # of a turn: an angle known no better than that is left out
-AGREES = 4.0  # deviations from the common angle; those further off do not shape it
-MOST_SEEN = 50  # angles kept
+AGREEING = 4.0  # deviations from the common angle; those further off do not shape it
+MOST_ANGLES = 50  # remembered: they bound what a model's record holds
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def believe(seen: Sequence[FoundAngle], turn: float) -> AngleBelief:
     apart = grid[:, None] - angle
     apart -= turn * np.round(apart / turn)
     normal = np.exp(-((apart / std) ** 2) / 2) / (std * math.sqrt(2 * math.pi))
-    density = np.log((1 - WRONG) * normal + WRONG / turn).sum(axis=1)
+    density = np.log((1 - WRONG_SHARE) * normal + WRONG_SHARE / turn).sum(axis=1)
     top = float(density.max())
     weight = np.exp(density - top)
     evidence = top + math.log(float(weight.mean())) + len(seen) * math.log(turn)
@@ -76,7 +76,7 @@ def believe(seen: Sequence[FoundAngle], turn: float) -> AngleBelief:
     mode = float(grid[int(np.argmax(weight))])
     off = angle - mode
     off -= turn * np.round(off / turn)
-    agree = np.abs(off) <= AGREES * std
+    agree = np.abs(off) <= AGREEING * std
     worth = np.where(agree, 1 / std**2, 0.0)
     if not agree.any():  # between two angles that contradict each other
         worth = 1 / std**2
@@ -95,4 +95,4 @@ def together(old: Sequence[FoundAngle], new: Sequence[FoundAngle], turn: float) 
         for s in new
         if s.std < MOST_STD * turn
     ]
-    return [*(s for s in old if s.number not in numbers), *usable][-MOST_SEEN:]
+    return [*(s for s in old if s.number not in numbers), *usable][-MOST_ANGLES:]

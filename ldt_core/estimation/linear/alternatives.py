@@ -28,14 +28,15 @@ from ldt_core.estimation.linear.output_error import Linear, OutputError
 
 Array = NDArray[np.float64]
 
-#: [logarithm] A component of θ is moved by so much at most: a factor of 7 is unknown enough.
-FARTHEST = 2.0
-#: One deviation away the sum of squares is larger by s² τ, if the loss is a parabola. Where it has
-#: become larger than so many times that, the step is shortened, at most so often and so much.
-MOST_LOST = 1.5
+#: [logarithm] Change of a component of θ, at most: a factor of 7 is unknown enough.
+LARGEST_CHANGE = 2.0
+#: [s² τ] Rise of the sum of squares, at most, where a parabola would have risen by 1.
+MOST_RISE = 1.5
+#: Times that a direction is shortened, at most, until the rise is below that.
 SHORTENINGS = 6
-SHORTEST = 0.1
-#: Relative size of the least curvature that is not rounding.
+#: Factor by which one shortening may shorten, at most: a parabola is no guide to more.
+LEAST_FACTOR = 0.1
+#: Least curvature relative to the largest: what is below is rounding.
 ROUNDING = 1e-12
 #: Share of the samples that the unknowns use up at most: beyond, the residual says nothing.
 MOST_USED = 0.75
@@ -83,12 +84,12 @@ def alternatives(
         for side in (1.0, -1.0):
             share = 1.0
             for _ in range(SHORTENINGS):
-                moved = np.clip(side * share * direction, -FARTHEST, FARTHEST)
+                moved = np.clip(side * share * direction, -LARGEST_CHANGE, LARGEST_CHANGE)
                 there = np.clip(theta + moved, low, high)
                 lost = (search.loss(there) * search.count - least) / deviation**2
-                if lost <= MOST_LOST:
+                if lost <= MOST_RISE:
                     break
-                share *= max(1 / np.sqrt(lost), SHORTEST)
+                share *= max(1 / np.sqrt(lost), LEAST_FACTOR)
             found.append(Alternative(there, search.solve_quickly(there), 0.5))
     for direction in _deviations(products, deviation):
         c, others = direction[: theta.size], direction[theta.size :]

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-#: Taylor terms for an argument of norm 1/2 at most: 0.5¹⁶/16! is 7e-19.
-TERMS = 15
+#: Terms of the Taylor series, for an argument of norm 1/2 at most: 0.5¹⁶/16! is 7e-19.
+TAYLOR_TERMS = 15
 
 
 @njit(cache=True, fastmath=False)
@@ -41,8 +41,8 @@ def exponential(matrix, slopes):
             small[0, i, j] = matrix[i, j] * scale
             for p in range(directions):
                 small[p + 1, i, j] = slopes[p, i, j] * scale
-    for k in range(1, TERMS + halvings + 1):
-        squaring = k > TERMS
+    for k in range(1, TAYLOR_TERMS + halvings + 1):
+        squaring = k > TAYLOR_TERMS
         for p in range(directions + 1):
             left, right = (total, total) if squaring else (term, small)
             _times(left[p], right[0], one[p])

@@ -31,21 +31,23 @@ from ldt_core.estimation.noise import common_correlation_time
 
 Array = NDArray[np.float64]
 
-MOST_ORDER = 10  # parameters.yaml, `order`
-#: Tried when the order is to be chosen. A motor has 2 states; a soft shaft or foundation adds 2.
+#: Highest order that can be asked for; `order` in parameters.yaml.
+MOST_ORDER = 10
+#: Orders tried where it is to be chosen. A motor has 2 states; a soft shaft or foundation adds 2.
 TRIED_ORDERS = range(1, 5)
-#: Fewer samples per unknown make a fit that says little of the next experiment.
+#: Samples per unknown, at least: fewer make a fit that says little of the next experiment.
 SAMPLES_PER_UNKNOWN = 4
-#: A voltage that varies by less than this, relative to its size, is constant up to rounding.
-CONSTANT = 1e-9
-#: Relative effect of the input below which it is rounding (a random voltage has 1e-3 to 1).
+#: Range of a constant voltage or speed relative to its size, at most: rounding.
+CONSTANT_RANGE = 1e-9
+#: Relative effect of the input, at least: below is rounding (a random voltage has 1e-3 to 1).
 LEAST_EXCITATION = 1e-7
 #: F statistic below which the voltage explains no more than chance: 1e-4 of all noise passes 10 at
 #: order 1, far less at higher orders.
 LEAST_F = 10.0
-#: Recorded periods are rounded; a model over 1000 time constants does not feel a millionth.
+#: Relative difference of sample periods, at most: recorded ones are rounded, and a model over 1000
+#: time constants does not feel a millionth.
 PERIOD_TOLERANCE = 1e-6
-#: Poles and order are first sought on so many samples, then the chosen model is fitted to all.
+#: Samples on which poles and order are first sought; the chosen model is then fitted to all.
 ROUGH_SAMPLES = 6_000
 
 
@@ -139,7 +141,7 @@ def _fit(search: OutputError, orders: range, choosing: bool) -> tuple[Array, dic
         if scored:
             scores[n] = order_selection.scores(search, theta)
             chosen = order_selection.choose(scores)
-            if n - chosen >= order_selection.PATIENCE:
+            if n - chosen >= order_selection.ORDERS_WITHOUT_GAIN:
                 break
     return fits[chosen], {n: float(np.sqrt(s.mean())) for n, s in scores.items()}
 
@@ -184,7 +186,7 @@ def _check(experiments: list[Experiment], order: int, feedthrough: bool, offset:
         )
     for name, unit in (("voltage", "V"), ("speed", "rad/s")):
         values = np.concatenate([getattr(e, name) for e in experiments])
-        if np.ptp(values) <= CONSTANT * np.abs(values).max():
+        if np.ptp(values) <= CONSTANT_RANGE * np.abs(values).max():
             raise LdtError(
                 f"{_named(experiments)} cannot determine a linear model: "
                 f"the {name} is {values[0]:g} {unit} throughout"

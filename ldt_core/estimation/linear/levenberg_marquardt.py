@@ -16,9 +16,9 @@ from numba import njit
 from ldt_core.estimation.linear import schwarz
 from ldt_core.estimation.linear.normal_equations import eliminate, first_pass, second_pass, solve
 
-#: Damping at the start, of the largest curvature: nearly a step of Gauss and Newton.
+#: Damping at the start relative to the largest curvature: nearly a Gauss-Newton step.
 FIRST_DAMPING = 1e-4
-#: [logarithm] Longest step of a component of θ; beyond e² the linearisation says nothing.
+#: [logarithm] Longest step of a component of θ: beyond e² the linearisation says nothing.
 LONGEST_STEP = 2.0
 #: Change of θ that ends the search: 1e-9 of a pole.
 THETA_TOLERANCE = 1e-9

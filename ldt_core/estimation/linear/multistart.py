@@ -18,18 +18,20 @@ from ldt_core.estimation.linear.output_error import COST_TOLERANCE, MOST_STEPS, 
 
 Array = NDArray[np.float64]
 
-#: Start values per order that are followed, and how far before only the best one is.
-SEARCHES = 2
+#: Start values that are followed, for an order that is wanted; for one on the way, the best alone.
+STARTS_FOLLOWED = 2
+#: Steps in which the best of them shows: the first steps gain most.
 RACE_STEPS = 4
 #: [per sample] Where a fast pole begins, e^−1 within a sample.
 ADDED_FAST_POLE = 1.0
-#: A slower pole than the data can show must lower the mean square error by this factor: friction
-#: and load make drifts worth a tenth, a truly slow machine one worth far more.
+#: Factor of the mean square error by which a slower pole than the data can show must lower it:
+#: friction and load make drifts worth a tenth, a truly slow machine one worth far more.
 DRIFT_GAIN = 1.5
-#: Steps, and relative gain that ends them, while an order is yet to be chosen.
+#: Steps while an order is yet to be chosen, which needs no exact minimum.
 ROUGH_STEPS = 10
+#: Relative gain that ends such a search.
 ROUGH_TOLERANCE = 1e-5
-#: Start values besides the subspace ones: added real poles, in time constants per experiment.
+#: [per experiment] Real poles that are added to those of the order below.
 ADDED_POLES = (3.0, 30.0, 300.0)
 
 
@@ -50,7 +52,7 @@ def minima(search: OutputError, orders: range, choosing: bool) -> Iterator[tuple
         if wanted or not tried:
             added = [np.append(before, -p / search.longest) for p in ADDED_POLES]
             tried += [schwarz.from_poles(poles, search.sigma) for poles in added]
-        theta = _race(search, tried, SEARCHES if wanted else 1)
+        theta = _race(search, tried, STARTS_FOLLOWED if wanted else 1)
         if wanted:
             steps, tolerance = (
                 (ROUGH_STEPS, ROUGH_TOLERANCE) if choosing else (MOST_STEPS, COST_TOLERANCE)

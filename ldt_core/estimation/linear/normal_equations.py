@@ -23,8 +23,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-#: Of a column's square, what the columns before it leave: less is rounding, and the column's
-#: coefficient stays 0. Products are exact to 1e-16.
+#: Share of a column's square that the columns before it leave, at least: less is rounding (products
+#: are exact to 1e-16), and the column's coefficient stays 0.
 RANK_TOLERANCE = 1e-13
 
 

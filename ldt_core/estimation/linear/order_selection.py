@@ -34,16 +34,20 @@ from ldt_core.estimation.linear.output_error import OutputError
 
 Array = NDArray[np.float64]
 
+#: Fits with held-out samples: each leaves out a third, the least that moves a fit enough to show.
 FOLDS = 3
-BLOCKS = 31  # the first one stays, the others are shared out evenly among the folds
-#: A shorter experiment is fitted whole: what is left of it would not fix its start state.
+#: Blocks of an experiment: the first stays, the others are shared out evenly among the folds.
+BLOCKS = 31
+#: [samples] A shorter experiment is fitted whole: the rest of it would not fix its start state.
 LEAST_LENGTH = 2 * BLOCKS
-STANDARD_ERRORS = 2.0  # see above, as the next
+#: Standard errors of the mean excess over the best order that chance explains; see above.
+STANDARD_ERRORS = 2.0
+#: Root mean square error relative to the best order's, at most; see above.
 MOST_EXCESS = 1.2
-#: Outputs are scaled to deviation 1; errors below this are rounding, and no evidence for an order.
+#: [output deviations] Errors below this are rounding, and no evidence for an order.
 ROUNDING = 1e-7
 #: Orders above the present choice that are tried before the search for an order ends.
-PATIENCE = 2
+ORDERS_WITHOUT_GAIN = 2
 
 
 def scores(search: OutputError, theta: Array) -> Array:

@@ -46,9 +46,9 @@ Array = NDArray[np.float64]
 
 #: Relative gain that ends the search.
 COST_TOLERANCE = 1e-9
-#: From a subspace start 5 to 15 steps are usual; a search that creeps stays where it is.
+#: Steps at most: from a subspace start 5 to 15 are usual; a search that creeps stays where it is.
 MOST_STEPS = 60
-#: Directions of the linear part weaker than this, relative, are rounding and left at 0.
+#: Relative singular value of the linear part below which a direction is rounding and left at 0.
 RANK_TOLERANCE = 1e-11
 
 

@@ -26,7 +26,7 @@ from ldt_core.estimation.linear.state_space import StateSpace, discretise
 
 Array = NDArray[np.float64]
 
-#: Relative size of the least variance that is not rounding.
+#: Least variance relative to the largest: what is below is rounding.
 ROUNDING = 1e-12
 
 

@@ -31,15 +31,15 @@ from ldt_core.estimation.linear.exponential import exponential
 
 Array = NDArray[np.float64]
 
-#: A pole that decays by e^−30 within one sample cannot be told from an infinitely fast one.
+#: [per sample] Fastest decay: e^−30 within one sample cannot be told from an infinitely fast one.
 FASTEST = 30.0
-#: A pole whose time constant is 10 times the longest experiment is seen to decay by a tenth there;
-#: one that is slower still is taken for an integrator, which a motor's speed does not have.
+#: [per longest experiment] Slowest decay: a tenth of it is seen there. A slower pole is taken for
+#: an integrator, which a motor's speed does not have.
 SLOWEST_PER_LENGTH = 0.1
 #: Lowest d and c relative to σ: a pole this near to −σ lies on it.
-LEAST = 1e-3
-#: A pole within this factor of σ lies at the limit.
-DRIFT = 2.0
+LEAST_ENTRY = 1e-3
+#: Size of a pole relative to σ below which it lies at the limit: a drift.
+DRIFT_FACTOR = 2.0
 
 
 def slowest(length: int) -> float:
@@ -49,7 +49,7 @@ def slowest(length: int) -> float:
 
 def bounds(order: int, sigma: float) -> tuple[Array, Array]:
     """(lowest, highest) θ."""
-    return np.full(order, np.log(LEAST * sigma)), np.full(order, np.log(FASTEST))
+    return np.full(order, np.log(LEAST_ENTRY * sigma)), np.full(order, np.log(FASTEST))
 
 
 def matrices(theta: Array, sigma: float) -> tuple[Array, Array]:
@@ -103,7 +103,7 @@ def from_poles(poles: ArrayLike, sigma: float) -> Array:
     """
     poles = np.atleast_1d(np.asarray(poles, dtype=np.complex128))
     low, high = bounds(poles.size, sigma)
-    real = -np.clip(np.abs(poles.real) - sigma, LEAST * sigma, FASTEST)
+    real = -np.clip(np.abs(poles.real) - sigma, LEAST_ENTRY * sigma, FASTEST)
     polynomial = np.poly(real + 1j * poles.imag).real
     order = poles.size
     upper = np.zeros(order // 2 + 2)
@@ -130,4 +130,4 @@ def poles_of(theta: Array, sigma: float) -> NDArray[np.complex128]:
 
 def drifts(theta: Array, sigma: float) -> bool:
     """Whether a pole lies at the limit −σ, where a decay cannot be told from a drift."""
-    return bool(np.abs(poles_of(theta, sigma)).min() < DRIFT * sigma)
+    return bool(np.abs(poles_of(theta, sigma)).min() < DRIFT_FACTOR * sigma)

@@ -14,7 +14,7 @@ from ldt_core.physics.zero_order_hold import zero_order_hold
 
 Array = NDArray[np.float64]
 
-KEPT_DISCRETISATIONS = 512  # a few models with their alternatives; a matrix is some bytes
+DISCRETISATIONS_REMEMBERED = 512  # models at a sample period: a few with their alternatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ def discretise(A: Array, B: Array, period: float) -> tuple[Array, Array]:
     return _discretise(A.tobytes(), np.ascontiguousarray(B).tobytes(), A.shape[0], float(period))
 
 
-@lru_cache(maxsize=KEPT_DISCRETISATIONS)
+@lru_cache(maxsize=DISCRETISATIONS_REMEMBERED)
 def _discretise(A: bytes, B: bytes, order: int, period: float) -> tuple[Array, Array]:
     moved = zero_order_hold(np.frombuffer(A).reshape(order, order), np.frombuffer(B), period)
     if not all(np.isfinite(m).all() for m in moved):

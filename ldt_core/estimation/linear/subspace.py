@@ -20,11 +20,11 @@ from ldt_core.estimation.linear import schwarz
 
 Array = NDArray[np.float64]
 
-#: Each scale averages over so many times more samples than the one before.
+#: Samples averaged at one time scale relative to the scale before.
 BLOCK_RATIO = 4
-#: More columns than this tell a start nothing more, but cost time.
+#: Columns of the data matrices, at most: more tell a start nothing more, but cost time.
 MOST_COLUMNS = 1000
-#: Rows per quarter beyond the order; a longer past helps against noise, at quadratic cost.
+#: Rows per quarter beyond the order: a longer past helps against noise, at quadratic cost.
 SPARE_ROWS = 5
 
 
