@@ -87,8 +87,8 @@ def _arguments_round_trip(detector: Detector) -> None:
         twin = detector.clone()
     except Exception as error:
         raise AssertionError(f"clone failed with {type(error).__name__}: {error}") from error
-    assert twin.arguments == detector.arguments, (
-        f"the clone has the arguments {twin.arguments}, the original {detector.arguments}; "
+    assert twin.get_params() == detector.get_params(), (
+        f"the clone has the arguments {twin.get_params()}, the original {detector.get_params()}; "
         "the constructor must store them under their own names"
     )
     assert repr(twin) == repr(detector), "a clone must look the same"

@@ -93,19 +93,18 @@ class Detector(abc.ABC):
         """Whether the last experiment gave a warning."""
         return self.signal is Level.WARNING
 
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """Constructor arguments by name."""
+    def get_params(self) -> dict[str, Any]:
+        """Constructor arguments by name, as scikit-learn's estimators give them."""
         names = list(inspect.signature(type(self)).parameters)
         return {name: getattr(self, name) for name in names}
 
     def clone(self) -> Self:
         """A new detector with the same arguments that has seen nothing."""
-        return type(self)(**self.arguments)
+        return type(self)(**self.get_params())
 
     def state(self) -> dict[str, Any]:
         """All that changes, in JSON types; `restore` takes it back."""
-        fixed = self.arguments
+        fixed = self.get_params()
         changing = {k: v for k, v in vars(self).items() if k not in fixed and k[0] != "_"}
         return copy.deepcopy({**changing, "signal": int(self.signal)})
 
@@ -129,7 +128,7 @@ class Detector(abc.ABC):
             setattr(self, key, Level(value) if key == "signal" else copy.deepcopy(value))
 
     def __repr__(self) -> str:
-        listed = ", ".join(f"{k}={v!r}" for k, v in self.arguments.items())
+        listed = ", ".join(f"{k}={v!r}" for k, v in self.get_params().items())
         return f"{type(self).__name__}({listed})"
 
 

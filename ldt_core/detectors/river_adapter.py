@@ -86,9 +86,8 @@ class River(Detector):
             raise OptionError(f"input of river's {river_detector}", expected, repr(input))
         self.reset()
 
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """Constructor arguments by name."""
+    def get_params(self) -> dict[str, Any]:
+        """Constructor arguments by name, river's among them."""
         own = {n: getattr(self, n) for n in ("river_detector", "input", "error_threshold")}
         return own | self.river_arguments
 

@@ -126,6 +126,13 @@ class Model(abc.ABC):
         """This model as a later version: in force again."""
         return type(self)(self.machine, self.parameters, version, self.trained_on, **self.options)
 
+    def get_params(self) -> dict[str, Any]:
+        """Constructor arguments by name, as scikit-learn's estimators give them.
+
+        Without what was learned: `type(model)(**model.get_params())` is the untrained model.
+        """
+        return {"machine": self.machine, **self.options}
+
     def record(self) -> ModelRecord:
         """The model as it is sent and stored."""
         return ModelRecord(self.version, self.kind, self.trained_on, self.parameters)

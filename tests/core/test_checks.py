@@ -80,16 +80,16 @@ def test_defaults_are_the_declared_ones(name):
     if name == "river":
         pytest.importorskip("river")
     plain = DETECTORS.get(name)()
-    assert build_detector(name, resolve({}, "detector")).arguments == plain.arguments
+    assert build_detector(name, resolve({}, "detector")).get_params() == plain.get_params()
     declared = msgs_config.parameters("detector")
-    shared = set(plain.arguments) & set(declared)
-    assert {n: declared[n]["default"] for n in shared} == {n: plain.arguments[n] for n in shared}
+    shared = set(plain.get_params()) & set(declared)
+    assert {n: declared[n]["default"] for n in shared} == {n: plain.get_params()[n] for n in shared}
 
 
 def test_every_declared_argument_belongs_to_a_detector():
     """No option of the group detector is left over."""
     pytest.importorskip("river")
-    taken = {n for name in DETECTORS.builtin for n in DETECTORS.get(name)().arguments}
+    taken = {n for name in DETECTORS.builtin for n in DETECTORS.get(name)().get_params()}
     assert set(msgs_config.parameters("detector")) <= taken | {"detector", "detector_argument"}
 
 
@@ -128,7 +128,7 @@ def test_a_user_s_file_is_built_and_checked(tmp_path):
     path.write_text(USER_DETECTOR)
     settings = resolve({"detector_argument": ["limit=2.5"]}, "detector")
     detector = build_detector(f"{path}:Median", settings)
-    assert detector.arguments == {"limit": 2.5}
+    assert detector.get_params() == {"limit": 2.5}
     check_detector(detector)
     for entry, words in {
         "limit=-1": "limit must be above 0",

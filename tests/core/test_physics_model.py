@@ -9,6 +9,7 @@ from ldt_core.base.errors import LdtError, ModelError
 from ldt_core.base.experiment import Experiment, ModelRecord
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
+from ldt_core.models import MODELS, build_model
 from ldt_core.models.physics import PhysicsModel
 
 ROTOR = load_machine("rotor")
@@ -61,3 +62,13 @@ def test_its_record_makes_the_same_model():
     for wrong in ({}, {"machine": {**good, "J": -1.0}}, {"machine": {**good, "z": 1.0}}):
         with pytest.raises(ModelError, match="parameters of a physics model"):
             PhysicsModel.from_record(ModelRecord(0, "physics", (), wrong), ROTOR)
+
+
+@pytest.mark.parametrize("name", MODELS.builtin)
+def test_a_models_parameters_make_the_untrained_model_again(name):
+    """As with scikit-learn's estimators, whatever the settings."""
+    settings = {"order": 2, "offset": False, "inducing": 50, "cause": "coulomb_friction"}
+    model = build_model(name, load_machine("dc_motor"), settings)
+    again = type(model)(**model.get_params())
+    assert again.get_params() == model.get_params()
+    assert (again.version, again.parameters) == (0, model.parameters)
