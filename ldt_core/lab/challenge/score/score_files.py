@@ -109,7 +109,7 @@ def markdown(score: ChallengeScore, pictures: Sequence[str] = ()) -> str:
         score: what came out.
         pictures: names of the files beside it.
     """
-    table, lines = score.table, ["# ChallengeScore of a challenge", ""]
+    table, lines = score.table, ["# Score of a challenge", ""]
     lines += [f"- SHA-256 of {file}: `{digest}`" for file, digest in score.keys.items()]
     lines += [f"- {len(score.judged[DIAGNOSIS])} cases; answers by {_versions(score.stamp)}"]
     lines += ["- in brackets 95 % intervals: Wilson's of shares, else by draws of cases"]
