@@ -6,8 +6,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from ldt_ros.nodes import silence
-from ldt_ros.nodes.silence import Silence
+from ldt_ros.graph import silence
+from ldt_ros.graph.silence import Silence
 from ldt_ros.nodes.statements import concerns
 
 AFTER = 4.0  # s

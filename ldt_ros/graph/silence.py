@@ -6,9 +6,12 @@ import statistics
 import time
 from collections.abc import Mapping
 
-PAUSE = 0.5  # s; what passes beyond that between two looks, this process has slept itself
-ALONE = 3.0  # times as silent as the others: then it is the process, and not a machine that is busy
-SURE = 10.0  # times as silent as is taken for hung, whatever the others do
+#: Longest time between two looks that counts [s]; beyond that this process has slept itself.
+MAX_LOOK_INTERVAL = 0.5
+#: Times as silent as the others' median, above which it is the process and not a busy computer.
+OUTLIER_RATIO = 3.0
+#: Times as silent as is taken for hung, above which it is whatever the others do.
+CERTAIN_RATIO = 10.0
 
 
 class Silence:
@@ -21,7 +24,7 @@ class Silence:
     def look(self, told: Mapping[str, int]) -> None:
         """Note how often each process that runs has told something so far."""
         now = time.monotonic()
-        passed, self._looked_at = min(now - self._looked_at, PAUSE), now
+        passed, self._looked_at = min(now - self._looked_at, MAX_LOOK_INTERVAL), now
         for name, count in told.items():
             before, silence = self._of.get(name, (0, 0.0))
             self._of[name] = count, (silence + passed if count == before else 0.0)
@@ -42,7 +45,7 @@ class Silence:
         """
         others = [silence for n, (_, silence) in self._of.items() if n != name]
         usual = statistics.median(others) if others else 0.0
-        return self._of[name][1] > max(after, min(ALONE * usual, SURE * after))
+        return self._of[name][1] > max(after, min(OUTLIER_RATIO * usual, CERTAIN_RATIO * after))
 
     def forgive(self, name: str) -> None:
         """Begin anew with a process that ends."""
