@@ -14,7 +14,7 @@ from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import counted
 from ldt_core.recording.csv_table import CsvTable
-from ldt_core.recording.message_fields import is_recording, parse_field_path, read_fields
+from ldt_core.recording.message_fields import parse_field_path, read_fields
 from ldt_core.recording.storage import Storage
 from ldt_core.recording.units import Field, parse_field
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
@@ -74,8 +74,10 @@ def import_file(
     given = {quantity: text for quantity, text in options.items() if text is not None}
     if not Path(path).exists():
         raise RecordingError(str(path), "a CSV file or a recording", "No such file or directory")
-    read = _from_bag if is_recording(path) else _from_table
-    series, notes = read(Path(path), given, sample_period)
+    path = Path(path)
+    bag = path.is_dir() or path.name.endswith((".mcap", ".db3", ".zstd", ".bag"))
+    read = _from_bag if bag else _from_table
+    series, notes = read(path, given, sample_period)
     return _cut(str(path), series, notes, sample_period, length, cut)
 
 

@@ -11,8 +11,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from ldt_core.recording.mcap_records import LIBRARY
 from ldt_core.recording.messages import offered_qos_text, schema
-from ldt_core.recording.metadata import FileInformation
-from ldt_core.recording.storage import METADATA, PROFILE
+from ldt_core.recording.metadata import METADATA, FileInformation
+from ldt_core.recording.storage import PROFILE
 
 
 def describe_channel(topic: str, kind: str) -> tuple[Channel, Schema]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -134,9 +133,3 @@ def _fields(message: Any) -> list[str]:
     if hasattr(message, "get_fields_and_field_types"):  # as rclpy has them
         return list(message.get_fields_and_field_types())
     return [n for n in getattr(message, "__dataclass_fields__", ()) if n[0] != "_"]
-
-
-def is_recording(path: str | Path) -> bool:
-    """Whether a path is to be read as a recording rather than as a table."""
-    path = Path(path)
-    return path.is_dir() or path.name.endswith((".mcap", ".db3", ".zstd", ".bag"))

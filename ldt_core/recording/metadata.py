@@ -14,9 +14,10 @@ from mcap.records import Channel, Schema
 
 from ldt_core.base import result_files
 from ldt_core.recording.messages import dump, load, offered_qos, schema
-from ldt_core.recording.storage import METADATA
 
+METADATA = "metadata.yaml"
 VERSION = 9
+MAX_METADATA = 10_000_000  # bytes of metadata.yaml; a large one has 100 kB
 
 
 @dataclass
@@ -130,6 +131,31 @@ def channel_entry(channel: Channel, described: Schema | None) -> dict[str, Any]:
     qos = offered if isinstance(offered, list) else []
     digest = channel.metadata.get("topic_type_hash", "")
     return _entry(channel.topic, kind, channel.message_encoding, qos, digest)
+
+
+def read_metadata(file: Path) -> dict[str, Any]:
+    """The bag information in metadata.yaml; empty when it is unusable, the files say enough."""
+    try:
+        if file.stat().st_size > MAX_METADATA:
+            return {}
+        data = load(file.read_text(encoding="utf-8"))
+        info = data["rosbag2_bagfile_information"]
+    except (yaml.YAMLError, ValueError, RecursionError, TypeError, KeyError):
+        return {}
+    return info if isinstance(info, dict) else {}
+
+
+def listed_topics(metadata: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Topic → its entry in the bag information, of those that have a name and a type."""
+    found = {}
+    listed = metadata.get("topics_with_message_count")
+    for entry in listed if isinstance(listed, list) else ():
+        about = entry.get("topic_metadata") if isinstance(entry, dict) else None
+        if isinstance(about, dict) and isinstance(about.get("type"), str):
+            name = about.get("name")
+            if isinstance(name, str):
+                found[name] = entry
+    return found
 
 
 def write_metadata(folder: Path, text: str) -> None:

@@ -27,13 +27,15 @@ from ldt_core.recording.mcap_records import BROKEN, LIBRARY
 from ldt_core.recording.mcap_writer import McapWriter
 from ldt_core.recording.messages import load
 from ldt_core.recording.metadata import (
+    METADATA,
     FileInformation,
     bag_information,
     channel_entry,
+    listed_topics,
     text_of,
     write_metadata,
 )
-from ldt_core.recording.storage import METADATA, Storage, free_name, is_mcap, listed_topics
+from ldt_core.recording.storage import Storage, free_name, is_mcap
 
 KEPT = ".damaged"  # behind the name of a file that was replaced
 MENDED_BY = "ldt repair"  # the writer that a mended file names: its channels have other numbers

@@ -18,9 +18,15 @@ from ldt_core.recording.experiment_numbers import ExperimentNumbers, number_of, 
 from ldt_core.recording.mcap_completion import complete_file
 from ldt_core.recording.mcap_reader import TolerantMcapReader
 from ldt_core.recording.messages import offered_qos
-from ldt_core.recording.metadata import FileInformation, TopicInformation
+from ldt_core.recording.metadata import (
+    METADATA,
+    FileInformation,
+    TopicInformation,
+    listed_topics,
+    read_metadata,
+)
 from ldt_core.recording.repair import RECORDED, Repair, mend, refused
-from ldt_core.recording.storage import METADATA, Storage, listed_topics, read_metadata
+from ldt_core.recording.storage import Storage
 
 NUMBERED = re.compile(r"(.+)_(\d+)\.mcap")
 

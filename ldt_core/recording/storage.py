@@ -15,7 +15,6 @@ from collections.abc import Collection, Iterator
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
-import yaml
 from mcap.records import Channel, Schema
 
 from ldt_core.base.errors import RecordingError
@@ -28,16 +27,15 @@ from ldt_core.recording.mcap_records import (
     decompress,
     reason,
 )
-from ldt_core.recording.messages import load, quoted, schema
+from ldt_core.recording.messages import quoted, schema
+from ldt_core.recording.metadata import METADATA, listed_topics, read_metadata
 
-METADATA = "metadata.yaml"
 #: Where recordings go that are not told where to.
 RECORDINGS = Path("ldt_recordings")
 PROFILE = "ros2"
 SQLITE_MAGIC = b"SQLite format 3\x00"
 ROS1_MAGIC = b"#ROSBAG V"
 ALIKE = 6  # bytes of MCAP's first 8 by which a file is taken for a damaged one
-MAX_METADATA = 10_000_000  # bytes of metadata.yaml; a large one has 100 kB
 
 
 class RawMessage(NamedTuple):
@@ -293,31 +291,6 @@ def _magic(file: Path) -> bytes:
     else:
         got = f"a file that begins with {start[:8]!r}"
     raise RecordingError(file, "a ROS 2 recording (MCAP or SQLite)", got)
-
-
-def read_metadata(file: Path) -> dict[str, Any]:
-    """The bag information in metadata.yaml; empty when it is unusable, the files say enough."""
-    try:
-        if file.stat().st_size > MAX_METADATA:
-            return {}
-        data = load(file.read_text(encoding="utf-8"))
-        info = data["rosbag2_bagfile_information"]
-    except (yaml.YAMLError, ValueError, RecursionError, TypeError, KeyError):
-        return {}
-    return info if isinstance(info, dict) else {}
-
-
-def listed_topics(metadata: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Topic → its entry in the bag information, of those that have a name and a type."""
-    found = {}
-    listed = metadata.get("topics_with_message_count")
-    for entry in listed if isinstance(listed, list) else ():
-        about = entry.get("topic_metadata") if isinstance(entry, dict) else None
-        if isinstance(about, dict) and isinstance(about.get("type"), str):
-            name = about.get("name")
-            if isinstance(name, str):
-                found[name] = entry
-    return found
 
 
 def _natural(name: str) -> list[Any]:

@@ -21,8 +21,8 @@ from ldt_core.machine.machine_file import Machine
 from ldt_core.models import MODELS
 from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.recording.messages import quoted
+from ldt_core.recording.metadata import METADATA
 from ldt_core.recording.run_settings import FREE, LEFT_OUT, SECURE
-from ldt_core.recording.storage import METADATA
 from ldt_core.recording.writer import KEY
 
 DIGITS = 12  # of a digest
