@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -71,7 +71,9 @@ class Health:
     pauses: dict[int, float] = field(default_factory=dict)
     paused: int = 0
     unreadable: dict[str, tuple[int, str]] = field(default_factory=dict)
-    answered: dict[str, ExperimentNumbers] = field(default_factory=dict)
+    answered: defaultdict[str, ExperimentNumbers] = field(
+        default_factory=lambda: defaultdict(ExperimentNumbers)
+    )
     nodes: dict[str, NodeStatus] = field(default_factory=dict)
     settings: Mapping[str, Setting] = field(default_factory=dict)
     settings_trouble: str = ""
@@ -88,8 +90,7 @@ class Health:
 
     def unanswered(self, topic: str) -> list[int]:
         """Experiments without an answer of this kind."""
-        answered = self.answered.get(topic, ExperimentNumbers())
-        return [number for number in self.numbers if number not in answered]
+        return [number for number in self.numbers if number not in self.answered[topic]]
 
 
 def inspect(bag: Bag) -> Health:
@@ -186,8 +187,6 @@ class _Reading:
                 key = record.number, record.start, len(record)
                 self._match(key, self._predicted, self._measured)
             case Signal() | Adaptation():
-                if name not in health.answered:
-                    health.answered[name] = ExperimentNumbers()
                 health.answered[name].add(record.experiment)
                 if isinstance(record, Signal):
                     health.detectors.add(record.detector)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,7 +49,9 @@ class ResumedContents:
     custom: dict[str, str]
     files: list[FileInformation] = field(default_factory=list)
     topics: list[TopicInformation] = field(default_factory=list)
-    numbers: dict[str, ExperimentNumbers] = field(default_factory=dict)
+    numbers: defaultdict[str, ExperimentNumbers] = field(
+        default_factory=lambda: defaultdict(ExperimentNumbers)
+    )
     stem: str = ""
     index: int = 0
     notes: list[str] = field(default_factory=list)
@@ -57,8 +60,6 @@ class ResumedContents:
         """Take in a message that is recorded."""
         number = number_of(topic, kind, data)
         if number is not None:
-            if topic not in self.numbers:
-                self.numbers[topic] = ExperimentNumbers()
             self.numbers[topic].add(number)
 
 
@@ -140,7 +141,7 @@ def _fill(storage: Storage, work: Repair, past: ResumedContents, finished: set[s
         past.topics.append(TopicInformation(about["name"], about["type"], entry["message_count"]))
     counted, covered = parse_numbers(past.custom.get(RECORDED))
     for topic, numbers in counted.items():
-        past.numbers.setdefault(topic, ExperimentNumbers()).take(numbers)
+        past.numbers[topic].take(numbers)
     for file in storage.files[covered:]:
         if file.name not in finished:
             for raw in storage.read(file):

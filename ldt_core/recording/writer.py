@@ -16,6 +16,7 @@ import contextlib
 import errno
 import os
 import threading
+from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -108,7 +109,7 @@ class BagWriter:
         self.mended: list[str] = []
         self._files: list[FileInformation] = []  # those that are complete
         self._topics: dict[str, TopicInformation] = {}
-        self._numbers: dict[str, ExperimentNumbers] = {}
+        self._numbers: defaultdict[str, ExperimentNumbers] = defaultdict(ExperimentNumbers)
         self._channels: dict[str, int] = {}  # topic → its number in the present file
         #: Why nothing more is written, once the disk was full or failed.
         self.failure: LdtError | None = None
@@ -205,8 +206,6 @@ class BagWriter:
             self._dirty = True
             number = number_of(topic, kind, data)
             if number is not None:
-                if topic not in self._numbers:
-                    self._numbers[topic] = ExperimentNumbers()
                 self._numbers[topic].add(number)
             return True
 
