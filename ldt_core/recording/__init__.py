@@ -1,6 +1,10 @@
 """Recordings: rosbag2 folders with MCAP files, read and written without ROS.
 
-`writer.BagWriter` writes one as it happens, `bag.read_bag` and `bag.experiments` read one,
-`codec.encode` and `codec.decode` turn records into messages and back, `importers.import_file` makes
-experiments of a CSV file or a foreign recording.
+Records ↔ messages: `codec`, with `sample_messages`, `status_messages`, `model_json`; `messages`.
+Reading: `bag` (a machine's records), `storage` (files), one damaged or whole file in
+`mcap_reader` by `mcap_records`, `metadata`, `step_search` (one step without reading the rest).
+Writing: `writer` (as it happens), `mcap_writer` (one file), `resume` (after a crash),
+`mcap_completion` (a file's missing index), `repair`, `lock`, `duplicate_filter`.
+About recordings: `health`, `node_status`, `run_settings`, `experiment_numbers`, `pace`.
+Imports: `importers` of CSV files (`csv_table`, `units`) and foreign recordings (`message_fields`).
 """

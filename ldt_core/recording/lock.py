@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import os
 import time
 from pathlib import Path
@@ -11,7 +12,7 @@ from pathlib import Path
 from ldt_core.base.errors import RecordingError
 
 HELD = (errno.EWOULDBLOCK, errno.EACCES)
-PAUSE = 0.05  # s between two attempts
+RETRY_PERIOD = 0.05  # s between two attempts
 
 
 class FolderLock:
@@ -31,10 +32,6 @@ class FolderLock:
     def __init__(self, folder: Path, patience: float = 0.0) -> None:
         self.held = False
         self._descriptor: int | None = None
-        try:
-            import fcntl
-        except ImportError:  # not a Unix
-            return
         with contextlib.suppress(OSError):
             self._descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         if self._descriptor is None:
@@ -52,7 +49,7 @@ class FolderLock:
                     self.release()
                     wanted, got = "a recording that nobody is writing", "one that is being written"
                     raise RecordingError(folder, wanted, got) from None
-                time.sleep(PAUSE)
+                time.sleep(RETRY_PERIOD)
 
     def release(self) -> None:
         """Let others write; a second call does nothing."""
