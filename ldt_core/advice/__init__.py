@@ -6,4 +6,5 @@ run_up.py             how to come to a speed past such a band
 experiment_design.py  the experiment that would add most information (D-optimal design)
 machine_estimate.py   the machine as a model or a diagnosis knows it, which all of it goes by
 advice_sentences.py   the advice in sentences
+advise.py             all of it together
 """

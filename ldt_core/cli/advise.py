@@ -57,6 +57,7 @@ def command(
 
     Example: ldt advise --machine rotor --effect unbalance:e=0.008 --reach 40
     """
+    from ldt_core.advice.advise import advise
     from ldt_core.advice.machine_estimate import estimate_machine, with_effects
     from ldt_core.advice.run_up import plan_run_up
     from ldt_core.base.errors import OptionError
@@ -64,7 +65,7 @@ def command(
     from ldt_core.effects import parse_effect
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.recording.bag import read_bag
-    from ldt_core.twin.advisor import RECENT, advise
+    from ldt_core.twin.advisor import RECENT_EXPERIMENTS
 
     if out and speed is None:
         raise OptionError("--out", "--reach beside it, whose way to draw", "none")
@@ -74,7 +75,7 @@ def command(
     found: DiagnosisRecord | None = None
     if recording:
         bag = read_bag(recording, namespace)
-        experiments = list(bag.experiments(machine))[-RECENT:]
+        experiments = list(bag.experiments(machine))[-RECENT_EXPERIMENTS:]
         model = next(iter(deque(bag.records("model"), 1)), None)
         found = next(iter(deque(bag.records("diagnosis"), 1)), None)
     acting = read_effects(diagnosis) if diagnosis else []

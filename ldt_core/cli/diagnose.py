@@ -18,7 +18,7 @@ from ldt_core.cli.terminal import echo, echo_json, one_line, warn
 if TYPE_CHECKING:
     from ldt_core.diagnosis.diagnosis import Diagnosis
     from ldt_core.machine.machine_file import Machine
-    from ldt_core.runs.each_recording import Answer, Options
+    from ldt_core.runs.each_recording import Options, RecordingAnswer
 
 SHOWN = 8  # candidates in the table of the terminal; the page has all
 
@@ -160,7 +160,7 @@ def _each(
     """Diagnose recordings one by one; the exit code is that of the worst."""
     from ldt_core.runs.each_recording import diagnose_each
 
-    def say(answer: Answer) -> None:
+    def say(answer: RecordingAnswer) -> None:
         warn(*answer.notes, *([f"ldt: {answer.error}"] if answer.error else []))
 
     with ResumableProgress("diagnose", "recordings", str(folder)) as bar:
@@ -178,7 +178,7 @@ def _each(
     return max(a.exit_code for a in answers)
 
 
-def _print_each(answers: Sequence[Answer], out: Path, as_json: bool) -> None:
+def _print_each(answers: Sequence[RecordingAnswer], out: Path, as_json: bool) -> None:
     if as_json:
         listed = []
         for a in answers:
@@ -196,7 +196,7 @@ def _print_each(answers: Sequence[Answer], out: Path, as_json: bool) -> None:
     console.print(f"{out}: a folder for each")
 
 
-def _row(a: Answer) -> list[str]:
+def _row(a: RecordingAnswer) -> list[str]:
     if a.found is None:
         return [a.recording, "failed", "", "", ""]
     verdict, gap = a.found["verdict"], a.found["gap"]

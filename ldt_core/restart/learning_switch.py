@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-NAME = "learning.off"  # a file that is there while nothing is to be learned
+#: File that is there while nothing is to be learned.
+NAME = "learning.off"
 
 
 class Pause:

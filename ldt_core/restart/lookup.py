@@ -14,8 +14,10 @@ from ldt_core.recording.bag import Bag
 from ldt_core.recording.step_search import ANCHOR, StepSearch
 from ldt_core.twin.stage import WINDOW, RecordedStep
 
-LATE = 1000  # experiments after which a diagnosis may still come, as many as wait for one
-MARGINS = (0, 2 * WINDOW)  # experiments before the place at which reading begins
+#: Experiments after which a diagnosis may still come, as many as wait for one.
+DIAGNOSIS_DELAY = 1000
+#: Experiments before the place of a number at which reading begins, tried in turn.
+MARGINS = (0, 2 * WINDOW)
 
 
 class Lookup:
@@ -74,7 +76,7 @@ class Lookup:
             if step.diagnosis is not None and step.diagnosis.experiment == number:
                 return step.diagnosis
         found: DiagnosisRecord = self._near(
-            "diagnosis", number, lambda d: d.experiment == number, LATE
+            "diagnosis", number, lambda d: d.experiment == number, DIAGNOSIS_DELAY
         )
         return found
 

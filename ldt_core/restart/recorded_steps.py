@@ -27,8 +27,11 @@ from ldt_core.recording.experiment_numbers import number_of
 from ldt_core.twin.adaptor import ROLLED_BACK
 from ldt_core.twin.stage import WINDOW, RecordedStep
 
+#: Topics of which a step consists.
 LOOP = ("experiment", "prediction", "signal", "adaptation", "model")
+#: Topic from which nothing is computed.
 YARDSTICK = "original_prediction"
+#: Topics whose records may come long after their step.
 BESIDE = ("diagnosis", "advice")
 Recorded = Experiment | Prediction | Signal | Adaptation | ModelRecord
 

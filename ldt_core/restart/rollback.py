@@ -22,8 +22,10 @@ from ldt_core.restart.run_key import check_key
 from ldt_core.twin.adaptor import FAULTY, ROLLED_BACK
 from ldt_core.twin.stage import RecordedStep
 
+#: Topics that answer to an experiment.
 ANSWERS = ("prediction", "signal", "adaptation")
-NS = 1e-9  # s
+#: A nanosecond [s].
+NANOSECOND = 1e-9
 
 
 @dataclass
@@ -156,7 +158,7 @@ def roll_back(found: History, version: int) -> Adaptation:
     )
     information = bag.storage.metadata
     begin = information["starting_time"]["nanoseconds_since_epoch"]
-    end = (begin + information["duration"]["nanoseconds"]) * NS
+    end = (begin + information["duration"]["nanoseconds"]) * NANOSECOND
     with BagWriter(found.path, found.machine.name, found.namespace, resume=True) as writer:
         writer.write("model", model, end)
         writer.write("adaptation", adaptation, end)

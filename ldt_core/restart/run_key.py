@@ -25,14 +25,16 @@ from ldt_core.recording.metadata import METADATA
 from ldt_core.recording.run_settings import FREE, LEFT_OUT, SECURE
 from ldt_core.recording.writer import KEY
 
-DIGITS = 12  # of a digest
-FIRST = "machine_1"  # folder of a fleet's first recording
+#: Digits of the machine file's digest.
+DIGEST_DIGITS = 12
+#: Folder of a fleet's first recording.
+FIRST_MACHINE = "machine_1"
 
 
 def key_text(machine: Machine) -> str:
     """The key of a run, as its recording holds it, in JSON."""
     content = json.dumps(machine.as_dict(), sort_keys=True)
-    digest = hashlib.sha256(content.encode()).hexdigest()[:DIGITS]
+    digest = hashlib.sha256(content.encode()).hexdigest()[:DIGEST_DIGITS]
     key = {"machine": digest, "physics": machine.physics, **code_version()}
     return json.dumps(key)
 
@@ -73,8 +75,8 @@ def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
     base = Path(settings["resume"])
     if settings["bag"] and Path(settings["bag"]) != base:
         raise BadInput("bag", f"none beside resume, which records into {base}", settings["bag"])
-    fleet = (base / FIRST).is_dir() and not (base / METADATA).exists()
-    first = base / FIRST if fleet else base
+    fleet = (base / FIRST_MACHINE).is_dir() and not (base / METADATA).exists()
+    first = base / FIRST_MACHINE if fleet else base
     recorded = read_bag(first, listed=True).settings()
     if not recorded:
         raise RecordingError(first, "a recording of a run, with its settings", "one without")

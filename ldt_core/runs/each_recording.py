@@ -23,8 +23,10 @@ from ldt_core.machine.machine_file import Machine
 from ldt_core.views.diagnosis_page.result_files import JSON, PAGE, as_json
 
 FORMAT = "ldt-each-1"
-RUN = "diagnosis.run.json"
-CRASHED = 1  # exit code of what should not have happened
+#: File that says of what and by which code a diagnosis was made.
+ORIGIN = "diagnosis.run.json"
+#: Exit code of what should not have happened.
+CRASHED = 1
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Task:
+class RecordingTask:
     """One recording to diagnose.
 
     Attributes:
@@ -66,7 +68,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Answer:
+class RecordingAnswer:
     """What came out for one recording.
 
     Attributes:
@@ -87,7 +89,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Made:
+class DiagnosisTexts:
     """What a worker gives back: texts of the files, or an error."""
 
     text: str = ""
@@ -105,9 +107,9 @@ def diagnose_each(
     *,
     jobs: int = 0,
     scheduler: str = "",
-    say: Callable[[Answer], None] = lambda answer: None,
+    say: Callable[[RecordingAnswer], None] = lambda answer: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> list[Answer]:
+) -> list[RecordingAnswer]:
     """Diagnose every recording by itself; one that fails does not stop the others.
 
     Args:
@@ -127,17 +129,17 @@ def diagnose_each(
         BadInput: two recordings of one name, or no such scheduler.
     """
     options = _absolute(options)
-    found: dict[str, Answer] = {}
+    found: dict[str, RecordingAnswer] = {}
     origins, tasks = {}, []
     names = folders(recordings)
     for recording, name in zip(recordings, names, strict=True):
         folder = Path(out) / name
         origins[name] = _origin(recording, machine, options)
-        kept = recall(folder / RUN, folder / JSON, FORMAT, origins[name])
+        kept = recall(folder / ORIGIN, folder / JSON, FORMAT, origins[name])
         if kept is not None and (folder / PAGE).exists():
-            found[name] = Answer(recording, folder, json.loads(kept.text))
+            found[name] = RecordingAnswer(recording, folder, json.loads(kept.text))
         else:
-            tasks.append(Task(name, os.path.abspath(recording), machine, options))
+            tasks.append(RecordingTask(name, os.path.abspath(recording), machine, options))
     named = dict(zip(names, recordings, strict=True))
     progress(len(found), len(names))
     with Workers(jobs, scheduler, code_version) as workers:
@@ -146,27 +148,29 @@ def diagnose_each(
             _keep(folder, made, origins[task.name])
             known = json.loads(made.text) if made.text else None
             about = (made.notes, made.error, made.exit_code)
-            found[task.name] = Answer(named[task.name], folder, known, *about)
+            found[task.name] = RecordingAnswer(named[task.name], folder, known, *about)
             say(found[task.name])
             progress(len(found), len(names))
     return [found[name] for name in names]
 
 
-def diagnose_one(task: Task) -> Made:
+def diagnose_one(task: RecordingTask) -> DiagnosisTexts:
     """What a worker does; a failure is an answer, too."""
     try:
         return _diagnosed(task)
     except LdtError as error:
-        return Made(error=" ".join(str(error).split()), exit_code=error.exit_code)
+        return DiagnosisTexts(error=" ".join(str(error).split()), exit_code=error.exit_code)
     except OSError as error:
         why = f"{error.filename or task.recording}: {error.strerror or error}"
-        return Made(error=why, exit_code=CRASHED)
+        return DiagnosisTexts(error=why, exit_code=CRASHED)
     except Exception as error:  # a crash is no reason to lose the others
         why = " ".join(f"{type(error).__name__}: {error}".split())
-        return Made(error=f"{task.recording}: the diagnosis failed, {why}", exit_code=CRASHED)
+        return DiagnosisTexts(
+            error=f"{task.recording}: the diagnosis failed, {why}", exit_code=CRASHED
+        )
 
 
-def _diagnosed(task: Task) -> Made:
+def _diagnosed(task: RecordingTask) -> DiagnosisTexts:
     from ldt_core.diagnosis.diagnose import diagnose
     from ldt_core.diagnosis.library import library
     from ldt_core.recording.bag import read_bag
@@ -185,7 +189,7 @@ def _diagnosed(task: Task) -> Made:
         seed=options.seed,
         workers=1,
     )
-    return Made(as_json(found), page(found), tuple(bag.notes))
+    return DiagnosisTexts(as_json(found), page(found), tuple(bag.notes))
 
 
 def folders(recordings: Sequence[str]) -> list[str]:
@@ -228,11 +232,11 @@ def _origin(recording: str, machine: Machine, options: Options) -> dict[str, Any
     return dict(json.loads(json.dumps(about)))
 
 
-def _keep(folder: Path, made: Made, origin: Mapping[str, Any]) -> None:
+def _keep(folder: Path, made: DiagnosisTexts, origin: Mapping[str, Any]) -> None:
     """Write the files; of a failure, leave none that would be taken for its answer."""
     if made.error:
-        for name in (RUN, JSON, PAGE):
+        for name in (ORIGIN, JSON, PAGE):
             (folder / name).unlink(missing_ok=True)
         return
     page = {folder / PAGE: made.page}
-    keep(folder / RUN, folder / JSON, made.text, FORMAT, origin, beside=page)
+    keep(folder / ORIGIN, folder / JSON, made.text, FORMAT, origin, beside=page)

@@ -30,7 +30,7 @@ from ldt_core.models.base import Model
 from ldt_core.twin.gate import Offer, Trial
 from ldt_core.twin.memory import Memory
 from ldt_core.twin.stage import Archive, RecordedStep
-from ldt_core.twin.training_data import HARM, core, still_valid
+from ldt_core.twin.training_data import JOINT_ERROR_RATIO, core, still_valid
 
 if TYPE_CHECKING:
     from ldt_core.twin.diagnoser import Diagnoser
@@ -336,7 +336,7 @@ def _valid(
     present experiment as well as that experiment's own samples did.
     """
     valid = still_valid(learner.fit(pool), rmse, others) if others else []
-    if not valid or trial.rmse(learner.fit(valid)) > HARM * rmse:
+    if not valid or trial.rmse(learner.fit(valid)) > JOINT_ERROR_RATIO * rmse:
         return []
     return valid
 

@@ -36,7 +36,7 @@ from ldt_core.diagnosis.holdout import free_run
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.machine_file import Machine
 from ldt_core.twin.stage import Archive, RecordedStep
-from ldt_core.twin.training_data import HARM, VALID
+from ldt_core.twin.training_data import JOINT_ERROR_RATIO, VALID_ERROR_RATIO
 
 Make = Callable[..., Diagnosis]
 NAMED = ("effect", "ambiguous")
@@ -95,9 +95,9 @@ class Diagnoser:
 
     If the cause of several is unknown, the machine may have changed among them, and the present one
     is diagnosed alone; what that names counts. What comes out is tried on all recent experiments.
-    Those that it explains as well as the present one, within the ratio `training_data.VALID`, are
-    of the present machine; if they are others than those it was made of, they are diagnosed, and
-    the answer counts unless it does worse on the present experiment.
+    Those that it explains as well as the present one, within `VALID_ERROR_RATIO`, are of the
+    present machine; if they are others than those it was made of, they are diagnosed, and the
+    answer counts unless it does worse on the present experiment.
 
     Args:
         machine: as its file knows it.
@@ -203,7 +203,7 @@ class Diagnoser:
         return self._last is not None and self._valid(experiment, self._last)
 
     def _valid(self, experiment: Experiment, found: Known) -> bool:
-        return self._error(experiment, found.use) <= VALID * found.error
+        return self._error(experiment, found.use) <= VALID_ERROR_RATIO * found.error
 
     def _error(self, experiment: Experiment, use: Sequence[Any]) -> float:
         """Of a free run [rad/s]; nan, which compares as false, where it diverges."""
@@ -243,7 +243,7 @@ class Diagnoser:
         if found.known.unknown or [id(e) for e in valid] == [id(e) for e in found.pool]:
             return found
         again = self._diagnosed(valid)
-        return again if again.error <= HARM * found.error else found
+        return again if again.error <= JOINT_ERROR_RATIO * found.error else found
 
     def _tick(self, doing: str) -> None:
         if self.cancelled:

@@ -12,28 +12,19 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
-
 import msgs_config
-from ldt_core.base.bounded import forget_oldest
-from ldt_core.base.errors import (
-    ArgumentTypeError,
-    ExperimentError,
-    RecordingError,
-    RepeatedExperiment,
-    described,
-)
-from ldt_core.base.experiment import Experiment, Prediction, Signal, Step
+from ldt_core.base.errors import ArgumentTypeError, ExperimentError, described
+from ldt_core.base.experiment import Experiment, Step
 from ldt_core.base.settings import resolve
-from ldt_core.detectors import as_detector, build_detector
 from ldt_core.detectors.base import Detector
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
-from ldt_core.models.physics import PhysicsModel
 from ldt_core.twin.adaptor import Adaptor
+from ldt_core.twin.detector_stage import DetectorStage, as_detector_stage
 from ldt_core.twin.memory import Memory
-from ldt_core.twin.stage import WINDOW, Archive, RecordedStep, Stage
+from ldt_core.twin.predictor import Predictor
+from ldt_core.twin.stage import Stage
 
 if TYPE_CHECKING:
     from ldt_core.detectors.foreign import Updatable
@@ -42,124 +33,6 @@ if TYPE_CHECKING:
 
 #: Of the parameters that make a twin (`parameters.yaml`).
 GROUPS = ("model", "detector", "adaptor", "diagnosis", "advice")
-#: Samples of the idle experiment; compiled code is loaded whatever the length.
-WARM_UP_SAMPLES = 3
-
-
-class Predictor:
-    """Stage 1: the present model and the original one predict.
-
-    Args:
-        machine: the machine as it is known beforehand.
-        model: the model to begin with.
-    """
-
-    def __init__(self, machine: Machine, model: Model) -> None:
-        self.machine = machine
-        self.model = model
-        self.original = PhysicsModel(machine)
-        #: Number of the experiment predicted last; None before the first.
-        self.last: int | None = None
-        self._starts: dict[int, float] = {}  # of the last ones
-
-    def warm_up(self) -> None:
-        """Predict a short experiment that is nobody's, so that the first real one is not late."""
-        rest = np.zeros(WARM_UP_SAMPLES)
-        idle = Experiment(1, 0.0, self.machine.sample_period, rest, rest)
-        self.model.predict(idle)
-        self.original.predict(idle)
-
-    def predict(self, experiment: Experiment) -> Prediction:
-        """Free run of the present model.
-
-        Raises:
-            ExperimentError: the machine cannot have made this experiment, or its number is not
-                above the last one's (a duplicate would be learned from twice).
-            RepeatedExperiment: it is one of the last ones again.
-        """
-        self.machine.check(experiment)
-        if self.last is not None and experiment.number <= self.last:
-            known = self._starts.get(experiment.number) == experiment.start
-            raise out_of_order(experiment, self.last, known)
-        prediction = self.model.predict(experiment)
-        self._took(experiment)
-        return prediction
-
-    def _took(self, experiment: Experiment) -> None:
-        self.last = experiment.number
-        self._starts[experiment.number] = experiment.start
-        forget_oldest(self._starts, WINDOW)
-
-    def recall(self, step: RecordedStep) -> None:
-        """Take note of the experiment of a recorded step; the model is set by who restores it."""
-        self._took(step.experiment)
-
-    @property
-    def starts(self) -> dict[int, float]:
-        """Number and start [s since the epoch] of the last experiments that were taken."""
-        return dict(self._starts)
-
-
-class DetectorStage:
-    """Stage 2: the detector compares prediction and measurement.
-
-    Args:
-        name: the detector's name in the signal.
-        detector: fresh or restored.
-    """
-
-    def __init__(self, name: str, detector: Detector) -> None:
-        self.name = name
-        self.detector = detector
-
-    def step(self, experiment: Experiment, prediction: Prediction) -> Signal:
-        """The signal for one experiment.
-
-        Raises:
-            ExperimentError: experiment and prediction do not belong together.
-        """
-        self._update(experiment, prediction)
-        statistics = dict(self.detector.statistics)
-        statistics.pop("max_error", None)  # every signal has it
-        return Signal(
-            experiment.number,
-            self.detector.signal,
-            self.name,
-            prediction.model_version,
-            prediction.max_error(experiment),
-            statistics,
-        )
-
-    def recall(self, step: RecordedStep) -> None:
-        """Update the detector as in a recorded step.
-
-        Raises:
-            RecordingError: this detector answers otherwise than the recorded one.
-        """
-        self._update(step.experiment, step.prediction)
-        recorded, answer = step.signal.level, self.detector.signal
-        if step.signal.detector != self.name or answer is not recorded:
-            raise RecordingError(
-                f"signal of experiment {step.experiment.number}",
-                f"{recorded.word!r} by the detector {step.signal.detector}, as recorded",
-                f"{answer.word!r} by {self.name}",
-            )
-
-    def state(self) -> dict[str, Any] | None:
-        """The detector's state; None where that may not be all of it (`Detector.resumable`)."""
-        own = vars(type(self.detector)).get("resumable", False)
-        return self.detector.state() if own else None
-
-    def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
-        """Restore the detector.
-
-        Raises:
-            OptionError: no state of this detector, which then has seen nothing.
-        """
-        self.detector.restore(state)
-
-    def _update(self, experiment: Experiment, prediction: Prediction) -> None:
-        self.detector.update(prediction.residual(experiment), prediction.speed_std)
 
 
 class Twin:
@@ -292,37 +165,6 @@ class Twin:
                 rejected(error)
             else:
                 yield step
-
-
-def out_of_order(experiment: Experiment, last: int, known: bool) -> ExperimentError:
-    """Why an experiment is not taken whose number is not above the last one's.
-
-    Args:
-        experiment: in question.
-        last: number of the last one taken.
-        known: whether it has been taken itself.
-    """
-    kind = RepeatedExperiment if known else ExperimentError
-    return kind(f"experiment {experiment.number}", f"a number above {last}", experiment.number)
-
-
-def as_detector_stage(detector: object, settings: Mapping[str, Any]) -> DetectorStage:
-    """Stage 2 of a detector: name, class or object; None takes that of the settings."""
-    if isinstance(detector, DetectorStage):
-        return detector
-    if detector is None or isinstance(detector, str):
-        return build_detector_stage(settings)
-    built = (
-        build_detector(detector, settings)
-        if isinstance(detector, type) and issubclass(detector, Detector)
-        else as_detector(detector)
-    )
-    return DetectorStage(getattr(built, "name", type(built).__name__), built)
-
-
-def build_detector_stage(settings: Mapping[str, Any]) -> DetectorStage:
-    """Stage 2 from the parameters of the group detector."""
-    return DetectorStage(settings["detector"], build_detector(settings["detector"], settings))
 
 
 def build_diagnoser(machine: Machine, settings: Mapping[str, Any]) -> Diagnoser:

@@ -17,16 +17,18 @@ import numpy as np
 from ldt_core.base.experiment import Experiment, Samples, rms
 from ldt_core.models.base import Model
 
-#: Share of the recent operating range that the data learned from must have visited.
-COVERAGE = 0.5
-BINS = 10  # of the range of each quantity
-TAIL = 0.01  # of the samples at either end of the range, which may be outliers
-#: An older experiment is valid up to this ratio of errors. Between experiments of one machine with
-#: random voltage the error of one model varies by about half.
-VALID = 1.5
-#: Older experiments join only if a model of them alone errs no more than this on the present one:
-#: 5 % is what the error of some 200 independent samples varies by anyway.
-HARM = 1.05
+#: Least share of the recent operating range that the data learned from must have visited.
+LEAST_COVERAGE = 0.5
+#: Parts into which the range of each quantity is divided.
+RANGE_BINS = 10
+#: Share of the samples at either end of the range that may be outliers.
+OUTLIER_SHARE = 0.01
+#: Largest ratio of errors up to which an older experiment is valid. Between experiments of one
+#: machine with random voltage the error of one model varies by about half.
+VALID_ERROR_RATIO = 1.5
+#: Largest ratio of errors on the present experiment up to which older ones join: 5 % is what the
+#: error of some 200 independent samples varies by anyway.
+JOINT_ERROR_RATIO = 1.05
 
 
 def coverage(pool: Sequence[Experiment], recent: Sequence[Experiment]) -> float:
@@ -43,11 +45,11 @@ def coverage(pool: Sequence[Experiment], recent: Sequence[Experiment]) -> float:
 
 def _visited(pool: Sequence[Samples], recent: Sequence[Samples]) -> float:
     samples = np.concatenate(recent)
-    low, high = np.quantile(samples, [TAIL, 1 - TAIL])
+    low, high = np.quantile(samples, [OUTLIER_SHARE, 1 - OUTLIER_SHARE])
     if not high > low:
         return 1.0
-    edges = np.linspace(low, high, BINS + 1)[1:-1]
-    seen = np.bincount(np.digitize(np.concatenate(pool), edges), minlength=BINS) > 0
+    edges = np.linspace(low, high, RANGE_BINS + 1)[1:-1]
+    seen = np.bincount(np.digitize(np.concatenate(pool), edges), minlength=RANGE_BINS) > 0
     return float(seen[np.digitize(samples, edges)].mean())
 
 
@@ -63,7 +65,7 @@ def core(present: Experiment, recent: Sequence[Experiment]) -> list[Experiment]:
     """
     pool = [present]
     for experiment in reversed(recent):
-        if coverage(pool, [*recent, present]) >= COVERAGE:
+        if coverage(pool, [*recent, present]) >= LEAST_COVERAGE:
             break
         pool.insert(0, experiment)
     return pool
@@ -77,4 +79,4 @@ def still_valid(model: Model, rmse: float, recent: Sequence[Experiment]) -> list
         rmse: its error on samples of it that were held back [rad/s].
         recent: experiments that it has not learned from.
     """
-    return [e for e in recent if rms(model.predict(e).residual(e)) <= VALID * rmse]
+    return [e for e in recent if rms(model.predict(e).residual(e)) <= VALID_ERROR_RATIO * rmse]

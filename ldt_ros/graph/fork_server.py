@@ -38,7 +38,7 @@ from ldt_core.machine.machine_file import load_machine
 from ldt_core.models import MODELS, build_model
 from ldt_core.physics import PHYSICS
 from ldt_core.recording.messages import schema
-from ldt_core.twin.loop import Predictor
+from ldt_core.twin.predictor import Predictor
 from ldt_ros.graph import process
 from ldt_ros.graph.parentage import end_with
 from ldt_ros.graph.process_title import entitle

@@ -8,8 +8,10 @@ from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any
 
-MESSAGES = 2000  # that may wait; 400 experiments of the loop
-BYTES = 256 * 2**20  # that may wait together; one alone may be larger
+#: Messages that may wait: 400 experiments of the loop.
+MOST_MESSAGES = 2000
+#: Size of those that may wait together [bytes]; one alone may be larger.
+MOST_BYTES = 256 * 2**20
 
 
 class Backlog:
@@ -22,7 +24,7 @@ class Backlog:
     """
 
     def __init__(
-        self, work: Callable[..., None], messages: int = MESSAGES, most_bytes: int = BYTES
+        self, work: Callable[..., None], messages: int = MOST_MESSAGES, most_bytes: int = MOST_BYTES
     ) -> None:
         self._work, self._messages, self._most = work, messages, most_bytes
         #: Kind → how many were left out.

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from ldt_core.base.experiment import Experiment, Prediction
-from ldt_core.twin.loop import build_detector_stage
+from ldt_core.twin.detector_stage import build_detector_stage
 from ldt_ros.nodes.convert import to_message
 from ldt_ros.nodes.experiment_pairs import ExperimentPairs
 from ldt_ros.nodes.node import LdtNode

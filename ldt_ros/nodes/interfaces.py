@@ -36,7 +36,8 @@ MESSAGES = {
 }
 #: Messages that wait for those who only listen: nobody waits for them, so they may lag behind.
 LISTENER_DEPTH = 1000
-LATCHED = "latched"  # the profile whose past every listener wants
+#: Profile whose past every listener wants.
+LATCHED = "latched"
 _TYPES = {
     "bool": ParameterType.PARAMETER_BOOL,
     "integer": ParameterType.PARAMETER_INTEGER,

@@ -1,4 +1,4 @@
-"""The launching process's ear on one machine's graph: tells the progress, notices the end.
+"""What the launching process hears of one machine's graph: its progress, and its end.
 
 It listens to what is small, and gets what the nodes tell of themselves. The samples are in the
 recording, and two cores have better to do than to decode them once more.
@@ -22,7 +22,8 @@ from ldt_core.runs.fleet_members import SOURCES
 from ldt_ros.nodes.convert import from_message
 from ldt_ros.nodes.interfaces import LISTENER_DEPTH, listener_qos, message_type
 
-CAPACITY = 200  # signals that wait for their adaptation; what is older has lost it
+#: Signals that wait for their adaptation; what is older has lost it.
+CAPACITY = 200
 
 
 class Monitor(Node):

@@ -1,4 +1,4 @@
-"""The ear of the live page in the graph."""
+"""What the live page hears of the graph."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from ldt_core.views.watch.fleet import MACHINES, Fleet
 from ldt_ros.nodes.convert import from_message
 from ldt_ros.nodes.interfaces import LISTENER_DEPTH, listener_qos, message_type
 
-LOOK = 0.3  # s between two looks for new machines
+#: Time between two looks for new machines [s].
+LOOK_PERIOD = 0.3
 TOPICS = {t: d["type"] for t, d in msgs_config.topics().items() if t in DECODERS}
 
 
@@ -50,7 +51,9 @@ class WatchNode(Node):
         else:
             self._look()
             # A clock that runs whatever a simulated one says.
-            self.create_timer(LOOK, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            self.create_timer(
+                LOOK_PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            )
 
     def follow(self, namespace: str) -> None:
         """Watch the machine of a namespace, "" for the root."""

@@ -6,7 +6,8 @@ import contextlib
 import os
 import socket
 
-VARIABLE = "NOTIFY_SOCKET"  # set by systemd, as sd_notify(3) has it
+#: Environment variable set by systemd (sd_notify(3)).
+VARIABLE = "NOTIFY_SOCKET"
 
 
 def alive() -> None:

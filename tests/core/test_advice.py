@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import uniform_filter1d
 
 from ldt_core.advice.advice_sentences import NO_FOUNDATION
+from ldt_core.advice.advise import advise
 from ldt_core.advice.bands import captured_seconds, in_bands, uncertain_bands, voltage_bands
 from ldt_core.advice.experiment_design import candidate_designs, most_informative
 from ldt_core.advice.machine_estimate import MachineEstimate, estimate_machine
@@ -28,7 +29,7 @@ from ldt_core.recording.bag import read_bag
 from ldt_core.runs.fleet_members import roles
 from ldt_core.runs.offline import run
 from ldt_core.twin import advisor as advisor_module
-from ldt_core.twin.advisor import Advisor, advise
+from ldt_core.twin.advisor import Advisor
 from ldt_core.views.figures.advice_figure import PERIOD, heedless
 
 ROTOR = load_machine("rotor")

@@ -30,7 +30,8 @@ from ldt_core.restart.lookup import Lookup
 from ldt_core.restart.recorded_run import END, RecordedRun
 from ldt_core.restart.stage_restart import StageRestart, TwinRestart
 from ldt_core.twin.adaptor import ROLLED_BACK
-from ldt_core.twin.loop import DetectorStage, Twin
+from ldt_core.twin.detector_stage import DetectorStage
+from ldt_core.twin.loop import Twin
 from ldt_core.twin.stage import WINDOW, RecordedStep
 
 MACHINE = load_machine("rotor")

@@ -11,7 +11,8 @@ import pytest
 from ldt_core.base.settings import resolve
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.runs.offline import run
-from ldt_core.twin.loop import Predictor, Twin
+from ldt_core.twin.loop import Twin
+from ldt_core.twin.predictor import Predictor
 from ldt_core.twin.stage import WINDOW
 
 rclpy = pytest.importorskip("rclpy")

@@ -17,7 +17,7 @@ from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.runs.offline import run
-from ldt_core.twin.loop import build_detector_stage
+from ldt_core.twin.detector_stage import build_detector_stage
 
 rclpy = pytest.importorskip("rclpy")
 

@@ -22,7 +22,8 @@ from ldt_core.lab.study.region import region_rmse
 from ldt_core.lab.study.stream import Stream, stream
 from ldt_core.lab.study.study_case import RunResult, StudyCase
 from ldt_core.machine.machine_file import Machine, load_machine
-from ldt_core.twin.loop import DetectorStage, Twin
+from ldt_core.twin.detector_stage import DetectorStage
+from ldt_core.twin.loop import Twin
 
 DIGITS = 4  # of the series kept for a figure, which shows 0.1 mrad/s at the very best
 

@@ -41,7 +41,7 @@ from ldt_core.lab.tuning.trial import Job, Tried, try_setting
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models import build_model
 from ldt_core.models.base import Model
-from ldt_core.twin.loop import Predictor
+from ldt_core.twin.predictor import Predictor
 
 #: Fewer experiments than this are no recording to choose from.
 LEAST_EXPERIMENTS = 10
