@@ -18,7 +18,6 @@ from ldt_core.cli.terminal import echo, echo_json, one_line
 
 if TYPE_CHECKING:
     from ldt_core.calibration.identify import EquivalentMotor
-    from ldt_core.cli.recordings import read_recordings
 
 
 def _range(
@@ -80,6 +79,7 @@ def command(
     """
     from ldt_core.calibration.identify import identify_machine
     from ldt_core.calibration.machine_yaml import check_new, write_equivalent
+    from ldt_core.cli.recordings import read_recordings
 
     check_new(out, force)
     experiments = read_recordings(recordings, namespace)
