@@ -55,18 +55,17 @@ def launch(
         BadInput: settings that cannot be used, no ROS 2, or a domain that is taken.
         LdtError: a node died.
     """
-    with _prepared(_resumed(resolve(settings or {}))) as run:
-        return run(on_step, stopped)
+    given = _resumed(resolve(settings or {}))
+    with _supervised(given) as supervisor:
+        return _run(given, supervisor, on_step, stopped)
 
 
 @contextmanager
-def _prepared(
-    given: Mapping[str, Any],
-) -> Iterator[Callable[[OnStep, Callable[[], bool]], list[MachineRun]]]:
-    """Runs the graph when called; from the first, a process loads what its nodes need.
+def _supervised(given: Mapping[str, Any]) -> Iterator[Supervisor]:
+    """Processes for a graph; from the beginning one of them loads what the nodes need.
 
-    That takes a second. This process imports what it needs itself, and whatever else the caller
-    does, on another core meanwhile; therefore little of it is imported at the top of this file.
+    That takes a second. This process imports what it needs itself on another core meanwhile;
+    therefore little of it is imported at the top of this file.
     """
     require_ros()
     folder = Path(tempfile.mkdtemp(prefix="ldt-"))
@@ -75,16 +74,7 @@ def _prepared(
     try:
         environment = secured(given, _roles(given), prepare(folder))
         with shared_memory_cleared(), Supervisor(folder, environment, given) as supervisor:
-
-            def run(on_step: OnStep, stopped: Callable[[], bool]) -> list[MachineRun]:
-                from ldt_ros.graph.machine_run import machine_runs
-                from ldt_ros.graph.node_graph import Graph
-
-                runs = machine_runs(given)
-                Graph(runs, supervisor, on_step).run(stopped)
-                return runs
-
-            yield run
+            yield supervisor
     except LdtError as error:
         keep_output = error.exit_code == LdtError.exit_code
         raise
@@ -93,6 +83,20 @@ def _prepared(
         os.environ.update(before)
         if not keep_output:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _run(
+    given: Mapping[str, Any],
+    supervisor: Supervisor,
+    on_step: OnStep,
+    stopped: Callable[[], bool],
+) -> list[MachineRun]:
+    from ldt_ros.graph.machine_run import machine_runs
+    from ldt_ros.graph.node_graph import Graph
+
+    runs = machine_runs(given)
+    Graph(runs, supervisor, on_step).run(stopped)
+    return runs
 
 
 def _resumed(settings: dict[str, Any]) -> dict[str, Any]:
@@ -123,7 +127,8 @@ def command(settings: dict[str, Any], as_json: bool) -> None:
     Example: ldt up --experiments 40 --seed 3 --bag my_run
     """
     settings = _resumed(settings)
-    with stop_on_signals(insist=False) as stop, _prepared(resolve(settings)) as run:
+    given = resolve(settings)
+    with stop_on_signals(insist=False) as stop, _supervised(given) as supervisor:
         from ldt_core.cli.progress import RunProgress
         from ldt_core.cli.run_summary import print_summaries
         from ldt_core.machine.machine_file import load_machine
@@ -133,7 +138,7 @@ def command(settings: dict[str, Any], as_json: bool) -> None:
         names = [f"machine_{i + 1}" for i in range(count)] if count > 1 else [machine]
         total = None if settings["play"] else settings["experiments"]
         with RunProgress(dict.fromkeys(names, total)) as progress:
-            runs = run(progress.show, stop.is_set)
+            runs = _run(given, supervisor, progress.show, stop.is_set)
     print_summaries([(r.name, r.summary, str(r.bag)) for r in runs], settings, as_json)
 
 
