@@ -72,13 +72,14 @@ def command(
     from ldt_core.calibration.machine_yaml import check_new, write_machine_file
     from ldt_core.cli.recordings import read_recordings
     from ldt_core.machine.machine_file import load_machine
-    from ldt_core.views.figures.calibration_figure import check_figure, draw
+    from ldt_core.views.figures.calibration_figure import draw_calibration
+    from ldt_core.views.page import style
 
     machine = load_machine(settings["machine"])
     check_names(machine, free, fixed)
     check_new(out, force)
     if figure:
-        check_figure(figure)
+        style.check_picture(figure, "--figure", "--figure")
     experiments = read_recordings(recordings, namespace, machine)
     with status("{}: {} simulations of the recording") as tick:
         found = calibrate(
@@ -87,7 +88,7 @@ def command(
     write_machine_file(found, out, force)
     if figure:
         kept, held_out = split(experiments, holdout)
-        draw(found, held_out or kept, figure)
+        draw_calibration(found, held_out or kept, figure)
     if as_json:
         record = {"machine": machine.name, "out": out, **found.as_dict()}
         echo_json(record)

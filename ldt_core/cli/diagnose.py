@@ -107,9 +107,9 @@ def command(
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.runs.each_recording import Options
     from ldt_core.views.diagnosis_page import picture
-    from ldt_core.views.diagnosis_page.result_files import as_json as in_json
-    from ldt_core.views.diagnosis_page.result_files import write_files
-    from ldt_core.views.figures.calibration_figure import check_figure
+    from ldt_core.views.diagnosis_page.diagnosis_files import as_json as in_json
+    from ldt_core.views.diagnosis_page.diagnosis_files import write_files
+    from ldt_core.views.page import style
 
     machine = load_machine(settings["machine"])
     effects = library(machine, more, without)
@@ -120,7 +120,7 @@ def command(
     if figure:
         if each:
             raise BadInput("--figure", "a single diagnosis", "--each")
-        check_figure(figure)
+        style.check_picture(figure, "--figure", "--figure")
     folder = _folder(out)
     if each:
         along = None if fitted_along is None else tuple(fitted_along)
@@ -219,7 +219,7 @@ def _folder(out: str) -> Path:
 
 def _print(found: Diagnosis, folder: Path) -> None:
     from ldt_core.diagnosis.sentence import values
-    from ldt_core.views.diagnosis_page.result_files import JSON, PAGE
+    from ldt_core.views.diagnosis_page.diagnosis_files import JSON, PAGE
 
     console = Console()
     console.print(found.verdict.sentence)

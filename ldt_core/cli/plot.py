@@ -36,5 +36,6 @@ def command(
 
     run = load_run(recording, namespace, experiment)
     plot_run(run, out, title)
-    record = {"figure": out, "shown": run.shown[0].number, "experiments": len(run.signals)}
+    shown, count = run.shown.experiment.number, len(run.steps)
+    record = {"figure": out, "shown": shown, "experiments": count}
     echo_result(as_json, record, out)

@@ -44,13 +44,13 @@ def command(
 
     Example: ldt watch my_run --rate 20
     """
+    from ldt_core.views.watch.browser_files import assets
     from ldt_core.views.watch.fleet import Fleet
-    from ldt_core.views.watch.page import assets
     from ldt_core.views.watch.playback import Playback
+    from ldt_core.views.watch.record_source import RecordSource, graph
     from ldt_core.views.watch.server import is_loopback, serve
-    from ldt_core.views.watch.source import Source, graph
 
-    source: Source = Playback(recording, namespace, rate) if recording else graph(namespace)
+    source: RecordSource = Playback(recording, namespace, rate) if recording else graph(namespace)
 
     def ready(address: str) -> None:
         if not is_loopback(host):

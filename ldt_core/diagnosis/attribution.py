@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ldt_core.diagnosis.candidate import turning
 from ldt_core.diagnosis.diagnosis import ParameterAmount
 from ldt_core.diagnosis.effect_fit import EffectFit
-from ldt_core.diagnosis.effect_search import EffectSetSearch
+from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from ldt_core.diagnosis.diagnosis import (
     ShownExperiment,
     Verdict,
 )
-from ldt_core.diagnosis.effect_search import EffectSetSearch
+from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.gap_location import places, steady_places
 from ldt_core.diagnosis.holdout import (

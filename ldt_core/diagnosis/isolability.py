@@ -14,7 +14,7 @@ import numpy as np
 
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.effect_fit import fit
-from ldt_core.diagnosis.effect_search import EffectSetSearch
+from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.responses import Responses
 from ldt_core.diagnosis.thresholds import THRESHOLDS

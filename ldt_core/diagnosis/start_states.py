@@ -52,7 +52,7 @@ class StartStates:
     offsets: tuple[Array, ...]
 
 
-class FreeRuns(Protocol):
+class SimulatedExperiments(Protocol):
     """What the estimation of start states needs of `FreeRunResiduals`."""
 
     physics: Physics
@@ -74,7 +74,11 @@ class FreeRuns(Protocol):
 
 
 def start_states_for(
-    residuals: FreeRuns, use: Use, free: bool, step: float, near: StartStates | None = None
+    residuals: SimulatedExperiments,
+    use: Use,
+    free: bool,
+    step: float,
+    near: StartStates | None = None,
 ) -> StartStates:
     """Start states for these effects, where more is unknown than a motor's speed and current.
 
@@ -106,7 +110,7 @@ def start_states_for(
 
 
 def searched_start_states(
-    residuals: FreeRuns,
+    residuals: SimulatedExperiments,
     use: Use,
     moving: bool,
     states: int,
@@ -162,7 +166,7 @@ def searched_start_states(
 
 
 def _start_of(
-    residuals: FreeRuns,
+    residuals: SimulatedExperiments,
     i: int,
     use: Use,
     step: float,
@@ -203,7 +207,7 @@ def _start_of(
     return kept, basis
 
 
-def turns(residuals: FreeRuns, use: Use) -> bool:
+def turns(residuals: SimulatedExperiments, use: Use) -> bool:
     """Whether the start angle makes a difference with these effects."""
     if not use or not residuals.pieces:
         return False
@@ -211,7 +215,9 @@ def turns(residuals: FreeRuns, use: Use) -> bool:
     return bool(np.max(np.abs(one - other)) > ANGLE_MATTERS)
 
 
-def _best_angle(residuals: FreeRuns, i: int, use: Use, step: float, about: float | None) -> float:
+def _best_angle(
+    residuals: SimulatedExperiments, i: int, use: Use, step: float, about: float | None
+) -> float:
     basis = residuals.starts.bases[i]
 
     def loss(angle: float) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ldt_core.diagnosis.attribution import shapley_shares
 from ldt_core.diagnosis.effect_fit import EffectFit
-from ldt_core.diagnosis.effect_search import EffectSetSearch
+from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.error_band import ErrorBand
 from ldt_core.diagnosis.fitted_sets import FittedSets
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals

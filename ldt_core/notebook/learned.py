@@ -13,7 +13,7 @@ from ldt_core.notebook.arguments import ExperimentsLike, MachineLike, measured
 from ldt_core.notebook.frames import described_step, frame
 from ldt_core.runs.offline import run_unrecorded
 from ldt_core.twin.loop import Twin
-from ldt_core.views.figures.run_figure import records_of, run_figure
+from ldt_core.views.figures.run_figure import plotted_run, run_figure
 
 if TYPE_CHECKING:
     import pandas
@@ -79,7 +79,7 @@ class TwinRun:
             OptionError: no such experiment.
             LdtError: matplotlib is not installed.
         """
-        return run_figure(records_of(self.steps, experiment))
+        return run_figure(plotted_run(self.steps, experiment))
 
 
 def run(

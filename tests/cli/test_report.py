@@ -138,7 +138,7 @@ def driven(request, tmp_path_factory) -> dict:
 def test_an_experiment_is_chosen_worst_first_by_number_and_by_link(driven):
     """Six plots, and words for each choice."""
     run = read_run(SAMPLE)
-    worst = [run.turns[i].experiment for i in run.worst_first]
+    worst = [run.steps[i].number for i in run.worst_first]
     assert driven["canvases"] == 6
     assert driven["first"].startswith(f"Experiment {worst[0]}: error")
     assert "(number 1 of 40, worst first)" in driven["first"]

@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 from ldt_core.base.errors import LdtError
 from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount
 from ldt_core.views.diagnosis_page import picture, write_page
-from ldt_core.views.diagnosis_page.curves import binned, orders, spectrum, thinned
-from ldt_core.views.diagnosis_page.fits import fits
-from ldt_core.views.diagnosis_page.further import corners
-from ldt_core.views.diagnosis_page.quantities import amount, percent, value_of
+from ldt_core.views.diagnosis_page.before_after import shown_free_runs
+from ldt_core.views.diagnosis_page.next_experiment_figure import corners
+from ldt_core.views.diagnosis_page.number_format import amount, percent, value_of
+from ldt_core.views.diagnosis_page.signal_curves import binned, orders, spectrum, thinned
 
 LARGEST = 2_000_000  # bytes of a page
 HOSTILE = "<b>x</b>\"' $y^2$ {{ 7*7 }}"
@@ -234,7 +234,7 @@ def test_experiments_that_are_parts_are_called_parts(diagnoses, tmp_path, undraw
 
 def test_the_worst_and_a_typical_held_out_experiment_are_shown():
     """Of six held out: the one with the largest error before, and the median."""
-    found = fits(fake_diagnosis("effect", 18))
+    found = shown_free_runs(fake_diagnosis("effect", 18))
     errors = [
         float(np.sqrt(np.mean((s.experiment.speed - s.before) ** 2))) for s, _ in found.chosen
     ]
@@ -266,15 +266,15 @@ def test_without_matplotlib_it_is_said(monkeypatch, diagnoses, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=300), st.integers(1, 40))
-def test_thinning_keeps_the_extremes_and_the_ends(values, buckets):
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=300), st.integers(4, 80))
+def test_thinning_keeps_the_extremes_and_the_ends(values, most):
     """Whatever is left out lies between what is kept."""
     y = np.array(values)
     x = np.arange(y.size, dtype=float)
-    at, kept = thinned(x, y, buckets)
+    at, kept = thinned(x, y, most)
     assert (kept.min(), kept.max()) == (y.min(), y.max())
     assert (at[0], at[-1]) == (x[0], x[-1])
-    assert kept.size <= max(2 * buckets + 2, 1)
+    assert kept.size <= most
     assert (np.diff(at) > 0).all()
 
 
@@ -376,9 +376,9 @@ def test_shares():
 
 def test_a_place_is_marked_in_its_panel(diagnoses):
     """One that holds all of the data marks nothing."""
-    from ldt_core.views.diagnosis_page.places import places
+    from ldt_core.views.diagnosis_page.gap_curves import gap_curves
 
     found = diagnoses["effect"]
     everywhere = GapLocation("voltage", 0, 20, "V", 1.0, 1.0)
-    marked = places(replace(found, where=[*found.where, everywhere])).marked
+    marked = gap_curves(replace(found, where=[*found.where, everywhere])).marked
     assert set(marked) == {"speed", "frequency", "experiment"}

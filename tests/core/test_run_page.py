@@ -16,15 +16,16 @@ from fake_run import PERIOD, fake_run
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from unpacked import unpack
 
 from ldt_core.base.errors import RecordingError
 from ldt_core.base.experiment import Experiment, Level, Prediction, Signal
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
+from ldt_core.views.detector_statistic import statistic
+from ldt_core.views.packed_samples import FEWEST, LEVELS, ROOM, extremes, pack, room
 from ldt_core.views.report import page, read_run
-from ldt_core.views.report.health import remarks
-from ldt_core.views.report.samples import FEWEST, LEVELS, ROOM, extremes, pack, room, unpack
-from ldt_core.views.report.statistic import statistic
+from ldt_core.views.report.health_section import remarks
 
 SAMPLE = Path(__file__).resolve().parents[2] / "bags" / "rotor_drift"
 LARGEST = 5_000_000  # bytes of the page of 200 experiments of 2000 samples
@@ -148,12 +149,12 @@ def test_samples_of_the_page_are_the_recording_s():
     run = read_run(SAMPLE)
     assert not run.thinned
     experiments = {e.number: e for e in run.bag.experiments()}
-    for turn in run.turns[::13]:
-        rows, one = unpack(turn.samples), experiments[turn.experiment]
+    for step in run.steps[::13]:
+        rows, one = unpack(step.packed), experiments[step.number]
         np.testing.assert_allclose(rows["time"], one.time, atol=1e-9)
-        steps = {c.name: c.step for c in turn.samples.channels}
+        sizes = {c.name: c.step for c in step.packed.channels}
         for name, row in (("voltage", one.voltage), ("measured", one.speed)):
-            assert np.abs(rows[name] - row).max() <= 0.51 * steps[name]
+            assert np.abs(rows[name] - row).max() <= 0.51 * sizes[name]
 
 
 @given(arrays(np.float64, st.tuples(st.integers(1, 5), st.integers(1, 400)), elements=REAL),
@@ -204,20 +205,20 @@ def test_two_hundred_long_experiments_stay_below_five_megabytes(deviation, tmp_p
     text = page(run)
     assert LARGEST / 2 < len(text.encode()) < LARGEST
     assert run.thinned == 200
-    assert f"thinned to at most {max(t.samples.kept for t in run.turns)}" in text
-    for turn in run.turns:
-        rows = unpack(turn.samples)
+    assert f"thinned to at most {max(s.packed.kept for s in run.steps)}" in text
+    for step in run.steps:
+        rows = unpack(step.packed)
         error = np.abs(rows["measured"] - rows["predicted"]).max()
-        assert error == pytest.approx(turn.signal.max_error, abs=1e-3)
+        assert error == pytest.approx(step.signal.max_error, abs=1e-3)
 
 
 def test_without_room_the_worst_keep_their_samples(tmp_path, monkeypatch):
     """And the page says that the others have none."""
     assert room(1, 6)[0] > room(200, 6)[0] > room(10**6, 6)[0] >= FEWEST
     path = fake_run(tmp_path / "run")
-    monkeypatch.setattr("ldt_core.views.report.samples.ROOM", ROOM * 3 // room(10**6, 6)[1])
+    monkeypatch.setattr("ldt_core.views.packed_samples.ROOM", ROOM * 3 // room(10**6, 6)[1])
     run = read_run(path)
-    drawn = [run.turns[i].samples is not None for i in run.worst_first]
+    drawn = [run.steps[i].packed is not None for i in run.worst_first]
     assert drawn == [True, True, True, False, False, False]
     assert "The 3 experiments with the least error are without samples" in page(run)
 

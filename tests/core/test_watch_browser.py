@@ -15,8 +15,8 @@ import pytest
 from watched import HOSTILE, feed, health, measured, predicted
 
 from ldt_core.base.experiment import Experiment, Level
+from ldt_core.views.watch.browser_files import assets
 from ldt_core.views.watch.fleet import Fleet
-from ldt_core.views.watch.page import assets
 
 pytest.importorskip("aiohttp")
 playwright = pytest.importorskip("playwright.sync_api")

@@ -16,9 +16,9 @@ from watched import HOSTILE, feed, measured
 
 from ldt_core.base.errors import BadInput
 from ldt_core.base.experiment import Level
+from ldt_core.views.watch.browser_files import assets
 from ldt_core.views.watch.fleet import Fleet
-from ldt_core.views.watch.machine import KEPT
-from ldt_core.views.watch.page import assets
+from ldt_core.views.watch.watched_machine import MOST_STEPS
 
 aiohttp = pytest.importorskip("aiohttp")
 
@@ -164,8 +164,8 @@ def test_a_browser_is_told_what_happens():
         whole = await until(stream, "machine", lambda data: data["whole"])
         assert whole["diagnosis"]["sentence"] == f"It is unbalance{HOSTILE}."
         feed(fleet, "/a", 2)
-        news = await until(stream, "machine", lambda data: data["turns"])
-        assert [t["number"] for t in news["turns"]] == [2]
+        news = await until(stream, "machine", lambda data: data["steps"])
+        assert [t["number"] for t in news["steps"]] == [2]
         feed(fleet, "/b", 1, level=Level.POSITIVE, error=9.0)
         cards = await until(stream, "fleet", lambda data: len(data["machines"]) == 2)
         assert cards["machines"][0]["key"] == "/b"
@@ -183,7 +183,7 @@ def test_a_machine_that_comes_later_is_told_of():
         stream = events(client, f"{url}events?machine=/late")
         await until(stream, "missing", lambda data: data == {})
         feed(fleet, "/late", 1)
-        told = await until(stream, "machine", lambda data: data["turns"])
+        told = await until(stream, "machine", lambda data: data["steps"])
         assert told["whole"]
         await stream.aclose()
 
@@ -226,7 +226,9 @@ def test_a_browser_that_does_not_read_holds_up_nobody():
         await asyncio.to_thread(thread.join, PATIENCE)
         assert not thread.is_alive()
         taken = 0
-        while f'"numbers":[{COUNT - KEPT + 1},'.encode() not in (data := await reader.read(65536)):
+        while f'"numbers":[{COUNT - MOST_STEPS + 1},'.encode() not in (
+            data := await reader.read(65536)
+        ):
             taken += len(data)
         # What was told it late is what is there now, not all that has been.
         assert taken < 5_000_000

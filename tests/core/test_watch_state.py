@@ -10,17 +10,27 @@ import pytest
 from fake_run import fake_run
 from hypothesis import given
 from hypothesis import strategies as st
+from unpacked import unpack
 from watched import HOSTILE, LENGTH, feed, health, measured, predicted
 
 from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.base.experiment import Level, ModelRecord, Prediction, Signal
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
-from ldt_core.views.report.samples import Channel, Packed, unpack
+from ldt_core.views.packed_samples import PackedChannel, PackedSamples
 from ldt_core.views.watch.fleet import MACHINES, Fleet
-from ldt_core.views.watch.machine import EVENTS, GREATEST, KEPT, LONGEST, MODELS, MOST, SHOWN, WHOLE
-from ldt_core.views.watch.nodes import NODES, SILENT
 from ldt_core.views.watch.playback import Playback
+from ldt_core.views.watch.watched_machine import (
+    GREATEST,
+    LONGEST,
+    MOST_CHARACTERS,
+    MOST_EVENTS,
+    MOST_MODELS,
+    MOST_SAMPLES,
+    MOST_STEPS,
+    WHOLE_STEPS,
+)
+from ldt_core.views.watch.watched_nodes import NODES, SILENT
 
 
 class Clock:
@@ -33,8 +43,8 @@ class Clock:
 
 
 def rows_of(found: dict) -> dict[str, np.ndarray]:
-    channels = tuple(Channel(*c) for c in found["channels"])
-    return unpack(Packed(channels, found["data"], found["kept"], found["of"]))
+    channels = tuple(PackedChannel(*c) for c in found["channels"])
+    return unpack(PackedSamples(channels, found["data"], found["kept"], found["of"]))
 
 
 def test_an_experiment_is_shown_as_it_arrives():
@@ -46,14 +56,14 @@ def test_an_experiment_is_shown_as_it_arrives():
     rows = rows_of(fleet.experiment("/press", 1))
     assert set(rows) == {"time", "voltage", "measured"}
     np.testing.assert_allclose(rows["measured"], one.speed, atol=1e-4)
-    assert fleet.machine("/press")["turns"][0]["level"] is None
+    assert fleet.machine("/press")["steps"][0]["level"] is None
     fleet.feed("/press", "prediction", predicted(one, 4.0))
     rows = rows_of(fleet.experiment("/press", 1))
     assert {"predicted", "deviation"} <= set(rows)
     assert np.abs(rows["measured"] - rows["predicted"]).max() == pytest.approx(4.0, abs=1e-3)
     fleet.feed("/press", "signal", Signal(1, Level.POSITIVE, "threshold", 0, 4.0))
-    turn = fleet.machine("/press")["turns"][0]
-    assert (turn["error"], turn["level"], turn["value"]) == (4.0, 1, 4.0)
+    step = fleet.machine("/press")["steps"][0]
+    assert (step["error"], step["level"], step["value"]) == (4.0, 1, 4.0)
     assert fleet.overview()["machines"][0]["word"] == "positive"
     assert told == [1, 2, 3]
 
@@ -65,18 +75,18 @@ def test_only_what_has_changed_is_told_again():
         feed(fleet, "", number, level=Level.POSITIVE)
     whole = fleet.machine("/")
     assert whole["whole"]
-    assert [t["number"] for t in whole["turns"]] == [1, 2, 3]
+    assert [t["number"] for t in whole["steps"]] == [1, 2, 3]
     kinds = [kind for *_, kind, _ in whole["events"]]
     assert kinds == ["model", "diagnosis", "adapted"] * 3
     assert whole["diagnosis"]["sentence"] == "It is unbalance."
     feed(fleet, "", 4)
     news = fleet.machine("/", whole["count"])
     assert not news["whole"]
-    assert [t["number"] for t in news["turns"]] == [4]
+    assert [t["number"] for t in news["steps"]] == [4]
     assert news["numbers"] == [1, 2, 3, 4]
     assert news["events"] == []
     assert "diagnosis" not in news
-    assert fleet.machine("/", news["count"])["turns"] == []
+    assert fleet.machine("/", news["count"])["steps"] == []
 
 
 def test_the_worst_machine_comes_first():
@@ -147,17 +157,17 @@ def test_the_nodes_of_a_machine_are_told_apart_from_others():
 def test_memory_is_bounded_whatever_comes():
     """Experiments, samples, events, versions, texts, machines."""
     fleet = Fleet()
-    for number in range(1, KEPT + 30):
-        feed(fleet, "", number, level=Level.POSITIVE, words="x" * 2 * SHOWN)
+    for number in range(1, MOST_STEPS + 30):
+        feed(fleet, "", number, level=Level.POSITIVE, words="x" * 2 * MOST_CHARACTERS)
     state = fleet.machines[""]
-    assert len(state.turns) == KEPT
-    assert min(state.turns) == 30
-    assert len(state.models) == MODELS
-    assert len(state.events) == EVENTS
-    assert sum(t.experiment is not None for t in state.turns.values()) == WHOLE
+    assert len(state.steps) == MOST_STEPS
+    assert min(state.steps) == 30
+    assert len(state.models) == MOST_MODELS
+    assert len(state.events) == MOST_EVENTS
+    assert sum(t.experiment is not None for t in state.steps.values()) == WHOLE_STEPS
     told = fleet.machine("/")
-    assert max(len(words) for *_, words in told["events"]) == SHOWN
-    assert len(told["turns"][0]["reason"]) == SHOWN
+    assert max(len(words) for *_, words in told["events"]) == MOST_CHARACTERS
+    assert len(told["steps"][0]["reason"]) == MOST_CHARACTERS
     for k in range(3 * MACHINES):
         fleet.expect(f"/m{k}")
     assert len(fleet.overview()["machines"]) == MACHINES
@@ -170,14 +180,14 @@ def test_a_long_experiment_is_thinned_with_its_extremes():
     fleet.feed("", "experiment", long)
     fleet.feed("", "prediction", predicted(long, 9.0))
     now = fleet.experiment("/", 1)
-    for number in range(2, 2 + WHOLE):
+    for number in range(2, 2 + WHOLE_STEPS):
         feed(fleet, "", number, start=long.end + number)
     for found in (now, fleet.experiment("/", 1)):
-        assert found["kept"] <= MOST < found["of"]
+        assert found["kept"] <= MOST_SAMPLES < found["of"]
         rows = rows_of(found)
         assert np.abs(rows["measured"] - rows["predicted"]).max() == pytest.approx(9.0, abs=1e-3)
     fleet.feed("", "experiment", measured(90, length=LONGEST + 1))
-    assert 90 not in fleet.machines[""].turns
+    assert 90 not in fleet.machines[""].steps
     assert "samples to show" in fleet.machine("/")["last_unreadable"]
 
 
@@ -206,7 +216,7 @@ def test_a_run_that_begins_anew_takes_the_place_of_the_old():
     assert news["models"] == {}
     assert ("begun", 1) in [(e[3], e[2]) for e in news["events"]]
     fleet.feed("", "experiment", measured(1, start=later))  # the same again is no new run
-    assert fleet.machine("/")["turns"][0]["level"] == -1
+    assert fleet.machine("/")["steps"][0]["level"] == -1
 
 
 def test_a_prediction_of_another_run_is_not_drawn():
@@ -228,7 +238,7 @@ def test_there_is_no_such_thing():
     assert fleet.experiment("/none", 1) is None
     fleet.feed("", "signal", Signal(1, Level.NEGATIVE, "threshold", 0, float("inf")))
     assert fleet.experiment("/", 1) is None
-    assert fleet.machine("/")["turns"][0]["error"] is None
+    assert fleet.machine("/")["steps"][0]["error"] is None
 
 
 @given(st.lists(st.tuples(st.integers(1, 12), st.sampled_from(["a", "b"])), max_size=40))
@@ -242,10 +252,10 @@ def test_what_was_told_bit_by_bit_is_the_whole(fed):
             continue
         since = news["count"]
         held = {} if news["whole"] else held
-        held |= {t["number"]: t for t in news["turns"]}
+        held |= {t["number"]: t for t in news["steps"]}
         held = {n: held[n] for n in news["numbers"]}
         assert list(held.values()) == sorted(
-            fleet.machine("/a")["turns"], key=lambda t: t["number"]
+            fleet.machine("/a")["steps"], key=lambda t: t["number"]
         )
     json.dumps(fleet.overview(), allow_nan=False)
 
@@ -265,7 +275,7 @@ def test_a_recording_shows_what_was_recorded(tmp_path):
     told = fleet.machine("/")
     assert told["card"]["title"] == "rig"
     assert told["numbers"] == [1, 2, 3, 4, 5, 6]
-    assert [t["error"] for t in told["turns"]] == [1.0 + 7 * n % 11 for n in range(1, 7)]
+    assert [t["error"] for t in told["steps"]] == [1.0 + 7 * n % 11 for n in range(1, 7)]
     assert told["diagnosis"]["sentence"] == "it is"
     assert "has ended" in fleet.overview()["state"]
 
@@ -300,7 +310,7 @@ def test_a_recording_is_played_at_its_pace_and_stops_at_once(tmp_path):
     """The first experiment at once, the next when a machine would have finished it."""
     source = Playback(fake_run(tmp_path / "run"), rate="0.01")  # 60 s an experiment
     fleet, stop, shown = Fleet(False), threading.Event(), threading.Event()
-    fleet.on_change = lambda: 1 in getattr(fleet.machines.get(""), "turns", {}) and shown.set()
+    fleet.on_change = lambda: 1 in getattr(fleet.machines.get(""), "steps", {}) and shown.set()
     thread = threading.Thread(target=source.run, args=(fleet, stop, lambda: None))
     thread.start()
     assert shown.wait(20)

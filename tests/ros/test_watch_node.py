@@ -15,7 +15,7 @@ import pytest
 
 from ldt_core.base.errors import BadInput
 from ldt_core.views.watch.fleet import Fleet
-from ldt_core.views.watch.source import graph
+from ldt_core.views.watch.record_source import graph
 
 rclpy = pytest.importorskip("rclpy")
 

@@ -9,7 +9,7 @@ from ldt_core.lab.study.evidence import Evidence
 from ldt_core.lab.study.figures import drawings
 from ldt_core.lab.study.study import Study
 from ldt_core.views.page import style
-from ldt_core.views.page.page import render
+from ldt_core.views.page.page_builder import render
 
 TITLE = "Study of the learning digital twin"
 FILE, FIGURES = "study.html", "figures"

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from ldt_core.base.errors import LdtError
 from ldt_core.base.result_files import write
 from ldt_core.diagnosis.diagnosis import Diagnosis
-from ldt_core.views.diagnosis_page import sections
-from ldt_core.views.diagnosis_page.fits import fits, fits_on
-from ldt_core.views.diagnosis_page.places import places, places_on
+from ldt_core.views.diagnosis_page import diagnosis_sections as sections
+from ldt_core.views.diagnosis_page.before_after import draw_before_after, shown_free_runs
+from ldt_core.views.diagnosis_page.gap_curves import draw_gap_curves, gap_curves
 from ldt_core.views.diagnosis_page.ranking import shares, shares_height, shares_on
 from ldt_core.views.page import style
-from ldt_core.views.page.page import render
+from ldt_core.views.page.page_builder import render
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,11 +57,7 @@ def picture(diagnosis: Diagnosis, file: Path | str) -> None:
     Raises:
         LdtError: matplotlib is not installed, or there is nothing to draw.
     """
-    figure = diagnosis_figure(diagnosis)
-    import matplotlib
-
-    with matplotlib.rc_context(style.RC):
-        figure.savefig(file, dpi=style.PNG_DPI, facecolor="white")
+    style.save_picture(diagnosis_figure(diagnosis), file)
 
 
 def diagnosis_figure(diagnosis: Diagnosis) -> Figure:
@@ -70,20 +66,18 @@ def diagnosis_figure(diagnosis: Diagnosis) -> Figure:
     Raises:
         LdtError: as `picture`.
     """
-    style.require("a diagnosis' picture")
-    import matplotlib
-
-    upper, lower = fits(diagnosis), places(diagnosis)
+    upper, lower = shown_free_runs(diagnosis), gap_curves(diagnosis)
     if upper is None or lower is None:
         raise LdtError("nothing to draw: the diagnosis keeps no experiment")
     heights = [upper.height(style.WIDE), lower.height(style.WIDE)]
     if shares(diagnosis):
         heights.append(shares_height(diagnosis, style.WIDE))
-    with matplotlib.rc_context(style.RC):
-        figure = style.blank(style.WIDE, sum(heights))
+
+    def draw(figure: Figure) -> None:
         parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights).flat
-        fits_on(parts[0], upper, style.WIDE)
-        places_on(parts[1], lower, style.WIDE)
+        draw_before_after(parts[0], upper, style.WIDE)
+        draw_gap_curves(parts[1], lower, style.WIDE)
         for part in parts[2:]:
             shares_on(part, diagnosis, style.WIDE)
-    return figure
+
+    return style.picture(style.WIDE.width, sum(heights), draw, "a diagnosis' picture")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ldt_core.base.sentences import listed
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate
-from ldt_core.views.diagnosis_page.quantities import known, percent, short
+from ldt_core.views.diagnosis_page.number_format import known, percent, short
 from ldt_core.views.page.style import (
     BLUE,
     GREEN,

@@ -11,19 +11,20 @@ from numpy.typing import NDArray
 
 from ldt_core.advice.bands import voltage_bands
 from ldt_core.advice.run_up import RunUp
-from ldt_core.base.result_files import check_target
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.steady_state import steady_voltage
 from ldt_core.views.page import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
-POINTS = 4000  # of the curve
-RAMP = 0.5  # of the run: how long the voltage of the heedless run rises
-PERIOD = 0.01  # s
+HEIGHT = 6.2  # inches: as a picture of a run
+POINTS = 4000  # of the curve, so that its folds are sharp
+RAMP = 0.5  # share of the heedless run during which its voltage rises
+PERIOD = 0.01  # s, of the runs' samples
 
 
 def plot_advice(
@@ -42,20 +43,15 @@ def plot_advice(
         OptionError: another ending, or no such folder.
         LdtError: matplotlib is not installed.
     """
-    check_target(out, endings=style.PICTURES)
-    style.require("a picture")
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    style.check_picture(out)
 
-    with matplotlib.rc_context(style.RC):
-        figure = Figure(figsize=(style.WIDE.width, 6.2), layout="constrained")
-        FigureCanvasAgg(figure)
+    def draw(figure: Figure) -> None:
         grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.15), height_ratios=(1, 1.6))
         _curve(figure.add_subplot(grid[:, 0]), machine, values, way)
         above = figure.add_subplot(grid[0, 1])
         _runs(above, figure.add_subplot(grid[1, 1], sharex=above), machine, values, way, seconds)
-        figure.savefig(out, dpi=style.PNG_DPI, facecolor="white")
+
+    style.save_picture(style.picture(style.WIDE.width, HEIGHT, draw), out)
 
 
 def heedless(way: RunUp, seconds: float) -> Array:

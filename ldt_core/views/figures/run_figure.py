@@ -5,48 +5,48 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ldt_core.base.errors import OptionError
-from ldt_core.base.experiment import (
-    Action,
-    Adaptation,
-    Experiment,
-    Level,
-    Prediction,
-    Signal,
-    Step,
-)
-from ldt_core.base.result_files import check_target
+from ldt_core.base.experiment import Action, Experiment, Level, Prediction, Signal, Step
 from ldt_core.recording.bag import read_twin_run
 from ldt_core.twin.stage import RecordedStep
 from ldt_core.views.page import style
+from ldt_core.views.step_view import StepView, recorded_steps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Okabe and Ito's colours, which colour-blind people can tell apart.
-MEASURED, TWIN, ORIGINAL, POSITIVE = "#000000", "#0072B2", "#E69F00", "#D55E00"
-SIZE = (9.0, 6.5)  # inches; readable at the width of a README
-DPI = 120
+HEIGHT = 6.2  # inches: two panels in the proportions of a README
+
+
+class ShownStep(NamedTuple):
+    """A step with its samples."""
+
+    experiment: Experiment
+    prediction: Prediction
+    original: Prediction | None
+    signal: Signal
 
 
 @dataclass
-class RunRecords:
-    """What a picture of a run needs, by experiment number."""
+class PlottedRun:
+    """What a picture of a run needs.
 
-    max_error: dict[int, float]
-    original: dict[int, float]
-    signals: dict[int, Signal]
-    adaptations: dict[int, Adaptation]
-    shown: tuple[Experiment, Prediction, Prediction | None]
+    Attributes:
+        steps: by number, without their samples.
+        shown: the one that is drawn over time.
+    """
+
+    steps: list[StepView]
+    shown: ShownStep
 
 
-def load_run(recording: str | Path, namespace: str = "", number: int | None = None) -> RunRecords:
-    """Read a run, one experiment in memory at a time.
+def load_run(recording: str | Path, namespace: str = "", number: int | None = None) -> PlottedRun:
+    """Read a run, a few experiments in memory at a time.
 
     Args:
         recording: of `ldt up`, `run` or `replay`.
@@ -60,136 +60,125 @@ def load_run(recording: str | Path, namespace: str = "", number: int | None = No
     """
     bag = read_twin_run(recording, namespace)
     signals = {s.experiment: s for s in bag.records("signal")}
-    adaptations = {a.experiment: a for a in bag.records("adaptation")}
-    errors = {n: s.max_error for n, s in signals.items()}
-    predictions = {p.number: p for p in bag.records("prediction")}
-    originals = {p.number: p for p in bag.records("original_prediction")}
-    original_errors: dict[int, float] = {}
+    steps: dict[int, StepView] = {}
     best, shown = -np.inf, None
-    for experiment in bag.experiments():
-        prediction = predictions.get(experiment.number)
-        if prediction is None:
+    for step in recorded_steps(bag, signals):
+        experiment, prediction, signal = step.experiment, step.prediction, step.signal
+        if experiment is None or prediction is None or signal is None:
             continue
-        original = originals.get(experiment.number)
         gain = 0.0
-        if original is not None:
-            original_errors[experiment.number] = original.max_error(experiment)
-            gain = original_errors[experiment.number] - prediction.max_error(experiment)
-        if number == experiment.number or (number is None and gain > best):
-            best, shown = gain, (experiment, prediction, original)
+        if step.original_error is not None:
+            gain = step.original_error - prediction.max_error(experiment)
+        if number == step.number or (number is None and gain > best):
+            best, shown = gain, ShownStep(experiment, prediction, step.original, signal)
+        step.settle(None)
+        steps[step.number] = step
     if shown is None:
-        known = f"one of the experiments {min(errors)} to {max(errors)}" if errors else "a run"
+        known = f"one of the experiments {min(signals)} to {max(signals)}" if signals else "a run"
         raise OptionError("experiment", f"{known} of {recording}", number)
-    return RunRecords(errors, original_errors, signals, adaptations, shown)
+    return PlottedRun([steps[n] for n in sorted(steps)], shown)
 
 
-def records_of(steps: Sequence[Step | RecordedStep], number: int | None = None) -> RunRecords:
+def plotted_run(steps: Sequence[Step | RecordedStep], number: int | None = None) -> PlottedRun:
     """Of steps in memory; `number` as of `load_run`.
 
     Raises:
         OptionError: no such experiment among them.
     """
-    shown = [s for s in steps if number is None or s.number == number]
-    if not shown:
+    if not any(number is None or s.number == number for s in steps):
         known = [s.number for s in steps]
         expected = f"one of the experiments {min(known)} to {max(known)}" if known else "steps"
         raise OptionError("experiment", expected, number)
-    best = max(shown, key=_gain)
-    return RunRecords(
-        {s.number: s.signal.max_error for s in steps},
-        {s.number: s.original.max_error(s.experiment) for s in steps if s.original},
-        {s.number: s.signal for s in steps},
-        {s.number: s.adaptation for s in steps},
-        (best.experiment, best.prediction, best.original),
+    views = []
+    best, shown = -np.inf, steps[0]
+    for s in steps:
+        error = s.original.max_error(s.experiment) if s.original else None
+        views.append(
+            StepView(s.number, signal=s.signal, adaptation=s.adaptation, original_error=error)
+        )
+        gain = (error or 0.0) - s.signal.max_error
+        if number == s.number or (number is None and gain > best):
+            best, shown = gain, s
+    return PlottedRun(
+        views, ShownStep(shown.experiment, shown.prediction, shown.original, shown.signal)
     )
 
 
-def _gain(step: Step | RecordedStep) -> float:
-    """By how much the twin's maximum error is less than the original model's [rad/s]."""
-    original = step.original.max_error(step.experiment) if step.original else 0.0
-    return original - step.signal.max_error
-
-
-def plot_run(run: RunRecords, out: str | Path, title: str = "") -> None:
+def plot_run(run: PlottedRun, out: str | Path, title: str = "") -> None:
     """Draw one experiment over time, and the errors over the run.
 
     Raises:
         OptionError: a file ending other than png, svg or pdf, or in no folder.
         LdtError: matplotlib is not installed.
     """
-    check_target(out, endings=style.PICTURES)
-    run_figure(run, title).savefig(out, dpi=DPI)
+    style.check_picture(out)
+    style.save_picture(run_figure(run, title), out)
 
 
-def run_figure(run: RunRecords, title: str = "") -> Figure:
+def run_figure(run: PlottedRun, title: str = "") -> Figure:
     """The same as a figure.
 
     Raises:
         LdtError: matplotlib is not installed.
     """
-    style.require("a picture")
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=SIZE, layout="constrained")
-    FigureCanvasAgg(figure)
-    upper, lower = figure.subplots(2, 1)
-    _experiment(upper, run.shown, run.signals[run.shown[0].number])
-    _errors(lower, run)
-    if title:
-        figure.suptitle(title)
-    return figure
+    def draw(figure: Figure) -> None:
+        upper, lower = figure.subplots(2, 1)
+        _experiment(upper, run.shown)
+        _errors(lower, run.steps)
+        if title:
+            figure.suptitle(title)
+
+    return style.picture(style.WIDE.width, HEIGHT, draw)
 
 
-def _experiment(axes: Axes, shown: tuple[Experiment, Prediction, Any], signal: Signal) -> None:
-    experiment, prediction, original = shown
+def _experiment(axes: Axes, shown: ShownStep) -> None:
+    experiment, prediction, original, signal = shown
     time = experiment.time
-    axes.plot(time, experiment.speed, color=MEASURED, lw=1.0, label="measured")
+    axes.plot(time, experiment.speed, color=style.INK, lw=1.0, label="measured")
     if original is not None:
-        axes.plot(time, original.speed, color=ORIGINAL, lw=1.4, label="original model")
+        axes.plot(time, original.speed, color=style.ORANGE, lw=1.4, label="original model")
     label = f"learning twin, model {prediction.model_version}"
-    axes.plot(time, prediction.speed, color=TWIN, lw=1.4, label=label)
+    axes.plot(time, prediction.speed, color=style.BLUE, lw=1.4, label=label)
     if prediction.speed_std is not None:
         low = prediction.speed - 2 * prediction.speed_std
         high = prediction.speed + 2 * prediction.speed_std
-        axes.fill_between(time, low, high, color=TWIN, alpha=0.2, lw=0, label="± 2 deviations")
+        axes.fill_between(
+            time, low, high, color=style.BLUE, alpha=0.2, lw=0, label="± 2 deviations"
+        )
     axes.set_xlabel("time [s]")
     axes.set_ylabel("speed [rad/s]")
     axes.set_title(
         f"experiment {experiment.number}: max error {signal.max_error:.2f} rad/s, "
-        f"{signal.level.word}",
-        loc="left",
-        fontsize="medium",
+        f"{signal.level.word}"
     )
-    axes.legend(loc="best", fontsize="small", framealpha=0.9)
-    axes.grid(alpha=0.25)
+    axes.legend(loc="best", frameon=True, framealpha=0.9)
 
 
-def _errors(axes: Axes, run: RunRecords) -> None:
-    numbers = sorted(run.max_error)
-    if run.original:
-        known = sorted(run.original)
-        values = [run.original[n] for n in known]
-        axes.plot(known, values, "o", ms=3, color=ORIGINAL, alpha=0.6, label="original model")
-    twin = [run.max_error[n] for n in numbers]
-    axes.plot(numbers, twin, "-o", ms=3, lw=0.7, color=TWIN, label="learning twin")
-    positive = [n for n in numbers if run.signals[n].level is Level.POSITIVE]
-    axes.plot(
-        positive,
-        [run.max_error[n] for n in positive],
-        "o",
-        ms=7,
-        mfc="none",
-        color=POSITIVE,
-        label=f"positive ({len(positive)})",
-    )
-    adapted = [n for n, a in run.adaptations.items() if a.action is Action.ADAPTED]
+def _errors(axes: Axes, steps: list[StepView]) -> None:
+    look: dict[str, Any]
+    judged = [(s.number, s.signal) for s in steps if s.signal is not None]
+    known = [(s.number, s.original_error) for s in steps if s.original_error is not None]
+    if known:
+        look = {"ms": 3, "color": style.ORANGE, "alpha": 0.6, "label": "original model"}
+        axes.plot([n for n, _ in known], [error for _, error in known], "o", **look)
+    look = {"ms": 3, "lw": 0.7, "color": style.BLUE, "label": "learning twin"}
+    axes.plot([n for n, _ in judged], [signal.max_error for _, signal in judged], "-o", **look)
+    positive = [(n, signal.max_error) for n, signal in judged if signal.level is Level.POSITIVE]
+    look = {
+        "ms": 7,
+        "mfc": "none",
+        "color": style.VERMILION,
+        "label": f"positive ({len(positive)})",
+    }
+    axes.plot([n for n, _ in positive], [error for _, error in positive], "o", **look)
+    done = [(s.number, s.adaptation) for s in steps if s.adaptation is not None]
+    adapted = [n for n, adaptation in done if adaptation.action is Action.ADAPTED]
     for index, n in enumerate(adapted):
         label = f"new model ({len(adapted)})" if index == 0 else None
-        axes.axvline(n + 0.5, color="0.6", lw=0.8, zorder=0, label=label)
+        axes.axvline(n + 0.5, color=style.GREY, lw=0.8, zorder=0, label=label)
     axes.set_xlabel("experiment")
     axes.set_ylabel("max error [rad/s]")
     axes.set_ylim(bottom=0)
-    axes.grid(alpha=0.25)
     # Above the axes: small runs have points wherever a legend could lie.
-    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), fontsize="small", ncols=4, frameon=False)
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4)

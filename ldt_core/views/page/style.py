@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ldt_core.base.errors import LdtError
+from ldt_core.base.result_files import check_target
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -258,6 +259,49 @@ def save(drawing: Drawing, folder: Path) -> list[Path]:
         figure.savefig(files[0], dpi=PNG_DPI, facecolor="white")
         figure.savefig(files[1], facecolor="white", metadata={"Date": None})
     return files
+
+
+def check_picture(file: str | Path, option: str = "--out", who: str = "a picture") -> None:
+    """Refuse a picture that cannot be drawn, before any work is done.
+
+    Raises:
+        OptionError: an ending that is no picture's, or a folder that does not exist.
+        LdtError: matplotlib is not installed.
+    """
+    check_target(file, option, PICTURES)
+    require(who)
+
+
+def picture(
+    width: float, height: float, draw: Callable[[Figure], None], who: str = "a picture"
+) -> Figure:
+    """A figure that stands by itself, in the house style.
+
+    Args:
+        width: [inches].
+        height: [inches].
+        draw: fills an empty figure.
+        who: wants to draw.
+
+    Raises:
+        LdtError: matplotlib is not installed.
+    """
+    require(who)
+    import matplotlib
+
+    with matplotlib.rc_context(RC):
+        figure = blank(Layout("picture", width, False), height)
+        draw(figure)
+    return figure
+
+
+def save_picture(figure: Figure, file: str | Path) -> None:
+    """Write it as .png, .svg or .pdf, the same bytes each time."""
+    import matplotlib
+
+    metadata = {"Date": None} if str(file).endswith("svg") else None
+    with matplotlib.rc_context({**RC, "svg.hashsalt": Path(file).name}):
+        figure.savefig(file, dpi=PNG_DPI, facecolor="white", metadata=metadata)
 
 
 def inline_svg(drawing: Drawing, layout: Layout) -> str:

@@ -8,24 +8,23 @@ screen reader are in `templates/group.js`, as uPlot has them for the mouse alone
 
 from __future__ import annotations
 
-from importlib.resources import files
 from pathlib import Path
 
-from ldt_core.views.page.page import Program, render
-from ldt_core.views.report import sections
-from ldt_core.views.report.data import data
-from ldt_core.views.report.recorded_run import Run, read_run
-from ldt_core.views.report.statistic import statistic
+from ldt_core.views.detector_statistic import statistic
+from ldt_core.views.page.page_builder import Program, one_script, render, view_file
+from ldt_core.views.report import report_sections
+from ldt_core.views.report.plotted_data import plotted_data
+from ldt_core.views.report.reported_run import ReportedRun, read_run
 
-STYLES = ("uplot/uPlot.min.css", "templates/run.css")
-LIBRARY = "uplot/uPlot.iife.min.js"
+STYLES = ("report/uplot/uPlot.min.css", "report/templates/run.css")
+LIBRARY = "report/uplot/uPlot.iife.min.js"
 #: Parts of one script, in the order in which they build on each other.
-PARTS = tuple(f"templates/{name}.js" for name in ("rows", "plot", "group", "page"))
+PARTS = tuple(f"report/templates/{name}.js" for name in ("rows", "plot", "group", "page"))
 
-__all__ = ["Run", "page", "read_run", "write_page"]
+__all__ = ["ReportedRun", "page", "read_run", "write_page"]
 
 
-def write_page(recording: str | Path, out: str | Path, namespace: str = "") -> Run:
+def write_page(recording: str | Path, out: str | Path, namespace: str = "") -> ReportedRun:
     """Write the page of a recorded run.
 
     Args:
@@ -42,24 +41,19 @@ def write_page(recording: str | Path, out: str | Path, namespace: str = "") -> R
     return run
 
 
-def page(run: Run) -> str:
+def page(run: ReportedRun) -> str:
     """The page as text."""
-    compared = statistic([turn.signal for turn in run.turns])
-    script = "".join(_own(name) for name in PARTS)
+    compared = statistic(run.signals)
     program = Program(
-        [_own(LIBRARY), f'"use strict";\n(() => {{\n{script}}})();\n'],
-        "".join(_own(name) for name in STYLES),
-        data(run, compared),
+        [view_file(LIBRARY), one_script(PARTS)],
+        "".join(view_file(name) for name in STYLES),
+        plotted_data(run, compared),
     )
     return render(
-        sections.title(run),
-        sections.lead(run),
-        sections.FOOTER,
-        sections.sections(run, compared),
-        sections.answer(run),
+        report_sections.title(run),
+        report_sections.lead(run),
+        report_sections.FOOTER,
+        report_sections.sections(run, compared),
+        report_sections.answer(run),
         program,
     )
-
-
-def _own(name: str) -> str:
-    return (files("ldt_core.views.report") / name).read_text(encoding="utf-8")

@@ -10,8 +10,9 @@ from typing import Any
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Level
 from ldt_core.recording.node_status import HEALTH_TOPIC
-from ldt_core.views.report.statistic import statistic
-from ldt_core.views.watch.machine import WatchedMachine, figure, text
+from ldt_core.views.detector_statistic import statistic
+from ldt_core.views.step_view import rounded
+from ldt_core.views.watch.watched_machine import MOST_SAMPLES, WatchedMachine, text
 
 MACHINES = 100  # that are shown, as many as a graph may have
 COURSE = 30  # last errors in the overview
@@ -124,8 +125,8 @@ class Fleet:
                 "count": self.count,
                 "whole": whole,
                 "card": self._card(machine, now),
-                "numbers": sorted(machine.turns),
-                "turns": [t.row() for t in machine.turns.values() if t.changed > since],
+                "numbers": sorted(machine.steps),
+                "steps": [s.row() for s in machine.steps.values() if s.changed > since],
                 "events": [e for e in machine.events if e[0] > since],
                 "models": {
                     str(version): {"kind": kind, "learned": learned}
@@ -151,13 +152,13 @@ class Fleet:
         """The samples of an experiment, thinned, in JSON types; None when they are not there."""
         with self._lock:
             machine = self.machines.get(key.strip("/"))
-            turn = machine.turns.get(number) if machine else None
-            packed = turn.samples() if turn else None
-            if turn is None or packed is None:
+            step = machine.steps.get(number) if machine else None
+            packed = step.samples(MOST_SAMPLES) if step else None
+            if step is None or packed is None:
                 return None
             return {
                 "number": number,
-                "drawn": turn.drawn,
+                "drawn": step.drawn,
                 "channels": [[c.name, c.low, c.step] for c in packed.channels],
                 "data": packed.data,
                 "of": packed.of,
@@ -194,8 +195,8 @@ class Fleet:
             trouble.append("a node warns")
         if machine.unreadable:
             trouble.append(f"unreadable messages: {machine.unreadable}")
-        latest = [t.signal for t in list(machine.turns.values())[-COURSE:]]
-        course = [(figure(s.max_error), int(s.level)) for s in latest if s is not None]
+        latest = [step.signal for step in list(machine.steps.values())[-COURSE:]]
+        course = [(rounded(s.max_error), int(s.level)) for s in latest if s is not None]
         version = done.model_version if done else signal.model_version if signal else None
         return {
             "key": f"/{machine.namespace}",
@@ -205,7 +206,7 @@ class Fleet:
             "level": int(signal.level) if signal else None,
             "word": signal.level.word if signal else "no signal yet",
             "experiment": signal.experiment if signal else None,
-            "error": figure(signal.max_error) if signal else None,
+            "error": rounded(signal.max_error) if signal else None,
             "version": version,
             "action": str(done.action) if done else "",
             "diagnosis": text(diagnosis.sentence) if diagnosis else "",

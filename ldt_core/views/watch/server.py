@@ -25,7 +25,7 @@ from typing import Any
 
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.views.watch.fleet import Fleet
-from ldt_core.views.watch.source import Source
+from ldt_core.views.watch.record_source import RecordSource
 
 try:
     from aiohttp import web
@@ -191,7 +191,7 @@ class Pages:
 
 def serve(
     fleet: Fleet,
-    source: Source,
+    source: RecordSource,
     assets: dict[str, tuple[str, bytes]],
     host: str,
     port: int,
@@ -216,7 +216,7 @@ def serve(
 
 async def _serve(
     fleet: Fleet,
-    source: Source,
+    source: RecordSource,
     assets: dict[str, tuple[str, bytes]],
     host: str,
     port: int,

@@ -11,7 +11,7 @@ from recorded_machines import MOTOR, NOISE, ROTOR, candidates, record
 from ldt_core.diagnosis.attribution import shapley_shares
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
-from ldt_core.diagnosis.effect_search import EffectSetSearch
+from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.model_selection import earned, kin, plain_enough
 from ldt_core.diagnosis.thresholds import THRESHOLDS

@@ -10,7 +10,7 @@ from recorded_machines import MOTOR, NOISE, ROTOR, candidates, record, uses
 
 from ldt_core.base.errors import BadInput, OptionError
 from ldt_core.diagnosis.diagnose import diagnose
-from ldt_core.diagnosis.effect_search import EffectSetSearch
+from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.holdout import closed, errors, free_run, noise_there, regimes, split
 from ldt_core.diagnosis.library import library, refitted_effects

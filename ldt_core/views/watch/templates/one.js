@@ -36,7 +36,7 @@ function short(i) {
 }
 
 function forget() {
-  seen = { turns: new Map(), events: [], models: {} };
+  seen = { steps: new Map(), events: [], models: {} };
   samples.clear();
   number = null;
   following = at("follow").checked = true;
@@ -50,9 +50,9 @@ function forget() {
 function learnedOf(message) {
   // takes in what has changed
   if (!seen || message.whole) forget();
-  message.turns.forEach((turn) => seen.turns.set(turn.number, turn));
+  message.steps.forEach((step) => seen.steps.set(step.number, step));
   const there = new Set(message.numbers);
-  [...seen.turns.keys()].forEach((n) => there.has(n) || seen.turns.delete(n));
+  [...seen.steps.keys()].forEach((n) => there.has(n) || seen.steps.delete(n));
   Object.assign(seen.models, message.models);
   seen.card = message.card;
   if ("diagnosis" in message) seen.diagnosis = message.diagnosis;
@@ -64,13 +64,13 @@ function learnedOf(message) {
   showEvents(message.events);
   showNodes(message);
   showStatus();
-  courseChanged ||= message.turns.length > 0 || message.whole;
+  courseChanged ||= message.steps.length > 0 || message.whole;
   redraw();
 }
 
 function columns(message) {
-  const turns = message.numbers.map((n) => seen.turns.get(n)).filter(Boolean);
-  const column = (name) => turns.map((turn) => turn[name]);
+  const steps = message.numbers.map((n) => seen.steps.get(n)).filter(Boolean);
+  const column = (name) => steps.map((step) => step[name]);
   Object.assign(RUN, {
     number: column("number"),
     error: column("error"),
@@ -105,7 +105,7 @@ function axis() {
 
 function follow() {
   if (following || number == null) {
-    const measured = RUN.number.filter((n) => seen.turns.get(n).drawn);
+    const measured = RUN.number.filter((n) => seen.steps.get(n).drawn);
     number = measured.length ? measured[measured.length - 1] : null;
   }
   chosen = RUN.number.indexOf(number);
@@ -139,9 +139,9 @@ function redraw() {
 }
 
 function fetchChosen() {
-  const turn = seen.turns.get(number),
+  const step = seen.steps.get(number),
     held = samples.get(number);
-  if (turn && turn.drawn && (!held || held.drawn < turn.drawn)) load(number);
+  if (step && step.drawn && (!held || held.drawn < step.drawn)) load(number);
 }
 
 function showExperiment() {
@@ -172,8 +172,8 @@ async function load(wanted) {
       samples.set(wanted, { drawn, of, kept, rows: unpacked({ data, channels }) });
       if (samples.size > SAMPLES) samples.delete(samples.keys().next().value);
     } else if (seen) {
-      const turn = seen.turns.get(wanted);
-      if (turn) turn.drawn = 0; // it has left the server
+      const step = seen.steps.get(wanted);
+      if (step) step.drawn = 0; // it has left the server
     }
   } catch {
     // the server is gone; the stream says so, and comes back by itself
@@ -187,7 +187,7 @@ function showChoice() {
   const choice = at("choice"),
     numbers = [...RUN.number].reverse();
   const text = (n) => {
-    const { error, level, action } = seen.turns.get(n);
+    const { error, level, action } = seen.steps.get(n);
     const words = error == null ? "not judged yet" : `${four(error)} rad/s, ${WORDS[level]}`;
     return `${n}: ${words}${action === "adapted" ? ", new model" : ""}`;
   };

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
-
-import jinja2
 from markupsafe import Markup
 
 from ldt_core.base.experiment import Level
 from ldt_core.base.sentences import number
+from ldt_core.views.detector_statistic import DetectorStatistic
 from ldt_core.views.page.blocks import Answer, Mark, Own, Section, Table, Text
-from ldt_core.views.report import health, run_settings
-from ldt_core.views.report.learning import adaptations, models
-from ldt_core.views.report.recorded_run import Run
-from ldt_core.views.report.statistic import Statistic
+from ldt_core.views.page.page_builder import fill
+from ldt_core.views.report import health_section, settings_section
+from ldt_core.views.report.learning_section import adaptations, models
+from ldt_core.views.report.reported_run import ReportedRun
 
 FOOTER = (
     "Errors are maxima over an experiment of the distance between measured and predicted speed; "
@@ -23,17 +21,17 @@ TONES = {Level.NEGATIVE: "good", Level.WARNING: "open", Level.POSITIVE: "bad"}
 KINDS = {"none": "good", "effect": "found", "ambiguous": "vague", "unknown": "open"}
 
 
-def title(run: Run) -> str:
+def title(run: ReportedRun) -> str:
     """Of the page."""
     return f"Run {run.name}"
 
 
-def lead(run: Run) -> str:
+def lead(run: ReportedRun) -> str:
     """What has run."""
-    last = run.turns[-1].signal
+    last = run.signals[-1]
     kind = run.models[0].kind if run.models else "unrecorded"
     machine = f"machine {run.bag.machine}" if run.bag.machine else "an unnamed machine"
-    odd = len(health.remarks(run))
+    odd = len(health_section.remarks(run))
     warning = f" Mind the health of the recording: {_count(odd, 'remark')}." if odd else ""
     return (
         f"{_count(run.summary.experiments, 'experiment')} of {machine}, with a {kind} model and "
@@ -41,17 +39,17 @@ def lead(run: Run) -> str:
     )
 
 
-def answer(run: Run) -> Answer:
+def answer(run: ReportedRun) -> Answer:
     """How well the twin followed, and where it stands."""
-    summary, last = run.summary, run.turns[-1].signal
+    summary, last = run.summary, run.signals[-1]
     mean, original = summary.mme or 0.0, summary.mme_original
     sentence = f"The twin's largest error in an experiment was {number(mean)} rad/s in the mean"
     if original:
         share = number(100 * mean / original, 2)
         sentence += f", {share} % of the {number(original)} rad/s of the model that never learns"
-    worst = run.turns[run.worst_first[0]]
+    worst = run.signals[run.worst_first[0]]
     sentence += (
-        f"; the worst was experiment {worst.experiment} with {number(worst.signal.max_error)}. "
+        f"; the worst was experiment {worst.experiment} with {number(worst.max_error)}. "
         f"The detector was positive {_times(summary.positives)}, and "
         f"{_count(summary.adaptations, 'new model')} came into force."
     )
@@ -59,41 +57,41 @@ def answer(run: Run) -> Answer:
     return Answer(Mark(last.level.word, TONES[last.level]), aside, sentence)
 
 
-def sections(run: Run, compared: Statistic) -> list[Section]:
+def sections(run: ReportedRun, compared: DetectorStatistic) -> list[Section]:
     """All of them."""
     return [
         _course(compared),
         _experiment(run),
         Section("learning", "What was learned", [*adaptations(run), *models(run)]),
         _diagnoses(run),
-        Section("setting", "Machine and settings", run_settings.blocks(run, compared)),
-        health.section(run),
+        Section("setting", "Machine and settings", settings_section.blocks(run, compared)),
+        health_section.section(run),
         _every(run),
     ]
 
 
-def _course(compared: Statistic) -> Section:
+def _course(compared: DetectorStatistic) -> Section:
     limits = "its limits" if any(compared.drift) else "no limits recorded"
     return Section(
         "course", "Over the run", [_template("course.html", label=compared.label, limits=limits)]
     )
 
 
-def _experiment(run: Run) -> Section:
+def _experiment(run: ReportedRun) -> Section:
     note = "All samples are in the page."
     if run.thinned:
-        kept = [t.samples.kept for t in run.turns if t.samples]
+        kept = [step.packed.kept for step in run.steps if step.packed]
         note = (
             f"Samples are thinned to at most {max(kept)} in an experiment; the extremes of every "
             "curve over short stretches are among them."
         )
-    bare = sum(turn.samples is None for turn in run.turns)
+    bare = sum(step.packed is None for step in run.steps)
     if bare:
         note += f" The {bare} experiments with the least error are without samples: no room."
     return Section("experiment", "One experiment", [_template("chooser.html", note=note)])
 
 
-def _diagnoses(run: Run) -> Section:
+def _diagnoses(run: ReportedRun) -> Section:
     section = Section("diagnoses", "Diagnoses")
     if run.diagnoses:
         rows = [
@@ -108,26 +106,15 @@ def _diagnoses(run: Run) -> Section:
     return section
 
 
-def _every(run: Run) -> Section:
-    rows = [run.turns[index] for index in run.worst_first]
+def _every(run: ReportedRun) -> Section:
+    rows = [run.steps[index] for index in run.worst_first]
     link = "#experiment-{}"
     table = _template("every.html", rows=rows, link=link, number=number)
     return Section("every", "All experiments, worst first", [table])
 
 
 def _template(name: str, **values: object) -> Own:
-    """Markup of ours, every value in it escaped."""
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_source),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-    )
-    return Own(Markup(environment.get_template(name).render(**values)))
-
-
-def _source(name: str) -> str:
-    return (files("ldt_core.views.report") / "templates" / name).read_text(encoding="utf-8")
+    return Own(Markup(fill(f"report/templates/{name}", **values)))
 
 
 def _count(count: int, what: str) -> str:

@@ -10,39 +10,42 @@ import msgs_config
 from ldt_core.base.sentences import number, spoken
 from ldt_core.base.settings import UNSET, as_options
 from ldt_core.recording.run_settings import Setting
+from ldt_core.views.detector_statistic import DetectorStatistic
 from ldt_core.views.page.blocks import Block, Folded, Pairs, Table, Text
-from ldt_core.views.report.recorded_run import Run
-from ldt_core.views.report.statistic import Statistic
+from ldt_core.views.report.reported_run import ReportedRun
 
 NOTHING = "-"
 #: Settings that name files of the machine on which the run was.
 PATHS = ("machine", "model", "detector", "cause", "effect", "play")
 
 
-def blocks(run: Run, compared: Statistic) -> list[Block]:
+def blocks(run: ReportedRun, compared: DetectorStatistic) -> list[Block]:
     """Machine, experiments, model and detector."""
-    turns = run.turns
-    signal = turns[-1].signal
+    extents, numbers = run.extents, [step.number for step in run.steps]
+    begin, end = _moment(extents[0].start), _moment(extents[-1].end)
     pairs = [
         ("machine", run.bag.machine or "not recorded"),
         ("topics", run.bag.namespace or "of no namespace"),
-        ("recording", f"{run.name}, from {_moment(turns[0].start)} to {_moment(turns[-1].end)}"),
-        ("experiments", f"{len(turns)}, numbers {turns[0].experiment} to {turns[-1].experiment}"),
-        ("samples", f"{_span([t.length for t in turns])} in an experiment"),
-        ("sample period", f"{_span([1e3 * t.period for t in turns])} ms"),
-        ("duration", f"{_span([t.period * t.length for t in turns])} s"),
-        ("voltage", f"{_outer([t.voltage for t in turns])} V"),
-        ("speed", f"{_outer([t.speed for t in turns])} rad/s"),
+        (
+            "recording",
+            f"{run.name}, from {begin} to {end}",
+        ),
+        ("experiments", f"{len(numbers)}, numbers {numbers[0]} to {numbers[-1]}"),
+        ("samples", f"{_span([e.length for e in extents])} in an experiment"),
+        ("sample period", f"{_span([1e3 * e.period for e in extents])} ms"),
+        ("duration", f"{_span([e.period * e.length for e in extents])} s"),
+        ("voltage", f"{_outer([e.voltage for e in extents])} V"),
+        ("speed", f"{_outer([e.speed for e in extents])} rad/s"),
         ("model", ", ".join(dict.fromkeys(m.kind for m in run.models)) or "not recorded"),
-        ("detector", ", ".join(dict.fromkeys(t.signal.detector for t in turns))),
+        ("detector", ", ".join(dict.fromkeys(s.detector for s in run.signals))),
         ("it compares", compared.label),
     ]
     limits = {"warning_limit": "warns above", "drift_limit": "is positive above"}
     for name, words in limits.items():
-        values = [t.signal.statistics[name] for t in turns if name in t.signal.statistics]
+        values = [s.statistics[name] for s in run.signals if name in s.statistics]
         if values:
             pairs.append((words, f"{_span(values)} {compared.unit}".strip()))
-    own = {n: v for n, v in signal.statistics.items() if n not in limits}
+    own = {n: v for n, v in run.signals[-1].statistics.items() if n not in limits}
     if own:
         text = ", ".join(f"{spoken(name)} {number(v)}" for name, v in own.items())
         pairs.append(("last statistics", text))

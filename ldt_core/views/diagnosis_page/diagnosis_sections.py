@@ -8,8 +8,8 @@ from typing import Any
 
 from ldt_core.base.sentences import listed, ranges, spans, spoken
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate
-from ldt_core.views.diagnosis_page import fits, further, places, ranking
-from ldt_core.views.diagnosis_page.quantities import (
+from ldt_core.views.diagnosis_page import before_after, gap_curves, next_experiment_figure, ranking
+from ldt_core.views.diagnosis_page.number_format import (
     NOTHING,
     amount,
     description,
@@ -38,6 +38,7 @@ TONES = {"none": "good", "effect": "found", "ambiguous": "vague", "unknown": "ba
 MARKS = {"found": Mark("acts", "found"), "vague": Mark("may act", "vague")}
 OPEN_ROWS = 10  # candidates in the table that is not folded
 HEAD = ("effect", "verdict", "amounts (95 %)", "score", "error [rad/s]", "closes alone")
+NOT_KEPT = "No experiment is kept to be drawn."
 HELD_OUT = "held out, never fitted"
 
 
@@ -110,20 +111,20 @@ def _added(diagnosis: Diagnosis, effect: Mapping[str, Any]) -> str:
 def before_and_after(diagnosis: Diagnosis) -> Section:
     """Curves over time."""
     section = Section("fits", "Measured and predicted")
-    section.figure(fits.drawing(diagnosis), "No experiment is kept to be drawn.", files=False)
+    section.figure(before_after.before_after(diagnosis), NOT_KEPT, files=False)
     return section
 
 
 def where(diagnosis: Diagnosis) -> Section:
     """The places of the gap."""
     section = Section("where", "Where the gap lies")
-    section.figure(places.drawing(diagnosis), "No experiment is kept to be drawn.", files=False)
-    clear = [p for p in diagnosis.where if p.share_of_data < places.EVERYWHERE]
+    section.figure(gap_curves.torque_drawing(diagnosis), NOT_KEPT, files=False)
+    clear = [p for p in diagnosis.where if p.share_of_data < gap_curves.EVERYWHERE]
     if clear:
         rows = [
             (
                 f"{p.quantity}, when steady" if p.steady else p.quantity,
-                places.span(p),
+                gap_curves.span(p),
                 percent(p.share_of_gap),
                 percent(p.share_of_data),
             )
@@ -278,7 +279,7 @@ def following(diagnosis: Diagnosis) -> Section:
         section.blocks.append(Text("No further experiment is proposed.", "missing"))
         return section
     section.blocks.append(Text(f"{then.why[:1].upper()}{then.why[1:].rstrip('.')}."))
-    section.figure(further.voltage(then), "", files=False)
+    section.figure(next_experiment_figure.voltage(then), "", files=False)
     length = len(then.voltage) * then.sample_period
     section.blocks.append(
         Pairs(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,82 +17,47 @@ from ldt_core.base.experiment import (
     Prediction,
     Signal,
 )
-from ldt_core.views.report.samples import Packed, pack
-from ldt_core.views.report.statistic import statistic
-from ldt_core.views.watch.nodes import Nodes
+from ldt_core.views.detector_statistic import statistic
+from ldt_core.views.step_view import Row, StepView, belongs, rounded
+from ldt_core.views.watch.watched_nodes import Nodes
 
-KEPT = 200  # experiments, as many as a page of a run is made for; older ones leave
-WHOLE = 3  # of them with all samples, since predictions may still come; the others thinned
-MOST = 2000  # samples of a curve that a browser gets, 32 kB an experiment
+# What bounds the memory: messages may come for ever, and a foreign one may be of any size.
+MOST_STEPS = 200  # as many as a page of a run is made for; older ones leave
+WHOLE_STEPS = 3  # of them with all samples, since predictions may still come
+MOST_SAMPLES = 2000  # of a curve that a browser gets: 32 kB an experiment
 LONGEST = 1_000_000  # samples of an experiment that is taken at all
-EVENTS = 200  # that are listed
-MODELS = 100  # versions that are known by what they learned from
-LEARNED = 100  # experiments that are named of what a version learned from
-SHOWN = 1000  # characters of a text; a foreign message may be of any size
-DIGITS = 6  # of figures that are drawn
-GREATEST = 10**15  # of numbers and versions; a browser counts exactly to 9e15
+MOST_EVENTS = 200  # that are listed
+MOST_MODELS = 100  # versions that are known by what they learned from
+MOST_LEARNED = 100  # experiments that are named of what a version learned from
+MOST_CHARACTERS = 1000  # of a text
+GREATEST = 10**15  # number or version: a browser counts exactly to 9e15
 
-Row = dict[str, Any]
 MARKED = (Action.ADAPTED, Action.REFUSED, Action.STORED)
 
 
 @dataclass
-class Turn:
-    """One experiment and what has come of it so far.
+class WatchedStep(StepView):
+    """A step as it comes, message by message.
 
     Attributes:
-        number: of the experiment.
         changed: count of the fleet when it changed last.
         drawn: count of the fleet when its samples changed last, 0 when there are none.
-        packed: its samples for a browser, once no more is expected.
     """
 
-    number: int
     changed: int = 0
     drawn: int = 0
-    experiment: Experiment | None = None
-    prediction: Prediction | None = None
-    original: Prediction | None = None
-    signal: Signal | None = None
-    adaptation: Adaptation | None = None
-    original_error: float | None = None
-    packed: Packed | None = None
-
-    def samples(self) -> Packed | None:
-        """Thinned for a browser; None when nothing was measured."""
-        if self.packed is not None or self.experiment is None:
-            return self.packed
-        prediction, original = (
-            p if p is not None and belongs(p, self.experiment) else None
-            for p in (self.prediction, self.original)
-        )
-        return pack(self.experiment, prediction, original, MOST)
-
-    def settle(self) -> None:
-        """Keep what a browser needs, and let the samples go."""
-        self.packed = self.samples()
-        self.experiment = self.prediction = self.original = None
 
     def row(self) -> Row:
-        """Its figures, in JSON types."""
-        signal, done = self.signal, self.adaptation
-        row: Row = {
-            "number": self.number,
-            "drawn": self.drawn,
-            "original": figure(self.original_error),
-            "action": str(done.action) if done else "",
-            "reason": text(done.reason) if done else "",
-        }
-        if signal is None:
-            return row | dict.fromkeys(("error", "level", "version", "value", "warning", "drift"))
-        compared = statistic([signal])
+        """Its figures and what its detector compared, in JSON types."""
+        row = super().row()
+        row |= {"drawn": self.drawn, "reason": text(row["reason"])}
+        if self.signal is None:
+            return row | dict.fromkeys(("value", "warning", "drift"))
+        compared = statistic([self.signal])
         return row | {
-            "error": figure(signal.max_error),
-            "level": int(signal.level),
-            "version": signal.model_version,
-            "value": figure(compared.values[0]),
-            "warning": figure(compared.warning[0]),
-            "drift": figure(compared.drift[0]),
+            "value": rounded(compared.values[0]),
+            "warning": rounded(compared.warning[0]),
+            "drift": rounded(compared.drift[0]),
         }
 
 
@@ -105,7 +69,7 @@ class WatchedMachine:
         namespace: of its topics, "" for the root.
 
     Attributes:
-        turns: by number, in the order in which they came.
+        steps: by number, in the order in which they came.
         events: (count, time [s since the epoch] or None, experiment or None, kind, words).
         models: version → (count, kind, learned from).
         began: count of the fleet when its run began.
@@ -113,9 +77,9 @@ class WatchedMachine:
     """
 
     namespace: str
-    turns: dict[int, Turn] = field(default_factory=dict)
+    steps: dict[int, WatchedStep] = field(default_factory=dict)
     events: deque[tuple[int, float | None, int | None, str, str]] = field(
-        default_factory=lambda: deque(maxlen=EVENTS)
+        default_factory=lambda: deque(maxlen=MOST_EVENTS)
     )
     models: dict[int, tuple[int, str, list[int]]] = field(default_factory=dict)
     diagnosis: DiagnosisRecord | None = None
@@ -149,18 +113,18 @@ class WatchedMachine:
             case Experiment():
                 self._measured(record, count, now, moment)
             case Prediction():
-                turn = self._turn(record.number, count)
+                step = self._step(record.number, count)
                 if topic == "prediction":
-                    turn.prediction = record
+                    step.prediction = record
                 else:
-                    turn.original = record
-                self._drawn(turn, count)
+                    step.original = record
+                self._drawn(step, count)
             case Signal():
                 self.signal = record
-                self._turn(record.experiment, count).signal = record
+                self._step(record.experiment, count).signal = record
             case Adaptation():
                 self.adaptation = record
-                self._turn(record.experiment, count).adaptation = record
+                self._step(record.experiment, count).adaptation = record
                 if record.action in MARKED:
                     kind, words = str(record.action), record.reason
                     self._event(count, moment, record.experiment, kind, words)
@@ -182,50 +146,50 @@ class WatchedMachine:
         key = (record.number, record.start)
         if key == self._last:
             return
-        old = self.turns.get(record.number)
+        old = self.steps.get(record.number)
         if self._last is not None and record.number <= self._last[0]:
             self._begin_anew(record.number, count, moment)
-        turn = self._turn(record.number, count)
-        turn.experiment, turn.packed = record, None
-        if old is not None and old is not turn and old.prediction is not None:
-            turn.prediction = old.prediction if belongs(old.prediction, record) else None
+        step = self._step(record.number, count)
+        step.experiment, step.packed = record, None
+        if old is not None and old is not step and old.prediction is not None:
+            step.prediction = old.prediction if belongs(old.prediction, record) else None
         self._last, self.fed_at = key, now
-        self._drawn(turn, count)
-        for older in list(self.turns.values())[:-WHOLE]:
-            if older.experiment is not None and older is not turn:
-                older.settle()
+        self._drawn(step, count)
+        for older in list(self.steps.values())[:-WHOLE_STEPS]:
+            if older.experiment is not None and older is not step:
+                older.settle(MOST_SAMPLES)
 
-    def _drawn(self, turn: Turn, count: int) -> None:
-        if turn.experiment is None:
+    def _drawn(self, step: WatchedStep, count: int) -> None:
+        if step.experiment is None:
             return
-        turn.drawn = count
-        if turn.original is not None and belongs(turn.original, turn.experiment):
-            turn.original_error = turn.original.max_error(turn.experiment)
+        step.drawn = count
+        if step.original is not None and belongs(step.original, step.experiment):
+            step.original_error = step.original.max_error(step.experiment)
 
     def _begin_anew(self, number: int, count: int, moment: float | None) -> None:
         """Numbers rise within a run: another one has begun."""
-        self.turns.clear()
+        self.steps.clear()
         self.models.clear()
         self.signal = self.adaptation = self.diagnosis = None
         self.began = self.diagnosis_changed = count
         words = f"a new run: its experiments count from {number}"
         self._event(count, moment, number, "begun", words)
 
-    def _turn(self, number: int, count: int) -> Turn:
+    def _step(self, number: int, count: int) -> WatchedStep:
         _bounded(f"experiment {number}", number)
-        turn = self.turns.get(number)
-        if turn is None:
-            turn = self.turns[number] = Turn(number)
-            forget_oldest(self.turns, KEPT)
-        turn.changed = count
-        return turn
+        step = self.steps.get(number)
+        if step is None:
+            step = self.steps[number] = WatchedStep(number)
+            forget_oldest(self.steps, MOST_STEPS)
+        step.changed = count
+        return step
 
     def _learned(self, record: ModelRecord, count: int, moment: float | None) -> None:
         _bounded("model version", record.version)
         known = record.version in self.models
-        learned = [n for n in record.trained_on if n <= GREATEST][-LEARNED:]
+        learned = [n for n in record.trained_on if n <= GREATEST][-MOST_LEARNED:]
         self.models[record.version] = (count, text(record.kind), learned)
-        if len(self.models) > MODELS:
+        if len(self.models) > MOST_MODELS:
             del self.models[min(self.models)]
         if not known and record.version:
             words = f"version {record.version} of the {record.kind} model"
@@ -237,21 +201,9 @@ class WatchedMachine:
         self.events.append((count, moment, number, kind, text(words)))
 
 
-def belongs(prediction: Prediction, experiment: Experiment) -> bool:
-    """Whether it is a prediction of this experiment: a number may come again in another run."""
-    return prediction.start == experiment.start and len(prediction) == len(experiment)
-
-
 def text(words: str) -> str:
     """Cut to what is shown."""
-    return words if len(words) <= SHOWN else words[: SHOWN - 1] + "…"
-
-
-def figure(value: float | None) -> float | None:
-    """Rounded to what is drawn; None where it is none."""
-    if value is None or not math.isfinite(value):
-        return None
-    return float(f"{value:.{DIGITS}g}")
+    return words if len(words) <= MOST_CHARACTERS else words[: MOST_CHARACTERS - 1] + "…"
 
 
 def _bounded(where: str, number: int) -> None:

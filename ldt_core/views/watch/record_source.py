@@ -14,7 +14,7 @@ GROUP = "ldt.watch"
 GRAPH = "graph"
 
 
-class Source(Protocol):
+class RecordSource(Protocol):
     """Feeds a fleet until it is told to stop."""
 
     #: What is watched, for people.
@@ -34,7 +34,7 @@ class Source(Protocol):
         """
 
 
-def graph(namespace: str = "") -> Source:
+def graph(namespace: str = "") -> RecordSource:
     """The running graph.
 
     Args:
@@ -46,6 +46,6 @@ def graph(namespace: str = "") -> Source:
     """
     for entry in entry_points(GROUP):
         if entry.name == GRAPH:
-            made: Source = entry.load()(namespace)
+            made: RecordSource = entry.load()(namespace)
             return made
     raise LdtError("this installation of LDT is without its ROS part: reinstall it")

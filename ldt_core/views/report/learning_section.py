@@ -2,43 +2,43 @@
 
 from __future__ import annotations
 
-from ldt_core.base.experiment import Action, ModelRecord
+from ldt_core.base.experiment import Action, ModelRecord, Signal
 from ldt_core.base.sentences import number, ranges, spans, spoken
 from ldt_core.views.page.blocks import Block, Folded, Mark, Table, Text
-from ldt_core.views.report.recorded_run import Run, Turn
+from ldt_core.views.report.reported_run import ReportedRun
 
 #: Rows of a table that stands open; a longer one would bury what follows it.
 OPEN = 20
 MARKS = {Action.ADAPTED: Mark("adapted", "good"), Action.REFUSED: Mark("refused", "open")}
 
 
-def adaptations(run: Run) -> list[Block]:
+def adaptations(run: ReportedRun) -> list[Block]:
     """One row for each positive."""
     rows = []
-    for turn in run.turns:
-        done = turn.adaptation
+    for step in run.steps:
+        done = step.adaptation
         if done is not None and done.action in MARKS:
-            rows.append((f"Experiment {turn.experiment}", MARKS[done.action], done.reason))
+            rows.append((f"Experiment {step.number}", MARKS[done.action], done.reason))
     if not rows:
         return [Text("No new model was tried in this run.", "missing")]
     head = ("after", "done", "why")
     return [_folded(Table("The adaptor at each positive", head, rows, cards=True))]
 
 
-def models(run: Run) -> list[Block]:
+def models(run: ReportedRun) -> list[Block]:
     """One row for each model, with what it learned from and how it did."""
     if not run.models:
         return [Text("No model was recorded.", "missing")]
-    by_version: dict[int, list[Turn]] = {}
-    for turn in run.turns:
-        by_version.setdefault(turn.signal.model_version, []).append(turn)
+    by_version: dict[int, list[Signal]] = {}
+    for signal in run.signals:
+        by_version.setdefault(signal.model_version, []).append(signal)
     rows: list[tuple[str, ...]] = []
     for model in {m.version: m for m in run.models}.values():
         used = by_version.get(model.version, [])
-        errors = [turn.signal.max_error for turn in used]
+        errors = [signal.max_error for signal in used]
         learned = "nothing" if not model.trained_on else ranges(spans(model.trained_on))
         mean = number(sum(errors) / len(errors)) if errors else "-"
-        force = ranges(spans(turn.experiment for turn in used))
+        force = ranges(spans(signal.experiment for signal in used))
         rows.append((f"Version {model.version}", model.kind, learned, force, mean, _cause(model)))
     head: tuple[str, ...] = (
         "model",

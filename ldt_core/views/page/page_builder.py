@@ -18,8 +18,6 @@ from markupsafe import Markup
 
 from ldt_core.views.page.blocks import Answer, Section
 
-TEMPLATES = "templates"
-
 
 @dataclass(frozen=True)
 class Program:
@@ -45,26 +43,48 @@ def render(
     program: Program | None = None,
 ) -> str:
     """The page of these sections, with the answer above them where there is one."""
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_template),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-    )
-    # What is not escaped is not the reader's or the machine's: our style sheets and scripts,
-    # drawings, whose texts matplotlib has escaped, and data, escaped here for where they stand.
-    environment.filters["own"] = Markup
-    return environment.get_template("page.html").render(
+    return fill(
+        "page/templates/page.html",
         title=title,
         lead=lead,
         footer=footer,
         sections=sections,
         answer=answer,
-        stylesheet=_template("style.css"),
+        stylesheet=view_file("page/templates/style.css"),
         program=program,
         data=escaped_json(program.data) if program else "",
         hashes=[_hash(script) for script in program.scripts] if program else [],
     )
+
+
+def fill(template: str, **values: object) -> str:
+    """A template of the views, every value in it escaped unless it says `own`.
+
+    Args:
+        template: its place in `ldt_core/views`.
+        values: by name.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(view_file),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+    )
+    # What is not escaped is not the reader's or the machine's: our style sheets and scripts,
+    # drawings, whose texts matplotlib has escaped, and data, escaped by `escaped_json`.
+    environment.filters["own"] = Markup
+    return environment.get_template(template).render(**values)
+
+
+def one_script(names: Sequence[str]) -> str:
+    """Scripts by their places as one that leaves nothing behind in the page."""
+    parts = "".join(view_file(name) for name in names)
+    return f'"use strict";\n(() => {{\n{parts}}})();\n'
+
+
+def view_file(name: str) -> str:
+    """Text of a file by its place in `ldt_core/views`."""
+    return (files("ldt_core.views") / name).read_text(encoding="utf-8")
 
 
 def escaped_json(data: Any) -> str:
@@ -83,7 +103,3 @@ def _hash(script: str) -> str:
     """By which the page's policy knows the script, and runs no other."""
     digest = hashlib.sha256(script.encode()).digest()
     return f"sha256-{base64.b64encode(digest).decode()}"
-
-
-def _template(name: str) -> str:
-    return (files("ldt_core.views.page") / TEMPLATES / name).read_text(encoding="utf-8")

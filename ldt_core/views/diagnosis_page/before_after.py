@@ -9,13 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ldt_core.diagnosis.diagnosis import Diagnosis, ShownExperiment
-from ldt_core.views.diagnosis_page.curves import thinned
-from ldt_core.views.diagnosis_page.quantities import known, value_of
+from ldt_core.views.diagnosis_page.number_format import known, value_of
+from ldt_core.views.figures.free_run_panels import draw_free_runs
 from ldt_core.views.page.style import (
-    BLUE,
-    INK,
-    SHADE,
-    VERMILION,
     Drawing,
     Layout,
     blank,
@@ -23,11 +19,7 @@ from ldt_core.views.page.style import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
-
-BEFORE, AFTER = ("before", VERMILION, (0, (4, 1.4))), ("after", BLUE, "-")
-BUCKETS = 420  # of a curve: about one for each pixel of its panel
 
 
 def changed(shown: Sequence[ShownExperiment]) -> bool:
@@ -36,7 +28,7 @@ def changed(shown: Sequence[ShownExperiment]) -> bool:
 
 
 @dataclass(frozen=True)
-class Fits:
+class ShownFreeRuns:
     """The experiments that are drawn.
 
     Attributes:
@@ -56,7 +48,7 @@ class Fits:
         return 0.5 + 3.6 * (len(self.chosen) if layout.narrow else 1)
 
 
-def fits(diagnosis: Diagnosis) -> Fits | None:
+def shown_free_runs(diagnosis: Diagnosis) -> ShownFreeRuns | None:
     """The experiment with the largest error before and one with the median; None without any."""
     held = [s for s in diagnosis.shown if s.held_out]
     ranked = sorted(held or diagnosis.shown, key=lambda s: -_error(s, s.before))
@@ -65,18 +57,18 @@ def fits(diagnosis: Diagnosis) -> Fits | None:
     chosen = [(ranked[0], "largest error")]
     if len(ranked) > 1:
         chosen.append((ranked[max(1, len(ranked) // 2)], "typical"))
-    return Fits(chosen, diagnosis.gap.noise_std, changed(diagnosis.shown), bool(held))
+    return ShownFreeRuns(chosen, diagnosis.gap.noise_std, changed(diagnosis.shown), bool(held))
 
 
-def drawing(diagnosis: Diagnosis) -> Drawing | None:
+def before_after(diagnosis: Diagnosis) -> Drawing | None:
     """The figure; None where no experiment is shown."""
-    found = fits(diagnosis)
+    found = shown_free_runs(diagnosis)
     if found is None:
         return None
 
     def draw(layout: Layout) -> Figure:
         figure = blank(layout, found.height(layout))
-        fits_on(figure, found, layout)
+        draw_before_after(figure, found, layout)
         return figure
 
     kind = "held out" if found.held_out else "fitted"
@@ -94,7 +86,7 @@ def drawing(diagnosis: Diagnosis) -> Drawing | None:
     )
 
 
-def fits_on(figure: Figure | SubFigure, found: Fits, layout: Layout) -> None:
+def draw_before_after(figure: Figure | SubFigure, found: ShownFreeRuns, layout: Layout) -> None:
     """Draw them, beside each other where there is room."""
     count = len(found.chosen)
     shape = (2 * count, 1) if layout.narrow else (2, count)
@@ -102,27 +94,14 @@ def fits_on(figure: Figure | SubFigure, found: Fits, layout: Layout) -> None:
     grid = figure.subplots(*shape, squeeze=False, height_ratios=ratios)
     pairs = grid.reshape(count, 2) if layout.narrow else grid.T
     for index, ((upper, lower), (shown, words)) in enumerate(zip(pairs, found.chosen, strict=True)):
-        _draw(upper, lower, shown, found)
+        runs = (shown.before, shown.after) if found.after else (shown.before,)
+        draw_free_runs(upper, lower, shown.experiment, runs, found.noise)
         upper.set_title(f"experiment {shown.experiment.number}, {words}")
         lower.set_xlabel("time [s]")
         if index == 0 or layout.narrow:
             upper.set_ylabel("speed [rad/s]")
             lower.set_ylabel("error [rad/s]")
     legend(figure, [pairs[0][0]], layout, 4)
-
-
-def _draw(upper: Axes, lower: Axes, shown: ShownExperiment, found: Fits) -> None:
-    e = shown.experiment
-    upper.plot(*thinned(e.time, e.speed, BUCKETS), color=INK, lw=2.2, alpha=0.5, label="measured")
-    lower.axhspan(-2 * found.noise, 2 * found.noise, color=SHADE, lw=0, zorder=0)
-    runs = [(shown.before, BEFORE)] + ([(shown.after, AFTER)] if found.after else [])
-    for predicted, (label, color, line) in runs:
-        upper.plot(*thinned(e.time, predicted, BUCKETS), lw=1.3, color=color, ls=line, label=label)
-        lower.plot(*thinned(e.time, e.speed - predicted, BUCKETS), lw=0.8, color=color)
-    for axes in (upper, lower):
-        axes.set_xlim(0, e.duration)
-        axes.locator_params(axis="x", nbins=5)
-    upper.tick_params(labelbottom=False)
 
 
 def _error(shown: ShownExperiment, predicted: np.ndarray) -> float:

@@ -22,7 +22,7 @@ SHORTER = 0.8  # of the last part that was tried
 
 
 @dataclass(frozen=True)
-class Channel:
+class PackedChannel:
     """How the codes of a row become numbers: low + code * step."""
 
     name: str
@@ -31,7 +31,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Packed:
+class PackedSamples:
     """Samples of one experiment.
 
     Attributes:
@@ -41,7 +41,7 @@ class Packed:
         of: samples that the experiment has.
     """
 
-    channels: tuple[Channel, ...]
+    channels: tuple[PackedChannel, ...]
     data: str
     kept: int
     of: int
@@ -96,7 +96,7 @@ def _of_parts(rows: NDArray[np.float64], width: int) -> NDArray[np.intp]:
 
 def pack(
     experiment: Experiment, prediction: Prediction | None, original: Prediction | None, most: int
-) -> Packed:
+) -> PackedSamples:
     """Voltage, speed, predictions and deviation of an experiment over time, thinned to `most`.
 
     The rows of what is None are left out.
@@ -114,25 +114,19 @@ def pack(
             judged.append(prediction.speed_std)
     at = extremes(np.stack(judged), most)
     every = -(-len(experiment) // (LEVELS + 1))  # an index has to be a code as well
-    channels = [Channel("time", 0.0, experiment.period * every)]
+    channels = [PackedChannel("time", 0.0, experiment.period * every)]
     codes: list[NDArray[Any]] = [at // every]
     for name, row in rows.items():
         channel, code = _coded(name, row[at])
         channels.append(channel)
         codes.append(code)
     data = base64.b64encode(np.concatenate(codes).astype("<u2").tobytes()).decode()
-    return Packed(tuple(channels), data, at.size, len(experiment))
+    return PackedSamples(tuple(channels), data, at.size, len(experiment))
 
 
-def unpack(packed: Packed) -> dict[str, Samples]:
-    """Rows by name, as the page's script reads them."""
-    codes = np.frombuffer(base64.b64decode(packed.data), "<u2").reshape(len(packed.channels), -1)
-    return {c.name: c.low + row * c.step for c, row in zip(packed.channels, codes, strict=True)}
-
-
-def _coded(name: str, row: Samples) -> tuple[Channel, NDArray[np.float64]]:
+def _coded(name: str, row: Samples) -> tuple[PackedChannel, NDArray[np.float64]]:
     low, high = float(row.min()), float(row.max())
     step = (high / LEVELS) - (low / LEVELS)  # the difference itself may be beyond a float
     if not step > 0:
-        return Channel(name, low, 0.0), np.zeros(row.size)
-    return Channel(name, low, step), np.clip(np.rint(row / step - low / step), 0, LEVELS)
+        return PackedChannel(name, low, 0.0), np.zeros(row.size)
+    return PackedChannel(name, low, step), np.clip(np.rint(row / step - low / step), 0, LEVELS)

@@ -5,17 +5,17 @@ from __future__ import annotations
 from ldt_core.doctor.check import Finding, Grade
 from ldt_core.doctor.recording_checks import findings
 from ldt_core.views.page.blocks import Mark, Section, Table, Text, Value
-from ldt_core.views.report.recorded_run import Run
+from ldt_core.views.report.reported_run import ReportedRun
 
 TONES = {Grade.OK: "good", Grade.WARNING: "open", Grade.PROBLEM: "bad"}
 
 
-def remarks(run: Run) -> list[Finding]:
+def remarks(run: ReportedRun) -> list[Finding]:
     """Findings on the recording that are not well."""
     return [f for f in findings(run.health) if f.grade is not Grade.OK]
 
 
-def section(run: Run) -> Section:
+def section(run: ReportedRun) -> Section:
     """The health of the recording, and of the nodes that made it."""
     found = Section("health", "Health of the recording")
     odd = remarks(run)
@@ -43,7 +43,7 @@ def section(run: Run) -> Section:
     return found
 
 
-def _bare(sentence: str, run: Run) -> str:
+def _bare(sentence: str, run: ReportedRun) -> str:
     """Without where the recording lay, no business of those to whom the page is sent."""
     path = str(run.health.path)
     for behind in (": ", ", ", "/"):

@@ -20,7 +20,7 @@ KNOWN = {
 
 
 @dataclass(frozen=True)
-class Statistic:
+class DetectorStatistic:
     """A detector's statistic in every experiment.
 
     Attributes:
@@ -43,7 +43,7 @@ class Statistic:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
-def statistic(signals: list[Signal]) -> Statistic:
+def statistic(signals: list[Signal]) -> DetectorStatistic:
     """What the detector of these signals compared.
 
     Of a detector that nobody knows it is the first figure that is no limit, or else the maximum
@@ -59,7 +59,7 @@ def statistic(signals: list[Signal]) -> Statistic:
         key, name, unit = KNOWN["threshold"]
     rows = [{"max_error": s.max_error, **s.statistics} for s in signals]
     columns = [[_finite(row.get(column)) for row in rows] for column in (key, *LIMITS)]
-    return Statistic(name, unit, *columns)
+    return DetectorStatistic(name, unit, *columns)
 
 
 def _finite(value: float | None) -> float | None:

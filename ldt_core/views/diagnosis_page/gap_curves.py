@@ -11,9 +11,16 @@ import numpy as np
 
 from ldt_core.base.sentences import listed
 from ldt_core.diagnosis.diagnosis import Diagnosis, GapLocation, ShownExperiment
-from ldt_core.views.diagnosis_page.curves import MOST_ORDER, Array, Binned, binned, orders, spectrum
-from ldt_core.views.diagnosis_page.fits import changed
-from ldt_core.views.diagnosis_page.quantities import percent, unit_of, value_of
+from ldt_core.views.diagnosis_page.before_after import changed
+from ldt_core.views.diagnosis_page.number_format import percent, unit_of, value_of
+from ldt_core.views.diagnosis_page.signal_curves import (
+    MOST_ORDER,
+    Array,
+    Binned,
+    binned,
+    orders,
+    spectrum,
+)
 from ldt_core.views.page.style import (
     BLUE,
     INK,
@@ -48,7 +55,7 @@ LOOKS = (("before", VERMILION, 3), ("after", BLUE, 2))
 
 
 @dataclass(frozen=True)
-class Places:
+class GapCurves:
     """The curves, by quantity, before and, where effects were added, after.
 
     Attributes:
@@ -71,7 +78,7 @@ class Places:
         return 0.4 + ROW * rows
 
 
-def places(diagnosis: Diagnosis) -> Places | None:
+def gap_curves(diagnosis: Diagnosis) -> GapCurves | None:
     """What to draw; None where no experiment is shown."""
     shown = diagnosis.shown
     if not shown:
@@ -93,18 +100,18 @@ def places(diagnosis: Diagnosis) -> Places | None:
     for place in diagnosis.where:
         if place.share_of_data < EVERYWHERE and not place.steady:
             marked.setdefault(place.quantity, []).append(place)
-    return Places(bins, spectra, marked, scale, unit)
+    return GapCurves(bins, spectra, marked, scale, unit)
 
 
-def drawing(diagnosis: Diagnosis) -> Drawing | None:
+def torque_drawing(diagnosis: Diagnosis) -> Drawing | None:
     """The figure; None where no experiment is shown."""
-    found = places(diagnosis)
+    found = gap_curves(diagnosis)
     if found is None:
         return None
 
     def draw(layout: Layout) -> Figure:
         figure = blank(layout, found.height(layout))
-        places_on(figure, found, layout)
+        draw_gap_curves(figure, found, layout)
         return figure
 
     words = [where(p) for some in found.marked.values() for p in some]
@@ -140,7 +147,7 @@ def shares(place: GapLocation) -> str:
     return f"{percent(place.share_of_gap)} of the gap, {percent(place.share_of_data)} of the data"
 
 
-def places_on(figure: Figure | SubFigure, found: Places, layout: Layout) -> None:
+def draw_gap_curves(figure: Figure | SubFigure, found: GapCurves, layout: Layout) -> None:
     """Draw all panels."""
     columns = 1 if layout.narrow else COLUMNS
     grid = list(figure.subplots(6 // columns, columns, squeeze=False).flat)
@@ -159,7 +166,7 @@ def places_on(figure: Figure | SubFigure, found: Places, layout: Layout) -> None
     legend(figure, grid, layout, 4)
 
 
-def _over(axes: Axes, found: Places, name: str) -> None:
+def _over(axes: Axes, found: GapCurves, name: str) -> None:
     for curve, (label, color, layer) in zip(found.bins[name], LOOKS, strict=False):
         x, scale = curve.x, found.scale
         axes.fill_between(
@@ -169,7 +176,7 @@ def _over(axes: Axes, found: Places, name: str) -> None:
     axes.axhline(0, color=INK, lw=0.6, zorder=1)
 
 
-def _spectrum(axes: Axes, found: Places, name: str) -> None:
+def _spectrum(axes: Axes, found: GapCurves, name: str) -> None:
     peak = 0.0
     for (x, y), (label, color, layer) in zip(found.spectra[name], LOOKS, strict=False):
         seen = y > 0

@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ldt_core.diagnosis.diagnosis import NextExperiment
-from ldt_core.views.diagnosis_page.curves import Array, thinned
-from ldt_core.views.diagnosis_page.quantities import value_of
+from ldt_core.views.diagnosis_page.number_format import value_of
+from ldt_core.views.diagnosis_page.signal_curves import Array, thinned
 from ldt_core.views.page.style import BLUE, Drawing, Layout, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-BUCKETS = 400
 
 
 def voltage(following: NextExperiment) -> Drawing:
@@ -26,7 +24,7 @@ def voltage(following: NextExperiment) -> Drawing:
 
     def draw(layout: Layout) -> Figure:
         figure, (axes,) = panels(layout, 1.8)
-        axes.plot(*thinned(time, level, BUCKETS), color=BLUE, lw=1.4)
+        axes.plot(*thinned(time, level), color=BLUE, lw=1.4)
         axes.set_xlim(0, duration)
         axes.set_xlabel("time [s]")
         axes.set_ylabel("voltage [V]")

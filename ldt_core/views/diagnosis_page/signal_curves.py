@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import periodogram
 
+from ldt_core.views.packed_samples import extremes
+
 Array = NDArray[np.float64]
 
+POINTS = 840  # of a curve: about two for each pixel of its panel
 BINS = 48
 FEW = 24  # different values that are bins of their own
 LEAST = 8  # samples in a bin: fewer have no spread
@@ -22,17 +25,11 @@ TURNS = 24.0  # of the shaft in one section: its orders are then 1/24 apart
 FEWEST_TURNS = 4.0  # in a section that has orders to speak of
 
 
-def thinned(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
-    """The same curve in at most twice as many points as buckets: of each its extremes."""
+def thinned(x: Array, y: Array, most: int = POINTS) -> tuple[Array, Array]:
+    """The same curve in at most so many points, its extremes over short stretches among them."""
     finite = np.isfinite(y)
     x, y = x[finite], y[finite]
-    if y.size <= 2 * buckets:
-        return x, y
-    kept = []
-    for part in np.array_split(np.arange(y.size), buckets):
-        low, high = part[np.argmin(y[part])], part[np.argmax(y[part])]
-        kept += sorted({int(low), int(high)})
-    at = np.unique([0, *kept, y.size - 1])
+    at = extremes(y[None], most)
     return x[at], y[at]
 
 

@@ -1,0 +1,105 @@
+"""One step of the loop as the report, the live page and the plot show it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ldt_core.base.experiment import Adaptation, Experiment, Prediction, Signal
+from ldt_core.recording.bag import Bag
+from ldt_core.views.packed_samples import PackedSamples, pack
+
+DIGITS = 6  # of figures that are drawn; a screen shows four
+
+Row = dict[str, Any]
+
+
+@dataclass
+class StepView:
+    """An experiment and what the twin has made of it so far.
+
+    Attributes:
+        number: of the experiment.
+        experiment: measured; None before it has come, and once its samples are packed.
+        prediction: of the model in force.
+        original: prediction of the model that never learns.
+        signal: of the detector.
+        adaptation: of the adaptor.
+        original_error: maximum error of `original` [rad/s].
+        packed: the samples for a browser, once no more is expected.
+    """
+
+    number: int
+    experiment: Experiment | None = None
+    prediction: Prediction | None = None
+    original: Prediction | None = None
+    signal: Signal | None = None
+    adaptation: Adaptation | None = None
+    original_error: float | None = None
+    packed: PackedSamples | None = None
+
+    def samples(self, most: int) -> PackedSamples | None:
+        """Thinned to so many; None when nothing was measured."""
+        if self.packed is not None or self.experiment is None:
+            return self.packed
+        prediction, original = (
+            p if p is not None and belongs(p, self.experiment) else None
+            for p in (self.prediction, self.original)
+        )
+        return pack(self.experiment, prediction, original, most)
+
+    def settle(self, most: int | None) -> None:
+        """Keep the samples thinned to so many, or none at all, and let the whole ones go."""
+        self.packed = None if most is None else self.samples(most)
+        self.experiment = self.prediction = self.original = None
+
+    def row(self) -> Row:
+        """Its figures, in JSON types."""
+        signal, done = self.signal, self.adaptation
+        return {
+            "number": self.number,
+            "error": rounded(signal.max_error) if signal else None,
+            "original": rounded(self.original_error),
+            "level": int(signal.level) if signal else None,
+            "version": signal.model_version if signal else None,
+            "action": str(done.action) if done else "",
+            "reason": done.reason if done else "",
+        }
+
+
+def recorded_steps(bag: Bag, signals: Mapping[int, Signal]) -> Iterator[StepView]:
+    """Steps of a run that were predicted and judged, one at a time with all samples.
+
+    Args:
+        bag: the recording.
+        signals: of its detector, by experiment.
+    """
+    adaptations = {a.experiment: a for a in bag.records("adaptation")}
+    predictions = {p.number: p for p in bag.records("prediction")}
+    originals = {p.number: p for p in bag.records("original_prediction")}
+    for experiment in bag.experiments():
+        number = experiment.number
+        prediction, signal = predictions.get(number), signals.get(number)
+        if prediction is None or signal is None or not belongs(prediction, experiment):
+            continue
+        original, error = originals.get(number), None
+        if original is not None and not belongs(original, experiment):
+            original = None
+        if original is not None:
+            error = original.max_error(experiment)
+        done = adaptations.get(number)
+        yield StepView(number, experiment, prediction, original, signal, done, error)
+
+
+def belongs(prediction: Prediction, experiment: Experiment) -> bool:
+    """Whether it is a prediction of this experiment: a number may come again in another run."""
+    return prediction.start == experiment.start and len(prediction) == len(experiment)
+
+
+def rounded(value: float | None) -> float | None:
+    """Rounded to what is drawn; None where it is none."""
+    if value is None or not math.isfinite(value):
+        return None
+    return float(f"{value:.{DIGITS}g}")
