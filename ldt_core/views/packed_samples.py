@@ -13,6 +13,7 @@ from ldt_core.base.experiment import Experiment, Prediction, Samples
 
 #: Characters of the page that samples may take; the rest of 5 MB is for the library and the tables.
 ROOM = 3_900_000
+POINTS = 840  # of a curve in a figure: about two for each pixel of its panel
 BYTES = 2  # of a number
 CHARACTERS = 4 / 3  # of a byte in base64
 LEVELS = 2**16 - 1
@@ -81,6 +82,14 @@ def extremes(rows: NDArray[np.float64], most: int) -> NDArray[np.intp]:
             break
         kept = more
     return kept
+
+
+def thinned(x: Samples, y: Samples, most: int = POINTS) -> tuple[Samples, Samples]:
+    """The same curve in at most so many points, its extremes over short stretches among them."""
+    finite = np.isfinite(y)
+    x, y = x[finite], y[finite]
+    at = extremes(y[None], most)
+    return x[at], y[at]
 
 
 def _of_parts(rows: NDArray[np.float64], width: int) -> NDArray[np.intp]:

@@ -21,7 +21,8 @@ from ldt_core.views.diagnosis_page import picture, write_page
 from ldt_core.views.diagnosis_page.before_after import shown_free_runs
 from ldt_core.views.diagnosis_page.next_experiment_figure import corners
 from ldt_core.views.diagnosis_page.number_format import amount, percent, value_of
-from ldt_core.views.diagnosis_page.signal_curves import binned, orders, spectrum, thinned
+from ldt_core.views.diagnosis_page.signal_curves import binned, orders, spectrum
+from ldt_core.views.packed_samples import thinned
 
 LARGEST = 2_000_000  # bytes of a page
 HOSTILE = "<b>x</b>\"' $y^2$ {{ 7*7 }}"

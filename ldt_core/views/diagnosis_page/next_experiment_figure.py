@@ -8,7 +8,8 @@ import numpy as np
 
 from ldt_core.diagnosis.diagnosis import NextExperiment
 from ldt_core.views.diagnosis_page.number_format import value_of
-from ldt_core.views.diagnosis_page.signal_curves import Array, thinned
+from ldt_core.views.diagnosis_page.signal_curves import Array
+from ldt_core.views.packed_samples import thinned
 from ldt_core.views.page.style import BLUE, Drawing, Layout, panels
 
 if TYPE_CHECKING:

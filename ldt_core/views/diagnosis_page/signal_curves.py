@@ -1,4 +1,4 @@
-"""Samples made into what a figure draws: thinned curves, bins, spectra."""
+"""Samples made into what a figure draws: bins and spectra."""
 
 from __future__ import annotations
 
@@ -10,11 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import periodogram
 
-from ldt_core.views.packed_samples import extremes
-
 Array = NDArray[np.float64]
 
-POINTS = 840  # of a curve: about two for each pixel of its panel
 BINS = 48
 FEW = 24  # different values that are bins of their own
 LEAST = 8  # samples in a bin: fewer have no spread
@@ -23,14 +20,6 @@ LINES = 160  # of a spectrum over frequency
 MOST_ORDER, ORDER_STEP = 20.0, 0.05  # per turn
 TURNS = 24.0  # of the shaft in one section: its orders are then 1/24 apart
 FEWEST_TURNS = 4.0  # in a section that has orders to speak of
-
-
-def thinned(x: Array, y: Array, most: int = POINTS) -> tuple[Array, Array]:
-    """The same curve in at most so many points, its extremes over short stretches among them."""
-    finite = np.isfinite(y)
-    x, y = x[finite], y[finite]
-    at = extremes(y[None], most)
-    return x[at], y[at]
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,7 +52,7 @@ def draw_calibration(
             voltage.set_xlabel("time [s]")
         for row, label in zip(axes, ("speed [rad/s]", "error [rad/s]", "voltage [V]"), strict=True):
             row[0].set_ylabel(label)
-        style.legend(figure, [axes[0, 0]], style.WIDE)
+        axes[0, 0].legend(loc="best")
         figure.suptitle(f"{calibration.machine.name}: free runs of experiments that were {held}")
 
     width = max(style.WIDE.width, 1.5 + 3.8 * len(shown))

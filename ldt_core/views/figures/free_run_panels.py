@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.views.diagnosis_page.signal_curves import thinned
+from ldt_core.views.packed_samples import thinned
 from ldt_core.views.page.style import BLUE, INK, SHADE, VERMILION
 
 if TYPE_CHECKING:
