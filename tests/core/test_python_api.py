@@ -128,12 +128,12 @@ def test_a_run_s_figures_are_those_of_the_command(run, folder, tmp_path, capsys)
     """`--json` of `ldt replay`, and of `ldt run` on the same simulated machine."""
     replayed = ["replay", str(folder / "worn"), "--machine", "dc_motor", *AS_OPTIONS]
     assert invoke(command, [*replayed, "--out", str(tmp_path / "o"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["dc_motor"]
+    told = json.loads(capsys.readouterr().out)["runs"][0]
     assert {n: told[n] for n in run.summary.as_dict()} == run.summary.as_dict()
     assert (run.mme, run.mme_original) == (told["mme"], told["mme_original"])
-    once = ["run", *FEW, *AS_OPTIONS, "--no-bag", "--json"]
+    once = ["run", *FEW, *AS_OPTIONS, "--degradation", "none", "--no-bag", "--json"]
     assert invoke(command, [*once, "--effect", "coulomb_friction:torque=0.01"]) == 0
-    told = json.loads(capsys.readouterr().out)["dc_motor"]
+    told = json.loads(capsys.readouterr().out)["runs"][0]
     assert told["mme"] == run.mme
 
 
