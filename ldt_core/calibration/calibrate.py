@@ -15,7 +15,7 @@ from ldt_core.base.metrics import FreeRunError
 from ldt_core.calibration import notes
 from ldt_core.calibration.calibration import Calibration, ParameterEstimate, free_run_error, rounded
 from ldt_core.calibration.coordinates import Array, Coordinates
-from ldt_core.calibration.free_runs import FreeRuns
+from ldt_core.calibration.free_runs import CalibrationRuns
 from ldt_core.calibration.identifiability import MOST_ERROR, Identifiability, examine
 from ldt_core.calibration.intervals import Uncertainty, uncertainty
 from ldt_core.calibration.parameter_fit import coordinate, fit, starts
@@ -111,7 +111,7 @@ class _State:
 
     whole: Coordinates
     coordinates: Coordinates
-    runs: FreeRuns
+    runs: CalibrationRuns
     z: Array
     converged: bool
     seen: Identifiability
@@ -202,7 +202,7 @@ class _Work:
 
     def _start_explains(self, state: _State) -> bool:
         """Whether the fit went down and only the noise of the first samples says otherwise."""
-        nominal = FreeRuns(self.physics, self.machine.parameters, self.experiments)
+        nominal = CalibrationRuns(self.physics, self.machine.parameters, self.experiments)
         nominal.noise = list(state.runs.noise)
         nominal.settle(self.machine.parameters)
         before = np.concatenate(nominal.residuals(self.machine.parameters))
@@ -238,24 +238,24 @@ class _Work:
             self.values,
         )
         if values is self.values:
-            runs = FreeRuns(self.physics, self.values, self.experiments, self.tick)
+            runs = CalibrationRuns(self.physics, self.values, self.experiments, self.tick)
             candidates = starts(self.physics, whole, runs)
         else:
             candidates = [whole.at(values)]
         at = whole.values(whole.inside(candidates[0]))
-        runs = FreeRuns(self.physics, at, self.experiments, self.tick)
+        runs = CalibrationRuns(self.physics, at, self.experiments, self.tick)
         runs.settle(at, estimate=False)
         seen, _ = self._examine(runs, whole, candidates[0], prefer)
         if not seen.determined:
             raise LdtError(notes.nothing_determined(self.experiments))
         inner = Coordinates([c for c in whole.free if c.name in seen.determined], self.values)
         picked = [whole.names.index(n) for n in inner.names]
-        best: tuple[Array, bool, FreeRuns] | None = None
+        best: tuple[Array, bool, CalibrationRuns] | None = None
         for number, start in enumerate(candidates, start=1):
             self._doing = "fitting " + ", ".join(inner.names)
             if len(candidates) > 1:
                 self._doing += f" (start {number} of {len(candidates)})"
-            fresh = FreeRuns(self.physics, at, self.experiments, self.tick)
+            fresh = CalibrationRuns(self.physics, at, self.experiments, self.tick)
             done = fit(fresh, inner, start[picked])
             if best is None or math.prod(fresh.noise) < math.prod(best[2].noise):
                 best = *done, fresh
@@ -276,7 +276,7 @@ class _Work:
         return _State(whole, inner, runs, z, converged, seen, spread)
 
     def _examine(
-        self, runs: FreeRuns, whole: Coordinates, z: Array, prefer: tuple[str, ...]
+        self, runs: CalibrationRuns, whole: Coordinates, z: Array, prefer: tuple[str, ...]
     ) -> tuple[Identifiability, list[Array]]:
         sensitivities = runs.sensitivities(whole, whole.inside(z))
         exact = self.physics.is_linear(whole.values(z))

@@ -34,7 +34,7 @@ NOISE_FLOOR = 1e-6  # of a channel's size: a simulation without noise must not d
 DIVERGED = 1e6  # noise deviations: a residual that no fit will accept
 
 
-class FreeRuns:
+class CalibrationRuns:
     """Measured experiments beside the free runs of a machine.
 
     Args:

@@ -20,7 +20,7 @@ import numpy as np
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.calibration.coordinates import Array, Coordinate, Coordinates
-from ldt_core.calibration.free_runs import FreeRuns
+from ldt_core.calibration.free_runs import CalibrationRuns
 from ldt_core.estimation.least_squares import trust_region
 from ldt_core.physics.base import Physics
 from ldt_core.physics.parameter import Parameter
@@ -36,7 +36,7 @@ SCAN = np.geomspace(0.2, 20, 25)  # of the typical size: two decades about it, 1
 STARTS = 3  # minima of the scan from which to fit; a rotor has two, captured or not
 
 
-def fit(runs: FreeRuns, coordinates: Coordinates, z: Array) -> tuple[Array, bool]:
+def fit(runs: CalibrationRuns, coordinates: Coordinates, z: Array) -> tuple[Array, bool]:
     """Fit the free parameters.
 
     Args:
@@ -118,7 +118,7 @@ def coordinate(
     return Coordinate(parameter, nominal, scale)
 
 
-def starts(physics: Physics, coordinates: Coordinates, runs: FreeRuns) -> list[Array]:
+def starts(physics: Physics, coordinates: Coordinates, runs: CalibrationRuns) -> list[Array]:
     """Coordinates from which to fit: the file's values, and the best of the scans."""
     found = [coordinates.nominal]
     for j, c in enumerate(coordinates.free):

@@ -19,13 +19,18 @@ from ldt_core.base.errors import OptionError, did_you_mean
 from ldt_core.base.experiment import Level, Samples
 from ldt_core.detectors.base import Detector
 
-#: Experiments in a stream, and samples in each: enough for several drifts of a slow detector.
-EXPERIMENTS, SAMPLES = 120, 50
+#: Experiments in a stream: enough for several drifts of a slow detector.
+EXPERIMENTS = 120
+#: Samples in each.
+SAMPLES = 50
 #: Experiments between two restarts.
 RESTART_EVERY = 7
-#: A long run without drift, and the most that its state may take as JSON. All its samples would be
-#: about 4 MB.
-LONG_EXPERIMENTS, LONG_SAMPLES, MOST_BYTES = 400, 500, 2_000_000
+#: Experiments of a long run without drift.
+LONG_EXPERIMENTS = 400
+#: Samples in each of them.
+LONG_SAMPLES = 500
+#: Size of the state after it as JSON, at most: all its samples would be about 4 MB.
+MOST_BYTES = 2_000_000
 SEED = 20240604
 
 Check = Callable[[Detector], None]

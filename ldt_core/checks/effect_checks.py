@@ -34,7 +34,9 @@ NEUTRAL_TOLERANCE = 1e-6
 STEP_TOLERANCE = 0.02
 VISIBLE = 1e-3  # rad/s; typical values that do less, on every machine, are no typical values
 ECCENTRICITY = 0.004  # m; enough that an effect on the foundation can be seen
-SECONDS, HOLD, PERIOD = 6.0, 1.0, 0.01
+DURATION = 6.0  # s, of a trial run
+HOLD = 1.0  # s, for which each level of its voltage is held
+PERIOD = 0.01  # s, between its samples
 SEED = 20240604
 BEYOND = 8  # numbers behind the parameters that a term must not read
 # (t [s], theta [rad], omega [rad/s], current [A], voltage [V]) at which a term is called by itself.
@@ -198,7 +200,7 @@ def _speed(
 ) -> np.ndarray:
     """Measured speed [rad/s] under steps of voltage, both signs of it, from rest."""
     low, high = machine.voltage_limits
-    levels = np.random.default_rng(SEED).uniform(low, high, round(SECONDS / HOLD))
+    levels = np.random.default_rng(SEED).uniform(low, high, round(DURATION / HOLD))
     volts = np.repeat(levels, round(HOLD / PERIOD))
     physics, values = machine.model, machine.parameters
     effects: list[tuple[Effect, Mapping[str, float]]] = []

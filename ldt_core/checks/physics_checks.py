@@ -26,7 +26,9 @@ SOLVED = (len(FIRST), STATES)  # states of the equations that the integrator is 
 NEEDED = ("J", "K_t", "R", "L", "b")  # of a motor: effects and start states find them by name
 # rad/s between the exact solution and Runge-Kutta steps of the same machine, which agree to 1e-7.
 TOLERANCE = 1e-6
-SECONDS, HOLD, PERIOD = 4.0, 1.0, 0.01
+DURATION = 4.0  # s, of a trial run
+HOLD = 1.0  # s, for which each level of its voltage is held
+PERIOD = 0.01  # s, between its samples
 SEED = 20240604
 
 
@@ -118,7 +120,7 @@ NEUTRAL = Effect(
 def _speed(machine: Machine, *effects: Effect) -> Array:
     """(L,) speed [rad/s] under steps of voltage, from rest."""
     low, high = machine.voltage_limits
-    levels = np.random.default_rng(SEED).uniform(low, high, round(SECONDS / HOLD))
+    levels = np.random.default_rng(SEED).uniform(low, high, round(DURATION / HOLD))
     volts = np.repeat(levels, round(HOLD / PERIOD))
     physics, values = machine.model, machine.parameters
     initial = physics.initial_state(values, 0.0)

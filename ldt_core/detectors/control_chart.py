@@ -17,10 +17,11 @@ ALLOWANCE = 0.5
 STATES = 150
 #: State in which the sum begins again after a positive: half its limit.
 AGAIN = STATES // 2
-#: Decimals of the limits: inside their error, and the same whatever the processor.
+#: Decimals of the limits: their error is larger, and they are the same whatever the processor.
 DECIMALS = 3
-#: Limits of the cumulative sum that are tried.
-TRIED = (1e-3, 60.0)
+#: [standard deviations] Limits of the cumulative sum between which one is sought: run lengths from
+#: 5 to more than any machine has experiments.
+LIMIT_RANGE = (1e-3, 60.0)
 #: Largest share of values that may be warnings.
 MOST_WARNINGS = 0.2
 
@@ -45,7 +46,7 @@ def limits(run_length: float) -> tuple[float, float]:
     def excess(log_total: float) -> float:
         return math.log(average_run_length(single, math.exp(log_total)) / run_length)
 
-    total = math.exp(brentq(excess, *np.log(TRIED), xtol=1e-6))
+    total = math.exp(brentq(excess, *np.log(LIMIT_RANGE), xtol=1e-6))
     return round(single, DECIMALS), round(total, DECIMALS)
 
 
@@ -69,7 +70,7 @@ def warning_limits(run_length: float, share: float) -> tuple[float, float]:
         least = np.minimum(single, total + ALLOWANCE - centres)
         return float(long_run @ ndtr(-least)) - share
 
-    total = float(brentq(excess, -10.0, TRIED[1], xtol=1e-6))
+    total = float(brentq(excess, -10.0, LIMIT_RANGE[1], xtol=1e-6))
     return round(single, DECIMALS), round(total, DECIMALS)
 
 

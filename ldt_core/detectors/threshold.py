@@ -8,8 +8,8 @@ from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Level, Samples
 from ldt_core.detectors.base import Detector, declared
 
-#: Value of `warning_threshold` that means "half the threshold", as in the paper's studies.
-HALF = -1.0
+#: Value of `warning_threshold` that means half the threshold, as in the paper's studies.
+HALVED = -1.0
 
 
 class Threshold(Detector):
@@ -43,10 +43,10 @@ class Threshold(Detector):
     resumable = True
     order_free = True
 
-    def __init__(self, threshold: float = 3.0, warning_threshold: float = HALF) -> None:
+    def __init__(self, threshold: float = 3.0, warning_threshold: float = HALVED) -> None:
         self.threshold = declared("threshold", threshold)
         self.warning_threshold = declared("warning_threshold", warning_threshold)
-        if self.warning_threshold != HALF and not 0 <= self.warning_threshold <= self.threshold:
+        if self.warning_threshold != HALVED and not 0 <= self.warning_threshold <= self.threshold:
             raise OptionError(
                 "warning_threshold",
                 f"0 to the threshold ({self.threshold:g} rad/s), or -1 for half of it",
@@ -57,7 +57,7 @@ class Threshold(Detector):
     @property
     def warning_limit(self) -> float:
         """θ_w [rad/s]."""
-        return self.threshold / 2 if self.warning_threshold == HALF else self.warning_threshold
+        return self.threshold / 2 if self.warning_threshold == HALVED else self.warning_threshold
 
     def reset(self) -> None:
         """Forget the last experiment; there is nothing else to forget."""

@@ -9,7 +9,7 @@ from ldt_core.physics.effect import Effect
 from ldt_core.physics.motor import fastest_root
 from ldt_core.physics.parameter import Parameter
 
-STEPS_PER_RADIAN = 2  # of the ripple: 13 steps a period
+STEPS_PER_RADIAN = 2  # of a ripple's phase: 13 integration steps a period
 
 
 def _cogging(t, theta, omega, current, voltage, p):

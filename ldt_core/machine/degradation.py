@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.errors import MachineFileError, OptionError, did_you_mean
-from ldt_core.machine.machine_file import Machine, real_number
+from ldt_core.machine.machine_file import Machine, check_keys, mapping_of, real_number
 
 KINDS = ("none", "staircase", "ramp", "abrupt", "repaired", "recurring")
 KEYS = ("kind", "effect", "parameter", "from", "to", "steps")
 STEPS = 10  # of a staircase, unless the file says how many
-REPAIR = 0.75  # part of the run after which a `repaired` machine is as new
+REPAIR = 0.75  # of the run, after which a `repaired` machine is as new: both states are seen
 
 
 @dataclass(frozen=True)
@@ -111,11 +111,7 @@ def schedule(
     """
     where = f"{machine.source}, simulation.degradation"
     given = machine.simulation.get("degradation", {"kind": "none"})
-    if not isinstance(given, Mapping):
-        raise MachineFileError(where, "names with values (a YAML mapping)", repr(given))
-    for key in given:
-        if key not in KEYS:
-            raise MachineFileError(where, did_you_mean(str(key), KEYS), f"unknown key {key!r}")
+    check_keys(where, mapping_of(where, given), (), KEYS)
     for word in (given.get("kind", "staircase"), kind or "none"):
         if word not in KINDS:
             raise MachineFileError(f"{where}.kind", did_you_mean(str(word), KINDS), repr(word))

@@ -12,7 +12,6 @@ Levels in V. Without any, `steps` between one and three quarters of the machine'
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.errors import MachineFileError, did_you_mean
-from ldt_core.machine.machine_file import Machine, real_number
+from ldt_core.machine.machine_file import Machine, check_keys, mapping_of, real_number
 
 KINDS = ("steps", "ramp", "chirp", "constant")
 KEYS = {"steps": ("hold",), "ramp": (), "chirp": ("from", "to"), "constant": ()}
@@ -91,19 +90,14 @@ def excitation(machine: Machine, kind: str = "") -> Excitation:
         MachineFileError: an unknown key or kind, or a level outside the machine's limits.
     """
     where = f"{machine.source}, simulation.voltage"
-    given = machine.simulation.get("voltage", {})
-    if not isinstance(given, Mapping):
-        raise MachineFileError(where, "names with values (a YAML mapping)", repr(given))
+    given = mapping_of(where, machine.simulation.get("voltage", {}))
     own = given.get("kind", "steps")
     if own not in KINDS:
         raise MachineFileError(f"{where}.kind", did_you_mean(str(own), KINDS), repr(own))
     kind = kind or own
     if kind not in KINDS:
         raise MachineFileError("voltage", did_you_mean(kind, KINDS), repr(kind))
-    allowed = ("kind", "low", "high", *KEYS[own])
-    for key in given:
-        if key not in allowed:
-            raise MachineFileError(where, did_you_mean(str(key), allowed), f"unknown key {key!r}")
+    check_keys(where, given, (), ("kind", "low", "high", *KEYS[own]))
     least, most = machine.voltage_limits
     base = max(least, 0.0) if most > 0 else least
     low = real_number(f"{where}.low", given.get("low", base + (most - base) / 4))

@@ -201,8 +201,8 @@ def parse_machine(text: str, source: str) -> Machine:
 
 def machine_from_dict(data: Any, source: str) -> Machine:
     """A machine from the keys of a machine file."""
-    top = _mapping(source, data)
-    _keys(source, top, REQUIRED, OPTIONAL)
+    top = mapping_of(source, data)
+    check_keys(source, top, REQUIRED, OPTIONAL)
     name = top["name"]
     if not isinstance(name, str) or not name:
         raise MachineFileError(f"{source}, name", "a name", repr(name))
@@ -210,10 +210,10 @@ def machine_from_dict(data: Any, source: str) -> Machine:
         physics = PHYSICS.get(top["physics"] if isinstance(top["physics"], str) else "?")
     except OptionError as error:
         raise MachineFileError(f"{source}, physics", error.expected, repr(top["physics"])) from None
-    limits = _mapping(f"{source}, limits", top["limits"])
-    _keys(f"{source}, limits", limits, ("voltage",), ())
-    experiment = _mapping(f"{source}, experiment", top["experiment"])
-    _keys(f"{source}, experiment", experiment, ("duration", "sample_period"), ())
+    limits = mapping_of(f"{source}, limits", top["limits"])
+    check_keys(f"{source}, limits", limits, ("voltage",), ())
+    experiment = mapping_of(f"{source}, experiment", top["experiment"])
+    check_keys(f"{source}, experiment", experiment, ("duration", "sample_period"), ())
     duration = _positive(f"{source}, experiment.duration", experiment["duration"])
     period = _positive(f"{source}, experiment.sample_period", experiment["sample_period"])
     if round(duration / period) < 2:
@@ -224,26 +224,36 @@ def machine_from_dict(data: Any, source: str) -> Machine:
         name=name,
         physics=top["physics"],
         parameters=_parameters(
-            source, physics, _mapping(f"{source}, parameters", top["parameters"])
+            source, physics, mapping_of(f"{source}, parameters", top["parameters"])
         ),
         voltage_limits=_limits(f"{source}, limits.voltage", limits["voltage"]),
         duration=duration,
         sample_period=period,
-        simulation=_mapping(f"{source}, simulation", top.get("simulation") or {}),
-        calibration=_mapping(f"{source}, calibration", top.get("calibration") or {}),
+        simulation=mapping_of(f"{source}, simulation", top.get("simulation") or {}),
+        calibration=mapping_of(f"{source}, calibration", top.get("calibration") or {}),
         source=source,
     )
 
 
-def _mapping(where: str, value: Any) -> dict[str, Any]:
+def mapping_of(where: str, value: Any) -> dict[str, Any]:
+    """A section of a machine file.
+
+    Raises:
+        MachineFileError: anything but names with values.
+    """
     if not isinstance(value, Mapping) or not all(isinstance(k, str) for k in value):
         raise MachineFileError(where, "names with values (a YAML mapping)", described(value))
     return dict(value)
 
 
-def _keys(
+def check_keys(
     where: str, data: Mapping[str, Any], required: tuple[str, ...], optional: tuple[str, ...]
 ) -> None:
+    """Refuse a section that lacks a key, or has one that nobody knows.
+
+    Raises:
+        MachineFileError: as said.
+    """
     for key in required:
         if key not in data:
             raise MachineFileError(where, f"the key {key!r}", f"only {sorted(data)}")
@@ -292,7 +302,7 @@ def _parameters(source: str, physics: Physics, values: Mapping[str, Any]) -> dic
     where = f"{source}, parameters"
     known = {p.name: p for p in physics.parameters}
     needed = tuple(n for n, p in known.items() if p.default is None)
-    _keys(where, values, needed, tuple(n for n in known if n not in needed))
+    check_keys(where, values, needed, tuple(n for n in known if n not in needed))
     result = {}
     for name, parameter in known.items():
         value = real_number(f"{where}.{name}", values.get(name, parameter.default))

@@ -3,7 +3,7 @@
 The machine file's optional section `simulation` says how it is driven and worn; without it, or for
 keys that it lacks, the values in brackets hold:
 
-    voltage:        see `voltage.py`                                    [steps in the middle range]
+    voltage:        see `excitation.py`                                 [steps in the middle range]
     start:          rest, random or continue                                                 [rest]
     noise:          standard deviation of the white noise on the measured speed [rad/s]         [0]
     current_noise:  the same on the measured current [A]                                        [0]
@@ -31,7 +31,7 @@ from ldt_core.base.settings import FROM_FILE
 from ldt_core.effects import get_effect, parse_effect
 from ldt_core.machine.degradation import schedule
 from ldt_core.machine.excitation import Excitation, Given, excitation
-from ldt_core.machine.machine_file import Machine, real_number
+from ldt_core.machine.machine_file import Machine, check_keys, real_number
 from ldt_core.physics.effect import Effect
 
 KEYS = ("voltage", "start", "noise", "current_noise", "degradation")
@@ -52,7 +52,7 @@ class Plant:
         degradation: kind, see `degradation.py`; "" takes the machine file's.
         degradation_to: last value of what wears; None takes the machine file's.
         noise: standard deviation on the speed [rad/s]; None takes the machine file's.
-        voltage: kind, see `voltage.py`; "" takes the machine file's.
+        voltage: kind, see `excitation.py`; "" takes the machine file's.
         start: rest, random (at rest at a random angle) or continue; "" takes the machine file's.
         start_time: of the first sample [s since the epoch]; experiments follow without a gap.
         measure_current: record the current as well.
@@ -78,9 +78,7 @@ class Plant:
         measure_current: bool = False,
     ) -> None:
         where = f"{machine.source}, simulation"
-        for key in machine.simulation:
-            if key not in KEYS:
-                raise MachineFileError(where, did_you_mean(key, KEYS), f"unknown key {key!r}")
+        check_keys(where, machine.simulation, (), KEYS)
         self.machine = machine
         self.physics = machine.model
         self.seed = seed

@@ -18,18 +18,19 @@ import numpy as np
 from ldt_core.base.experiment import Experiment, Samples
 from ldt_core.machine.machine_file import Machine
 
-#: Experiments of a sound sensor that are taken for a faulty one's, at most: one in so many.
-CHANCE = 1e-6
-#: A machine is still believed whose inertia, resistance or torque constant is half or twice the
-#: file's.
-FREEDOM = 2.0
-#: Median steps from sample to sample above which a further one is no noise. Of normal noise it is
-#: 6.7 standard deviations of the steps: one in 5e10.
-NOISE = 10.0
-#: Of the voltages: what is beyond has not had the time to move the machine.
+#: Probability of taking an experiment of a sound sensor for a faulty one's, at most.
+FALSE_ALARM = 1e-6
+#: Factor by which inertia, resistance or torque constant may differ from the file's: a machine that
+#: has worn that far is still believed.
+PARAMETER_FACTOR = 2.0
+#: [median steps from sample to sample] A step above is no noise: of normal noise it is 6.7 standard
+#: deviations, one in 5e10.
+MOST_STEP = 10.0
+#: Quantiles of the voltage: what is beyond has not had the time to move the machine.
 TAILS = 0.1, 0.9
-RECENT = 8  # experiments that tell enough of the sensor's noise
-#: Part of the range of the speed, or of the voltage's size, that is rounding.
+#: Experiments that tell enough of the sensor's noise.
+RECENT = 8
+#: Share of the range of the speed, or of the voltage's size, that is rounding.
 ROUNDING = 1e-9
 
 
@@ -77,7 +78,7 @@ def _stuck(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> str
     if not whole:
         own, before = [e.speed[:begin], e.speed[stop:]], [r.speed for r in recent]
         usual = _usually(_longest, own, before)
-        if _expected(stop - begin, len(e), usual, [*own, *before]) > CHANCE or _settles(
+        if _expected(stop - begin, len(e), usual, [*own, *before]) > FALSE_ALARM or _settles(
             e.speed, value
         ):
             return ""
@@ -101,7 +102,7 @@ def _clipped(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> s
         if value == 0.0 or in_a_row or not _moves(machine, e.voltage[at], [e, *recent]):
             continue
         own, before = [e.speed[~at]], [r.speed for r in recent]
-        if _expected(count, len(e), _usually(_most, own, before), [*own, *before]) > CHANCE:
+        if _expected(count, len(e), _usually(_most, own, before), [*own, *before]) > FALSE_ALARM:
             continue
         if not _settles(e.speed, float(value)):
             return (
@@ -119,14 +120,14 @@ def _jump(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> str:
     top = _volts(machine) / p["K_t"]
     # At top speed, with the voltage reversed, twice the torque that it has at rest.
     quickest = 2 * _volts(machine) * p["K_t"] / (p["R"] * p["J"])
-    motion = FREEDOM * min(quickest * e.period, 2 * top)
+    motion = PARAMETER_FACTOR * min(quickest * e.period, 2 * top)
     steps = np.abs(np.diff(e.speed))
     if steps.max() <= motion:
         return ""
     usual = _usual(e)
     if recent:
         usual = min(usual, max(_usual(r) for r in recent))
-    limit = motion + NOISE * usual
+    limit = motion + MOST_STEP * usual
     beyond = steps > limit
     if not beyond.any():
         return ""
@@ -140,16 +141,16 @@ def _jump(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> str:
 
 def _too_fast(machine: Machine, e: Experiment) -> str:
     """Faster than the voltage could drive a motor without any load; or noise and nothing else."""
-    top = FREEDOM * _volts(machine) / machine.parameters["K_t"]
+    top = PARAMETER_FACTOR * _volts(machine) / machine.parameters["K_t"]
     usual, speed = _usual(e), float(np.abs(e.speed).max())
-    if usual > top / FREEDOM:
+    if usual > top / PARAMETER_FACTOR:
         return (
             f"the speed changes by {usual:.4g} rad/s from sample to sample in the median, as much "
             "as from rest to the highest one: a faulty sensor"
         )
-    if speed <= top + NOISE * usual:
+    if speed <= top + MOST_STEP * usual:
         return ""
-    most = top + NOISE * usual
+    most = top + MOST_STEP * usual
     return f"a speed of {speed:.4g} rad/s, {most:.4g} at most is possible: a faulty sensor"
 
 
@@ -169,7 +170,7 @@ def _moves(machine: Machine, voltage: Samples, shown: Sequence[Experiment]) -> b
     steps = distinct[distinct > ROUNDING * distinct.sum()]
     step = float(steps.min()) if steps.size else 0.0
     motion = float(high - low) / machine.parameters["K_t"]
-    return motion > FREEDOM * step + ROUNDING * float(np.abs(voltage).max())
+    return motion > PARAMETER_FACTOR * step + ROUNDING * float(np.abs(voltage).max())
 
 
 def _settles(speed: Samples, value: float) -> bool:

@@ -15,7 +15,7 @@ from ldt_core.base.sentences import spoken
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.effects.change_description import change_of
 from ldt_core.estimation.effect.cause import Cause, UncertainStart
-from ldt_core.estimation.effect.effect_search import EffectSearch
+from ldt_core.estimation.effect.global_search import EffectSearch
 from ldt_core.estimation.effect.learn_effect import EffectLearner, LearnedEffect
 from ldt_core.estimation.effect.sigma_points import SigmaPoint
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe

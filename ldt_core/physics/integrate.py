@@ -28,10 +28,11 @@ Array = NDArray[np.float64]
 
 MAX_STEP_RATE = 1.0  # step times fastest rate: RK4 is stable to 2.8, and accurate well below
 MAX_STEPS = 2_000_000_000  # of one simulation: some minutes of computing; more is a mistake
-STATES, RIGID = 7, 3  # of the machine; of one that shakes no foundation
+STATES = 7  # of a machine: motor and foundation
+RIGID = 3  # states of one that shakes no foundation
 LONGEST_PAUSE = 16  # intervals with short steps, at most, before long ones are tried again
 QUIET = 1e-3  # of the stall torque and the voltage: a term that changes less needs no short steps
-SMALL_TURN = 0.1  # rad; below, the series of `_turned` is exact to rounding
+SMALL_TURN = 0.1  # rad; below, the series of `turned` is exact to rounding
 
 
 @njit(cache=True, nogil=True)

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 GRID = 20_000  # speeds at which the sign of dV/domega is looked at, before each fold is polished
-FINE = 1000  # the same between two of these where two folds lie
-STEP = 1e-6  # relative step of the derivative
+FINE_GRID = 1000  # the same between two of these where two folds lie
+DERIVATIVE_STEP = 1e-6  # of the speed, for dV/domega: a central difference is good to 1e-10
 
 Values = Mapping[str, float]
 
@@ -63,14 +63,14 @@ def folds(values: Values, highest: float) -> list[Fold]:
     """The folds below the speed `highest` [rad/s], in order of speed."""
 
     def slope(w: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        h = STEP * w
+        h = DERIVATIVE_STEP * w
         return (steady_voltage(values, w + h) - steady_voltage(values, w - h)) / (2 * h)
 
     def bracket(low: float, high: float, rises: bool) -> tuple[float, float] | None:
         if (slope(low) > 0) == rises != (slope(high) > 0):
             return low, high
         # The next fold is so near that it lies between them as well.
-        fine = np.linspace(low, high, FINE)
+        fine = np.linspace(low, high, FINE_GRID)
         up = slope(fine) > 0
         at = np.flatnonzero((up[:-1] == rises) & (up[1:] != rises))
         return (fine[at[0]], fine[at[0] + 1]) if at.size else None

@@ -10,7 +10,7 @@ import numpy as np
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.estimation.effect.cause import Array, UncertainStart
-from ldt_core.estimation.effect.effect_search import EffectSearch
+from ldt_core.estimation.effect.global_search import EffectSearch
 from ldt_core.estimation.effect.joint_fit import FittedExperiment, JointFit, Minimum
 from ldt_core.estimation.effect.sigma_points import SigmaPoint, sigma_points
 from ldt_core.estimation.effect.start_angle import AngleBelief, FoundAngle, believe, together

@@ -103,13 +103,6 @@ class OutputError:
         other._cut(blocks)
         return other
 
-    def part(self, kept: NDArray[np.bool_]) -> Self:
-        """The same search on some of the segments (segments,)."""
-        other = copy(self)
-        other.kept = kept
-        other.count = int(np.diff(self.cuts)[kept].sum())
-        return other
-
     @property
     def longest(self) -> int:
         """Samples of the longest experiment."""
@@ -121,15 +114,16 @@ class OutputError:
         """(θ, mean square residual) of the local minimum reached from that θ."""
         low, high = schwarz.bounds(theta.size, self.sigma)
         begin = np.clip(theta, low, high)
-        found, loss = descend(begin, low, high, steps, tolerance, *self._data)
+        found, loss = descend(begin, low, high, steps, tolerance, *self.data)
         return found, loss / self.count
 
     def loss(self, theta: Array) -> float:
         """Mean square residual at θ, all linear parameters at their best."""
-        return max(float(linear_part(theta, *self._data)[2]), 0.0) / self.count  # rounding
+        return max(float(linear_part(theta, *self.data)[2]), 0.0) / self.count  # rounding
 
     @property
-    def _data(self) -> tuple[Any, ...]:
+    def data(self) -> tuple[Any, ...]:
+        """What the passes of `levenberg_marquardt` take, behind θ and the bounds."""
         flags = (self.feedthrough, self.offset)
         segments = (self.begins, self.cuts, self.kept, self.owners)
         return (self.sigma, self.u, self.y, *segments, *flags)
@@ -142,21 +136,13 @@ class OutputError:
             the same over c, D and offset at this θ; (experiments, n, p) what start states take of
             those.
         """
-        linear, v, _ = linear_part(theta, *self._data)
-        sigma, *data = self._data
+        linear, v, _ = linear_part(theta, *self.data)
+        sigma, *data = self.data
         grams = tangent(theta, sigma, linear, v, *data)
         how = (self.kept, self.owners, len(self.lengths), theta.size)
         products, p = eliminate(grams, *how)[0], linear.size
         rest, states = solved(grams, *how)
         return rest[p:-1, p:-1], products[:p, :p], states[:, :, :p]
-
-    def descent(self, theta: Array) -> Array:
-        """(n,) minus half the derivative of `loss`."""
-        linear, v, _ = linear_part(theta, *self._data)
-        sigma, *data = self._data
-        grams = tangent(theta, sigma, linear, v, *data)
-        rest, _ = solved(grams, self.kept, self.owners, len(self.lengths), theta.size)
-        return rest[-1 - theta.size : -1, -1] / self.count
 
     def refitted(self, theta: Array, parts: Sequence[NDArray[np.bool_]]) -> list[Array]:
         """(segments,) squared residuals, summed up, of models fitted to some segments only.
@@ -165,10 +151,10 @@ class OutputError:
             theta: the minimum of all segments, from which each fit is one step.
             parts: (segments,) which of them are fitted, for each fit.
         """
-        sigma, u, y, begins, cuts, _, owners, *flags = self._data
+        sigma, u, y, begins, cuts, _, owners, *flags = self.data
         fixed = (u, y, begins, cuts, self.kept, owners, *flags)
         n, low, high = theta.size, *schwarz.bounds(theta.size, self.sigma)
-        linear, v, _ = linear_part(theta, *self._data)
+        linear, v, _ = linear_part(theta, *self.data)
         whole = tangent(theta, sigma, linear, v, *fixed)
         results = []
         for kept in parts:
@@ -189,7 +175,7 @@ class OutputError:
 
     def solve_quickly(self, theta: Array) -> Linear:
         """The same in one pass, to about 1e-8."""
-        weights, v, _ = linear_part(theta, *self._data)
+        weights, v, _ = linear_part(theta, *self.data)
         D = float(weights[theta.size]) if self.feedthrough else 0.0
         return Linear(weights[: theta.size], D, v, float(weights[-1]) if self.offset else 0.0)
 

@@ -22,14 +22,16 @@ INPUTS = ("current", "speed", "voltage")
 #: (ad, bd, gd, voltage, start) -> speed (L,), slopes (L, 2), deviation of f (L,): `speed_run`.
 FreeRun = Callable[[Array, Array, Array, Array, Array], tuple[Array, Array, Array]]
 
-# Nodes of the table in a length scale. The Hermite error is h⁴/384 max|f⁗| <= 8e-8 of the size that
-# a function with this length scale has (f⁗ is 3 of it over ℓ⁴ for a single bump), smaller than any
-# sensor resolves; the line's error of the deviation is h²/8 over the length scale squared, 8e-4.
+#: Nodes of the table in a length scale. The Hermite error is h⁴/384 max|f⁗| <= 8e-8 of the size
+#: that a function with this length scale has (f⁗ is 3 of it over ℓ⁴ for a single bump), smaller
+#: than any sensor resolves. The line's error of the deviation is h²/8 over the length scale
+#: squared, 8e-4.
 NODES_PER_LENGTH = 16
-# Margin of the table on both sides, in length scales. A bump has fallen to 4e-6 there, so that the
-# step to the prior beyond it is of that size.
+#: [length scales] Margin of the table on both sides: a bump has fallen to 4e-6 there, so that the
+#: step to the prior beyond it is of that size.
 MARGIN = 5.0
-MOST_NODES = 1_000_000  # a table beyond that is no table of a machine, and would not fit the cache
+#: Nodes at most: more are no table of a machine, and would not fit the cache.
+MOST_NODES = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)

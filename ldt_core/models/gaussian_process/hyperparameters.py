@@ -23,17 +23,22 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.threads import one_thread
 from ldt_core.models.gaussian_process.kernel import Array, Kernel
 
-MOST_CELLS = 256  # 256³ operations a step: about 0.1 s for the whole search
-POINTS_PER_CELL = 4  # on average at least: the scatter within cells has to be an estimate
-RESTARTS = 2  # with the default bounds and no restart the search was seen to get stuck
-# Longest length scale, in spans of the input: a straight line. The shortest is two cells, since
-# finer detail is averaged away.
+#: Cells at most: 256³ operations a step take about 0.1 s for the whole search.
+MOST_CELLS = 256
+#: Points in a cell, on average at least: the scatter within cells has to be an estimate.
+POINTS_PER_CELL = 4
+#: Random starts besides the first: without any the search was seen to get stuck.
+RESTARTS = 2
+#: [spans of the input] Longest length scale: a straight line. The shortest is two cells, since
+#: finer detail is averaged away.
 LONGEST = 3.0
-# Bounds of the prior deviation, of the root mean square of the targets. The function may hide in
-# the noise, or lie mostly outside of the data.
+#: Bounds of the prior deviation relative to the root mean square of the targets: the function may
+#: hide in the noise, or lie mostly outside of the data.
 SIGNAL_RANGE = (1e-2, 1e1)
-LEAST_NOISE = 1e-8  # of the targets' variance: also the jitter of exact data
-FAR = 1e25  # minus log likelihood where there is none: the search turns back
+#: Noise variance relative to that of the targets, at least: also the jitter of exact data.
+LEAST_NOISE_SHARE = 1e-8
+#: Minus log likelihood where there is none: the search turns back.
+NO_LIKELIHOOD = 1e25
 
 
 def cells(x: Array, y: Array, most: int = MOST_CELLS) -> tuple[Array, Array, Array, Array]:
@@ -101,7 +106,7 @@ def fit_hyperparameters(x: Array, y: Array, shortest: Array | float = 0.0) -> Ke
     # In units of the spans and of the targets' size: the search is then the same in any unit.
     scaled = inputs / span
     squares = np.array([np.subtract.outer(column, column) ** 2 for column in scaled.T])
-    noise = np.maximum(variance / size**2, LEAST_NOISE)
+    noise = np.maximum(variance / size**2, LEAST_NOISE_SHARE)
     bounds = np.log([[s**2 for s in SIGNAL_RANGE], *np.column_stack([low, high])])
     start = np.log([0.5, *np.clip(np.sqrt(low * 0.5), low, high)])
     random = np.random.RandomState(0)
@@ -139,7 +144,7 @@ def minus_log_likelihood(
     noisy[np.diag_indices(len(targets))] += noise
     factor, failed = dpotrf(noisy, lower=1, clean=0, overwrite_a=1)
     if failed:  # not positive by rounding
-        return FAR, np.zeros(len(theta))
+        return NO_LIKELIHOOD, np.zeros(len(theta))
     solved, _ = dpotrs(factor, targets, lower=1)
     value = 0.5 * float(targets @ solved) + float(np.log(factor.diagonal()).sum())
     inverse, _ = dpotri(factor, lower=1, overwrite_c=1)

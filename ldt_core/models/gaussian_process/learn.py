@@ -34,28 +34,33 @@ from ldt_core.models.gaussian_process.sparse import (
 )
 from ldt_core.models.gaussian_process.speed_run import spread
 
-FEWEST_BLOCKS = 40  # less determines neither the kernel nor the noise
-# Length of a block in time constants of the motor. The noise of a mean of n differences falls as
-# 1/n, since neighbours cancel, while the speed moves little within half a time constant.
-BLOCK = 0.5
-# An input must vary by this many standard deviations of its block means' noise to be learned over:
-# the span of a thousand means of nothing but noise is 6.5.
-EXCITED = 10.0
-# Relative to the span of the speed: below this a sensor has no noise, but rounding. It keeps the
-# solve defined on exact data.
+#: Blocks of the training data, at least: fewer determine neither the kernel nor the noise.
+FEWEST_BLOCKS = 40
+#: [time constants of the motor] Length of a block. The noise of a mean of n differences falls as
+#: 1/n, since neighbours cancel, while the speed moves little within half a time constant.
+BLOCK_LENGTH = 0.5
+#: [noise deviations of its block means] Range of an input, at least, to be learned over: the span
+#: of a thousand means of nothing but noise is 6.5.
+LEAST_RANGE = 10.0
+#: Noise of a sensor relative to the span of its speed, at least: below is rounding. It keeps the
+#: solve defined on exact data.
 LEAST_NOISE = 1e-6
-SHORTEST = 3.0  # length scale in noise deviations: detail finer than this is blurred by the sensor
-CANDIDATES = 4000  # for inducing points; beyond, blocks are thinned evenly, as they lie close
-# The noise is read off this quantile of absolute differences: high enough that a coarse encoder,
-# most of whose differences are 0, shows its steps; low enough that the few where the voltage
-# switches or a resonance is passed do not count. The second number is the quantile of a standard
-# normal one.
-QUANTILE, NORMAL = 0.9, 1.6448536269514722
-# The disturbance is measured where the function has not learned from: in so many parts, each of so
-# many stretches of every experiment.
+#: [noise deviations] Shortest length scale over speed: finer detail is blurred by the sensor.
+SHORTEST = 3.0
+#: Candidates for inducing points, at most: blocks are thinned evenly to them, as they lie close.
+MOST_CANDIDATES = 4000
+#: Quantile of absolute differences off which the noise is read. High enough that a coarse encoder,
+#: most of whose differences are 0, shows its steps; low enough that the few where the voltage
+#: switches or a resonance is passed do not count.
+NOISE_QUANTILE = 0.9
+#: The same quantile of the size of a standard normal number.
+NORMAL_QUANTILE = 1.6448536269514722
+#: Parts of the data; the disturbance is measured in each where the function did not learn from it.
 PARTS = 4
+#: Stretches of every experiment that each part has, so that all parts see all of its course.
 STRETCHES = 3
-BISECTIONS = 60  # halvings of an interval of logarithms: down to rounding
+#: Halvings of an interval of logarithms: down to rounding.
+BISECTIONS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +124,7 @@ def _learn(runs: Sequence[MotorRun], inputs: tuple[str, ...], most: int) -> Lear
 
     shortest = np.array([SHORTEST * noise_std if name == "speed" else 0.0 for name in inputs])
     kernel = fit_hyperparameters(x, y, shortest)
-    inducing = choose_inducing(x[:: -(-len(x) // CANDIDATES)], kernel, most)
+    inducing = choose_inducing(x[:: -(-len(x) // MOST_CANDIDATES)], kernel, most)
     rough = _from_cells(kernel, inducing, x, y)
     forces = [rough.mean(a) for a in raw]
     noise = estimate_noise(runs, forces)
@@ -159,9 +164,9 @@ def _block_lengths(runs: Sequence[MotorRun]) -> list[int]:
     result = []
     for run in runs:
         slowest = float(np.abs(np.linalg.eigvals(run.ad)).max())
-        constant = -1.0 / np.log(slowest) if 0 < slowest < 1 else most / BLOCK
+        constant = -1.0 / np.log(slowest) if 0 < slowest < 1 else most / BLOCK_LENGTH
         longest = max(min(most, len(run.speed) - 1), 1)
-        result.append(int(np.clip(round(BLOCK * constant), 1, longest)))
+        result.append(int(np.clip(round(BLOCK_LENGTH * constant), 1, longest)))
     return result
 
 
@@ -183,13 +188,13 @@ def _sensor_noise(runs: Sequence[MotorRun], lacking: Sequence[Array]) -> float:
         scaled.append(np.diff(targets, 2) * run.gd[1] / gain)
     if not any(row.size for row in scaled):
         raise LdtError("hybrid model: expected experiments of 4 samples or more to learn from")
-    return float(np.quantile(np.abs(np.concatenate(scaled)), QUANTILE)) / NORMAL
+    return float(np.quantile(np.abs(np.concatenate(scaled)), NOISE_QUANTILE)) / NORMAL_QUANTILE
 
 
 def _refuse_unexcited(x: Array, inputs: Sequence[str], noise: float) -> None:
     for column, name in zip(x.T, inputs, strict=True):
         span = float(np.ptp(column))
-        least = EXCITED * noise if name == "speed" else 0.0
+        least = LEAST_RANGE * noise if name == "speed" else 0.0
         if not span > max(least, 1e-9 * float(np.abs(column).max())):
             raise LdtError(
                 f"hybrid model: the {name} stays within {span:.3g} {_UNITS[name]} in the training "

@@ -18,11 +18,11 @@ from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from ldt_core.models.gaussian_process.kernel import Array, Kernel
 
-# Inducing points are added until the rest of the prior variance, as a share of it, is below this.
-# It bounds the condition of k(z, z) by its inverse times the number of points.
+#: Share of the prior variance that is left, at most, when no more inducing points are added. It
+#: bounds the condition of k(z, z) by its inverse times the number of points.
 RESIDUAL_SHARE = 1e-6
-# Inducing points that carry the deviation. They are the first ones chosen, hence spread widest; the
-# covariance between them grows with the square of their number, in time and in the record.
+#: Inducing points that carry the deviation: the first ones chosen, hence spread widest. The
+#: covariance between them grows with the square of their number, in time and in the record.
 DEVIATION_POINTS = 128
 
 

@@ -20,8 +20,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-# Squared deviations, per unit of their source, are held below this: they could overflow.
-LARGEST = 1e12
+#: Squared deviation per unit of its source, at most: it could overflow.
+LARGEST_VARIANCE = 1e12
 
 
 @njit(cache=True)
@@ -170,14 +170,14 @@ def spread(ad, gd, slopes, deviation, persistence):
         p11 = j10 * q10 + j11 * q11 + gw * q12
         p02, p12 = persistence * q02, persistence * q12
         f, s = fi * fi + fw * fw, si * si + sw * sw
-        if f > LARGEST:
-            shrink = np.sqrt(LARGEST / f)
+        if f > LARGEST_VARIANCE:
+            shrink = np.sqrt(LARGEST_VARIANCE / f)
             fi, fw = fi * shrink, fw * shrink
-        if s > LARGEST:
-            shrink = np.sqrt(LARGEST / s)
+        if s > LARGEST_VARIANCE:
+            shrink = np.sqrt(LARGEST_VARIANCE / s)
             si, sw = si * shrink, sw * shrink
-        if p00 + p11 > LARGEST:
-            shrink = LARGEST / (p00 + p11)
+        if p00 + p11 > LARGEST_VARIANCE:
+            shrink = LARGEST_VARIANCE / (p00 + p11)
             root = np.sqrt(shrink)
             p00, p01, p11 = p00 * shrink, p01 * shrink, p11 * shrink
             p02, p12 = p02 * root, p12 * root
