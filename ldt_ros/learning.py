@@ -11,7 +11,7 @@ import click
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.cli.options import json_option, namespace_option
 from ldt_core.cli.terminal import echo
-from ldt_core.restart.learning_switch import Pause
+from ldt_core.restart.learning_switch import LearningSwitch
 from ldt_core.security.permissions import OPERATOR, check_namespace, enclave_name
 from ldt_ros.graph.environment import prepare, require_ros, spun_nodes
 from ldt_ros.graph.secure import OVERRIDE
@@ -50,14 +50,14 @@ def _of_recording(bag: str, wanted: str | None) -> str:
     from ldt_core.recording.lock import is_written
 
     path = read_bag(bag, listed=True).path
-    pause = Pause(path)
+    switch = LearningSwitch(path)
     if wanted:
         if is_written(path):
             expected = "a recording that nobody writes (without --bag the graph is asked)"
             raise BadInput(bag, expected, "one that is being written")
-        if not pause.keep(wanted == "off"):
+        if not switch.turn(off=wanted == "off"):
             raise LdtError(f"{bag}: cannot be written")
-    return "off" if pause else "on"
+    return "off" if switch.is_off else "on"
 
 
 def _of_graph(namespace: str, wanted: str | None) -> str:

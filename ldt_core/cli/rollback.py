@@ -45,7 +45,7 @@ def command(
 
 def _lines(found: History) -> Iterator[str]:
     yield "version  adopted  predicted  mean max error  held back: before -> after  faulty sensor"
-    for r in found.reigns:
+    for r in found.terms:
         error = "-" if r.mean_max_error is None else f"{r.mean_max_error:.4g} rad/s"
         compared = "-"
         if r.before is not None and r.after is not None:
@@ -57,4 +57,4 @@ def _lines(found: History) -> Iterator[str]:
         )
         if r.adopted:
             yield f"         {one_line(r.reason)}"
-    yield f"version {found.reigns[-1].version} is in force"
+    yield f"version {found.terms[-1].version} is in force"

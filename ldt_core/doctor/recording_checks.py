@@ -13,7 +13,7 @@ from ldt_core.recording.bag import namespaces, read_bag
 from ldt_core.recording.health import ANSWERS, Health, inspect
 from ldt_core.recording.repair import Mended, repair
 from ldt_core.recording.storage import Storage
-from ldt_core.restart.learning_switch import Pause
+from ldt_core.restart.learning_switch import LearningSwitch
 
 MAX_LISTED = 5  # stretches of numbers that a line shows
 #: Remedies.
@@ -174,7 +174,7 @@ def _rejected(health: Health) -> list[Finding]:
 
 
 def _learning(health: Health) -> list[Finding]:
-    if not Pause(health.path):
+    if not LearningSwitch(health.path).is_off:
         return []
     remedy = "ldt learning on, with --bag where the run has ended"
     return [warning("learning", "switched off, also when the run is taken up", remedy)]

@@ -11,8 +11,8 @@ from pathlib import Path
 NAME = "learning.off"
 
 
-class Pause:
-    """True while nothing is to be learned.
+class LearningSwitch:
+    """What the operator wants.
 
     Args:
         folder: of the recording; "" where there is none, so that nothing is kept.
@@ -21,15 +21,17 @@ class Pause:
     def __init__(self, folder: str | Path) -> None:
         self._file = Path(folder) / NAME if str(folder) else None
 
-    def __bool__(self) -> bool:
+    @property
+    def is_off(self) -> bool:
+        """Whether nothing is to be learned."""
         return self._file is not None and self._file.exists()
 
-    def keep(self, paused: bool) -> bool:
+    def turn(self, off: bool) -> bool:
         """Note what the operator wants; whether it could be noted."""
         if self._file is None:
             return False
         try:
-            if paused:
+            if off:
                 self._file.touch()
             else:
                 self._file.unlink(missing_ok=True)

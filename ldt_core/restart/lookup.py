@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -36,7 +37,6 @@ class Lookup:
         self._bag, self._machine, self._settings = bag, machine, settings
         #: The last recorded steps, the checkpoint's own the last one.
         self.steps = list(steps)
-        self._places: StepSearch | None = None
         self._experiments = {_key(s.experiment): s.experiment for s in self.steps}
 
     def experiment(self, number: Any, start: Any) -> Experiment:
@@ -80,17 +80,14 @@ class Lookup:
         )
         return found
 
-    @property
-    def places(self) -> StepSearch:
-        """Where steps are."""
-        if self._places is None:
-            self._places = StepSearch(self._bag)
-        return self._places
+    @functools.cached_property
+    def _search(self) -> StepSearch:
+        return StepSearch(self._bag)
 
     def _near(self, topic: str, number: int, wanted: Callable[[Any], bool], reach: int) -> Any:
         """A record about an experiment, of which several may have the number."""
         for margin in MARGINS:
-            address = self.places.of_number(number - margin)
+            address = self._search.of_number(number - margin)
             for name, data in self._from(address, topic):
                 if isinstance(data, Adaptation):
                     if data.experiment > number + reach:
@@ -101,10 +98,10 @@ class Lookup:
 
     def _of_version(self, version: int) -> ModelRecord:
         for margin in MARGINS:
-            address = self.places.of_version(version)
+            address = self._search.of_version(version)
             if margin:
-                first = self.places.next(address)
-                address = self.places.of_number(first.number - margin) if first else 0
+                first = self._search.next(address)
+                address = self._search.of_number(first.number - margin) if first else 0
             for _, data in self._from(address, "model"):
                 if isinstance(data, ModelRecord):
                     if data.version == version:
@@ -115,7 +112,7 @@ class Lookup:
 
     def _from(self, address: int, topic: str) -> Iterable[tuple[str, Any]]:
         """Records of a topic, and the adaptations beside them, from an address on."""
-        raws = self._bag.messages(topic, ANCHOR, begin=self.places.begin(address))
+        raws = self._bag.messages(topic, ANCHOR, begin=self._search.begin(address))
         for raw, record in self._bag.usable(raws):
             yield raw.topic.rpartition("/")[2], record
 

@@ -29,7 +29,7 @@ NANOSECOND = 1e-9
 
 
 @dataclass
-class Reign:
+class ModelTerm:
     """A model version, and the time in which it was in force.
 
     Args:
@@ -63,7 +63,7 @@ class History:
         path: folder of the recording.
         namespace: of the machine's topics, "" for the root.
         machine: whose recording it is.
-        reigns: the first one first; the last one is in force.
+        terms: the first one first; the last one is in force.
         models: version → as recorded.
         last: the last complete step.
     """
@@ -71,13 +71,13 @@ class History:
     path: Path
     namespace: str
     machine: Machine
-    reigns: list[Reign]
+    terms: list[ModelTerm]
     models: dict[int, ModelRecord]
     last: RecordedStep
 
     def as_dict(self) -> dict[str, object]:
         """For programs."""
-        return {"in_force": self.reigns[-1].version, "versions": [asdict(r) for r in self.reigns]}
+        return {"in_force": self.terms[-1].version, "versions": [asdict(r) for r in self.terms]}
 
 
 def history(path: str | Path, namespace: str = "", machine: str = "") -> History:
@@ -99,26 +99,26 @@ def history(path: str | Path, namespace: str = "", machine: str = "") -> History
     models: dict[int, ModelRecord] = {}
     for record in bag.rare("model"):
         models.setdefault(record.version, record)
-    reigns: list[Reign] = []
+    terms: list[ModelTerm] = []
     sums: list[float] = []
     last = None
     for step in complete_steps(bag, known):
-        if not reigns:
+        if not terms:
             first = step.prediction.model_version
             trained = len(models[first].trained_on) if first in models else 0
-            reigns.append(Reign(first, 0, trained, None, None, "to begin with"))
+            terms.append(ModelTerm(first, 0, trained, None, None, "to begin with"))
             sums.append(0.0)
-        reign, last = reigns[-1], step
-        reign.experiments += 1
-        reign.faulty += bool(step.adaptation.details.get(FAULTY))
+        term, last = terms[-1], step
+        term.experiments += 1
+        term.faulty += bool(step.adaptation.details.get(FAULTY))
         sums[-1] += step.signal.max_error
-        reign.mean_max_error = sums[-1] / reign.experiments
+        term.mean_max_error = sums[-1] / term.experiments
         if step.model is not None:
-            reigns.append(_reign(step.adaptation, step.model))
+            terms.append(_term(step.adaptation, step.model))
             sums.append(0.0)
     if last is None:
         raise RecordingError(bag.path, "a run with an experiment that was learned from", "none")
-    return History(bag.path, bag.namespace, known, reigns, models, last)
+    return History(bag.path, bag.namespace, known, terms, models, last)
 
 
 def roll_back(found: History, version: int) -> Adaptation:
@@ -136,7 +136,7 @@ def roll_back(found: History, version: int) -> Adaptation:
         RecordingError: somebody is writing, or the recording ends in the middle of a step.
         LdtError: it cannot be mended or written.
     """
-    there = [r.version for r in found.reigns]
+    there = [r.version for r in found.terms]
     if version == there[-1] or version not in there or version not in found.models:
         choices = ", ".join(str(v) for v in sorted({*there[:-1]} & {*found.models})) or "none"
         got = f"{version}, which is in force" if version == there[-1] else str(version)
@@ -173,6 +173,8 @@ def _recorded_machine(bag: Bag) -> str:
     return str(name)
 
 
-def _reign(told: Adaptation, model: ModelRecord) -> Reign:
+def _term(told: Adaptation, model: ModelRecord) -> ModelTerm:
     before, after = told.details.get("present_rmse"), told.details.get("candidate_rmse")
-    return Reign(model.version, told.experiment, len(model.trained_on), before, after, told.reason)
+    return ModelTerm(
+        model.version, told.experiment, len(model.trained_on), before, after, told.reason
+    )

@@ -12,7 +12,7 @@ from ldt_core.base.metrics import Summary
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
-from ldt_core.restart.learning_switch import Pause
+from ldt_core.restart.learning_switch import LearningSwitch
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.run_key import check_key, key_text
 from ldt_core.restart.stage_restart import TwinRestart
@@ -50,7 +50,7 @@ def run(
     summary = Summary()
     goes_on = bool(settings.get("resume"))
     if goes_on:
-        twin.adaptor.paused = bool(Pause(bag))
+        twin.adaptor.paused = LearningSwitch(bag).is_off
         check_key(read_bag(bag, namespace or "/", listed=True), machine)
     with BagWriter(
         bag,

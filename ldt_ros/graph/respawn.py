@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.runs.fleet_members import SOURCES
+from ldt_ros.graph.monitor import Monitor
 from ldt_ros.graph.placement import HostProcess, write_parameters
 from ldt_ros.graph.silence import Silence
 from ldt_ros.graph.supervisor import Child, Supervisor
-from ldt_ros.nodes.monitor import Monitor
 
 
 @dataclass

@@ -10,7 +10,7 @@ from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallba
 from ldt_core.base.experiment import Experiment, Level, Signal
 from ldt_core.base.printable import one_line
 from ldt_core.models import build_model
-from ldt_core.restart.learning_switch import Pause
+from ldt_core.restart.learning_switch import LearningSwitch
 from ldt_core.twin.loop import build_adaptor
 from ldt_ros.nodes.convert import to_message
 from ldt_ros.nodes.experiment_pairs import ExperimentPairs
@@ -46,11 +46,11 @@ class AdaptorNode(LdtNode, LifecycleNodeMixin):
         super().__init__("adaptor", *groups, **node_arguments)
         model = build_model(self.settings["model"], self.machine, self.settings)
         self.adaptor = build_adaptor(model, self.settings)
-        self._pause = Pause(self.settings["resume"] or self.settings["bag"])
+        self._switch = LearningSwitch(self.settings["resume"] or self.settings["bag"])
         LifecycleNodeMixin.__init__(self)
         self._survive_refusals()
         self.trigger_configure()
-        self.adaptor.paused = bool(self._pause)
+        self.adaptor.paused = self._switch.is_off
         if not self.adaptor.paused:
             self.trigger_activate()
         self._model = self.topics.publishes("model")
@@ -60,7 +60,7 @@ class AdaptorNode(LdtNode, LifecycleNodeMixin):
         self.worker = StageWorker(self, self.adaptor, "signal")
         self.pairs = ExperimentPairs(self, "signal", self._pair)
         self.parts = [self.worker, self.pairs]
-        self.worker.go_to_the_end(self.pairs.pairing.met)
+        self.worker.go_to_the_end(self.pairs.met)
         self.pairs.listen()
         self._model.publish(to_message(self.adaptor.model.record()))
 
@@ -102,7 +102,7 @@ class AdaptorNode(LdtNode, LifecycleNodeMixin):
 
     def _learn(self, wanted: bool) -> TransitionCallbackReturn:
         if self.adaptor.paused == wanted:
-            kept = self._pause.keep(not wanted)
+            kept = self._switch.turn(off=not wanted)
             what = f"learning is switched {'on' if wanted else 'off'}"
             self.get_logger().info(what if kept else f"{what}, until this node is started again")
         self.adaptor.paused = not wanted

@@ -45,7 +45,7 @@ class AdvisorNode(LdtNode):
         self.worker = StageWorker(self, self, "adaptation", awaited=True, answers="advice")
         self.pairs = ExperimentPairs(self, "adaptation", self._pair)
         self.parts = [self.worker, self.pairs]
-        self.worker.go_to_the_end(self.pairs.pairing.met, self._again)
+        self.worker.go_to_the_end(self._met, self._again)
         self.pairs.listen()
 
     def health(self) -> dict[str, Any]:
@@ -65,8 +65,6 @@ class AdvisorNode(LdtNode):
 
     def recall(self, step: RecordedStep) -> None:
         """Take over what a recorded step says."""
-        if step.model is not None:
-            self._models.put(step.model.version, step.model)
         self.advisor.recall(step)
 
     def state(self) -> dict[str, Any]:
@@ -79,9 +77,12 @@ class AdvisorNode(LdtNode):
         self.advisor.return_to(state, archive)
         self._models.put(present.version, present)
 
-    def _again(self, step: RecordedStep) -> None:
+    def _met(self, step: RecordedStep) -> None:
+        self.pairs.met(step)
         if step.model is not None:
             self._models.put(step.model.version, step.model)
+
+    def _again(self, step: RecordedStep) -> None:
         if step.diagnosis is not None:
             self.worker.submit(self.advisor.informed, step.diagnosis)
         self._pair(step.experiment, step.adaptation)

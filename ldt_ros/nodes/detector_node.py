@@ -28,7 +28,7 @@ class DetectorNode(LdtNode):
         self.worker = StageWorker(self, self.detector, "prediction")
         self.pairs = ExperimentPairs(self, "prediction", self._pair)
         self.parts = [self.pairs]  # nothing takes long, so that the worker has nothing to tell
-        self.worker.go_to_the_end(self.pairs.pairing.met)
+        self.worker.go_to_the_end(self.pairs.met)
         self.pairs.listen()
 
     def health(self) -> dict[str, Any]:

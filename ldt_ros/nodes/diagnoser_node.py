@@ -7,7 +7,6 @@ from typing import Any
 
 from ldt_core.base.experiment import Experiment, Level, Signal
 from ldt_core.twin.loop import build_diagnoser
-from ldt_core.twin.stage import RecordedStep
 from ldt_ros.nodes.convert import to_message
 from ldt_ros.nodes.experiment_pairs import ExperimentPairs
 from ldt_ros.nodes.node import LdtNode
@@ -35,9 +34,9 @@ class DiagnoserNode(LdtNode):
         self.pairs = ExperimentPairs(self, "signal", self._pair)
         self.parts = [self.worker, self.pairs]
         self.worker.go_to_the_end(
-            self.pairs.pairing.met,
-            lambda step: self._pair(step.experiment, step.signal),
-            self._missed,
+            self.pairs.met,
+            again=lambda step: self._pair(step.experiment, step.signal),
+            make_up=lambda step: self._diagnose(step.experiment, step.signal),
         )
         self.pairs.listen()
 
@@ -60,12 +59,6 @@ class DiagnoserNode(LdtNode):
         """Begin nothing more."""
         self.diagnoser.cancel()
         self.worker.end(wait=False, cancel=True)
-
-    def _missed(self, step: RecordedStep) -> None:
-        if step.number <= self.worker.answered:
-            self.worker.recall(step)
-        else:
-            self._diagnose(step.experiment, step.signal)
 
     def _pair(self, experiment: Experiment, beside: Signal) -> None:
         work = partial(self._diagnose, experiment, beside)

@@ -7,6 +7,7 @@ from typing import Any
 
 from ldt_core.base.errors import ExperimentError
 from ldt_core.base.experiment import Experiment, Prediction
+from ldt_core.twin.stage import RecordedStep
 from ldt_ros.nodes.convert import from_message
 from ldt_ros.nodes.feed import stamp_of
 from ldt_ros.nodes.node import LdtNode
@@ -47,6 +48,10 @@ class ExperimentPairs(Part):
         """Begin, once everything is there that the callback needs."""
         self._node.topics.listens(self._beside, self._on_beside)
         self._node.topics.listens("experiment", self._on_experiment)
+
+    def met(self, step: RecordedStep) -> None:
+        """Take what comes of a recorded step for a repetition from now on."""
+        self.pairing.met(step.number)
 
     def health(self) -> dict[str, Any]:
         """What never found its other half, and what came again."""

@@ -56,7 +56,7 @@ class StageWorker(Part):
         )
         self.waiting = waiting
         self.last = self.finished_with = self.left_out = 0
-        self._make_up: Callable[[RecordedStep], None] = self.recall
+        self._make_up: Callable[[RecordedStep], None] | None = None
         self._thread = ThreadPoolExecutor(1, thread_name_prefix=node.role)
         # One thread writes each, so that neither needs a lock.
         self._begun = self._ended = 0
@@ -66,28 +66,25 @@ class StageWorker(Part):
 
     def go_to_the_end(
         self,
-        met: Callable[[int], None],
+        met: Callable[[RecordedStep], None],
         again: Callable[[RecordedStep], None] | None = None,
         make_up: Callable[[RecordedStep], None] | None = None,
     ) -> None:
         """Bring the stage to where its recording ends.
 
         Args:
-            met: is told the number of each recorded step.
+            met: is told of each recorded step.
             again: begins once more with a step whose answer may have been under way; None recalls.
-            make_up: deals with a step that is missed later; None recalls.
+            make_up: the same where such a step is missed later.
         """
-        self._make_up = make_up or self.recall
+        self._make_up = make_up
         if self._node.settings["resume"]:
             self.last = self.finished_with = self.restart.return_to_checkpoint()
         for step in self._node.recording.steps(self.restart.known):
-            met(step.number)
+            met(step)
             if step.number <= self.restart.known:
                 continue
-            if again is None or step.number <= self.answered:
-                self.recall(step)
-            else:
-                again(step)
+            self._take_over(step, again)
 
     @functools.cached_property
     def answered(self) -> int:
@@ -142,10 +139,16 @@ class StageWorker(Part):
         """
         self._thread.shutdown(wait=wait, cancel_futures=cancel)
 
+    def _take_over(self, step: RecordedStep, again: Callable[[RecordedStep], None] | None) -> None:
+        if again is None or step.number <= self.answered:
+            self.recall(step)
+        else:
+            again(step)
+
     def _in_turn(self, experiment: Experiment, work: Callable[[], None]) -> None:
         # Whoever was started again meanwhile, the stage is where the experiment before left it.
         for step in self._node.recording.missed(self.last, experiment.number):
-            self._make_up(step)
+            self._take_over(step, self._make_up)
         self.last = experiment.number
         work()
         self.restart.passed(experiment)

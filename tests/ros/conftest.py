@@ -25,7 +25,7 @@ def stranger(domain):
 @pytest.fixture
 def monitor(stranger):
     """The launching process's ear, and the steps that it hears of."""
-    from ldt_ros.nodes.monitor import Monitor
+    from ldt_ros.graph.monitor import Monitor
     from ldt_ros.nodes.statements import hear
 
     steps: list[Any] = []

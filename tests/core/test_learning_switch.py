@@ -15,7 +15,7 @@ from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
 from ldt_core.recording.writer import BagWriter
-from ldt_core.restart.learning_switch import NAME, Pause
+from ldt_core.restart.learning_switch import NAME, LearningSwitch
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.recorded_steps import complete_steps
 from ldt_core.restart.stage_restart import TwinRestart
@@ -91,7 +91,7 @@ def test_a_run_that_goes_on_begins_as_its_operator_left_it(tmp_path):
     experiments = made(given)
     bag = tmp_path / "run"
     run(SHORT, given, experiments[:4], bag)
-    assert Pause(bag).keep(paused=True)
+    assert LearningSwitch(bag).turn(off=True)
     found = run(SHORT, {**given, "resume": str(bag)}, experiments, bag)
     assert found.notes == ["learning was switched off for a while"]
     told = [f.message for f in findings(inspect(read_bag(bag))) if f.name == "learning"]
@@ -102,13 +102,13 @@ def test_a_run_that_goes_on_begins_as_its_operator_left_it(tmp_path):
 
 def test_what_cannot_be_kept_is_told(tmp_path):
     """Where there is no recording, or no right to write."""
-    assert not Pause("").keep(paused=True)
-    assert not Pause("")
-    assert not Pause(tmp_path / "nothing").keep(paused=True)
-    pause = Pause(tmp_path)
-    assert pause.keep(paused=False)
-    assert pause.keep(paused=True)
-    assert pause
+    assert not LearningSwitch("").turn(off=True)
+    assert not LearningSwitch("").is_off
+    assert not LearningSwitch(tmp_path / "nothing").turn(off=True)
+    switch = LearningSwitch(tmp_path)
+    assert switch.turn(off=False)
+    assert switch.turn(off=True)
+    assert switch.is_off
     assert (tmp_path / NAME).exists()
-    assert Pause(tmp_path).keep(paused=False)
-    assert not pause
+    assert LearningSwitch(tmp_path).turn(off=False)
+    assert not switch.is_off
