@@ -33,13 +33,13 @@ NUMBERED = re.compile(r"(.+)_(\d+)\.mcap")
 
 
 @dataclass
-class ResumedContents:
-    """What a recording held when it was taken up again.
+class RecordedContents:
+    """What a recording holds in its complete files.
 
     Args:
         custom: what `metadata.yaml` holds beside what rosbag2 needs.
         files: the complete ones.
-        topics: with the messages of each.
+        topics: by name, with the messages of each.
         numbers: topic → experiments that are recorded.
         stem: what the names of the files begin with, "" without files.
         index: of the next file.
@@ -48,7 +48,7 @@ class ResumedContents:
 
     custom: dict[str, str]
     files: list[FileInformation] = field(default_factory=list)
-    topics: list[TopicInformation] = field(default_factory=list)
+    topics: dict[str, TopicInformation] = field(default_factory=dict)
     numbers: defaultdict[str, ExperimentNumbers] = field(
         default_factory=lambda: defaultdict(ExperimentNumbers)
     )
@@ -65,7 +65,7 @@ class ResumedContents:
 
 def resume_contents(
     folder: Path, custom: Mapping[str, str], wanted: Sequence[TopicInformation]
-) -> ResumedContents:
+) -> RecordedContents:
     """Mend the end of a recording and say what it holds; the caller has the folder's lock.
 
     Files that have an index at their end are not read, but for the last one.
@@ -81,17 +81,17 @@ def resume_contents(
         LdtError: it cannot be mended.
     """
     if not any(folder.iterdir()):
-        return ResumedContents(dict(custom))
+        return RecordedContents(dict(custom))
     # What a link points to is not this recording's: readers leave it out, too.
     begun = [f for f in sorted(folder.glob("*.mcap")) if f.stat().st_size and not f.is_symlink()]
     metadata = read_metadata(folder / METADATA) if (folder / METADATA).is_file() else {}
     if not begun and metadata:
         for file in folder.glob("*.mcap"):
             file.unlink()  # its writer was killed before the first byte
-        return ResumedContents(_agreed(folder, metadata, custom))
+        return RecordedContents(_agreed(folder, metadata, custom))
     _check_topics(folder, metadata, wanted)
     agreed = _agreed(folder, metadata, custom)
-    past = ResumedContents(agreed)
+    past = RecordedContents(agreed)
     finished = _finish(folder, begun, past)
     storage = Storage(folder)
     for topic in wanted:
@@ -108,7 +108,7 @@ def resume_contents(
     return past
 
 
-def _finish(folder: Path, files: Sequence[Path], past: ResumedContents) -> set[str]:
+def _finish(folder: Path, files: Sequence[Path], past: RecordedContents) -> set[str]:
     """Give the files of killed writers their index, the numbers in them to `past`; their names."""
 
     def take(channel: Channel, schema: Schema | None, message: Message) -> None:
@@ -128,7 +128,7 @@ def _finish(folder: Path, files: Sequence[Path], past: ResumedContents) -> set[s
     return finished
 
 
-def _fill(storage: Storage, work: Repair, past: ResumedContents, finished: set[str]) -> None:
+def _fill(storage: Storage, work: Repair, past: RecordedContents, finished: set[str]) -> None:
     """Take in what the files hold; numbers from those that nobody has counted."""
     past.files = work.files
     for file in storage.files:
@@ -138,7 +138,8 @@ def _fill(storage: Storage, work: Repair, past: ResumedContents, finished: set[s
         past.stem = storage.path.resolve().name
     for entry in work.topics:
         about = entry["topic_metadata"]
-        past.topics.append(TopicInformation(about["name"], about["type"], entry["message_count"]))
+        name, count = about["name"], entry["message_count"]
+        past.topics[name] = TopicInformation(name, about["type"], count)
     counted, covered = parse_numbers(past.custom.get(RECORDED))
     for topic, numbers in counted.items():
         past.numbers[topic].take(numbers)

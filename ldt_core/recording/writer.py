@@ -16,7 +16,6 @@ import contextlib
 import errno
 import os
 import threading
-from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -31,7 +30,6 @@ from ldt_core.recording.lock import FolderLock
 from ldt_core.recording.mcap_writer import McapWriter, describe_channel
 from ldt_core.recording.messages import declaration, schema, serialize
 from ldt_core.recording.metadata import (
-    FileInformation,
     TopicInformation,
     bag_information,
     text_of,
@@ -39,7 +37,7 @@ from ldt_core.recording.metadata import (
 )
 from ldt_core.recording.node_status import HEALTH_TOPIC
 from ldt_core.recording.repair import RECORDED
-from ldt_core.recording.resume import resume_contents
+from ldt_core.recording.resume import RecordedContents, resume_contents
 
 FLUSH_PERIOD = 0.25  # s; half of the 0.5 s that may be lost, to leave time for the flush itself
 SYNC_PERIOD = 5.0  # s; what a power failure may cost, beside the time that the medium takes
@@ -92,24 +90,19 @@ class BagWriter:
     ) -> None:
         self.path = Path(path)
         self.machine = machine
-        self._custom = {
+        custom = {
             "machine": machine,
             run_settings.KEY: run_settings.settings_text(settings) if settings else "",
+            **({KEY: key} if key else {}),
         }
-        if key:
-            self._custom[KEY] = key
+        self._held = RecordedContents(custom, stem=self.path.resolve().name)
         self._repeats = DuplicateFilter() if once else None
         if split_size is None:
             split_size = float(msgs_config.parameters()["split_size"]["default"])
         self._most_bytes = split_size * MEGABYTE
         self.prefix = f"/{namespace.strip('/')}" if namespace.strip("/") else ""
-        self._stem = self.path.resolve().name
-        self._index = 0
         #: What `resume` found damaged, and mended, a sentence each.
         self.mended: list[str] = []
-        self._files: list[FileInformation] = []  # those that are complete
-        self._topics: dict[str, TopicInformation] = {}
-        self._numbers: defaultdict[str, ExperimentNumbers] = defaultdict(ExperimentNumbers)
         self._channels: dict[str, int] = {}  # topic → its number in the present file
         #: Why nothing more is written, once the disk was full or failed.
         self.failure: LdtError | None = None
@@ -140,7 +133,7 @@ class BagWriter:
     @property
     def counts(self) -> dict[str, int]:
         """Absolute topic → messages written, those before `resume` included."""
-        return {name: topic.count for name, topic in self._topics.items()}
+        return {name: topic.count for name, topic in self._held.topics.items()}
 
     def recorded(self, topic: str) -> ExperimentNumbers:
         """The experiments of which a message of this topic is recorded; do not change them.
@@ -148,7 +141,7 @@ class BagWriter:
         Args:
             topic: relative or absolute; one of those whose messages are about an experiment.
         """
-        return self._numbers.get(self._absolute(topic), ExperimentNumbers())
+        return self._held.numbers.get(self._absolute(topic), ExperimentNumbers())
 
     def write(self, topic: str, record: Record | Any, time_s: float) -> None:
         """Write a record, or one of the messages of `ldt_core.recording.messages.standard`.
@@ -188,7 +181,7 @@ class BagWriter:
                 raise self.failure
             if self._closed.is_set():
                 raise LdtError(f"{self.path}: the recording is closed")
-            known = self._topics.get(topic) or self._declare(topic, kind)
+            known = self._held.topics.get(topic) or self._declare(topic, kind)
             if known.kind != kind:
                 raise RecordingError(f"{self.path}, {topic}", known.kind, kind)
             if topic != HEALTH_TOPIC and self._repeats and self._repeats.seen(topic, kind, data):
@@ -206,7 +199,7 @@ class BagWriter:
             self._dirty = True
             number = number_of(topic, kind, data)
             if number is not None:
-                self._numbers[topic].add(number)
+                self._held.numbers[topic].add(number)
             return True
 
     def flush(self) -> None:
@@ -294,33 +287,30 @@ class BagWriter:
 
     def _go_on(self, wanted: list[TopicInformation]) -> None:
         """Take over what is recorded."""
-        past = resume_contents(self.path, self._custom, wanted)
-        self.mended = past.notes
-        self._custom, self._files, self._numbers = past.custom, past.files, past.numbers
-        self._topics = {t.name: t for t in past.topics}
+        self._held = resume_contents(self.path, self._held.custom, wanted)
+        self.mended = self._held.notes
         for topic in wanted:
-            self._topics.setdefault(topic.name, topic)
-        if past.stem:
-            self._stem, self._index = past.stem, past.index
-        if self._repeats is not None and past.files:
-            self._repeats = DuplicateFilter.of(self.path, self._numbers)
+            self._held.topics.setdefault(topic.name, topic)
+        self._held.stem = self._held.stem or self.path.resolve().name
+        if self._repeats is not None and self._held.files:
+            self._repeats = DuplicateFilter.of(self.path, self._held.numbers)
 
     def _new_file(self) -> McapWriter:
         """Begin one, with all topics that are known so far."""
-        part = McapWriter(self.path / f"{self._stem}_{self._index}.mcap")
-        self._index += 1
+        part = McapWriter(self.path / f"{self._held.stem}_{self._held.index}.mcap")
+        self._held.index += 1
         self._channels = {
             name: part.register(*describe_channel(name, topic.kind))
-            for name, topic in self._topics.items()
+            for name, topic in self._held.topics.items()
         }
-        self._custom[RECORDED] = numbers_text(self._numbers, len(self._files))
+        self._held.custom[RECORDED] = numbers_text(self._held.numbers, len(self._held.files))
         return part
 
     def _split(self) -> None:
         """Complete the present file and begin the next."""
         try:
             self._part.finish(text_of(self._information()))
-            self._files.append(self._part.facts)
+            self._held.files.append(self._part.facts)
             self._part = self._new_file()
             self._write_metadata()
         except OSError as error:
@@ -334,7 +324,7 @@ class BagWriter:
         """Keep the one failure that all later calls report."""
         full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
         reason = "the disk is full" if full else (getattr(error, "strerror", None) or str(error))
-        written = sum(topic.count for topic in self._topics.values())
+        written = sum(topic.count for topic in self._held.topics.values())
         self.failure = LdtError(
             f"{self.path}: {reason}; recording stopped after {written} messages, "
             "those already on disk stay readable"
@@ -374,13 +364,15 @@ class BagWriter:
 
     def _declare(self, name: str, kind: str) -> TopicInformation:
         schema(kind, f"{self.path}, {name}")  # refuses what is not a standard type
-        self._topics[name] = TopicInformation(name, kind)
-        return self._topics[name]
+        self._held.topics[name] = TopicInformation(name, kind)
+        return self._held.topics[name]
 
     def _information(self) -> dict[str, Any]:
         # After a split that failed the present file is among those that are complete.
-        files = list(dict.fromkeys([*self._files, self._part.facts]))
-        return bag_information([t.entry() for t in self._topics.values()], files, self._custom)
+        files = list(dict.fromkeys([*self._held.files, self._part.facts]))
+        return bag_information(
+            [t.entry() for t in self._held.topics.values()], files, self._held.custom
+        )
 
     def _complete(self) -> None:
         """End the last file."""

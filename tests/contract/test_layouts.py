@@ -6,7 +6,6 @@ import itertools
 import json
 import re
 from pathlib import Path
-from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
@@ -16,7 +15,7 @@ import msgs_config
 from ldt_core.base.settings import resolve
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
-from ldt_core.recording.messages import deserialize, typestore
+from ldt_core.recording.messages import deserialize, standard, typestore
 from ldt_core.recording.storage import Storage
 from ldt_core.runs.offline import run
 
@@ -44,13 +43,15 @@ def messages(tmp_path_factory, short_rotor) -> dict[str, list]:
     found: dict[str, list] = {}
     for raw in Storage(bag).messages():
         found.setdefault(raw.topic, []).append(deserialize(raw.data, raw.kind, raw.topic))
-    joint = SimpleNamespace(name=["rotor"], velocity=[1.0], effort=[2.0])
+    make, joint_state = standard(), "sensor_msgs/msg/JointState"
+    header = make.Header(stamp=make.Time(sec=0, nanosec=0), frame_id="")
+    joint = typestore(joint_state).types[joint_state](header, ["rotor"], [], [1.0], [2.0])
     for topic, declared in msgs_config.topics().items():
-        if declared["type"] == "sensor_msgs/msg/JointState":
+        if declared["type"] == joint_state:
             found[f"/{topic}"] = [joint]
     # A diagnosis takes minutes; its status is like the others'.
-    status = SimpleNamespace(name="diagnoser", message="because", values=[])
-    found["/diagnosis"] = [SimpleNamespace(status=[status])]
+    status = make.DiagnosticStatus(0, "diagnoser", "because", "", [])
+    found["/diagnosis"] = [make.DiagnosticArray(header, [status])]
     return found
 
 

@@ -28,7 +28,7 @@ from ldt_core.base.experiment import Experiment, Level, Signal
 from ldt_core.recording.bag import experiments, read_bag
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.health import inspect
-from ldt_core.recording.mcap_reader import ChannelMessage, McapReader
+from ldt_core.recording.mcap_reader import ChannelMessage, TolerantMcapReader
 from ldt_core.recording.mcap_records import HEAD
 from ldt_core.recording.messages import MULTI_ARRAY, STRING, schema, serialize, standard
 from ldt_core.recording.repair import KEPT, Repair, repair
@@ -92,7 +92,7 @@ def whole(tmp_path_factory) -> Whole:
         end = at + HEAD.size + length
         if opcode == Opcode.CHUNK:
             (folder.parent / "one.mcap").write_bytes(data[:end])
-            count = sum(1 for _ in McapReader(folder.parent / "one.mcap", list).messages())
+            count = sum(1 for _ in TolerantMcapReader(folder.parent / "one.mcap", list).messages())
             chunks.append((at, end, messages[taken:count]))
             taken = count
         at = end
@@ -309,7 +309,7 @@ def test_other_programs_files_are_mended_as_they_are(tmp_path):
         notes: list[str] = []
         return [
             (c.topic, c.message_encoding, c.metadata, s and (s.name, s.encoding, s.data), m)
-            for c, s, m in McapReader(file, notes.append).messages()
+            for c, s, m in TolerantMcapReader(file, notes.append).messages()
         ]
 
     file.write_bytes(file.read_bytes()[:-40])
@@ -548,14 +548,14 @@ def test_a_file_that_grows_meanwhile_is_left_alone(whole, tmp_path, monkeypatch)
     """Another program's recorder knows nothing of LDT's lock: what it writes is not lost."""
     data = whole.data[: whole.chunks[5][1]]
     folder = copy(whole, tmp_path / "run", data)
-    messages = McapReader.messages
+    messages = TolerantMcapReader.messages
 
-    def and_more(self: McapReader) -> Iterator[ChannelMessage]:
+    def and_more(self: TolerantMcapReader) -> Iterator[ChannelMessage]:
         yield from messages(self)
         with (folder / NAME).open("ab") as stream:
             stream.write(b"more")
 
-    monkeypatch.setattr(McapReader, "messages", and_more)
+    monkeypatch.setattr(TolerantMcapReader, "messages", and_more)
     with pytest.raises(RecordingError, match="a file that nobody is writing, got one that has ch"):
         repair(folder)
     assert (folder / NAME).read_bytes().startswith(data + b"more")

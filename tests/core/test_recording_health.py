@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -218,8 +217,11 @@ def test_a_pause_longer_than_an_experiment_is_told(tmp_path):
 @pytest.mark.parametrize("count", ["\N{SUPERSCRIPT TWO}", "1" * 5000, "-1", "", "many"])
 def test_a_count_that_is_none_counts_nothing(count):
     """A node's values are texts; anybody may publish there."""
-    pair = SimpleNamespace(key="rejected experiment: X", value=count)
-    status = SimpleNamespace(name="/press/twin", message="", values=[pair])
-    (told,) = node_statuses(SimpleNamespace(status=[status]), "/press/")
+    make = standard()
+    values = [make.KeyValue(key="rejected experiment: X", value=count)]
+    about = {"name": "/press/twin", "message": "", "hardware_id": ""}
+    status = make.DiagnosticStatus(level=0, values=values, **about)
+    header = make.Header(stamp=make.Time(sec=0, nanosec=0), frame_id="")
+    (told,) = node_statuses(make.DiagnosticArray(header=header, status=[status]), "/press/")
     assert (told.role, told.rejected, told.last_rejection) == ("twin", {}, "")
-    assert list(node_statuses(SimpleNamespace(data="no status"), "press")) == []
+    assert list(node_statuses(make.String(data="no status"), "press")) == []

@@ -407,7 +407,8 @@ def test_a_topic_of_another_type_or_quality_of_service_is_refused(tmp_path, monk
     with pytest.raises(RecordingError, match="/signal: expected the recorded quality of service"):
         BagWriter(folder, "rotor", topics=("signal",), resume=True)
     (folder / "metadata.yaml").write_text(text)
-    monkeypatch.setattr(BagWriter, "_kind", lambda self, topic: MULTI_ARRAY)
+    declared = {"type": MULTI_ARRAY}
+    monkeypatch.setattr("ldt_core.recording.writer.declaration", lambda topic: declared)
     with pytest.raises(RecordingError, match=f"/signal: expected the recorded type {DIAGNOSTICS}"):
         BagWriter(folder, "rotor", topics=("signal",), resume=True)
 
