@@ -24,7 +24,7 @@ from xml.etree import ElementTree
 from ldt_core.base.errors import BadInput
 from ldt_core.base.sentences import few
 from ldt_core.doctor.check import Finding, Probe, ok, problem, warning
-from ldt_ros.graph.environment import MODULES, one_line, require_ros
+from ldt_ros.graph.environment import MODULES, require_ros, ros_message
 from ldt_ros.graph.leftovers import SHARED, leftovers, shared_memory_cleared
 from ldt_ros.graph.secure import has_security
 from ldt_ros.graph.trial_process import trial
@@ -122,7 +122,7 @@ def exchange(patience: float = EXCHANGE_TIMEOUT) -> dict[str, Any]:
     if ear.returncode or not lines:
         said = [line.strip() for line in errors.splitlines() if line.strip()]
         words = said[-1] if said else f"a node cannot be created (code {ear.returncode})"
-        raise BadInput("DDS", "a node", one_line(RuntimeError(LOG_HEAD.sub("", words))))
+        raise BadInput("DDS", "a node", ros_message(LOG_HEAD.sub("", words)))
     return json.loads(lines[-1])
 
 

@@ -29,7 +29,8 @@ ROLES = (*NODES, *LISTENERS, OPERATOR)
 LIFECYCLE_SERVICES = ("change_state", "get_state")
 #: Topic on which the adaptor tells that it was switched.
 LIFECYCLE_EVENT = "transition_event"
-DOMAINS = range(233)  # as ROS_DOMAIN_ID
+#: Of ROS_DOMAIN_ID; Fast DDS computes port numbers from it, and ends the process above 232.
+DOMAINS = range(233)
 NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?", re.ASCII)
 #: Every node's own: its log and what it tells of its parameters; and which nodes there are.
 EVERYONE_PUBLISHES = ("rt/rosout", "rt/parameter_events", "ros_discovery_info")

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from ldt_core.base.errors import BadInput
+from ldt_core.security.permissions import DOMAINS
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     SomeNode = TypeVar("SomeNode", bound=Node)
 
 MODULES = ("rclpy", "std_msgs", "diagnostic_msgs", "sensor_msgs")
-DOMAINS = range(233)  # Fast DDS computes port numbers from it, and ends the process above 232
 
 
 def require_ros() -> None:
@@ -43,7 +43,7 @@ def require_ros() -> None:
         raise BadInput("ROS_DOMAIN_ID", "a whole number from 0 to 232", repr(domain[:20]))
 
 
-def one_line(error: Exception) -> str:
+def ros_message(error: Exception | str) -> str:
     """What the ROS 2 libraries say, without their line breaks and their source positions."""
     return re.sub(r",? at /\S+:\d+", "", " ".join(str(error).split()))[:200]
 
@@ -113,7 +113,7 @@ def spun_nodes(
             begin(context)
             nodes = make(context)
         except Exception as error:
-            raise BadInput("ROS 2", expected, one_line(error)) from error
+            raise BadInput("ROS 2", expected, ros_message(error)) from error
         executor = (executor_type or EventsExecutor)(context=context)
         stack.callback(executor.shutdown)
         for node in nodes:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.stopping import SIGNALS
-from ldt_ros.graph.environment import one_line, prepare, require_ros
+from ldt_ros.graph.environment import prepare, require_ros, ros_message
 from ldt_ros.graph.parentage import end_with
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def host(
     try:
         rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # of which rclpy's own are kinds
-        raise BadInput("ROS arguments", "what ROS 2 understands", one_line(error)) from error
+        raise BadInput("ROS arguments", "what ROS 2 understands", ros_message(error)) from error
     nodes: list[LdtNode] = []
     with ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)

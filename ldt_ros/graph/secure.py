@@ -16,7 +16,7 @@ from typing import Any
 from ldt_core.base.errors import BadInput
 from ldt_core.security.keystore import check_keystore
 from ldt_core.security.permissions import enclave_name
-from ldt_ros.graph.environment import one_line
+from ldt_ros.graph.environment import ros_message
 from ldt_ros.graph.trial_process import trial
 
 ENABLE, STRATEGY = "ROS_SECURITY_ENABLE", "ROS_SECURITY_STRATEGY"
@@ -83,7 +83,7 @@ def unable(environment: Mapping[str, str], patience: float = TRIAL_TIMEOUT) -> s
     if NOT_BUILT_IN in told["failure"]:
         return "a Fast DDS that is built without it"
     if told["failure"]:
-        return one_line(RuntimeError(told["failure"]))
+        return ros_message(told["failure"])
     if told["seen"]:
         return f"{told['rmw']}, in which a participant without a key sees one that has one"
     return ""
