@@ -103,9 +103,8 @@ def command(
     from ldt_core.cli.progress import ResumableProgress
     from ldt_core.lab.tuning.candidates import parse_try
     from ldt_core.lab.tuning.choice import Budget
-    from ldt_core.lab.tuning.reasons import sentence
     from ldt_core.lab.tuning.tune import tune
-    from ldt_core.lab.tuning.tune_files import as_dict, write_results
+    from ldt_core.lab.tuning.tune_files import as_dict, sentence, write_results
     from ldt_core.lab.tuning.tuning_figure import write_figure
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.recording.bag import read_bag
@@ -145,7 +144,7 @@ def command(
 
 
 def _print(found: Tuning, out: str) -> None:
-    from ldt_core.lab.tuning.reasons import sentence, why
+    from ldt_core.lab.tuning.tune_files import sentence, why
 
     assert found.choice.chosen is not None
     echo(sentence(found))

@@ -20,13 +20,26 @@ from ldt_core.detectors.window import Window
 from ldt_core.lab.tuning import alarms
 from ldt_core.lab.tuning import tune as tune_module
 from ldt_core.lab.tuning.alarms import FalseAlarms, false_alarms, limit_of, most, needed
-from ldt_core.lab.tuning.candidates import NEVER, Setting, first_round, parse_try, second_round
+from ldt_core.lab.tuning.candidates import (
+    NEVER,
+    DetectorSetting,
+    first_round,
+    parse_try,
+    second_round,
+)
 from ldt_core.lab.tuning.choice import Budget, choose, pareto
 from ldt_core.lab.tuning.control import chosen, control, judged, parse_ranges, row
-from ldt_core.lab.tuning.reasons import sentence, why
 from ldt_core.lab.tuning.trial import Tried
 from ldt_core.lab.tuning.tune import tune
-from ldt_core.lab.tuning.tune_files import FILE, TABLE, as_dict, settings, write_results
+from ldt_core.lab.tuning.tune_files import (
+    FILE,
+    TABLE,
+    as_dict,
+    sentence,
+    settings,
+    why,
+    write_results,
+)
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.twin.loop import Twin
 
@@ -54,7 +67,7 @@ def made(detector="threshold", value=1.0, errors=(1.0,) * 10, adaptations=0):
     """What came of a setting, by hand."""
     action = ("adapted",) * adaptations + ("kept",) * (len(errors) - adaptations)
     level = tuple(1 if a == "adapted" else -1 for a in action)
-    setting = Setting(detector, "threshold", value) if detector != "never" else NEVER
+    setting = DetectorSetting(detector, "threshold", value) if detector != "never" else NEVER
     return Tried(setting, tuple(errors), level, action, None, 0.0)
 
 
@@ -295,9 +308,14 @@ def test_the_first_round_spans_noise_to_the_largest_error():
 
 def test_the_second_round_lies_around_the_best():
     tried = first_round(["threshold"], [1.0, 16.0], noise=1.0, values=5)
-    fresh = second_round(Setting("threshold", "threshold", 4.0), tried)
+    fresh = second_round(DetectorSetting("threshold", "threshold", 4.0), tried)
     assert [s.value for s in fresh] == [2.52, 3.17, 5.04, 6.35]
-    assert second_round(Setting("window", "window", 2.0), [Setting("window", "window", 2.0)]) == []
+    assert (
+        second_round(
+            DetectorSetting("window", "window", 2.0), [DetectorSetting("window", "window", 2.0)]
+        )
+        == []
+    )
 
 
 @pytest.mark.parametrize(

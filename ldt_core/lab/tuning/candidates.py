@@ -30,7 +30,7 @@ SMALLEST_RANGE = 1.5
 
 
 @dataclass(frozen=True)
-class Setting:
+class DetectorSetting:
     """A detector with one value.
 
     Args:
@@ -74,12 +74,12 @@ class Setting:
         return f"{self.detector}{f' with {self.parameter} {self.value:g}' * bool(self.parameter)}"
 
 
-NEVER = Setting("never")
+NEVER = DetectorSetting("never")
 
 
 def first_round(
     detectors: Iterable[str], errors: Sequence[float], noise: float, values: int
-) -> list[Setting]:
+) -> list[DetectorSetting]:
     """The settings that are tried at first, equally far apart in logarithm.
 
     A limit of the error is tried from what noise alone reaches to the largest error that the
@@ -108,15 +108,15 @@ def first_round(
     ]
 
 
-def settings_of(detector: str, parameter: str, values: Iterable[float]) -> list[Setting]:
+def settings_of(detector: str, parameter: str, values: Iterable[float]) -> list[DetectorSetting]:
     """One setting a value, rounded, in order and without repetitions."""
     declared = msgs_config.parameters("detector").get(parameter, {})
     whole = declared.get("type") == "integer"
     rounded = {float(round(v)) if whole else float(f"{v:.{DIGITS}g}") for v in values}
-    return [Setting(detector, parameter, v) for v in sorted(rounded)]
+    return [DetectorSetting(detector, parameter, v) for v in sorted(rounded)]
 
 
-def second_round(best: Setting, tried: Iterable[Setting]) -> list[Setting]:
+def second_round(best: DetectorSetting, tried: Iterable[DetectorSetting]) -> list[DetectorSetting]:
     """Settings between the best one of a detector and its neighbours."""
     rivals = [s for s in tried if (s.detector, s.parameter) == (best.detector, best.parameter)]
     values = sorted(s.value for s in rivals if s.value > 0)
@@ -129,7 +129,7 @@ def second_round(best: Setting, tried: Iterable[Setting]) -> list[Setting]:
     return [s for s in fresh if s.value not in values]
 
 
-def parse_try(entry: str) -> list[Setting]:
+def parse_try(entry: str) -> list[DetectorSetting]:
     """The settings that a user names: "DETECTOR:PARAMETER=VALUE,VALUE,…".
 
     >>> [str(s) for s in parse_try("mine.py:Rms:limit=0.5,2")]

@@ -71,7 +71,7 @@ class Budget:
 
 
 @dataclass(frozen=True)
-class Choice:
+class TuningChoice:
     """What was chosen, and how much it can be relied on.
 
     Attributes:
@@ -92,7 +92,7 @@ class Choice:
     agreed: int
 
 
-def choose(tried: Sequence[Tried], budget: Budget) -> Choice:
+def choose(tried: Sequence[Tried], budget: Budget) -> TuningChoice:
     """The setting with the least MME of those that keep to the budget, see `Choice`.
 
     A detector that never acts keeps every budget; it is what others are compared with, no choice.
@@ -101,7 +101,7 @@ def choose(tried: Sequence[Tried], budget: Budget) -> Choice:
     kept = tuple(t for t in acting if budget.kept(t))
     if not kept:
         nearest = min(acting, key=lambda t: (budget.excess(t), t.mme))
-        return Choice(None, nearest, (), (), None, 0)
+        return TuningChoice(None, nearest, (), (), None, 0)
     every = np.ones(len(kept[0].max_error), dtype=bool)
     chosen, tied = _least(kept, every)
     parts = np.array_split(np.arange(every.size), PARTS)
@@ -112,7 +112,7 @@ def choose(tried: Sequence[Tried], budget: Budget) -> Choice:
         other, _ = _least(kept, rest)
         held += [other.max_error[i] for i in part]
         agreed += other in tied
-    return Choice(chosen, None, kept, tied, float(np.mean(held)), agreed)
+    return TuningChoice(chosen, None, kept, tied, float(np.mean(held)), agreed)
 
 
 def best_of(tried: Sequence[Tried], where: Callable[[Tried], bool]) -> Tried | None:

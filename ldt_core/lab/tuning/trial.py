@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
+from ldt_core.base.code_version import code_version
 from ldt_core.base.errors import BadInput, ExperimentError, LdtError
 from ldt_core.base.experiment import Action, Experiment, Level
 from ldt_core.detectors import build_detector
 from ldt_core.lab.tuning.alarms import FalseAlarms, false_alarms
-from ldt_core.lab.tuning.candidates import Setting
+from ldt_core.lab.tuning.candidates import DetectorSetting
 from ldt_core.lab.tuning.control import Row
 from ldt_core.machine.machine_file import Machine
 from ldt_core.twin.loop import Twin
@@ -49,7 +53,7 @@ class Tried:
         seconds: that the loop took.
     """
 
-    setting: Setting
+    setting: DetectorSetting
     max_error: tuple[float, ...]
     level: tuple[int, ...]
     action: tuple[str, ...]
@@ -81,7 +85,7 @@ class Tried:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, plain: Mapping[str, Any], setting: Setting) -> Self:
+    def from_dict(cls, plain: Mapping[str, Any], setting: DetectorSetting) -> Self:
         """What `as_dict` gave.
 
         Raises:
@@ -93,7 +97,7 @@ class Tried:
         return cls(setting, **rows, false_alarms=found, seconds=float(plain["seconds"]))
 
 
-def try_setting(task: tuple[Setting, Job]) -> Tried:
+def try_setting(task: tuple[DetectorSetting, Job]) -> Tried:
     """What a worker does.
 
     Raises:
@@ -110,7 +114,7 @@ def try_setting(task: tuple[Setting, Job]) -> Tried:
         raise LdtError(f"{setting}: {reason}") from error
 
 
-def _try(setting: Setting, job: Job) -> Tried:
+def _try(setting: DetectorSetting, job: Job) -> Tried:
     settings = {**job.settings, **setting.settings}
     begin = time.perf_counter()
     steps = list(Twin.from_settings(job.machine, settings).steps(job.experiments, _refuse))
@@ -128,3 +132,27 @@ def _try(setting: Setting, job: Job) -> Tried:
 
 def _refuse(error: ExperimentError) -> None:
     raise error
+
+
+def job_key(job: Job) -> str:
+    """SHA-256 of all that decides what comes of a setting, but the setting."""
+    plain: Any = [code_version(), job.machine.as_dict(), dict(job.settings)]
+    digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
+    digest.update(_code(job.settings["model"]).encode())
+    rows = [(e.voltage, e.speed, e.current, [e.number, e.period]) for e in job.experiments]
+    for row in [*rows, *job.rows]:
+        for samples in row:
+            digest.update(b"|" if samples is None else np.asarray(samples, np.float64).tobytes())
+    return digest.hexdigest()
+
+
+def setting_key(setting: DetectorSetting) -> str:
+    """Name of a setting's result, which changes with the user's code."""
+    text = json.dumps([setting.settings, _code(setting.detector)])
+    return hashlib.sha256(text.encode()).hexdigest()[:20]
+
+
+def _code(name: str) -> str:
+    """The text of a user's own part, `file.py:Name`; "" of what is installed."""
+    path = Path(name.rpartition(":")[0])
+    return path.read_text(encoding="utf-8") if path.suffix == ".py" and path.is_file() else ""

@@ -5,27 +5,35 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ldt_core.base.code_version import code_version
-from ldt_core.base.errors import ExperimentError, OptionError, RecordingError, did_you_mean
+from ldt_core.base.errors import (
+    BadInput,
+    ExperimentError,
+    OptionError,
+    RecordingError,
+    did_you_mean,
+)
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.parallel import Workers
+from ldt_core.base.result_files import ResultFolder
 from ldt_core.detectors import build_detector
 from ldt_core.lab.tuning.alarms import limit_of
 from ldt_core.lab.tuning.candidates import (
     DIGITS,
     NEVER,
     TUNED,
-    Setting,
+    DetectorSetting,
     first_round,
     second_round,
     settings_of,
 )
-from ldt_core.lab.tuning.choice import Budget, Choice, best_of, choose, count
+from ldt_core.lab.tuning.choice import Budget, TuningChoice, best_of, choose, count
 from ldt_core.lab.tuning.control import (
     LEAST,
     Control,
@@ -36,13 +44,14 @@ from ldt_core.lab.tuning.control import (
     parse_ranges,
     row,
 )
-from ldt_core.lab.tuning.store import Store, check_folder
-from ldt_core.lab.tuning.trial import Job, Tried, try_setting
+from ldt_core.lab.tuning.trial import Job, Tried, job_key, setting_key, try_setting
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.twin.predictor import Predictor
 
+RUNS = "runs"  # folder of what was tried, by which the folder of a tuning is known
+FORMAT = "ldt-tune-1"
 #: Fewer experiments than this are no recording to choose from.
 LEAST_EXPERIMENTS = 10
 #: Sum of the squares of the coefficients of a third difference.
@@ -74,7 +83,7 @@ class Tuning:
     control: Control | None
     tried: tuple[Tried, ...]
     never: Tried
-    choice: Choice
+    choice: TuningChoice
     notes: tuple[str, ...]
 
 
@@ -87,7 +96,7 @@ def tune(
     *,
     in_control: str = "",
     detectors: Sequence[str] = tuple(TUNED),
-    extra: Sequence[Setting] = (),
+    extra: Sequence[DetectorSetting] = (),
     values: int = 8,
     jobs: int = 0,
     scheduler: str = "",
@@ -142,11 +151,11 @@ def tune(
     first = [*first_round(detectors, errors, noise_reach(rows), values), *extra]
     first += _by_budget(detectors, budget, known, len(usable))
     with Workers(jobs, scheduler, code_version) as workers:
-        bench = _Bench(workers, Store(out, job, fresh), job, progress)
-        bench.try_all([NEVER, *first])
-        bench.try_all(_refined(bench.tried, detectors, budget))
-    tried = sorted(bench.tried.values(), key=lambda t: _order(t.setting, detectors))
-    never = bench.tried[NEVER]
+        trials = _Trials(workers, Path(out), job, fresh, progress)
+        trials.try_all([NEVER, *first])
+        trials.try_all(_refined(trials.tried, detectors, budget))
+    tried = sorted(trials.tried.values(), key=lambda t: _order(t.setting, detectors))
+    never = trials.tried[NEVER]
     choice = choose(tried, budget)
     return Tuning(
         machine, settings, budget, numbers, known, tuple(tried), never, choice, tuple(notes)
@@ -167,18 +176,36 @@ def noise_reach(rows: Sequence[Row]) -> float:
     return float(np.median(deviations or [0.0])) * math.sqrt(2 * math.log(2 * longest))
 
 
-class _Bench:
-    """Tries settings, each once."""
+def check_folder(out: Path) -> None:
+    """Refuse a folder that is something else's.
 
-    def __init__(self, workers: Workers, store: Store, job: Job, progress: Progress) -> None:
-        self.workers, self.store, self.job, self.progress = workers, store, job, progress
-        self.tried: dict[Setting, Tried] = {}
+    Raises:
+        BadInput: it is.
+    """
+    expected = "a new folder, or that of an earlier tuning"
+    if out.exists() and not out.is_dir():
+        raise BadInput(out, expected, "a file")
+    if out.exists() and any(out.iterdir()) and not (out / RUNS).is_dir():
+        raise BadInput(out, expected, "a folder with other files")
 
-    def try_all(self, settings: Iterable[Setting]) -> None:
+
+class _Trials:
+    """Tries settings, each once, and keeps what came of them in `OUT/runs/JOB/SETTING.json`."""
+
+    def __init__(
+        self, workers: Workers, out: Path, job: Job, fresh: bool, progress: Progress
+    ) -> None:
+        self.workers, self.job, self.fresh, self.progress = workers, job, fresh, progress
+        self.folder = ResultFolder(out / RUNS / job_key(job)[:20], FORMAT, {})
+        self.tried: dict[DetectorSetting, Tried] = {}
+
+    def try_all(self, settings: Iterable[DetectorSetting]) -> None:
         """Try what has not been tried yet, and keep what came of it."""
         missing = []
         for setting in dict.fromkeys(s for s in settings if s not in self.tried):
-            if (known := self.store.recall(setting)) is not None:
+            parse = partial(Tried.from_dict, setting=setting)
+            known = None if self.fresh else self.folder.read(setting_key(setting), parse)
+            if known is not None:
                 self.tried[setting] = known
             else:
                 missing.append(setting)
@@ -190,7 +217,7 @@ class _Bench:
         tasks = [(setting, self.job) for setting in missing]
         for number, (_, found) in enumerate(self.workers.map(try_setting, tasks), start=1):
             self.tried[found.setting] = found
-            self.store.keep(found)
+            self.folder.write(setting_key(found.setting), found.as_dict())
             self.progress(before + number, total)
 
 
@@ -216,7 +243,7 @@ def _usable(
 
 def _by_budget(
     detectors: Sequence[str], budget: Budget, known: Control | None, experiments: int
-) -> list[Setting]:
+) -> list[DetectorSetting]:
     """The settings that the budget itself suggests."""
     found = []
     if budget.adaptations is not None and "window" in detectors:
@@ -225,7 +252,9 @@ def _by_budget(
         if "window" in detectors:
             found += settings_of("window", "window", [math.ceil(budget.every)])
         if "calibrated" in detectors:
-            found.append(Setting("calibrated", "false_alarm_every", float(max(budget.every, 10))))
+            found.append(
+                DetectorSetting("calibrated", "false_alarm_every", float(max(budget.every, 10)))
+            )
         if "threshold" in detectors and known is not None:
             limit = limit_of(known.rows, budget.every)
             unit = 10.0 ** (math.floor(math.log10(limit)) - DIGITS + 1)  # of the last digit
@@ -234,8 +263,8 @@ def _by_budget(
 
 
 def _refined(
-    tried: Mapping[Setting, Tried], detectors: Sequence[str], budget: Budget
-) -> list[Setting]:
+    tried: Mapping[DetectorSetting, Tried], detectors: Sequence[str], budget: Budget
+) -> list[DetectorSetting]:
     """Round the best setting of each detector, or the nearest to the budget."""
     found = []
     for name in detectors:
@@ -246,7 +275,7 @@ def _refined(
     return found
 
 
-def _order(setting: Setting, detectors: Sequence[str]) -> tuple[int, str, str, float]:
+def _order(setting: DetectorSetting, detectors: Sequence[str]) -> tuple[int, str, str, float]:
     known = [*detectors, setting.detector]
     value = setting.value if setting.parameter else 0.0
     return known.index(setting.detector), setting.detector, setting.parameter, value

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgs_config
 from ldt_core.lab.tuning.candidates import NEVER
 from ldt_core.lab.tuning.choice import pareto
-from ldt_core.lab.tuning.reasons import sentence
 from ldt_core.lab.tuning.trial import Tried
 from ldt_core.lab.tuning.tune import Tuning
+from ldt_core.lab.tuning.tune_files import sentence
 from ldt_core.views.page import style
 from ldt_core.views.page.style import Drawing, Layout, look
 
@@ -24,7 +25,11 @@ HEIGHT = 2.7  # of a row [inches]
 MARGIN = 0.08  # of the range of the error, above and below it
 FEW = 1.0  # adaptations up to which the axis is linear
 LINEAR = 1.0  # false alarms in 100 experiments below which the axis is linear, to reach none
+
 Quantity = Callable[[Tried], float]
+mme: Quantity = attrgetter("mme")
+adaptations: Quantity = attrgetter("adaptations")
+value: Quantity = attrgetter("setting.value")
 
 
 def write_figure(found: Tuning, out: Path | str) -> list[Path]:
@@ -44,8 +49,8 @@ def drawing(found: Tuning) -> Drawing:
         _tradeoff(axes[0], found)
         _false_alarms(axes[1], found)
         for column, unit in enumerate(("rad/s", "experiments")):
-            _against(axes[2 + column], found, unit, _mme)
-            _against(axes[4 + column], found, unit, _adaptations)
+            _against(axes[2 + column], found, unit, mme)
+            _against(axes[4 + column], found, unit, adaptations)
         for letter, one in zip("abcdef", axes, strict=True):
             one.set_title(f"({letter}) {one.get_title(loc='left')}")
         style.legend(figure, axes, layout, columns=4)
@@ -56,14 +61,6 @@ def drawing(found: Tuning) -> Drawing:
         "then error and adaptations against the limit and against the rarity of each detector."
     )
     return Drawing(NAME, "The choice and what else was tried", sentence(found), alt, draw)
-
-
-def _mme(tried: Tried) -> float:
-    return tried.mme
-
-
-def _adaptations(tried: Tried) -> float:
-    return float(tried.adaptations)
 
 
 def _rate(tried: Tried) -> float:
@@ -84,8 +81,7 @@ def _families(found: Tuning) -> dict[str, list[Tried]]:
 
 def _tradeoff(axes: Axes, found: Tuning) -> None:
     for name, runs in _families(found).items():
-        _curve(axes, name, pareto(runs), _adaptations, _mme)
-        _dots(axes, found, name, runs, _adaptations, _mme)
+        _runs(axes, found, name, runs, adaptations, mme, line=pareto(runs))
     front = pareto(found.tried)
     axes.step(
         [t.adaptations for t in front],
@@ -99,7 +95,7 @@ def _tradeoff(axes: Axes, found: Tuning) -> None:
         label="Pareto front",
     )
     axes.plot([0], [found.never.mme], **_point("never"))
-    _mark(axes, found, _adaptations, _mme)
+    _mark(axes, found, adaptations, mme)
     axes.set_xlabel("adaptations")
     axes.set_title("error against adaptations (lines: best of each)")
     _error_axis(axes, found)
@@ -125,34 +121,34 @@ def _false_alarms(axes: Axes, found: Tuning) -> None:
             assert t.false_alarms is not None
             low, high = 100 * t.false_alarms.low, 100 * t.false_alarms.high
             axes.plot([low, high], [t.mme] * 2, color=look(name).color, lw=0.8, alpha=0.25)
-        _dots(axes, found, name, runs, _rate, _mme)
-    _mark(axes, found, _rate, _mme)
+        _runs(axes, found, name, runs, _rate, mme)
+    _mark(axes, found, _rate, mme)
     if every is not None:
         _budget(axes, 100 / every)
 
 
 def _against(axes: Axes, found: Tuning, unit: str, of: Quantity) -> None:
     """One quantity against the tuned parameter, of the detectors for which it has this unit."""
+    from matplotlib.ticker import MaxNLocator
+
     chosen, labels = found.choice.chosen, []
     for name, runs in _families(found).items():
-        line = [t for t in runs if _unit(t) == unit]
-        if line:
+        if line := [t for t in runs if _unit(t) == unit]:
             labels.append(line[0].setting.parameter)
-            _curve(axes, name, line, lambda t: t.setting.value, of)
-            _dots(axes, found, name, line, lambda t: t.setting.value, of)
+            _runs(axes, found, name, line, value, of, line=line)
     if chosen is not None and _unit(chosen) == unit:
-        _mark(axes, found, lambda t: t.setting.value, of)
+        _mark(axes, found, value, of)
     axes.set_xlabel(f"{', '.join(dict.fromkeys(labels))} [{unit}]" if labels else "not tried")
     if labels:
         _logarithmic(axes)
-    if of is _mme:
+    if of is mme:
         axes.set_title("error against the setting")
         _error_axis(axes, found)
         return
     axes.set_title("adaptations against the setting")
     axes.set_ylabel("adaptations")
     axes.set_ylim(bottom=0)
-    _whole(axes.yaxis)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     if found.budget.adaptations is not None:
         axes.axhline(found.budget.adaptations, color=style.INK, lw=1, ls=(0, (2, 2)))
 
@@ -165,15 +161,19 @@ def _unit(tried: Tried) -> str:
     return declared.get("unit", "")
 
 
-def _curve(axes: Axes, name: str, runs: Sequence[Tried], x: Quantity, y: Quantity) -> None:
-    points = [x(t) for t in runs], [y(t) for t in runs]
-    axes.plot(*points, color=look(name).color, ls=look(name).line, lw=0.9)
-
-
-def _dots(
-    axes: Axes, found: Tuning, name: str, runs: Sequence[Tried], x: Quantity, y: Quantity
+def _runs(
+    axes: Axes,
+    found: Tuning,
+    name: str,
+    runs: Sequence[Tried],
+    x: Quantity,
+    y: Quantity,
+    line: Sequence[Tried] = (),
 ) -> None:
-    """Filled where the budget is kept."""
+    """Dots of a detector, filled where the budget is kept, and a line through some of them."""
+    if line:
+        points = [x(t) for t in line], [y(t) for t in line]
+        axes.plot(*points, color=look(name).color, ls=look(name).line, lw=0.9)
     for kept in (True, False):
         some = [t for t in runs if found.budget.kept(t) is kept]
         face, label = (look(name).color, look(name).label) if kept else ("white", "_")
@@ -189,7 +189,7 @@ def _mark(axes: Axes, found: Tuning, x: Quantity, y: Quantity) -> None:
     how: dict[str, Any] = {"marker": "o", "ls": "none", "mfc": "none", "mec": style.INK}
     axes.plot([], [], **{**how, "mec": style.GREY}, ms=4.5, label="beyond the budget (hollow)")
     if chosen is not None:
-        label = f"the choice: {style.look(chosen.setting.detector).label} {chosen.setting.value:g}"
+        label = f"the choice: {look(chosen.setting.detector).label} {chosen.setting.value:g}"
         at = [x(chosen)], [y(chosen)]
         axes.plot(*at, **how, ms=13, mew=1.6, label=label, clip_on=False, zorder=5)
 
@@ -205,14 +205,11 @@ def _error_axis(axes: Axes, found: Tuning) -> None:
 
 def _crowded(axes: Axes, linear: float, right: float) -> None:
     """A scale from 0 on which small numbers have room as well."""
-    from matplotlib.ticker import FixedLocator, NullLocator
-
     axes.set_xscale("symlog", linthresh=linear)
     decades = range(-9, 10)
     ticks = [f * 10.0**d for d in decades for f in (1, 2, 5) if linear <= f * 10.0**d <= right]
-    axes.xaxis.set_major_locator(FixedLocator([0, *ticks]))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
+    axes.set_xticks([0, *ticks], [f"{tick:g}" for tick in (0, *ticks)])
+    axes.set_xticks([], minor=True)
     axes.set_xlim(-0.1 * linear, right)
 
 
@@ -225,12 +222,6 @@ def _logarithmic(axes: Axes) -> None:
     axes.xaxis.set_major_locator(LogLocator(subs=few))
     axes.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())
-
-
-def _whole(axis: Any) -> None:
-    from matplotlib.ticker import MaxNLocator
-
-    axis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _budget(axes: Axes, at: float) -> None:
