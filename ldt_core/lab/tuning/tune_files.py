@@ -1,4 +1,4 @@
-"""What tuning leaves behind: tune.json, which other commands take, tune.csv, and the reasons why."""
+"""What tuning leaves behind: tune.json, which other commands take, tune.csv, and the reasons."""
 
 from __future__ import annotations
 
