@@ -5,7 +5,7 @@ Each name below is imported when it is first used, so that the package itself lo
 
 from __future__ import annotations
 
-from importlib import import_module, metadata
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -22,10 +22,11 @@ if TYPE_CHECKING:
     from ldt_core.detectors.base import Detector
     from ldt_core.machine.machine_file import Machine
     from ldt_core.models.base import Model
-    from ldt_core.notebook.explained import FittedMachine, GapDiagnosis, calibrate, diagnose
-    from ldt_core.notebook.learned import TwinRun, run
-    from ldt_core.notebook.recorded import Recording, read
-    from ldt_core.notebook.simulated import simulate
+    from ldt_core.notebook.fitted_machine import FittedMachine, calibrate
+    from ldt_core.notebook.gap_diagnosis import GapDiagnosis, diagnose
+    from ldt_core.notebook.recorded_experiments import Recording, read
+    from ldt_core.notebook.simulated_experiments import simulate
+    from ldt_core.notebook.twin_run import TwinRun, run
     from ldt_core.physics.base import Physics
     from ldt_core.physics.effect import Effect
     from ldt_core.physics.parameter import Parameter
@@ -70,10 +71,11 @@ _NAMES = {
     "detectors.base": ("Detector",),
     "machine.machine_file": ("Machine",),
     "models.base": ("Model",),
-    "notebook.explained": ("FittedMachine", "GapDiagnosis", "calibrate", "diagnose"),
-    "notebook.learned": ("TwinRun", "run"),
-    "notebook.recorded": ("Recording", "read"),
-    "notebook.simulated": ("simulate",),
+    "notebook.fitted_machine": ("FittedMachine", "calibrate"),
+    "notebook.gap_diagnosis": ("GapDiagnosis", "diagnose"),
+    "notebook.twin_run": ("TwinRun", "run"),
+    "notebook.recorded_experiments": ("Recording", "read"),
+    "notebook.simulated_experiments": ("simulate",),
     "physics.base": ("Physics",),
     "physics.effect": ("Effect",),
     "physics.parameter": ("Parameter",),
@@ -85,6 +87,8 @@ if not TYPE_CHECKING:  # type checkers would take any name for one of ours
 
     def __getattr__(name: str) -> Any:
         if name == "__version__":
+            from importlib import metadata  # takes longer to load than all the rest
+
             return metadata.version("ldt")
         for module, names in _NAMES.items():
             if name in names:

@@ -84,7 +84,7 @@ class Machine:
     ) -> None: ...
     def __init__(self, *file: Any, **fields: Any) -> None:
         if file or not fields:
-            fields = vars(_machine_of(*file))
+            fields = vars(_machine_of(*file, **fields))
         optional = {"simulation": {}, "calibration": {}, "source": "machine"}
         vars(self).update({**optional, **fields})
 

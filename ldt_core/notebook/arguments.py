@@ -10,7 +10,7 @@ from ldt_core.base.errors import ArgumentTypeError, described
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import check
 from ldt_core.machine.machine_file import Machine
-from ldt_core.notebook.recorded import Recording, read
+from ldt_core.notebook.recorded_experiments import Recording, read
 
 #: A machine, the name of one that ships with LDT, a machine file, or the keys of one.
 MachineLike: TypeAlias = Machine | str | os.PathLike[str] | Mapping[str, Any]
@@ -58,13 +58,14 @@ def possible(recording: ExperimentsLike, machine: MachineLike) -> tuple[Recordin
     return found, known
 
 
-def number(name: str, value: object, kind: str = "double") -> Any:
-    """A number; `kind` is a type of `parameters.yaml`.
+def number(name: str, value: object) -> float:
+    """A finite number.
 
     Raises:
         OptionError: something else.
     """
-    return check(name, value, {"type": kind})
+    found: float = check(name, value, {"type": "double"})
+    return found
 
 
 def names(name: str, given: object) -> list[str]:

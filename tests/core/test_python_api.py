@@ -253,11 +253,16 @@ def test_a_run_is_drawn(run, tmp_path):
 def test_a_diagnosis_is_that_of_the_command(folder, worn, tmp_path, capsys):
     """Key by key; drawn and saved."""
     pytest.importorskip("matplotlib")
+    from ldt_core.effects import EFFECTS
+
     recording, out = str(folder / "worn"), str(tmp_path / "by_command")
-    options = ["--machine", "dc_motor", "--without", "input_deadzone", "--seed", "1"]
+    few = ("coulomb_friction", "viscous_friction", "inertia")  # all of them take a minute
+    without = [name for name in EFFECTS.names() if name not in few]
+    options = ["--machine", "dc_motor", "--seed", "1"]
+    options += [word for name in without for word in ("--without", name)]
     assert invoke(command, ["diagnose", recording, *options, "--out", out, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    found = ldt.diagnose(recording, "dc_motor", without=["input_deadzone"], seed=1)
+    found = ldt.diagnose(recording, "dc_motor", without=without, seed=1)
     assert found.to_dict() == told
     assert "coulomb_friction" in found.verdict.effects
     assert (found.candidates[0].effect, found.gap.noise_std > 0) == ("coulomb_friction", True)
@@ -315,6 +320,8 @@ WRONG = {
     "effects": (lambda r: ldt.simulate("rotor", effects=3), "expected effects with their param"),
     "many": (lambda r: ldt.simulate("rotor", experiments="all"), "experiments: expected a finite"),
     "holdout": (lambda r: ldt.diagnose(r, "dc_motor", holdout="half"), "holdout: expected a finit"),
+    "seed": (lambda r: ldt.diagnose(r, "dc_motor", seed=-1), "seed: expected 0 to"),
+    "tried": (lambda r: ldt.diagnose(r, "dc_motor", effects=3), "names or ldt.Effect objects"),
     "free": (lambda r: ldt.calibrate(r, "dc_motor", free="K_t"), "free: expected a list of words"),
     "another": (lambda r: ldt.diagnose(r, {"name": "x"}), "expected the key 'physics'"),
 }

@@ -47,8 +47,9 @@ def simulate(
     known = Machine(machine)
     given = {"start_time": 0.0, "degradation": "none", **settings}
     given |= {"experiments": experiments, "seed": seed, "noise": noise}
-    plant = Plant.from_settings(known, resolve(given, "plant", "run"), effect_uses(effects))
-    return [plant.experiment(number) for number in range(1, experiments + 1)]
+    resolved = resolve(given, "plant", "run")
+    plant = Plant.from_settings(known, resolved, effect_uses(effects))
+    return [plant.experiment(number) for number in range(1, resolved["experiments"] + 1)]
 
 
 def effect_uses(effects: Effects) -> list[EffectUse]:

@@ -1,4 +1,4 @@
-"""Why a machine differs from its file: `diagnose`; and a file that fits it: `calibrate`."""
+"""Why a machine differs from its file: `diagnose`."""
 
 from __future__ import annotations
 
@@ -7,10 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ldt_core.base.errors import OptionError
-from ldt_core.calibration import calibrate as fit_machine
-from ldt_core.calibration.calibration import Calibration
-from ldt_core.calibration.machine_yaml import write_machine_file
+from ldt_core.base.errors import ArgumentTypeError, OptionError, described
+from ldt_core.base.settings import resolve
 from ldt_core.diagnosis.diagnose import diagnose as find_cause
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.library import library
@@ -58,28 +56,20 @@ class GapDiagnosis(Diagnosis):
         write_files(self, place)
 
 
-class FittedMachine(Calibration):
-    """What `calibrate` found: `machine`, `estimates`, `errors`, `notes` and more."""
+def names_and_effects(given: object) -> tuple[list[str], list[Effect]]:
+    """Effects by name, and those that came as objects.
 
-    def __repr__(self) -> str:
-        fitted = ", ".join(f"{e.name} = {e.value:.4g} {e.unit}" for e in self.estimates)
-        before, after = self.errors["fit"]
-        errors = f"free-run error {before.rmse:.3g} before, {after.rmse:.3g} rad/s after"
-        return f"FittedMachine({self.machine.name!r}, {fitted}; {errors})"
-
-    def to_dict(self) -> dict[str, Any]:
-        """What `ldt calibrate --json` prints of the fit."""
-        return self.as_dict()
-
-    def save(self, file: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the machine file.
-
-        Raises:
-            OptionError: the file exists and is not to be overwritten, or its folder does not.
-        """
-        if Path(file).exists() and not overwrite:
-            raise OptionError("file", "a new file, or overwrite=True", f"{file}, which exists")
-        write_machine_file(self, Path(file), force=True)
+    Raises:
+        ArgumentTypeError: something else.
+    """
+    listed = list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
+    for one in listed:
+        if not isinstance(one, str | Effect):
+            raise ArgumentTypeError("effects", "names or ldt.Effect objects", described(one))
+    return (
+        [one for one in listed if isinstance(one, str)],
+        [one for one in listed if isinstance(one, Effect)],
+    )
 
 
 def diagnose(
@@ -110,9 +100,8 @@ def diagnose(
         BadInput: an argument that cannot be used, or too little to go by.
     """
     experiments, known = possible(recording, machine)
-    own = [] if isinstance(effects, str) else [e for e in effects if isinstance(e, Effect)]
-    more = effects if isinstance(effects, str) else [e for e in effects if e not in own]
-    tried = library(known, names("effects", more), names("without", without))
+    more, own = names_and_effects(effects)
+    tried = library(known, more, names("without", without))
     for effect in own:
         effect.require(known.model)
     replaced = [e.name for e in own]
@@ -123,39 +112,6 @@ def diagnose(
         effects=[*(e for e in tried if e.name not in replaced), *own],
         refit=None if refit is None else names("refit", refit),
         holdout=number("holdout", holdout),
-        seed=number("seed", seed, "integer"),
+        seed=resolve({"seed": seed}, "plant")["seed"],
     )
     return GapDiagnosis(**vars(found))
-
-
-def calibrate(
-    recording: ExperimentsLike,
-    machine: MachineLike,
-    *,
-    free: Iterable[str] = (),
-    fixed: Iterable[str] = (),
-    holdout: float | None = None,
-) -> FittedMachine:
-    """Fit a machine's parameters to experiments, each a free run of its own, as `ldt calibrate`.
-
-    Args:
-        recording: of `read`, its folder or file, or experiments.
-        machine: to begin with; its name or file.
-        free: names of parameters to fit; none takes as many as the experiments determine.
-        fixed: names that keep their values; not together with `free`.
-        holdout: share of the experiments to judge by; None for a quarter when there are at least 4.
-
-    Raises:
-        BadInput: an argument that cannot be used.
-        LdtError: the experiments determine nothing, or the fit failed.
-    """
-    experiments, known = possible(recording, machine)
-    found = fit_machine(
-        known,
-        list(experiments),
-        free=names("free", free),
-        fixed=names("fixed", fixed),
-        holdout=None if holdout is None else number("holdout", holdout),
-    )
-    named = found.with_recordings([experiments.path] if experiments.path else [])
-    return FittedMachine(**vars(named))

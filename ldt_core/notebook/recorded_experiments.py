@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, overload
 from ldt_core.base.errors import ArgumentTypeError, described
 from ldt_core.base.experiment import Action, Experiment, Prediction
 from ldt_core.machine.machine_file import Machine
-from ldt_core.notebook.frames import described_experiment, described_step, frame
+from ldt_core.notebook.data_frame import described_experiment, described_step, frame
 from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.twin.adaptor import ROLLED_BACK
 from ldt_core.twin.stage import RecordedStep

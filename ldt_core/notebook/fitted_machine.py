@@ -1,0 +1,71 @@
+"""A machine file that fits what was measured: `calibrate`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from ldt_core.base.errors import OptionError
+from ldt_core.calibration import calibrate as fit_machine
+from ldt_core.calibration.calibration import Calibration
+from ldt_core.calibration.machine_yaml import write_machine_file
+from ldt_core.notebook.arguments import ExperimentsLike, MachineLike, names, number, possible
+
+
+class FittedMachine(Calibration):
+    """What `calibrate` found: `machine`, `estimates`, `errors`, `notes` and more."""
+
+    def __repr__(self) -> str:
+        fitted = ", ".join(f"{e.name} = {e.value:.4g} {e.unit}" for e in self.estimates)
+        before, after = self.errors["fit"]
+        errors = f"free-run error {before.rmse:.3g} before, {after.rmse:.3g} rad/s after"
+        return f"FittedMachine({self.machine.name!r}, {fitted}; {errors})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """What `ldt calibrate --json` prints of the fit."""
+        return self.as_dict()
+
+    def save(self, file: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write the machine file.
+
+        Raises:
+            OptionError: the file exists and is not to be overwritten, or its folder does not.
+        """
+        if Path(file).exists() and not overwrite:
+            raise OptionError("file", "a new file, or overwrite=True", f"{file}, which exists")
+        write_machine_file(self, Path(file), force=True)
+
+
+def calibrate(
+    recording: ExperimentsLike,
+    machine: MachineLike,
+    *,
+    free: Iterable[str] = (),
+    fixed: Iterable[str] = (),
+    holdout: float | None = None,
+) -> FittedMachine:
+    """Fit a machine's parameters to experiments, each a free run of its own, as `ldt calibrate`.
+
+    Args:
+        recording: of `read`, its folder or file, or experiments.
+        machine: to begin with; its name or file.
+        free: names of parameters to fit; none takes as many as the experiments determine.
+        fixed: names that keep their values; not together with `free`.
+        holdout: share of the experiments to judge by; None for a quarter when there are at least 4.
+
+    Raises:
+        BadInput: an argument that cannot be used.
+        LdtError: the experiments determine nothing, or the fit failed.
+    """
+    experiments, known = possible(recording, machine)
+    found = fit_machine(
+        known,
+        list(experiments),
+        free=names("free", free),
+        fixed=names("fixed", fixed),
+        holdout=None if holdout is None else number("holdout", holdout),
+    )
+    named = found.with_recordings([experiments.path] if experiments.path else [])
+    return FittedMachine(**vars(named))
