@@ -6,13 +6,13 @@ import time
 from collections.abc import Callable
 
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
-from ldt_ros.nodes.part import Part
+from ldt_ros.nodes.node_part import NodePart
 
 #: Stretches of numbers without a gap that are remembered.
 STRETCHES = 1000
 
 
-class Arrivals(Part):
+class Arrivals(NodePart):
     """The numbers of the experiments that have come, and when the last did.
 
     By a clock, not by the middleware's deadline: whoever asks for that is not matched by a machine

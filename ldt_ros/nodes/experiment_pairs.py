@@ -11,8 +11,8 @@ from ldt_core.twin.stage import RecordedStep
 from ldt_ros.nodes.convert import from_message
 from ldt_ros.nodes.feed import stamp_of
 from ldt_ros.nodes.node import LdtNode
+from ldt_ros.nodes.node_part import NodePart
 from ldt_ros.nodes.pairing import Pairing
-from ldt_ros.nodes.part import Part
 
 #: Longest time by which two statements of one time may differ [s].
 TIME_TOLERANCE = 1e-3
@@ -20,7 +20,7 @@ TIME_TOLERANCE = 1e-3
 STAMP_END = 2.0**31
 
 
-class ExperimentPairs(Part):
+class ExperimentPairs(NodePart):
     """Calls back with both of one number.
 
     | received | what happens |

@@ -16,7 +16,7 @@ from ldt_core.restart.recorded_run import END
 from ldt_ros.nodes.convert import from_message, to_message
 from ldt_ros.nodes.health_report import LINGER
 from ldt_ros.nodes.node import LdtNode
-from ldt_ros.nodes.part import Part
+from ldt_ros.nodes.node_part import NodePart
 from ldt_ros.nodes.sample_stream import SampleStream
 from ldt_ros.nodes.start_gate import StartGate
 
@@ -30,7 +30,7 @@ SHORTEST_TICK, LONGEST_TICK = 0.005, 0.05
 TICKS_PER_EXPERIMENT = 50
 
 
-class ExperimentSource(Part):
+class ExperimentSource(NodePart):
     """Publishes `experiment`, once all nodes of the graph have found each other.
 
     As fast as it goes, experiment i + 1 follows the `adaptation` of experiment i, so that no queue

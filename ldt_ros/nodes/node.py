@@ -13,8 +13,8 @@ from ldt_core.recording.node_status import FINISHED, STOPPED
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_ros.nodes.health_report import HealthReport
 from ldt_ros.nodes.interfaces import declare
+from ldt_ros.nodes.node_part import NodePart
 from ldt_ros.nodes.own_recording import OwnRecording
-from ldt_ros.nodes.part import Part
 from ldt_ros.nodes.topics import Topics
 
 
@@ -43,7 +43,7 @@ class LdtNode(Node):
             RecordedRun(self.settings["resume"], self.get_namespace(), self.machine)
         )
         #: What the node is composed of, beside its topics and its report.
-        self.parts: list[Part] = []
+        self.parts: list[NodePart] = []
         self.topics = Topics(self, self.settings["graph"])
         self.report = HealthReport(
             self,

@@ -13,13 +13,13 @@ from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.stage_restart import StageRestart
 from ldt_core.twin.stage import RecordedStep, Stage
 from ldt_ros.nodes.node import LdtNode
-from ldt_ros.nodes.part import Part
+from ldt_ros.nodes.node_part import NodePart
 
 #: Time between two looks at what is left to do [s], for which the end of a run may wait.
 PROGRESS_PERIOD = 0.2
 
 
-class StageWorker(Part):
+class StageWorker(NodePart):
     """Does what takes long on a thread of its own, so that health is told meanwhile.
 
     What comes then waits for it there; of more than may wait, the newest is left out and counted.

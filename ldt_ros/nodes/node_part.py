@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 
-class Part:
+class NodePart:
     """Tells its health with that of its node, and ends with it."""
 
     #: Longest time that a process waits for `quiet` when it is told to stop [s].
