@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from study_results import made_up
 
 from ldt_core.lab.study import scores
-from ldt_core.lab.study.drift_detection import detection
+from ldt_core.lab.study.drift_detection import delays, detection
 from ldt_core.lab.study.facts import Drift, Facts
-from ldt_core.lab.study.scores import chance, delays, in_windows, score, stale_alarms
+from ldt_core.lab.study.scores import chance, in_windows, score, stale_alarms
 
 # Twenty experiments; the value changes at 6 and at 16.
 TRUTH = [0.0] * 5 + [1.0] * 10 + [2.0] * 5

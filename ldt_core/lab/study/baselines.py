@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+import msgs_config
 from ldt_core.base.experiment import Action, Level
 from ldt_core.lab.study.study_case import RunResult, StudyCase
 
@@ -41,7 +42,7 @@ def baseline_cases(result: RunResult) -> list[StudyCase]:
         "periodic": periodic(count, case.experiments),
         "random": random(count, case.experiments, case.seed),
     }
-    plain = {n: v for n, v in case.settings.items() if n not in _detector_parameters()}
+    plain = {n: v for n, v in case.settings.items() if n not in msgs_config.parameters("detector")}
     return [
         replace(case, detector=name, alarms=when, settings=plain, keep=())
         for name, when in alarms.items()
@@ -63,9 +64,3 @@ def random(count: int, experiments: int, seed: int) -> tuple[int, ...]:
     generator = np.random.default_rng(np.random.SeedSequence([seed, *STREAM]))
     drawn = generator.choice(np.arange(1, experiments + 1), size=count, replace=False)
     return tuple(sorted(drawn.tolist()))
-
-
-def _detector_parameters() -> set[str]:
-    import msgs_config
-
-    return set(msgs_config.parameters("detector"))

@@ -56,10 +56,23 @@ def detection(
     >>> detection(drifts=[10, 50], positives=[14, 30, 55])
     Detection(drifts=2, detected=1, positives=3, revealing=1)
     """
-    true, alarms = sorted(set(drifts)), sorted(set(positives))
-    first = [next((a for a in alarms if i <= a < i + window), None) for i in true]
-    found = [a for a in first if a is not None]
-    return Detection(len(true), len(found), len(alarms), len(set(found)))
+    true, alarms = set(drifts), set(positives)
+    found = delays(true, alarms, window)
+    revealing = {drift + delay for drift, delay in found.items()}
+    return Detection(len(true), len(found), len(alarms), len(revealing))
+
+
+def delays(
+    drifts: Iterable[int], positives: Iterable[int], window: int = DETECTION_WINDOW
+) -> dict[int, int]:
+    """Drift → experiments until its first positive, of the drifts detected within the window.
+
+    >>> delays(drifts=[10, 50], positives=[10, 12, 53])
+    {10: 1, 50: 4}
+    """
+    alarms = sorted(set(positives))
+    first = {i: next((a for a in alarms if i <= a < i + window), None) for i in sorted(set(drifts))}
+    return {i: a - i + 1 for i, a in first.items() if a is not None}
 
 
 def drifts_of(values: Sequence[float], first: int = 1) -> list[int]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ldt_core.lab.study.drift_detection import DETECTION_WINDOW, detection, drifts_of
+from ldt_core.lab.study.drift_detection import DETECTION_WINDOW, delays, detection, drifts_of
 from ldt_core.lab.study.facts import Facts
 from ldt_core.lab.study.study_case import RunResult
 
@@ -130,19 +130,6 @@ def score(result: RunResult, facts: Facts | None = None) -> RunScore:
         over_floor=_ratio(mme, facts.mme_floor) if facts else None,
         over_late=_ratio(mme, facts.mme_late) if facts else None,
     )
-
-
-def delays(
-    drifts: Iterable[int], positives: Iterable[int], window: int = DETECTION_WINDOW
-) -> dict[int, int]:
-    """Drift → experiments until its first positive, of the drifts detected within the window.
-
-    >>> delays(drifts=[10, 50], positives=[10, 12, 53])
-    {10: 1, 50: 4}
-    """
-    alarms = sorted(set(positives))
-    first = {i: next((a for a in alarms if i <= a < i + window), None) for i in sorted(set(drifts))}
-    return {i: a - i + 1 for i, a in first.items() if a is not None}
 
 
 def in_windows(

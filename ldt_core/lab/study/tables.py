@@ -28,7 +28,7 @@ SETTINGS = (
 )
 PAPER_ORIGINAL = 10.09  # rad/s, MME of the original model in the paper
 #: Table 1 of the paper: one run of each model, under a detector that it does not name.
-PAPER = {
+PAPER: dict[str, dict[str, float]] = {
     model: {
         "mme": mme,
         "mme_original": PAPER_ORIGINAL,

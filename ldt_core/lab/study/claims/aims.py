@@ -8,10 +8,9 @@ from operator import attrgetter
 
 from ldt_core.base.sentences import number
 from ldt_core.lab.study.claims.claim import Claim, ClaimPart, ClaimVerdict, Statement, percent
-from ldt_core.lab.study.drift_detection import drifts_of
+from ldt_core.lab.study.drift_detection import delays, drifts_of
 from ldt_core.lab.study.evidence import BySeed, Evidence, ScoredRun, over
 from ldt_core.lab.study.facts import QUICK
-from ldt_core.lab.study.scores import delays
 from ldt_core.lab.study.statistics import mean, proportion, rate
 
 AIM = "an aim of this project"

@@ -13,13 +13,12 @@ from ldt_core.lab.study.figures.dots import Dots, Panel, dot_plot, key_to_marks
 from ldt_core.lab.study.statistics import Interval, mean, rate
 from ldt_core.lab.study.study import Study
 from ldt_core.lab.study.study_case import RunResult
+from ldt_core.lab.study.tables import PAPER
 from ldt_core.views.page.style import Drawing, Layout, pair
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: MME of the paper's table 1, as a share of the original model's.
-PAPER_SHARES = {"linear": 8.86 / 10.09, "hybrid": 6.86 / 10.09}
 #: Figure of `RunScore` → panel.
 CHANCE_PANELS = (
     Panel("mme", "MME [rad/s]"),
@@ -42,8 +41,8 @@ Best = tuple[float, str] | None
 def shares(evidence: Evidence) -> Drawing | None:
     """MME as a share of the original's; None without runs."""
     rows = [Dots("the paper, on its rotor")]
-    for model, share in PAPER_SHARES.items():
-        exact = {"share": Interval(100 * share, -np.inf, np.inf, 1)}
+    for model, printed in PAPER.items():
+        exact = {"share": Interval(100 * printed["share"], -np.inf, np.inf, 1)}
         rows.append(Dots(model, model, exact, hollow=True))
     best: Best = None
     for group, heading in (("paper", "here, as in the paper"), ("better", "here, beyond it")):

@@ -25,7 +25,7 @@ MARGIN = 1.0  # s round the stretch that the lower panel enlarges
 
 
 @dataclass(frozen=True)
-class ShownExperiment:
+class RegionExperiment:
     """One experiment as several models predicted it."""
 
     number: int
@@ -53,7 +53,7 @@ def sommerfeld(evidence: Evidence) -> Drawing | None:
     """One experiment, measured and as the three models predict it.
 
     Of the experiments kept of both that touch the region, the one with the greatest
-    `ShownExperiment.contrast`. None where no experiment was kept of both.
+    `RegionExperiment.contrast`. None where no experiment was kept of both.
     """
     study = evidence.study
     candidates = _candidates(study)
@@ -100,7 +100,7 @@ def sommerfeld(evidence: Evidence) -> Drawing | None:
     )
 
 
-def _candidates(study: Study) -> list[ShownExperiment]:
+def _candidates(study: Study) -> list[RegionExperiment]:
     """The experiments kept of both models, under the first detector of the plan that has some."""
     pairs: dict[str, dict[int, dict[str, RunResult]]] = {}
     for result in study.results("paper"):
@@ -117,7 +117,7 @@ def _candidates(study: Study) -> list[ShownExperiment]:
     return []
 
 
-def _shown(models: dict[str, RunResult], number: int) -> ShownExperiment:
+def _shown(models: dict[str, RunResult], number: int) -> RegionExperiment:
     kept = {name: models[name].kept[number] for name in ("linear", "hybrid")}
     rows = {"measured": kept["hybrid"]["speed"], "original": kept["hybrid"]["original"]}
     rows |= {name: kept[name]["prediction"] for name in kept}
@@ -130,10 +130,10 @@ def _shown(models: dict[str, RunResult], number: int) -> ShownExperiment:
     except LdtError:
         where = []
     mask = in_region(arrays["measured"], float(time[1] - time[0]), where)
-    return ShownExperiment(number, models, time, arrays, mask)
+    return RegionExperiment(number, models, time, arrays, mask)
 
 
-def _curves(axes: Axes, shown: ShownExperiment, spans: list[tuple[int, int]]) -> None:
+def _curves(axes: Axes, shown: RegionExperiment, spans: list[tuple[int, int]]) -> None:
     for index, (begin, end) in enumerate(spans):
         label = "Sommerfeld region" if index == 0 else None
         last = shown.time[min(end, len(shown.time) - 1)]
@@ -143,7 +143,7 @@ def _curves(axes: Axes, shown: ShownExperiment, spans: list[tuple[int, int]]) ->
         axes.plot(shown.time, shown.rows[name], **look(name).plot(lw=width))
 
 
-def _enlarged(shown: ShownExperiment, spans: list[tuple[int, int]]) -> tuple[float, float]:
+def _enlarged(shown: RegionExperiment, spans: list[tuple[int, int]]) -> tuple[float, float]:
     """The stretch [s] of the region in which linear and hybrid differ most, with a margin."""
     apart = np.abs(shown.rows["linear"] - shown.rows["hybrid"])
     begin, end = max(spans, key=lambda s: apart[s[0] : s[1]].max())

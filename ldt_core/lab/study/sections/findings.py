@@ -11,17 +11,18 @@ from ldt_core.lab.study.sections.methods import OWN
 from ldt_core.lab.study.statistics import Interval
 from ldt_core.lab.study.study import Study
 from ldt_core.lab.study.study_case import RunResult
+from ldt_core.lab.study.tables import PAPER
 from ldt_core.views.page.blocks import Cell, Folded, Links, Section, Table, Text, Value
 from ldt_core.views.page.style import Drawing, look, pair
 
 MODELS = ("linear", "hybrid")
-#: Row of table 1 → (figure of `RunScore`, the paper's for linear and hybrid).
+#: Row of table 1 → figure of `RunScore`.
 TABLE_1 = {
-    "MME [rad/s]": ("mme", ("8.86", "6.86")),
-    "MME of the original [rad/s]": ("mme_original", ("10.09", "10.09")),
-    "Adaptations": ("adaptations", ("44", "25")),
-    "Precision": ("precision", ("0.06", "0.12")),
-    "Recall": ("recall", ("0.33", "0.33")),
+    "MME [rad/s]": "mme",
+    "MME of the original [rad/s]": "mme_original",
+    "Adaptations": "adaptations",
+    "Precision": "precision",
+    "Recall": "recall",
 }
 NO_RUNS = "This study has no runs for it (group {})."
 BETTER = "this study has no runs beyond the paper (group better)."
@@ -76,11 +77,11 @@ def _table(evidence: Evidence) -> Table | Text:
     if not detectors:
         return Text(f"Table 1: {NO_RUNS.format('paper')}", "missing")
     rows: list[list[Value]] = []
-    for place, model in enumerate(MODELS):
-        rows.append([f"{model}: the paper", *(printed[place] for _, printed in TABLE_1.values())])
+    for model in MODELS:
+        rows.append([f"{model}: the paper", *(f"{PAPER[model][f]:g}" for f in TABLE_1.values())])
         for detector in detectors:
             if results := pairs.get((model, detector)):
-                figures = [cell(evidence.of(results, figure)) for figure, _ in TABLE_1.values()]
+                figures = [cell(evidence.of(results, figure)) for figure in TABLE_1.values()]
                 rows.append([f"{model}: ours, {look(detector).label}", *figures])
     head = ("model, detector", *TABLE_1)
     seeds = len({r.case.seed for r in evidence.study.results("paper")})
