@@ -21,9 +21,9 @@ Samples = NDArray[np.float64]
 Scalar = float | int | str | bool | None
 
 #: Before EFFECT.PARAMETER, in the values of a diagnosis.
-AMOUNT = "amount."
+AMOUNT_PREFIX = "amount."
 #: Relative difference of two sample periods that is rounding, of clocks and of text files.
-SAME_PERIOD = 1e-6
+PERIOD_TOLERANCE = 1e-6
 
 
 def _samples(where: str, values: ArrayLike, length: int | None = None) -> Samples:
@@ -132,7 +132,7 @@ class Experiment:
 
     def same_period(self, other: Experiment) -> bool:
         """Whether the two were sampled alike."""
-        return math.isclose(self.period, other.period, rel_tol=SAME_PERIOD)
+        return math.isclose(self.period, other.period, rel_tol=PERIOD_TOLERANCE)
 
     def part(self, begin: int, stop: int) -> Experiment:
         """Samples begin to stop as an experiment of the same number, starting where they start."""
@@ -345,10 +345,11 @@ class DiagnosisRecord(_AboutExperiment):
         """Effect → its parameters, of all that the verdict's free run has."""
         found: dict[str, dict[str, float]] = {}
         for key, value in self.values.items():
-            effect, dot, parameter = key.removeprefix(AMOUNT).rpartition(".")
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            if key.startswith(AMOUNT) and dot and number:
-                found.setdefault(effect, {})[parameter] = float(value)  # type: ignore[arg-type]
+            effect, dot, parameter = key.removeprefix(AMOUNT_PREFIX).rpartition(".")
+            if not (key.startswith(AMOUNT_PREFIX) and dot):
+                continue
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                found.setdefault(effect, {})[parameter] = float(value)
         return found
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import (
-    AMOUNT,
+    AMOUNT_PREFIX,
     DiagnosisRecord,
     Experiment,
     Level,
@@ -270,7 +270,7 @@ def _record(found: Found, signal: Signal) -> DiagnosisRecord:
     if cause := _cause(found.diagnosis):
         values["cause"] = cause
     for effect, given in found.use:
-        values |= {f"{AMOUNT}{effect.name}.{name}": float(v) for name, v in given.items()}
+        values |= {f"{AMOUNT_PREFIX}{effect.name}.{name}": float(v) for name, v in given.items()}
     return DiagnosisRecord(
         signal.experiment, signal.model_version, verdict.sentence, tuple(verdict.effects), values
     )

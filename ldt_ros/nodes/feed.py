@@ -103,8 +103,9 @@ def subscribe(node: Node, topic: str, callback: Callable[[str, Any], None]) -> s
         return None
     kind = offers[0].topic_type
     match = MESSAGE_TYPE.fullmatch(kind)
+    package, name = match.groups() if match else ("", "")
     try:
-        message_class = getattr(importlib.import_module(f"{match[1]}.msg"), match[2])  # type: ignore[index]
+        message_class = getattr(importlib.import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError, TypeError):
         raise RecordingError(topic, "a message type that is installed", kind) from None
     offered = [info.qos_profile for info in offers]
