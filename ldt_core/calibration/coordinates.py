@@ -131,6 +131,6 @@ class Coordinates:
         return np.where(z - low < ON_BOUND, low, np.where(high - z < ON_BOUND, high, z))
 
     def on_bound(self, z: Array) -> list[Coordinate]:
-        """Those that lie on a bound; z as `snapped` gives it."""
+        """Those that lie on a bound; z (p,) as `snapped` gives it."""
         low, high = self.bounds
         return [c for c, v, a, b in zip(self.free, z, low, high, strict=True) if v in (a, b)]

@@ -20,7 +20,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.calibration.coordinates import Coordinates
 from ldt_core.estimation.noise import white_noise
 from ldt_core.estimation.variable_projection import least_squares_step, project_out
-from ldt_core.physics.base import Physics
+from ldt_core.physics.base import ANGLE, CURRENT, SPEED, Physics
 
 Array = NDArray[np.float64]
 
@@ -195,7 +195,11 @@ class CalibrationRuns:
         except LdtError:
             return np.full(len(e) * (1 if e.current is None else 2), DIVERGED)
         speed = self.physics.measure(states, e.period) / self.noise[0]
-        return speed if e.current is None else np.concatenate([speed, states[:, 2] / self.noise[1]])
+        return (
+            speed
+            if e.current is None
+            else np.concatenate([speed, states[:, CURRENT] / self.noise[1]])
+        )
 
 
 def _size(samples: Array) -> float:
@@ -214,12 +218,12 @@ def _spread(physics: Physics, values: Mapping[str, float], e: Experiment, guess:
     be as large as in the run when the machine starts at full speed; at rest they are 0.
     """
     spread = np.zeros(guess.size)
-    spread[1] = math.inf
-    spread[2] = max(float(np.abs(e.voltage).max()), 1e-3) / values["R"]
+    spread[SPEED] = math.inf
+    spread[CURRENT] = max(float(np.abs(e.voltage).max()), 1e-3) / values["R"]
     if physics.is_linear(values):
         return spread
-    spread[0] = ANGLE_SPREAD
+    spread[ANGLE] = ANGLE_SPREAD
     states = physics.simulate(values, e.voltage, e.period, guess)
     running = min(1.0, abs(float(e.speed[0])) / _size(e.speed))
-    spread[3:] = running * np.sqrt(np.mean(states[:, 3:] ** 2, axis=0))
+    spread[CURRENT + 1 :] = running * np.sqrt(np.mean(states[:, CURRENT + 1 :] ** 2, axis=0))
     return spread

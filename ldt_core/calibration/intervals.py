@@ -21,6 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import matmul_toeplitz
+from scipy.special import stdtrit
 
 Array = NDArray[np.float64]
 
@@ -60,9 +62,7 @@ class Uncertainty:
     @property
     def half_widths(self) -> Array:
         """(p,) half of the 95 % intervals."""
-        from scipy.stats import t
-
-        return float(t.ppf(0.975, self.freedom)) * self.errors
+        return float(stdtrit(self.freedom, 0.975)) * self.errors
 
 
 def uncertainty(
@@ -170,6 +170,4 @@ def _autocovariance(residuals: Sequence[Array], longest: int) -> tuple[Array, in
 
 def _correlate(columns: Array, covariance: Array) -> Array:
     """The Toeplitz matrix of the covariance times the columns: (L, p)."""
-    from scipy.linalg import matmul_toeplitz
-
     return matmul_toeplitz(covariance, columns, check_finite=False)

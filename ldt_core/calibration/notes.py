@@ -73,7 +73,7 @@ def notes(calibration: Calibration, seen: Identifiability, white: float, same: f
 
 
 def bounds(coordinates: Coordinates, z: Array) -> list[str]:
-    """A sentence for each parameter that ended on a bound, and what that means."""
+    """A sentence for each parameter that ended on a bound at z (p,), and what that means."""
     said = []
     for c in coordinates.on_bound(z):
         at = c.value(float(z[coordinates.names.index(c.name)]))

@@ -22,7 +22,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.calibration.coordinates import Array, Coordinate, Coordinates
 from ldt_core.calibration.free_runs import CalibrationRuns
 from ldt_core.estimation.least_squares import trust_region
-from ldt_core.physics.base import Physics
+from ldt_core.physics.base import SPEED, Physics
 from ldt_core.physics.parameter import Parameter
 
 ROUNDS = 12  # of fit, start states and noise in turn; a fit that is not still by then creeps
@@ -97,11 +97,11 @@ def typical(
     """
     e = max(parts, key=lambda e: float(np.ptp(e.speed)))
     start = physics.initial_state(values, float(e.speed[0]))
-    base = physics.simulate(values, e.voltage, e.period, start)[:, 1]
+    base = physics.simulate(values, e.voltage, e.period, start)[:, SPEED]
     size = float(np.sqrt(np.mean(base**2)))
     for tried in SIZES:
         try:
-            moved = physics.simulate({**values, name: tried}, e.voltage, e.period, start)[:, 1]
+            moved = physics.simulate({**values, name: tried}, e.voltage, e.period, start)[:, SPEED]
         except LdtError:
             break
         if np.sqrt(np.mean((moved - base) ** 2)) > VISIBLE * size > 0:

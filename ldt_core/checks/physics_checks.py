@@ -15,7 +15,7 @@ import numpy as np
 
 from ldt_core.base.errors import MachineFileError
 from ldt_core.machine.machine_file import Machine
-from ldt_core.physics.base import Array
+from ldt_core.physics.base import SPEED, Array
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import STATES
 from ldt_core.physics.motor_driven import MotorDriven
@@ -49,7 +49,9 @@ def check_physics(machine: Machine) -> list[str]:
     name, names = physics.name, [p.name for p in physics.parameters]
     missing = [n for n in NEEDED if n not in names]
     assert not missing, f"{name}: no parameter {', '.join(missing)}, which effects rely on"
-    assert physics.states[:3] == FIRST, f"{name}: states must begin with {', '.join(FIRST)}"
+    assert physics.states[: len(FIRST)] == FIRST, (
+        f"{name}: states must begin with {', '.join(FIRST)}"
+    )
     for parameter in physics.parameters:
         assert parameter.description, f"{name}, {parameter.name}: no description"
         _check_refusal(machine, parameter)
@@ -57,7 +59,9 @@ def check_physics(machine: Machine) -> list[str]:
     state = physics.initial_state(values, 10.0)
     count = len(physics.states)
     assert state.shape == (count,), f"{name}: {count} states, but a first state of {state.shape}"
-    assert state[1] == 10.0, f"{name}: the first state does not have the speed that was measured"
+    assert state[SPEED] == 10.0, (
+        f"{name}: the first state does not have the speed that was measured"
+    )
     first, again = _speed(machine), _speed(machine)
     assert np.array_equal(first, again), f"{name}: two runs differ"
     assert np.isfinite(first).all(), f"{name}: speeds that are not finite"
@@ -125,4 +129,4 @@ def _speed(machine: Machine, *effects: Effect) -> Array:
     physics, values = machine.model, machine.parameters
     initial = physics.initial_state(values, 0.0)
     states = physics.simulate(values, volts, PERIOD, initial, [(e, e.neutral) for e in effects])
-    return states[:, 1]
+    return states[:, SPEED]

@@ -53,7 +53,12 @@ class Detector(abc.ABC):
 
     @abc.abstractmethod
     def judge(self, residual: Samples, deviation: Samples | None) -> Level:
-        """The answer to one experiment; the place for the algorithm."""
+        """The answer to one experiment; the place for the algorithm.
+
+        Args:
+            residual: (L,) measured minus predicted [rad/s], finite.
+            deviation: (L,) the model's own predictive standard deviation [rad/s], or None.
+        """
 
     @property
     def statistics(self) -> dict[str, float]:

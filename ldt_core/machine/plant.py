@@ -32,6 +32,7 @@ from ldt_core.effects import get_effect, parse_effect
 from ldt_core.machine.degradation import schedule
 from ldt_core.machine.excitation import Excitation, Given, excitation
 from ldt_core.machine.machine_file import Machine, check_keys, real_number
+from ldt_core.physics.base import ANGLE, CURRENT
 from ldt_core.physics.effect import Effect
 
 KEYS = ("voltage", "start", "noise", "current_noise", "degradation")
@@ -161,7 +162,7 @@ class Plant:
         current = None
         if self.measure_current:
             random = self._random(number, CURRENT_NOISE)
-            current = states[:samples, 2] + random.normal(0.0, self.current_noise, samples)
+            current = states[:samples, CURRENT] + random.normal(0.0, self.current_noise, samples)
         start = self.start_time + (number - 1) * samples * period
         return Experiment(number, start, machine.sample_period, volts, speed, current)
 
@@ -190,7 +191,7 @@ class Plant:
     def _first_state(self, number: int) -> NDArray[np.float64]:
         state = self.physics.initial_state(self.machine.parameters, 0.0)
         if self.start == "random":
-            state[0] = self._random(number, START).uniform(0.0, 2 * math.pi)
+            state[ANGLE] = self._random(number, START).uniform(0.0, 2 * math.pi)
         if self.start != "continue" or number == 1:
             return state
         if self._ended is None or self._ended[0] >= number:

@@ -71,11 +71,7 @@ class DiagnosedModel(Model):
     `seen` ([experiment, angle, std] each), and `members`: [weight, start angle, value of each
     parameter], the best one first.
 
-    Args:
-        machine: the machine as it is known beforehand.
-        parameters: all that makes the model, in JSON types; None for the untrained model.
-        version: 0 when untrained.
-        trained_on: numbers of the experiments it learned from.
+    Args (and those of `Model`):
         cause: name of the effect, or file.py:NAME, or "auto" for what diagnoses name.
 
     Raises:

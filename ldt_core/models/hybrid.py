@@ -20,6 +20,7 @@ from ldt_core.models.gaussian_process.observer import MotorRun
 from ldt_core.models.gaussian_process.sparse import SparsePosterior
 from ldt_core.models.gaussian_process.speed_run import spread
 from ldt_core.models.physics import PhysicsModel
+from ldt_core.physics.base import CURRENT
 from ldt_core.physics.zero_order_hold import zero_order_hold
 
 
@@ -50,11 +51,7 @@ class HybridModel(Model):
     [rad/s²], `memory` [s], `span` and `rmse` [rad/s]: see `gaussian_process.sparse` and
     `gaussian_process.learn`.
 
-    Args:
-        machine: the machine as it is known beforehand.
-        parameters: all that makes the model, in JSON types; None for the untrained model.
-        version: 0 when untrained.
-        trained_on: numbers of the experiments it learned from.
+    Args (and those of `Model`):
         gp_inputs: of f_d in `fit`: speed (as in the paper), voltage, current.
         inducing: inducing points at most.
 
@@ -150,7 +147,7 @@ class HybridModel(Model):
         current = None if experiment.current is None else float(experiment.current[0])
         speed = float(experiment.speed[0])
         state = self.physics.physics.initial_state(self.physics.values, speed, current)
-        return np.array([state[2], speed])
+        return np.array([state[CURRENT], speed])
 
 
 @functools.lru_cache(maxsize=64)

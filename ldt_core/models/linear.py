@@ -35,7 +35,7 @@ class LinearModel(Model):
     `per_speed`, see `estimation.linear.run_start`) and `others`, models that the data allow as
     well, for the deviation (`A`, `B`, `offset`, their `state` and `per_speed`, `weight`).
 
-    Args:
+    Args (and those of `Model`):
         order: number of states of the identified model, 0 to choose it on held-out samples.
         offset: whether the identified model may have an offset. The paper's has none, and so has a
             steady speed of 0 at 0 V; one that is to stand for friction or load needs it.

@@ -177,7 +177,7 @@ class Effect:
         return 0.0 if self.fastest is None else self.fastest(values, voltage, **given)
 
     def first_states(self, state: Array, given: Values) -> tuple[float, ...]:
-        """The effect's own states at the first sample, from the machine's."""
+        """The effect's own states at the first sample, from the machine's (n,)."""
         return (0.0,) * len(self.states) if self.initial is None else self.initial(state, **given)
 
     @functools.cached_property

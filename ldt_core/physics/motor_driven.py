@@ -87,7 +87,7 @@ class MotorDriven(Physics):
         What the supply gave before the first sample is not known. It is taken to be what keeps the
         first state steady: nothing for a machine at rest.
         """
-        before = values["R"] * state[2] + values["K_t"] * state[1]
+        before = values["R"] * state[CURRENT] + values["K_t"] * state[SPEED]
         at, levels = np.concatenate([[-np.inf], times]), np.concatenate([[before], volts])
         for effect, given in effects:
             if effect.on_voltage is not None:

@@ -67,7 +67,7 @@ class Cause:
         self.typical = self.coordinates({**effect.neutral, **effect.typical})
 
     def given(self, z: Array) -> dict[str, float]:
-        """The effect's parameters at these coordinates, within their bounds."""
+        """The effect's parameters at coordinates z (d,), within their bounds."""
         values = self.neutral + np.clip(z, self.low, self.high) * self.scale
         return dict(zip(self.names, values.tolist(), strict=True))
 

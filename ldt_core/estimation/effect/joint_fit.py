@@ -138,7 +138,7 @@ class JointFit:
         return seen.experiment.speed - self._runs[key]
 
     def run(self, start: Array) -> Minimum:
-        """Descend from these coordinates."""
+        """Descend from coordinates (p,) to the nearest minimum."""
         return self._minimum(
             levenberg_marquardt(
                 self._rows,
@@ -152,7 +152,7 @@ class JointFit:
         )
 
     def loss(self, q: Array, minimum: Minimum) -> float:
-        """Sum of squares about a minimum, in deviations of what is left there."""
+        """Sum of squares at q (p,), in deviations of what is left at a minimum near it."""
         rows = self._rows(q)
         measured = rows[: rows.size - self._prior(q).size]
         prior = rows[measured.size :]

@@ -70,7 +70,7 @@ def alternatives(
 
     Args:
         search: the data.
-        theta: the best model's.
+        theta: (n,) the best model's.
         linear: likewise.
         deviation: s √τ, in the unit of the outputs.
     """

@@ -71,7 +71,7 @@ def choose(found: Mapping[int, Array]) -> int:
     """The order.
 
     Args:
-        found: order → its `scores`, errors in deviations of the output.
+        found: order → its `scores` (blocks,), errors in deviations of the output.
     """
     means = {n: float(s.mean()) for n, s in found.items()}
     best = min(means, key=lambda n: (means[n], n))

@@ -118,7 +118,7 @@ class OutputError:
         return found, loss / self.count
 
     def loss(self, theta: Array) -> float:
-        """Mean square residual at θ, all linear parameters at their best."""
+        """Mean square residual at θ (n,), all linear parameters at their best."""
         return max(float(linear_part(theta, *self.data)[2]), 0.0) / self.count  # rounding
 
     @property
@@ -170,11 +170,11 @@ class OutputError:
         return results
 
     def solve(self, theta: Array) -> Linear:
-        """The linear parameters at θ."""
+        """The linear parameters at θ (n,)."""
         return _At(self, theta).solve()
 
     def solve_quickly(self, theta: Array) -> Linear:
-        """The same in one pass, to about 1e-8."""
+        """The same at θ (n,) in one pass, to about 1e-8."""
         weights, v, _ = linear_part(theta, *self.data)
         D = float(weights[theta.size]) if self.feedthrough else 0.0
         return Linear(weights[: theta.size], D, v, float(weights[-1]) if self.offset else 0.0)
@@ -188,7 +188,7 @@ class OutputError:
         return run
 
     def without_input(self, theta: Array) -> float:
-        """Mean square residual when only start states and offset explain the output."""
+        """Mean square residual at θ (n,) when only start states and offset explain the output."""
         skipped = theta.size + self.feedthrough
         factor = _triangle(_At(self, theta).projected()[:, skipped:])
         return float(factor[-1, -1] ** 2) / self.count

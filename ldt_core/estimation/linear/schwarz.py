@@ -129,5 +129,5 @@ def poles_of(theta: Array, sigma: float) -> NDArray[np.complex128]:
 
 
 def drifts(theta: Array, sigma: float) -> bool:
-    """Whether a pole lies at the limit −σ, where a decay cannot be told from a drift."""
+    """Whether a pole of θ (n,) lies at the limit −σ, where decay cannot be told from drift."""
     return bool(np.abs(poles_of(theta, sigma)).min() < DRIFT_FACTOR * sigma)
