@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import ast
+import re
 import shutil
 import subprocess
 import sys
+import tomllib
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -13,6 +17,12 @@ import yaml
 REPOSITORY = Path(__file__).resolve().parents[1]
 BIN = Path(sys.executable).parent
 CHECKED = ["ldt_core", "ldt_ros", "msgs_config", "tests", "setup.py"]
+#: What a module looks like or is a piece of: no name for one. Modules of `cli` are commands.
+SHAPES = {
+    *("common", "figure", "figures", "files", "functions", "helper", "helpers", "kept", "misc"),
+    *("numbers", "own", "part", "parts", "procedure", "result", "results", "run", "setting"),
+    *("table", "tables", "text", "texts", "tools", "util", "utils", "words"),
+}
 
 
 def tool(name: str, *arguments: str) -> None:
@@ -35,21 +45,57 @@ def test_the_code_is_formatted():
     tool("ruff", "format", "--no-cache", "--check", *CHECKED)
 
 
-def test_the_core_knows_no_ros():
-    """The import contract of `pyproject.toml`."""
+def test_the_layers_hold():
+    """The import contracts of `pyproject.toml`: the core knows no ROS, for one."""
     tool("lint-imports", "--no-cache")
 
 
-def test_the_core_s_types_hold():
+def test_the_types_hold():
     """Strict, but for what `pyproject.toml` lists."""
     tool("mypy")
 
 
+def sources() -> dict[str, str]:
+    """The text of each Python file of ours, by its path in the repository; no tests."""
+    python = (p for f in CHECKED[:3] for p in sorted((REPOSITORY / f).rglob("*.py")))
+    return {str(p.relative_to(REPOSITORY)): p.read_text() for p in python}
+
+
 def test_no_file_is_too_long():
     """A file is about one thing: 400 lines at most."""
-    python = [p for f in CHECKED[:3] for p in (REPOSITORY / f).rglob("*.py")]
-    lengths = {p: len(p.read_text().splitlines()) for p in python}
-    assert {p.name: n for p, n in lengths.items() if n > 400} == {}
+    lengths = {path: len(text.splitlines()) for path, text in sources().items()}
+    assert {path: n for path, n in lengths.items() if n > 400} == {}
+
+
+def test_a_public_class_name_stands_for_one_thing():
+    """Over the core, the nodes and the tables."""
+    found = defaultdict(list)
+    for path, text in sources().items():
+        for part in ast.parse(text).body:
+            if isinstance(part, ast.ClassDef) and not part.name.startswith("_"):
+                found[part.name].append(path)
+    assert {name: paths for name, paths in found.items() if len(paths) > 1} == {}
+
+
+def test_a_module_is_named_for_what_it_holds():
+    """Not for its shape."""
+    paths = [Path(path) for path in sources()]
+    assert [p for p in paths if p.stem in SHAPES and p.parent.name != "cli"] == []
+
+
+@pytest.mark.parametrize("package", ["ldt_core", "ldt_ros"])
+def test_every_package_stands_in_a_layer(package):
+    """A new one is refused until it has a place; imports for types count, and none is excepted."""
+    linted = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["tool"]["importlinter"]
+    assert not linted.get("exclude_type_checking_imports")
+    assert not [c["name"] for c in linted["contracts"] if "ignore_imports" in c]
+    (contract,) = (c for c in linted["contracts"] if package in c.get("containers", ()))
+    assert contract["exhaustive"]
+    placed = {name for layer in contract["layers"] for name in re.split(r"[\s|:]+", layer)}
+    folder = REPOSITORY / package
+    packages = {p.parent.name for p in folder.glob("*/__init__.py")}
+    inner = packages | {p.stem for p in folder.glob("*.py")}
+    assert inner - placed <= {*contract.get("exhaustive_ignores", ()), "__init__"}
 
 
 def test_pre_commit_runs_the_same_tools():

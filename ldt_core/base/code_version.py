@@ -13,8 +13,8 @@ LIBRARIES = ("numba", "numpy", "scikit-learn", "scipy")
 SHOWING = frozenset(
     (
         *("checks", "cli", "docs", "doctor", "recording", "security", "views"),
-        *(f"lab/study/{part}" for part in ("claims", "figures", "sections", "page.py")),
-        *(f"lab/challenge/score/{part}" for part in ("markdown.py", "pictures.py")),
+        *(f"lab/study/{part}" for part in ("claims", "figures", "sections", "study_page.py")),
+        *(f"lab/challenge/score/{part}" for part in ("score_files.py", "pictures.py")),
     )
 )
 DIGITS = 12  # of a fingerprint

@@ -87,7 +87,7 @@ def command(
     from ldt_core.lab.study.engine import conduct, load_study
     from ldt_core.lab.study.study_page import write_figures, write_page
     from ldt_core.lab.study.study_plan import StudyPlan
-    from ldt_core.lab.study.tables import write_tables
+    from ldt_core.lab.study.study_tables import write_tables
     from ldt_core.views.page import style
 
     style.require()
@@ -115,7 +115,7 @@ def _print(study: Study, page: Path, as_json: bool) -> None:
     from rich.table import Table
 
     from ldt_core.cli.console import Console
-    from ldt_core.lab.study.tables import summary, table_rows
+    from ldt_core.lab.study.study_tables import summary, table_rows
 
     rows = summary(study)
     if as_json:

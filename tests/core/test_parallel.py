@@ -13,6 +13,7 @@ import textwrap
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import resources
 from pathlib import Path
 
 import pytest
@@ -213,6 +214,12 @@ def test_the_version_names_code_and_libraries():
     assert code_version()["ldt"] == importlib.metadata.version("ldt")
     assert len(code_version()["code"]) == 12
     assert {"numba", "numpy", "scikit-learn", "scipy"} < set(code_version())
+
+
+def test_what_does_not_count_is_there():
+    """By the names that it has now."""
+    package = resources.files("ldt_core")
+    assert [name for name in SHOWING if not (package / name).exists()] == []
 
 
 def test_what_computes_a_diagnosis_counts():

@@ -9,7 +9,7 @@ from study_results import made_up
 
 from ldt_core.lab.study.baselines import baseline_cases
 from ldt_core.lab.study.study import Entry, Study
-from ldt_core.lab.study.tables import COLUMNS, summary, table_rows, write_tables
+from ldt_core.lab.study.study_tables import COLUMNS, summary, table_rows, write_tables
 
 TRUTH = [0.0] * 10 + [0.001] * 10
 

@@ -27,7 +27,7 @@ from ldt_core.lab.study.drift_detection import delays
 from ldt_core.lab.study.evidence import Evidence, Figure, ScoredRun, difference, over, ratio, shares
 from ldt_core.lab.study.facts import Drift
 from ldt_core.lab.study.statistics import mean
-from ldt_core.lab.study.tables import PAPER, PAPER_ORIGINAL
+from ldt_core.lab.study.study_tables import PAPER, PAPER_ORIGINAL
 
 TABLE = "table 1"
 REGION_FIGURE = "figure of experiment 92"

@@ -13,7 +13,7 @@ from ldt_core.lab.study.figures.dots import Dots, Panel, dot_plot, key_to_marks
 from ldt_core.lab.study.statistics import Interval, mean, rate
 from ldt_core.lab.study.study import Study
 from ldt_core.lab.study.study_case import RunResult
-from ldt_core.lab.study.tables import PAPER
+from ldt_core.lab.study.study_tables import PAPER
 from ldt_core.views.page.style import Drawing, Layout, pair
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from ldt_core.lab.study.sections.methods import OWN
 from ldt_core.lab.study.statistics import Interval
 from ldt_core.lab.study.study import Study
 from ldt_core.lab.study.study_case import RunResult
-from ldt_core.lab.study.tables import PAPER
+from ldt_core.lab.study.study_tables import PAPER
 from ldt_core.views.page.blocks import Cell, Folded, Links, Section, Table, Text, Value
 from ldt_core.views.page.style import Drawing, look, pair
 
