@@ -203,5 +203,5 @@ def test_without_being_asked_for_there_is_no_diagnosis(domain, rotor, tmp_path):
 
     given = {**WORN, "machine": rotor, "model": "physics"}
     (graph,) = launch({**given, "bag": str(tmp_path / "graph")})
-    assert graph.roles == ["recorder", "adaptor", "detector", "twin", "plant"]
+    assert graph.settings["graph"] == ["recorder", "adaptor", "detector", "twin", "plant"]
     assert list(read_bag(graph.bag).records("diagnosis")) == []
