@@ -63,8 +63,9 @@ class Adaptor:
     wearing rotor.) Only if no model could be trained is it kept, together with the present
     experiment: with more data there may be one.
 
-    An experiment whose speed no machine like this can have (`plausible`) is refused, whatever the
-    signal, and comes into neither S_w nor the recent experiments: nothing is ever learned from it.
+    An experiment whose speed no machine like this can have is refused, whatever the signal
+    (`sensor_check`). It comes into neither S_w nor the recent experiments: nothing is ever learned
+    from it.
 
     Args:
         model: the model to begin with.

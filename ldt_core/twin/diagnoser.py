@@ -39,8 +39,10 @@ from ldt_core.twin.stage import Archive, RecordedStep
 from ldt_core.twin.training_data import JOINT_ERROR_RATIO, VALID_ERROR_RATIO
 
 Make = Callable[..., Diagnosis]
+#: Kinds of verdict that name a cause.
 NAMED = ("effect", "ambiguous")
-COMPOUND = ("gap.closed_fraction_ci95", "next_experiment")  # list and object, null where undefined
+#: A list and an object of `diagnosis.json`, null where undefined.
+COMPOUND = ("gap.closed_fraction_ci95", "next_experiment")
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +104,7 @@ class Diagnoser:
     Args:
         machine: as its file knows it.
         settings: parameters of the group diagnosis; those that are missing have their defaults.
-        make: what makes a diagnosis; the arguments are those of `procedure.diagnose`.
+        make: what makes a diagnosis; the arguments are those of `diagnosis.diagnose.diagnose`.
 
     Attributes:
         trouble: why the last diagnosis came to nothing; empty when it came to something.
