@@ -82,7 +82,8 @@ def test_the_graph_publishes_and_records_the_advice_of_the_offline_run(
     (graph,) = launch(settings)
     plant = Plant.from_settings(machine, settings)
     offline = run(machine, settings, map(plant.experiment, range(1, 5)), tmp_path / "offline")
-    assert graph.settings["graph"] == ["recorder", "advisor", "adaptor", "detector", "twin", "plant"]
+    roles = ["recorder", "advisor", "adaptor", "detector", "twin", "plant"]
+    assert graph.settings["graph"] == roles
     heard = list(read_bag(tmp_path / "graph").records("advice"))
     assert heard == list(read_bag(tmp_path / "offline").records("advice"))
     assert [a.experiment for a in heard] == [1, 4]
