@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ldt_core.machine.machine_file import Machine
     from ldt_core.runs.each_recording import Options, RecordingAnswer
 
-SHOWN = 8  # candidates in the table of the terminal; the page has all
+MAX_CANDIDATES = 8  # candidates in the table of the terminal; the page has all
 
 
 @click.command("diagnose", short_help="Where the gap lies, and which effect causes it.")
@@ -227,7 +227,7 @@ def _print(found: Diagnosis, folder: Path) -> None:
         table = Table(title="what was tried, each alone")
         for column in ("effect", "explains", "amount", "why not"):
             table.add_column(column, justify="right" if column == "explains" else "left")
-        for c in found.candidates[:SHOWN]:
+        for c in found.candidates[:MAX_CANDIDATES]:
             share = "" if c.closed_fraction is None else f"{c.closed_fraction:.1%}"
             table.add_row(c.effect, share, values(c.parameters), c.rejected_because or "named")
         console.print(table)

@@ -13,8 +13,8 @@ from ldt_core.base.metrics import Summary
 from ldt_core.cli.console import Console
 from ldt_core.cli.terminal import echo_json, one_line
 
-DIAGNOSES = 5  # shown when a run has ended, the last ones; the recording has all
-SIDE_BY_SIDE = 3  # machines in the table that a run ends with; more are a row each
+MAX_DIAGNOSES = 5  # shown when a run has ended, the last ones; the recording has all
+MAX_COLUMNS = 3  # machines in the table that a run ends with; more are a row each
 
 
 def print_summaries(
@@ -35,10 +35,10 @@ def print_summaries(
     title = one_line(f"{settings['model']} model, {settings['detector']} detector")
     console.print(_table(title, {machine: summary for machine, summary, _ in runs}))
     for machine, summary, bag in runs:
-        shown = summary.diagnoses[-DIAGNOSES:]
+        shown = summary.diagnoses[-MAX_DIAGNOSES:]
         told = [f"diagnosis at experiment {d.experiment}: {d.sentence}" for d in shown]
         lines = [f"{machine}, {words}" for words in told]
-        if (before := len(summary.diagnoses) - DIAGNOSES) > 0:
+        if (before := len(summary.diagnoses) - MAX_DIAGNOSES) > 0:
             lines.append(f"{machine}: {before} earlier diagnoses")
         if (a := summary.advice) is not None:
             lines.append(f"{machine}, advice at experiment {a.experiment}: {a.sentence}")
@@ -51,7 +51,7 @@ def print_summaries(
 def _table(title: str, summaries: Mapping[str, Summary]) -> Table:
     """What happened, by machine: side by side while there is room, else one below the other."""
     table = Table(title=title)
-    if len(summaries) <= SIDE_BY_SIDE:
+    if len(summaries) <= MAX_COLUMNS:
         table.add_column("")
         for machine in summaries:
             table.add_column(one_line(machine), justify="right")

@@ -28,7 +28,7 @@ from ldt_core.recording.storage import RawMessage, Storage
 if TYPE_CHECKING:
     from ldt_core.machine.machine_file import Machine
 
-LISTED = 5  # stretches of numbers that a note names one by one
+MAX_LISTED_SPANS = 5  # stretches of numbers that a note names one by one
 
 
 class Recorded(NamedTuple):
@@ -244,10 +244,10 @@ class Bag:
             where = f"{self.path}, {self.topic('experiment')}"
             raise RecordingError(where, "experiments", f"none{_because(self.storage)}")
         if repeated:
-            told = numbered("experiment", repeated.spans, LISTED)
+            told = numbered("experiment", repeated.spans, MAX_LISTED_SPANS)
             self.storage.note(f"{self.path}: recorded more than once: {told}")
         if missing := seen.gaps:
-            told = numbered("experiment", missing, LISTED)
+            told = numbered("experiment", missing, MAX_LISTED_SPANS)
             self.storage.note(f"{self.path}: missing: {told}")
 
 

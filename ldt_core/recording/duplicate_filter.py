@@ -12,8 +12,8 @@ from ldt_core.recording.experiment_numbers import ExperimentNumbers, number_of
 from ldt_core.recording.messages import content
 from ldt_core.recording.storage import Storage
 
-KEPT = 2000  # messages that are remembered, several times what any topic keeps for who missed it
-LATCHED = 100  # models of before that may come again, ten times what their topic keeps
+MAX_MESSAGES = 2000  # remembered; several times what a topic keeps for late joiners
+MAX_MODELS = 100  # models of before that may come again, ten times what their topic keeps
 
 
 class DuplicateFilter:
@@ -45,7 +45,7 @@ class DuplicateFilter:
         storage = Storage(path)
         # A model has no experiment's number.
         topics = [t for t in storage.topics if t.rpartition("/")[2] == "model"]
-        models = storage.last(topics, LATCHED)
+        models = storage.last(topics, MAX_MODELS)
         before = {topic: held.copy() for topic, held in numbers.items()}
         return cls(before, ((raw.topic, raw.kind, raw.data) for raw in models))
 
@@ -69,5 +69,5 @@ class DuplicateFilter:
         if digest in self._last:
             return False
         self._last[digest] = None
-        forget_oldest(self._last, KEPT)
+        forget_oldest(self._last, MAX_MESSAGES)
         return True

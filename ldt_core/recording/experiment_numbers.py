@@ -12,7 +12,7 @@ from ldt_core.base.sentences import Span
 from ldt_core.recording.codec import DECODERS
 from ldt_core.recording.messages import DIAGNOSTICS, MULTI_ARRAY, deserialize
 
-EXACT = 2**53  # whole numbers up to here are exact in a float64
+EXACT_END = 2**53  # whole numbers up to here are exact in a float64
 
 
 class ExperimentNumbers:
@@ -110,7 +110,7 @@ def number_of(topic: str, kind: str, data: bytes) -> int | None:
             number = int(next(texts, 0))
     except (RecordingError, ValueError, IndexError):
         return None
-    return int(number) if 1 <= number < EXACT and number == int(number) else None
+    return int(number) if 1 <= number < EXACT_END and number == int(number) else None
 
 
 def numbers_text(numbers: dict[str, ExperimentNumbers], files: int) -> str:

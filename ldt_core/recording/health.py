@@ -23,9 +23,9 @@ from ldt_core.recording.storage import RawMessage
 _Key = tuple[int, float, int]  # of an experiment and its prediction: number, start, samples
 
 ANSWERS = ("prediction", "signal", "adaptation")  # what each experiment of a run gets
-LONGEST = 5  # pauses that are kept one by one
-REMEMBERED = 1000  # experiments with their prediction; a repetition comes soon after, if at all
-PAUSE = 1.0  # share of an experiment's duration by which the next may begin later, unmentioned
+MAX_PAUSES = 5  # pauses that are kept one by one
+MAX_MATCHED = 1000  # experiments with their prediction; a repetition comes soon after, if at all
+PAUSE_SHARE = 1.0  # of an experiment's duration; a longer wait for the next is told
 
 
 @dataclass
@@ -169,7 +169,7 @@ class _Reading:
             return
         others.remove(key)
         self._matched[key] = None
-        forget_oldest(self._matched, REMEMBERED)
+        forget_oldest(self._matched, MAX_MATCHED)
 
     def _take(self, raw: RawMessage) -> None:
         health, name = self.health, raw.topic.rpartition("/")[2]
@@ -206,9 +206,9 @@ class _Reading:
             wait = record.start - self._last.end
             if wait < -record.period:
                 health.backwards.add(record.number)
-            elif wait > PAUSE * (self._last.end - self._last.start):
+            elif wait > PAUSE_SHARE * (self._last.end - self._last.start):
                 health.paused += 1
                 health.pauses[record.number] = wait
-                if len(health.pauses) > LONGEST:
+                if len(health.pauses) > MAX_PAUSES:
                     del health.pauses[min(health.pauses, key=health.pauses.__getitem__)]
         self._last = record

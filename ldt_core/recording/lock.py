@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ldt_core.base.errors import RecordingError
 
-HELD = (errno.EWOULDBLOCK, errno.EACCES)
+HELD_ERRORS = (errno.EWOULDBLOCK, errno.EACCES)
 RETRY_PERIOD = 0.05  # s between two attempts
 
 
@@ -42,7 +42,7 @@ class FolderLock:
                 fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 self.held = True
             except OSError as error:
-                if error.errno not in HELD:
+                if error.errno not in HELD_ERRORS:
                     self.release()
                     return
                 if time.monotonic() >= until:

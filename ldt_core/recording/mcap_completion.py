@@ -31,8 +31,8 @@ from mcap.records import (
 )
 
 from ldt_core.recording.mcap_records import (
-    BROKEN,
     CHUNK,
+    DAMAGE_ERRORS,
     FOOTER,
     HEAD,
     INDEX,
@@ -45,7 +45,7 @@ from ldt_core.recording.mcap_records import (
 from ldt_core.recording.metadata import FileInformation, bag_information, channel_entry, text_of
 from ldt_core.recording.storage import free_name
 
-TAIL = ".tail"  # behind the name of a file: the first bytes of a chunk that was cut off
+TAIL_SUFFIX = ".tail"  # behind the name of a file: the first bytes of a chunk that was cut off
 
 Take = Callable[[Channel, Schema | None, Message], None]
 
@@ -86,7 +86,7 @@ def complete_file(file: Path, custom: Mapping[str, str], take: Take) -> bool:
         stream.seek(survey.stop)
         rest = stream.read()
     if rest[:1] == bytes([Opcode.CHUNK]):
-        _keep(file.with_name(file.name + TAIL), rest)
+        _keep(file.with_name(file.name + TAIL_SUFFIX), rest)
     survey.facts = survey.facts._replace(name=file.name)
     with file.open("rb") as stream:
         stream.seek(survey.end)
@@ -115,7 +115,7 @@ def _survey(stream: ByteStream, take: Take) -> _Survey | None:
     try:
         if stream.read(len(MCAP_MAGIC)) != MCAP_MAGIC or next_record(stream)[0] != Opcode.HEADER:
             return None
-    except BROKEN:
+    except DAMAGE_ERRORS:
         return None
     found.end, found.crc, found.stop = stream.at, stream.crc, stream.at
     while True:
@@ -130,7 +130,7 @@ def _survey(stream: ByteStream, take: Take) -> _Survey | None:
                 break  # its writer was killed while it wrote the end, or this is damage
         except KeyError:
             return None  # a channel that is not described here
-        except BROKEN:
+        except DAMAGE_ERRORS:
             break
         found.stop = stream.at
     return found if stream.find_chunk(found.stop + 1) is None else None

@@ -22,13 +22,13 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Message, Schema, Statistics
 
 from ldt_core.recording.mcap_records import (
-    BROKEN,
+    DAMAGE_ERRORS,
     FOOTER,
     HEAD,
     LIBRARY,
     MCAP_MAGIC,
     MESSAGE,
-    PRIVATE,
+    PRIVATE_OPCODES,
     ZSTD_MAGIC,
     ByteStream,
     is_index,
@@ -114,7 +114,7 @@ class TolerantMcapReader:
             return None
         try:
             return _summary(data[: len(data) - tail], places)
-        except BROKEN as error:
+        except DAMAGE_ERRORS as error:
             self._note(f"{self.path}: its index is damaged ({reason(error)}); read without it")
             return None
 
@@ -177,7 +177,7 @@ class TolerantMcapReader:
             try:
                 yield from self._by_index(summary, topics)
                 return
-            except BROKEN as error:
+            except DAMAGE_ERRORS as error:
                 self._note(f"{self.path}: its index is wrong ({reason(error)}); read without it")
         yield from (found for found in self.messages() if found.channel.topic in topics)
 
@@ -237,7 +237,7 @@ class TolerantMcapReader:
                 try:
                     opcode, body = next_record(stream)
                     _check_place(opcode, body, at, chunked)
-                    if opcode >= PRIVATE:
+                    if opcode >= PRIVATE_OPCODES:
                         self._note(f"{self.path}: a record of another application was left out")
                     elif opcode == Opcode.DATA_END:
                         (said,) = struct.unpack("<L", body)
@@ -255,7 +255,7 @@ class TolerantMcapReader:
                             self.library = record.library
                     elif opcode == Opcode.MESSAGE:
                         MESSAGE.unpack_from(body)
-                except BROKEN as error:
+                except DAMAGE_ERRORS as error:
                     whole = False
                     if not self._pass_over(stream, at, error):
                         return
@@ -265,7 +265,7 @@ class TolerantMcapReader:
                     chunked = True
                     try:
                         content = opened(body)
-                    except BROKEN as error:
+                    except DAMAGE_ERRORS as error:
                         whole = False
                         self._note(
                             f"{self.path}: a chunk of {len(body)} bytes before byte {stream.at} "
@@ -273,7 +273,7 @@ class TolerantMcapReader:
                         )
                         continue
                 yield opcode, content
-        except BROKEN as error:
+        except DAMAGE_ERRORS as error:
             self._note(
                 f"{self.path}: damaged at byte {stream.at} ({reason(error)}); read up to there"
             )

@@ -30,10 +30,10 @@ INDEX = struct.Struct("<HL")  # channel, bytes of the entries that follow
 FOOTER = struct.Struct("<QQI")  # where the summary and its offsets begin, checksum
 # A chunk's start as it is looked for behind damage: opcode, length, fixed fields, compression.
 CHUNK_START = re.compile(rb"\x06(?=.{36}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0))", re.DOTALL)
-WINDOW = 1 << 22  # bytes that are searched at once
-REACH = 64  # bytes by which windows overlap, more than CHUNK_START looks at
+SEARCH_WINDOW = 1 << 22  # bytes that are searched at once
+WINDOW_OVERLAP = 64  # bytes by which windows overlap, more than CHUNK_START looks at
 #: What the mcap and compression libraries raise on damaged bytes.
-BROKEN = (
+DAMAGE_ERRORS = (
     McapError,
     struct.error,
     zstandard.ZstdError,
@@ -50,7 +50,7 @@ _READ: dict[int, Callable[[ReadDataStream], Any]] = {
     Opcode.STATISTICS: Statistics.read,
     Opcode.CHUNK_INDEX: ChunkIndex.read,
 }
-PRIVATE = 0x80  # from here on an opcode is an application's own
+PRIVATE_OPCODES = 0x80  # from here on an opcode is an application's own
 
 
 class ByteStream:
@@ -82,17 +82,17 @@ class ByteStream:
             return None
         while at < self._size:
             self._stream.seek(at)
-            window = self._stream.read(WINDOW + REACH)
+            window = self._stream.read(SEARCH_WINDOW + WINDOW_OVERLAP)
             for match in CHUNK_START.finditer(window):
                 place = at + match.start()
                 length = HEAD.unpack_from(window, match.start())[1]
                 left = self._size - place - HEAD.size
-                fields = window[match.start() + HEAD.size : match.start() + REACH]
-                if match.start() < WINDOW and length <= left and agrees(fields, length):
+                fields = window[match.start() + HEAD.size : match.start() + WINDOW_OVERLAP]
+                if match.start() < SEARCH_WINDOW and length <= left and agrees(fields, length):
                     self._stream.seek(place)
                     self.at = place
                     return place
-            at += WINDOW
+            at += SEARCH_WINDOW
         return None
 
 
@@ -100,7 +100,7 @@ def parse(opcode: int, body: bytes) -> Any:
     """The record in these bytes.
 
     Raises:
-        ValueError: more bytes than it has, or an error of BROKEN.
+        ValueError: more bytes than it has, or an error of DAMAGE_ERRORS.
     """
     stream = ReadDataStream(cast("IO[bytes]", ByteStream(io.BytesIO(body), len(body))))
     record = _READ[opcode](stream)
@@ -125,7 +125,7 @@ def decompress(method: str, data: bytes, size: int) -> bytes:
     """At most MAX_CHUNK bytes, whatever the data claim.
 
     Raises:
-        ValueError: it claims more, or another error of BROKEN.
+        ValueError: it claims more, or another error of DAMAGE_ERRORS.
     """
     if size > MAX_CHUNK:
         raise ValueError(f"it claims {size} bytes")
@@ -147,7 +147,7 @@ def reason(error: BaseException) -> str:
 
 
 def next_record(stream: ByteStream) -> tuple[int, bytes]:
-    """Opcode and content of the next record; an error of BROKEN when it cannot be one."""
+    """Opcode and content of the next record; an error of DAMAGE_ERRORS when it cannot be one."""
     opcode, length = HEAD.unpack(stream.read(HEAD.size))
     if length > MAX_CHUNK:
         raise ValueError(f"a record claims {length} bytes")
@@ -172,7 +172,7 @@ def _fits(opcode: int, body: bytes) -> bool:
             return len(body) == FOOTER.size
         case Opcode.HEADER | Opcode.SCHEMA | Opcode.CHANNEL | Opcode.ATTACHMENT | Opcode.METADATA:
             return True
-    return opcode >= PRIVATE
+    return opcode >= PRIVATE_OPCODES
 
 
 def is_index(body: bytes) -> bool:

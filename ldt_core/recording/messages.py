@@ -26,7 +26,7 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 STRING = "std_msgs/msg/String"
 HEAD = 4  # bytes of the encapsulation before a message's CDR bytes
 LITTLE_ENDIAN = b"\x01"  # second of them, as every machine that runs ROS 2 writes it
-SHOWN = 60  # characters of a foreign value that a sentence quotes
+MAX_QUOTED = 60  # characters of a foreign value that a sentence quotes
 
 # What ROS 2 writes into a recording where a QoS profile states no time.
 UNLIMITED = {"sec": 9223372036, "nsec": 854775807}
@@ -196,7 +196,7 @@ def offered_qos(topic: str) -> list[dict[str, Any]]:
 def quoted(value: Any) -> str:
     """A foreign value as a sentence quotes it, shortened."""
     text = repr(value)
-    return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
+    return text if len(text) <= MAX_QUOTED else text[: MAX_QUOTED - 3] + "..."
 
 
 class _Plain(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]

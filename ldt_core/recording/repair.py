@@ -23,7 +23,7 @@ from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.recording.experiment_numbers import parse_numbers
 from ldt_core.recording.lock import FolderLock
 from ldt_core.recording.mcap_reader import McapSummary, TolerantMcapReader
-from ldt_core.recording.mcap_records import BROKEN, LIBRARY
+from ldt_core.recording.mcap_records import DAMAGE_ERRORS, LIBRARY
 from ldt_core.recording.mcap_writer import McapWriter
 from ldt_core.recording.messages import load
 from ldt_core.recording.metadata import (
@@ -37,12 +37,12 @@ from ldt_core.recording.metadata import (
 )
 from ldt_core.recording.storage import Storage, free_name, is_mcap
 
-KEPT = ".damaged"  # behind the name of a file that was replaced
+DAMAGED_SUFFIX = ".damaged"  # behind the name of a file that was replaced
 MENDED_BY = "ldt repair"  # the writer that a mended file names: its channels have other numbers
 RECORDED = "recorded"  # key of the folder's custom data: which experiments the first files hold
-COUNTED = ("message_count", "topics_with_message_count", "files")  # keys of the bag information
-NEEDED = ("version", "storage_identifier", "relative_file_paths", *COUNTED[:2])
-MARGIN = 1_000_000  # bytes that have to be free beside the size of what is written
+COUNT_KEYS = ("message_count", "topics_with_message_count", "files")  # keys of the bag information
+REQUIRED_KEYS = ("version", "storage_identifier", "relative_file_paths", *COUNT_KEYS[:2])
+FREE_MARGIN = 1_000_000  # bytes that have to be free beside the size of what is written
 
 
 @dataclass(frozen=True)
@@ -224,13 +224,13 @@ def _replace(file: Path, looked: _Looked, work: Repair) -> None:
         new.unlink()  # of a repair that was interrupted
     free = os.statvfs(file.parent)
     size = file.stat().st_size
-    if free.f_bavail * free.f_frsize < size + MARGIN:
+    if free.f_bavail * free.f_frsize < size + FREE_MARGIN:
         raise OSError(errno.ENOSPC, f"{size / 1e6:.0f} MB are needed to write {file.name} anew")
     try:
         _copy(looked, new)
         if _stamp(file) != looked.before:
             raise RecordingError(file, "a file that nobody is writing", "one that has changed")
-        kept = free_name(file.with_name(file.name + KEPT))
+        kept = free_name(file.with_name(file.name + DAMAGED_SUFFIX))
         try:
             os.link(file, kept)
         except OSError:  # a file system without links
@@ -278,13 +278,13 @@ def _renew_metadata(storage: Storage, work: Repair) -> None:
     why = ""
     if not old:
         why = "it was missing or damaged"
-    elif any(_counts(old, key) != _counts(new, key) for key in COUNTED):
+    elif any(_counts(old, key) != _counts(new, key) for key in COUNT_KEYS):
         why = "it did not count what the files hold"
     if not why or lost:  # a file that may be put back stays listed
         return
     file = storage.path / METADATA
     if not old and file.exists() and file.stat().st_size:
-        file.rename(free_name(file.with_name(file.name + KEPT)))
+        file.rename(free_name(file.with_name(file.name + DAMAGED_SUFFIX)))
     write_metadata(storage.path, text_of(new))
     work.metadata = why
 
@@ -292,7 +292,7 @@ def _renew_metadata(storage: Storage, work: Repair) -> None:
 def _trusted(storage: Storage) -> dict[str, Any]:
     """What metadata.yaml says, nothing where a part of it is missing."""
     said = storage.metadata
-    return said if all(key in said for key in NEEDED) else {}
+    return said if all(key in said for key in REQUIRED_KEYS) else {}
 
 
 def _counts(said: Mapping[str, Any], key: str) -> Any:
@@ -311,7 +311,7 @@ def _custom_of(storage: Storage) -> dict[str, str]:
     """What metadata.yaml held beside what rosbag2 needs, from the end of a file that has it."""
     for file in storage.files:
         said = {}
-        with contextlib.suppress(*BROKEN), file.open("rb") as stream:
+        with contextlib.suppress(*DAMAGE_ERRORS), file.open("rb") as stream:
             said = {r.name: r.metadata for r in make_reader(stream).iter_metadata()}
         text = said.get("rosbag2", {}).get("serialized_metadata", "")
         with contextlib.suppress(yaml.YAMLError, ValueError, RecursionError, AttributeError):

@@ -185,7 +185,7 @@ def _compare(folder: Path, there: str, given: str) -> None:
     declared = msgs_config.parameters()
     old = run_settings.parse_settings(f"{folder}, settings", there)
     new = {name: value for name, value in json.loads(given).items() if name != "format"}
-    for name in sorted({*old, *new} - {*run_settings.FREE, run_settings.SECURE}):
+    for name in sorted({*old, *new} - {*run_settings.CHANGEABLE, run_settings.SECURE}):
         default = declared.get(name, {}).get("default")
         recorded, wanted = old.get(name, default), new.get(name, default)
         if recorded != wanted:

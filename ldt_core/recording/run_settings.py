@@ -21,12 +21,12 @@ SECURE = "secure"  # recorded is whether the run was, and not by which keys
 #: What says where and how the run was recorded, and nothing of what it did.
 LEFT_OUT = ("bag", "graph", "resume", "run_settings", SECURE, "split_size")
 #: What a run may go on with otherwise: it decides when things happen, and not what.
-FREE = (
+CHANGEABLE = (
     *("adaptation_timeout", "checkpoint_every", "deadline", "hung_after"),
     *("processes", "rate", "real_time", "restarts"),
 )
-LONGEST = 100_000  # characters of the text; all parameters take about 2000
-LARGEST = 2**63  # of a whole number, as ROS counts
+MAX_CHARACTERS = 100_000  # characters of the text; all parameters take about 2000
+INTEGER_END = 2**63  # of a whole number, as ROS counts
 NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 
 Setting = bool | int | float | str | list[str]
@@ -54,8 +54,8 @@ def parse_settings(where: str, text: Any) -> dict[str, Setting]:
     Raises:
         RecordingError: it is no such text, or one of another version.
     """
-    if not isinstance(text, str) or len(text) > LONGEST:
-        raise RecordingError(where, f"a text of at most {LONGEST} characters", quoted(text))
+    if not isinstance(text, str) or len(text) > MAX_CHARACTERS:
+        raise RecordingError(where, f"a text of at most {MAX_CHARACTERS} characters", quoted(text))
     try:
         found = json.loads(text)
     except (ValueError, RecursionError):
@@ -78,7 +78,7 @@ def _is_setting(value: Any) -> bool:
         case bool():
             return True
         case int():
-            return abs(value) < LARGEST
+            return abs(value) < INTEGER_END
         case float():
             return math.isfinite(value)
         case str():

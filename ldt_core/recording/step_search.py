@@ -22,7 +22,7 @@ from ldt_core.base.experiment import Adaptation
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.mcap_reader import TolerantMcapReader
 from ldt_core.recording.mcap_records import (
-    BROKEN,
+    DAMAGE_ERRORS,
     HEAD,
     INDEX,
     ByteStream,
@@ -32,7 +32,7 @@ from ldt_core.recording.mcap_records import (
 )
 from ldt_core.recording.storage import RawMessage, is_mcap
 
-NEAR = 1 << 16  # bytes within which a place need not be told from another: an experiment or a few
+SEARCH_BYTES = 1 << 16  # within which places are not told apart: an experiment or a few
 ANCHOR = "adaptation"  # topic that is looked at: one a step, small, and it names the model
 
 
@@ -87,7 +87,7 @@ class StepSearch:
 
     def near_end(self) -> FoundStep | None:
         """One of the last steps, None where there is none."""
-        back = NEAR
+        back = SEARCH_BYTES
         while True:
             found = self.next(max(self.end - back, 0))
             if found is not None or back >= self.end:
@@ -106,7 +106,7 @@ class StepSearch:
             while found is None and index < len(self._bases) - 1:
                 try:
                     found = self._in_file(index, at)
-                except BROKEN as error:
+                except DAMAGE_ERRORS as error:
                     file = self._bag.storage.files[index]
                     raise RecordingError(file, "a file without damage", reason(error)) from None
                 index, at = index + 1, 0
@@ -119,7 +119,7 @@ class StepSearch:
         low = max(below, default=low)
         above = [a for a, k in self._seen.items() if a > low and (k is None or key(k) >= wanted)]
         high = min(above, default=high)
-        while high - low > NEAR:
+        while high - low > SEARCH_BYTES:
             middle = (low + high) // 2
             found = self.next(middle)
             if found is not None and key(found) < wanted:

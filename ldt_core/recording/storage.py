@@ -20,7 +20,7 @@ from mcap.records import Channel, Schema
 from ldt_core.base.errors import RecordingError
 from ldt_core.recording.mcap_reader import Described, TolerantMcapReader
 from ldt_core.recording.mcap_records import (
-    BROKEN,
+    DAMAGE_ERRORS,
     MAX_CHUNK,
     MCAP_MAGIC,
     ZSTD_MAGIC,
@@ -35,7 +35,7 @@ RECORDINGS = Path("ldt_recordings")
 PROFILE = "ros2"
 SQLITE_MAGIC = b"SQLite format 3\x00"
 ROS1_MAGIC = b"#ROSBAG V"
-ALIKE = 6  # bytes of MCAP's first 8 by which a file is taken for a damaged one
+LEAST_ALIKE_BYTES = 6  # bytes of MCAP's first 8 by which a file is taken for a damaged one
 
 
 class RawMessage(NamedTuple):
@@ -118,7 +118,7 @@ class Storage:
     def _unzipped(self, raw: RawMessage) -> RawMessage:
         try:
             return raw._replace(data=decompress("zstd", raw.data, MAX_CHUNK))
-        except BROKEN as error:
+        except DAMAGE_ERRORS as error:
             raise RecordingError(
                 f"{self.path}, {raw.topic}", "messages compressed with zstd", reason(error)
             ) from None
@@ -282,7 +282,7 @@ def _magic(file: Path) -> bytes:
     for magic in (MCAP_MAGIC, ZSTD_MAGIC, SQLITE_MAGIC):
         if start.startswith(magic):
             return magic
-    if sum(a == b for a, b in zip(start, MCAP_MAGIC, strict=False)) >= ALIKE:
+    if sum(a == b for a, b in zip(start, MCAP_MAGIC, strict=False)) >= LEAST_ALIKE_BYTES:
         return MCAP_MAGIC
     if not start:
         got = "an empty file"

@@ -22,7 +22,7 @@ from ldt_core.models import MODELS
 from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.recording.messages import quoted
 from ldt_core.recording.metadata import METADATA
-from ldt_core.recording.run_settings import FREE, LEFT_OUT, SECURE
+from ldt_core.recording.run_settings import CHANGEABLE, LEFT_OUT, SECURE
 from ldt_core.recording.writer import KEY
 
 #: Digits of the machine file's digest.
@@ -85,7 +85,7 @@ def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
     declared = msgs_config.parameters()
     found = dict(settings)
     for name, value in recorded.items():
-        if name in (*LEFT_OUT, *FREE) or name not in declared:
+        if name in (*LEFT_OUT, *CHANGEABLE) or name not in declared:
             continue
         default = declared[name]["default"]
         if name not in settings:  # `ldt run` has no graph to tell this

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.segmenter.resampling import TOLERANCE, Series, fits_grid, resample
+from ldt_core.segmenter.resampling import GRID_TOLERANCE, Series, fits_grid, resample
 
 LEAST_SAMPLES = 2  # of an experiment: one sample has no dynamics
 ROW_OF_NEXT = 0.5  # of a period: a row nearer to the end than this belongs to what follows
@@ -75,7 +75,7 @@ class Collector:
         self.rows.append(row)
         index = len(self.rows) - 1
         past = row.time - self.rows[0].time
-        tolerance = TOLERANCE * self.period
+        tolerance = GRID_TOLERANCE * self.period
         self._on_grid = self._on_grid and abs(past - index * self.period) <= tolerance
         if self._on_grid and len(self.rows) == self.samples:
             return Cut(self.rows, [], self.samples), []
@@ -87,7 +87,7 @@ class Collector:
         """The experiment, if the rows reach its last sample although none comes behind it."""
         if not self.rows:
             return None
-        last = (self.samples - 1 - TOLERANCE) * self.period
+        last = (self.samples - 1 - GRID_TOLERANCE) * self.period
         return self._split()[0] if self.rows[-1].time - self.rows[0].time >= last else None
 
     def _split(self) -> tuple[Cut, list[Row]]:

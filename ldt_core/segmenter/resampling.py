@@ -19,10 +19,10 @@ from ldt_core.base.errors import RecordingError
 from ldt_core.base.experiment import Samples
 
 GAP_PERIODS = 3.5  # a longer pause between samples is a gap: three lost samples are bridged
-LOST = 1.5  # median steps; a longer one has a lost sample in it and tells nothing of the period
-TOLERANCE = 0.02  # of a period: samples this close to the grid are taken as they are
-DOWNSAMPLED = 1.5  # new period over old one from which means are taken
-DIGITS = 4  # significant digits to which a period is rounded, if the samples agree
+LOST_STEPS = 1.5  # median steps; a longer one has a lost sample and tells no period
+GRID_TOLERANCE = 0.02  # of a period: samples this close to the grid are taken as they are
+DOWNSAMPLING_RATIO = 1.5  # new period over old one from which means are taken
+PERIOD_DIGITS = 4  # significant digits to which a period is rounded, if the samples agree
 
 
 class Series(NamedTuple):
@@ -61,8 +61,8 @@ def find_period(time: Samples) -> float:
         time: (n,) increasing, two or more [s].
     """
     steps = np.diff(time)
-    period = float(steps[steps <= LOST * np.median(steps)].mean())
-    rounded = float(f"{period:.{DIGITS}g}")
+    period = float(steps[steps <= LOST_STEPS * np.median(steps)].mean())
+    rounded = float(f"{period:.{PERIOD_DIGITS}g}")
     parts = split_at_gaps(time, rounded)
     return rounded if all(_grid_index(time[p], rounded) is not None for p in parts) else period
 
@@ -84,7 +84,7 @@ def _grid_index(time: Samples, period: float) -> np.ndarray | None:
     """Where each sample stands on the grid that begins with the first; None off the grid."""
     index = np.rint((time - time[0]) / period)
     off = np.abs(time - time[0] - index * period).max()
-    return index if off <= TOLERANCE * period else None
+    return index if off <= GRID_TOLERANCE * period else None
 
 
 def resample(series: Series, grid: Samples, period: float, held: bool) -> Samples:
@@ -98,10 +98,10 @@ def resample(series: Series, grid: Samples, period: float, held: bool) -> Sample
     """
     time, values = series.time, series.values
     old = float(np.median(np.diff(time))) if time.size > 1 else period
-    if period < DOWNSAMPLED * old:
+    if period < DOWNSAMPLING_RATIO * old:
         if held:
             # A sample that the clock's rounding puts just behind a grid point still counts for it.
-            index = np.searchsorted(time, grid + TOLERANCE * period, side="right") - 1
+            index = np.searchsorted(time, grid + GRID_TOLERANCE * period, side="right") - 1
             return values[np.maximum(index, 0)]
         return np.interp(grid, time, values)
     begin = grid if held else grid - period / 2

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from ldt_core.base.errors import OptionError, did_you_mean
 from ldt_core.segmenter.collector import LEAST_SAMPLES, Collector, Cut, Row
-from ldt_core.segmenter.resampling import TOLERANCE
+from ldt_core.segmenter.resampling import GRID_TOLERANCE
 
 
 class Rule(abc.ABC):
@@ -122,7 +122,7 @@ class TriggerRule(LengthRule):
         edge = self._last is not None and self._last <= self.level < row.voltage
         self._last = row.voltage
         self._history.append(row)
-        since = row.time - self.before - TOLERANCE * self.period
+        since = row.time - self.before - GRID_TOLERANCE * self.period
         while self._history[0].time < since:
             self._history.popleft()
         if not edge:
@@ -198,7 +198,7 @@ class SteadyRule(Rule):
         else:
             return []
         settled = self._covers and not moving
-        spent = row.time - self._rows[0].time >= self.length - (1 + TOLERANCE) * self.period
+        spent = row.time - self._rows[0].time >= self.length - (1 + GRID_TOLERANCE) * self.period
         if not (settled or spent):
             return []
         self.counts["not settled within the greatest length"] += not settled
@@ -208,7 +208,7 @@ class SteadyRule(Rule):
         return [Cut(rows, [], samples)] if samples >= LEAST_SAMPLES else []
 
     def _slide(self, row: Row) -> None:
-        tolerance = TOLERANCE * self.period
+        tolerance = GRID_TOLERANCE * self.period
         self._window.append(row)
         while self._greatest and self._greatest[-1].speed <= row.speed:
             self._greatest.pop()

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 from ldt_core.base.errors import OptionError, did_you_mean
 from ldt_core.base.experiment import Experiment
 from ldt_core.segmenter.collector import Cut
-from ldt_core.segmenter.resampling import GAP_PERIODS, TOLERANCE
+from ldt_core.segmenter.resampling import GAP_PERIODS, GRID_TOLERANCE
 from ldt_core.segmenter.rules import Rule
 from ldt_core.segmenter.streams import Clash, StreamAligner, TooLate
 
 CHANNELS = ("voltage", "speed", "current")
-LATENESS = 1.0  # s; two topics of one machine came 20 ms apart on a computer seven times overloaded
+DEFAULT_LATENESS = 1.0  # s; two topics came 20 ms apart on a computer overloaded sevenfold
 MOST_ROWS = 5_000_000  # that wait or are under way; more is a stream of the wrong unit of time
 
 
@@ -55,7 +55,7 @@ class Segmenter:
         period: float,
         *,
         gap: float | None = None,
-        lateness: float = LATENESS,
+        lateness: float = DEFAULT_LATENESS,
         current: bool = False,
         first: int = 1,
     ) -> None:
@@ -64,7 +64,7 @@ class Segmenter:
         if self.gap <= period:
             raise OptionError("longest_gap", f"more than the sample period of {period:g} s", gap)
         channels = CHANNELS if current else CHANNELS[:2]
-        self._streams = StreamAligner(channels, TOLERANCE * period, self.gap, lateness)
+        self._streams = StreamAligner(channels, GRID_TOLERANCE * period, self.gap, lateness)
         self._number = first
         self._last: float | None = None
         self._counts: Counter[str] = Counter()

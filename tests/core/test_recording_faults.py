@@ -31,7 +31,7 @@ from ldt_core.recording.health import inspect
 from ldt_core.recording.mcap_reader import ChannelMessage, TolerantMcapReader
 from ldt_core.recording.mcap_records import HEAD
 from ldt_core.recording.messages import MULTI_ARRAY, STRING, schema, serialize, standard
-from ldt_core.recording.repair import KEPT, Repair, repair
+from ldt_core.recording.repair import DAMAGED_SUFFIX, Repair, repair
 from ldt_core.recording.storage import RawMessage, Storage
 from ldt_core.recording.writer import BagWriter
 
@@ -130,7 +130,7 @@ def mended(folder: Path, data: bytes, expected: list[RawMessage]) -> Repair:
     assert notes == []
     assert Storage(folder).metadata["message_count"] == len(expected)
     if work.mended:
-        assert (folder / (NAME + KEPT)).read_bytes() == data
+        assert (folder / (NAME + DAMAGED_SUFFIX)).read_bytes() == data
         assert sum(work.mended[0].recovered.values()) == len(expected)
     else:
         assert (folder / NAME).read_bytes() == data
@@ -249,7 +249,7 @@ def test_metadata_that_is_lost_comes_back_from_the_files(whole, tmp_path):
         assert (folder / "metadata.yaml").read_text() == right
         assert read_bag(folder).settings() == {"threshold": 2.5}
         if text:
-            (folder / ("metadata.yaml" + KEPT)).rename(tmp_path / "kept")
+            (folder / ("metadata.yaml" + DAMAGED_SUFFIX)).rename(tmp_path / "kept")
             assert (tmp_path / "kept").read_text() == text
         assert repair(folder).sound
 
@@ -271,7 +271,7 @@ def test_a_bare_file_is_mended_beside_itself(whole, tmp_path):
     data = whole.data[: whole.chunks[5][1] + 7]
     (tmp_path / NAME).write_bytes(data)
     work = repair(tmp_path / NAME)
-    assert [f.name for f in sorted(tmp_path.iterdir())] == [NAME, NAME + KEPT]
+    assert [f.name for f in sorted(tmp_path.iterdir())] == [NAME, NAME + DAMAGED_SUFFIX]
     assert work.mended[0].kept.read_bytes() == data
     assert read(tmp_path / NAME) == ([m for _, _, held in whole.chunks[:6] for m in held], [])
 
@@ -282,9 +282,9 @@ def test_a_second_repair_keeps_what_the_first_one_kept(whole, tmp_path):
     repair(folder)
     again = (folder / NAME).read_bytes()[:-20]
     (folder / NAME).write_bytes(again)
-    assert repair(folder).mended[0].kept.name == NAME + KEPT + ".2"
-    assert (folder / (NAME + KEPT)).read_bytes() == whole.data[: whole.chunks[5][1]]
-    assert (folder / (NAME + KEPT + ".2")).read_bytes() == again
+    assert repair(folder).mended[0].kept.name == NAME + DAMAGED_SUFFIX + ".2"
+    assert (folder / (NAME + DAMAGED_SUFFIX)).read_bytes() == whole.data[: whole.chunks[5][1]]
+    assert (folder / (NAME + DAMAGED_SUFFIX + ".2")).read_bytes() == again
 
 
 def test_other_programs_files_are_mended_as_they_are(tmp_path):
@@ -459,7 +459,7 @@ def test_a_repair_killed_before_any_of_its_steps_leaves_all_there_is(whole, tmp_
         assert read(folder)[0] == expected
         repair(folder)
         assert read(folder) == (expected, [])
-        assert data in [f.read_bytes() for f in folder.glob("*" + KEPT + "*")]
+        assert data in [f.read_bytes() for f in folder.glob("*" + DAMAGED_SUFFIX + "*")]
         assert not list(folder.glob("*.mending"))
         assert repair(folder).sound
         copy(whole, folder, data)

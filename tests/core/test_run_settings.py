@@ -20,7 +20,7 @@ from ldt_core.doctor.check import Grade
 from ldt_core.doctor.recording_checks import findings
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
-from ldt_core.recording.run_settings import FORMAT, LONGEST, parse_settings, settings_text
+from ldt_core.recording.run_settings import FORMAT, MAX_CHARACTERS, parse_settings, settings_text
 from ldt_core.recording.writer import BagWriter
 from ldt_core.views.report import page, read_run
 
@@ -69,7 +69,7 @@ def test_all_declared_parameters_can_be_kept():
     ("given_", "words"),
     [
         (7, "a text of at most"),
-        ("x" * (LONGEST + 1), "a text of at most"),
+        ("x" * (MAX_CHARACTERS + 1), "a text of at most"),
         ("__import__('os').system('true')", "settings in JSON"),
         ("[" * 50_000, "settings in JSON"),
         ("[]", "names with values"),
