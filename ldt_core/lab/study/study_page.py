@@ -2,17 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from ldt_core.lab.study import sections
+from ldt_core.base.code_version import code_version
 from ldt_core.lab.study.evidence import Evidence
 from ldt_core.lab.study.figures import drawings
+from ldt_core.lab.study.sections.findings import beyond, chance, reproduction, runs
+from ldt_core.lab.study.sections.methods import deviations, methods
+from ldt_core.lab.study.sections.summary import streams, summary
 from ldt_core.lab.study.study import Study
 from ldt_core.views.page import style
+from ldt_core.views.page.blocks import Section
 from ldt_core.views.page.page_builder import render
 
 TITLE = "Study of the learning digital twin"
 FILE, FIGURES = "study.html", "figures"
+FEW = 5  # streams; with fewer an interval by Student's t spans nearly anything
+
+Drawings = Mapping[str, style.Drawing | None]
+
+SECTIONS: tuple[Callable[[Evidence, Drawings], Section], ...] = (
+    summary,
+    reproduction,
+    chance,
+    beyond,
+    deviations,
+    methods,
+    runs,
+)
 
 
 def write_figures(study: Study, out: Path | str) -> list[Path]:
@@ -43,9 +61,26 @@ def write_page(study: Study, out: Path | str) -> Path:
     style.require()
     evidence = Evidence(study)
     found = drawings(evidence)
-    made = [make(evidence, found) for make in sections.SECTIONS]
+    made = [make(evidence, found) for make in SECTIONS]
     path = Path(out) / FILE
     path.parent.mkdir(parents=True, exist_ok=True)
-    page = render(TITLE, sections.lead(study), sections.footer(study), made)
+    page = render(TITLE, lead(study), footer(study), made)
     path.write_text(page, encoding="utf-8")
     return path
+
+
+def lead(study: Study) -> str:
+    """The sentence under the title."""
+    seeds = len(streams(study))
+    few = " They are too few to decide much: this is a trial." if seeds < FEW else ""
+    return (
+        "Every claim of “Towards learning digital twin” (Zhou, Walther, Verl, CIRP CMS 2024) "
+        f"examined on {seeds} random stream{'' if seeds == 1 else 's'} of a simulated rotor that "
+        f"wears, and how far a learner goes that keeps the physics.{few}"
+    )
+
+
+def footer(study: Study) -> str:
+    """The last line."""
+    version = code_version()["ldt"]
+    return f"Made by LDT {version}. Everything on this page is computed from the study's runs."

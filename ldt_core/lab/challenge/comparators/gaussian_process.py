@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Experiment
+from ldt_core.lab.challenge.comparators.compare import ComparatorAnswer, Data
 from ldt_core.models.hybrid import HybridModel
-
-if TYPE_CHECKING:
-    from ldt_core.base.experiment import Experiment
-    from ldt_core.lab.challenge.comparators.compare import ComparatorAnswer, Data
 
 INPUTS = (("speed",), ("speed", "voltage"), ("speed", "voltage", "current"))
 INDUCING = 120
@@ -24,8 +20,6 @@ def gaussian_process(data: Data) -> ComparatorAnswer:
     Raises:
         LdtError: no inputs that can be learned over.
     """
-    from ldt_core.lab.challenge.comparators.compare import ComparatorAnswer
-
     best: tuple[float, HybridModel | None] = (np.inf, None)
     why: LdtError | None = None
     for inputs in INPUTS:

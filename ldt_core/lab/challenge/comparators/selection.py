@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,16 @@ from numpy.typing import NDArray
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.holdout import free_run
-
-if TYPE_CHECKING:
-    from ldt_core.base.experiment import Experiment
-    from ldt_core.lab.challenge.comparators.compare import ComparatorAnswer, Data, EffectFits
+from ldt_core.lab.challenge.comparators.compare import ComparatorAnswer, Data, EffectFits
 
 Array = NDArray[np.float64]
 
 BLOCKS = 5  # of an experiment, among which an improvement's scatter is judged
 DIVERGED = 1e12  # (rad/s)^2, in place of the error of a free run that grows for ever
+MOST = 3  # effects
+TRIED = 8  # effects that are tried beside those chosen, the most promising
+PAIRS = 10  # whose responses together promise most
+BASES, ADDED = 2, 5  # effects built upon, and effects tried beside each
 
 
 def block_errors(held: Sequence[Experiment], predict: Callable[[Experiment], Array]) -> Array:
@@ -46,10 +47,6 @@ def improves(before: Array, after: Array) -> bool:
     """
     gain = before - after
     return bool(gain.mean() > gain.std(ddof=1) / math.sqrt(gain.size))
-
-
-MOST = 3  # effects
-TRIED = 8  # effects that are tried beside those chosen, the most promising
 
 
 def greedy(data: Data) -> ComparatorAnswer:
@@ -74,10 +71,6 @@ def greedy(data: Data) -> ComparatorAnswer:
         if size < MOST:
             tried = data.fits.finished(data.fits.grown(fitted, TRIED))
     return data.with_effects(chosen)
-
-
-PAIRS = 10  # whose responses together promise most
-BASES, ADDED = 2, 5  # effects built upon, and effects tried beside each
 
 
 def akaike(data: Data) -> ComparatorAnswer:

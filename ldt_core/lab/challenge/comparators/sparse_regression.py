@@ -11,22 +11,20 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Experiment
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.holdout import free_run
-from ldt_core.diagnosis.residual_torque import TorqueEstimator
+from ldt_core.diagnosis.residual_torque import TorqueEstimator, residual_torque
+from ldt_core.lab.challenge.comparators.compare import ComparatorAnswer, Data
 from ldt_core.lab.challenge.comparators.selection import block_errors, improves
+from ldt_core.machine.machine_file import Machine
 from ldt_core.models.hybrid import HybridModel
 from ldt_core.physics.motor import memory
-
-if TYPE_CHECKING:
-    from ldt_core.base.experiment import Experiment
-    from ldt_core.lab.challenge.comparators.compare import ComparatorAnswer, Data
-    from ldt_core.machine.machine_file import Machine
 
 Array = NDArray[np.float64]
 Signals = Mapping[str, Array]
@@ -93,10 +91,6 @@ def sparse_regression(data: Data) -> ComparatorAnswer:
     Raises:
         LdtError: PySINDy is not installed.
     """
-    from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-    from ldt_core.diagnosis.residual_torque import residual_torque
-    from ldt_core.lab.challenge.comparators.compare import ComparatorAnswer
-
     if not installed():
         raise LdtError("sparse regression needs PySINDy: pip install 'ldt[challenge]'")
     torque = residual_torque(FreeRunResiduals(data.machine, data.fitted)).torque

@@ -136,7 +136,10 @@ def thresholds(evidence: Evidence) -> Drawing | None:
                 _band(one, curve.x, curve, model)
             title, symbol = SWEPT[detector]
             one.set_xscale("log")
-            _ticks(one, sorted({x for curve in shown.values() for x in curve.x}))
+            values = sorted({x for curve in shown.values() for x in curve.x})
+            ticks = values if len(values) <= TICKS else values[:: -(-len(values) // TICKS)]
+            one.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+            one.set_xticks([], minor=True)
             one.set_title(f"({'abcd'[index]}) {title}")
             one.set_xlabel(f"threshold {symbol} [rad/s]", parse_math=True)
             one.set_ylabel("MME [rad/s]" if row == 0 else "adaptations a run")
@@ -228,12 +231,3 @@ def _least(model: str, detector: str, mme: SeedCurve, count: SeedCurve) -> str:
         f"{mme.mean[best]:.2f} at {mme.x[best]:g} rad/s, with {count.mean[best]:.1f} adaptations; "
         f"over the range {mme.mean.min():.2f} to {mme.mean.max():.2f}."
     )
-
-
-def _ticks(axes: Axes, values: list[float]) -> None:
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-
-    chosen = values if len(values) <= TICKS else values[:: -(-len(values) // TICKS)]
-    axes.xaxis.set_major_locator(FixedLocator(chosen))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
