@@ -1,4 +1,7 @@
-"""`ldt learning`: an operator switches the learning of a twin off and on."""
+"""`ldt learning`: an operator switches the learning of a twin off and on.
+
+rclpy is imported where it is used: after `prepare`, and not for a recording.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The running graph as the source of the live page: machines are found, nothing is sent."""
+"""The running graph as the source of the live page: machines are found, nothing is sent.
+
+rclpy is imported where it is used: after `prepare`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What a process needs in its environment before rclpy is imported, and how rclpy begins."""
+"""What a process needs in its environment before rclpy is imported, and how rclpy begins.
+
+For that reason nothing here imports rclpy at the top.
+"""
 
 from __future__ import annotations
 
