@@ -14,13 +14,13 @@ from ldt_core.diagnosis.attribution import amounts, shapley_shares
 from ldt_core.diagnosis.candidate import Candidate, machine_scales
 from ldt_core.diagnosis.diagnosis import (
     Diagnosis,
+    DrawnExperiment,
     Gap,
     GapLocation,
     NextExperiment,
     ParameterAmount,
     RankedCandidate,
     Remainder,
-    ShownExperiment,
     Verdict,
 )
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
@@ -293,7 +293,7 @@ class _Report:
     def _left(self) -> float:
         return max(self.decision.left / self.decision.excess, 0.0)
 
-    def _shown(self, before: Sequence[Array], after: Sequence[Array]) -> list[ShownExperiment]:
+    def _shown(self, before: Sequence[Array], after: Sequence[Array]) -> list[DrawnExperiment]:
         """All experiments for the page, from the free runs of those held out."""
         was = [free_run(self.machine, e) for e in self.fitted]
         now = [free_run(self.machine, e, self.use) for e in self.fitted] if self.use else was
@@ -304,9 +304,9 @@ class _Report:
             *(self._drawn(e, False, a, b) for e, a, b in fitted),
         ]
 
-    def _drawn(self, e: Experiment, held_out: bool, before: Array, after: Array) -> ShownExperiment:
+    def _drawn(self, e: Experiment, held_out: bool, before: Array, after: Array) -> DrawnExperiment:
         turn = TorqueEstimator(self.residuals.values["J"], self.residuals.memory, e.period, len(e))
-        return ShownExperiment(
+        return DrawnExperiment(
             e,
             held_out,
             before,

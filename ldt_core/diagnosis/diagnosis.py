@@ -166,7 +166,7 @@ class NextExperiment:
 
 
 @dataclass(frozen=True, eq=False)
-class ShownExperiment:
+class DrawnExperiment:
     """One experiment as the page draws it.
 
     Attributes:
@@ -224,7 +224,7 @@ class Diagnosis:
     next_experiment: NextExperiment | None
     notes: Sequence[str] = ()
     effects: Sequence[Mapping[str, Any]] = ()
-    shown: Sequence[ShownExperiment] = field(default=(), compare=False)
+    shown: Sequence[DrawnExperiment] = field(default=(), compare=False)
 
     def as_dict(self) -> dict[str, Any]:
         """The content of `diagnosis.json`: JSON values only, undefined quantities null."""

@@ -19,7 +19,7 @@ from ldt_core.physics.effect import Effect
 
 Array = NDArray[np.float64]
 
-MOST_BYTES = 50_000_000
+MOST_BYTES = 50_000_000  # of a file that is read: no diagnosis comes near
 
 
 def read_effects(

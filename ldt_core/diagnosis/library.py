@@ -15,7 +15,7 @@ from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 
 #: Parameter to the effect that changes it.
-EFFECT = {
+CHANGED_BY = {
     "J": "inertia",
     "K_t": "motor_constant",
     "R": "armature_resistance",
@@ -69,7 +69,7 @@ def uncertain(machine: Machine) -> list[str]:
     if machine.calibration.get("equivalent"):
         return list(EQUIVALENT)
     free = machine.calibration.get("free", {})
-    return [name for name in free if name in EFFECT] if isinstance(free, dict) else []
+    return [name for name in free if name in CHANGED_BY] if isinstance(free, dict) else []
 
 
 def refitted_effects(machine: Machine, refit: Sequence[str] | None = None) -> list[Effect]:
@@ -83,8 +83,8 @@ def refitted_effects(machine: Machine, refit: Sequence[str] | None = None) -> li
         OptionError: a name that is no parameter of this machine.
     """
     names = uncertain(machine) if refit is None else [n for n in refit if n != NONE]
-    known = [n for n in EFFECT if n in machine.parameters]
+    known = [n for n in CHANGED_BY if n in machine.parameters]
     for name in names:
         if name not in known:
             raise OptionError("--refit", did_you_mean(name, [*known, NONE]), repr(name))
-    return [get_effect(e) for e in dict.fromkeys(EFFECT[n] for n in names)]
+    return [get_effect(e) for e in dict.fromkeys(CHANGED_BY[n] for n in names)]

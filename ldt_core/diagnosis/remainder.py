@@ -15,13 +15,19 @@ from ldt_core.diagnosis.residual_torque import ResidualTorque
 
 Array = NDArray[np.float64]
 
-GAIN = 0.02  # of the torque's variance beyond noise, that a step must predict in addition
-MOST_SAMPLES = 8000
-KNOTS = 8
-ORDERS = (0.5, 1.0, 2.0, 3.0, 4.0)
-LAGS = (1, 2, 4, 8)  # of the motor's memories, that what went before is looked up at
-RIDGE = 1.0
-FOLDS = 5
+LEAST_GAIN = 0.02  # of the torque's variance beyond noise: what a step predicts in addition
+MOST_SAMPLES = 8000  # of the torque: more take longer and tell no more
+SPLINE_KNOTS = 8  # of each quantity: a law is smooth over an eighth of the data
+SHAFT_ORDERS = (
+    0.5,
+    1.0,
+    2.0,
+    3.0,
+    4.0,
+)  # per turn: halves and low multiples, of which ripples consist
+LAGS = (1, 2, 4, 8)  # time constants of the motor, at which what went before is looked up
+RIDGE_PENALTY = 1.0  # on standardised columns: keeps those that are alike in check
+FOLDS = 5  # of cross-validation: each model sees four fifths of the experiments
 
 
 def depends_on(residuals: FreeRunResiduals, left: ResidualTorque) -> list[str]:
@@ -47,11 +53,13 @@ def depends_on(residuals: FreeRunResiduals, left: ResidualTorque) -> list[str]:
         if tried.shape[1] == 0:
             continue
         model = make_pipeline(
-            StandardScaler(), SplineTransformer(KNOTS, knots="quantile"), Ridge(RIDGE)
+            StandardScaler(),
+            SplineTransformer(SPLINE_KNOTS, knots="quantile"),
+            Ridge(RIDGE_PENALTY),
         )
         guessed = cross_val_predict(model, tried, target, cv=folds, groups=groups)
         square = float(np.mean((target - guessed) ** 2))
-        if best - square > GAIN * explainable:
+        if best - square > LEAST_GAIN * explainable:
             found.append(name)
             best = square
             columns += [c[take] for c in added]
@@ -72,7 +80,7 @@ def _ladder(residuals: FreeRunResiduals, left: ResidualTorque) -> list[tuple[str
         )
         at += length
     theta, lags = np.concatenate(angle), np.concatenate(before)
-    turned = [f(order * theta) for order in ORDERS for f in (np.sin, np.cos)]
+    turned = [f(order * theta) for order in SHAFT_ORDERS for f in (np.sin, np.cos)]
     return [
         ("speed", [over["speed"]]),
         ("voltage", [over["voltage"]]),

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from ldt_core.base.sentences import spoken
 from ldt_core.diagnosis.diagnosis import Gap, GapLocation, ParameterAmount
 
-ALIKE = 0.5  # of two ranges together, that both hold: they need not be said both
-MOST = 0.9  # of the gap: with less in a place, its share is said
+COMMON_RANGE = 0.5  # of two ranges together: where both hold more, one of them is said
+WHOLE_GAP = 0.9  # share of the gap in a place: with less, the share is said
 
 
 def sentence(
@@ -100,7 +100,7 @@ def _lies(where: Sequence[GapLocation]) -> str:
     if both and place.quantity == both[0].quantity:
         share += both[0].share_of_gap
         place = max(place, both[0], key=lambda p: p.end)
-    part = "which lies" if share >= MOST else f"{share:.0%} of which lies"
+    part = "which lies" if share >= WHOLE_GAP else f"{share:.0%} of which lies"
     return f"{part} {_place(place)}{' in both directions' if both else ''}{_steady(place, where)}"
 
 
@@ -111,7 +111,7 @@ def _steady(place: GapLocation, where: Sequence[GapLocation]) -> str:
         return ""
     if place.quantity == steady.quantity:
         both = min(place.end, steady.end) - max(place.begin, steady.begin)
-        if both >= ALIKE * (max(place.end, steady.end) - min(place.begin, steady.begin)):
+        if both >= COMMON_RANGE * (max(place.end, steady.end) - min(place.begin, steady.begin)):
             return ""
     return f" (at steady speeds it acts from {steady.begin:.3g} to {steady.end:.3g} {steady.unit})"
 

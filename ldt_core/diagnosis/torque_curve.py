@@ -23,10 +23,10 @@ from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
 
-KNOTS = 101
+KNOTS = 101  # of a curve, so that a knot is a per cent of the quantity's range
 BLOCK = 20_000  # samples worked on at a time, so that a long experiment needs no more memory
-STIFFNESS = np.logspace(-7, 3, 41)  # of the random walk, over that of the data, at most: tried
-ANCHOR = 1e-3  # of the random walk, that draws its level to 0
+STIFFNESS = np.logspace(-7, 3, 41)  # tried of the random walk, over the largest of the data
+LEVEL_STIFFNESS = 1e-3  # of the random walk's: draws its level to 0 where there are no data
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ def _likeliest(gram: Array, along: Array, power: float, count: int) -> tuple[Arr
     """((K,) torque, (K,) its deviation, power it takes away) at the likeliest prior."""
     size = along.size
     walk = np.diff(np.eye(size), axis=0)
-    root = np.linalg.cholesky(size * (walk.T @ walk + ANCHOR / size * np.eye(size)))
+    root = np.linalg.cholesky(size * (walk.T @ walk + LEVEL_STIFFNESS / size * np.eye(size)))
     whitened = solve_triangular(root, solve_triangular(root, gram, lower=True).T, lower=True)
     values, vectors = np.linalg.eigh(0.5 * (whitened + whitened.T))
     values = np.maximum(values, 0.0)

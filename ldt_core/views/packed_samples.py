@@ -14,12 +14,12 @@ from ldt_core.base.experiment import Experiment, Prediction, Samples
 #: Characters of the page that samples may take; the rest of 5 MB is for the library and the tables.
 ROOM = 3_900_000
 POINTS = 840  # of a curve in a figure: about two for each pixel of its panel
-BYTES = 2  # of a number
+BYTES = 2  # of a number: its error is then a 130,000th of its range
 CHARACTERS = 4 / 3  # of a byte in base64
-LEVELS = 2**16 - 1
+LEVELS = 2**16 - 1  # of a number of two bytes
 #: Fewer samples than this show no experiment; those with the least error then go without.
-FEWEST = 240
-SHORTER = 0.8  # of the last part that was tried
+FEWEST_SAMPLES = 240
+SHORTER = 0.8  # of the last length of parts: the next one that is tried
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def room(experiments: int, channels: int) -> tuple[int, int]:
         channels: rows of an experiment, time included.
     """
     samples = int(ROOM / CHARACTERS / BYTES / channels)
-    shown = min(experiments, samples // FEWEST)
+    shown = min(experiments, samples // FEWEST_SAMPLES)
     return samples // shown, shown
 
 

@@ -7,6 +7,7 @@ from scipy.signal import savgol_filter
 
 from ldt_core.diagnosis.diagnosis import (
     Diagnosis,
+    DrawnExperiment,
     Gap,
     GapLocation,
     HeldOutErrors,
@@ -14,7 +15,6 @@ from ldt_core.diagnosis.diagnosis import (
     ParameterAmount,
     RankedCandidate,
     Remainder,
-    ShownExperiment,
     Verdict,
 )
 from ldt_core.effects import EFFECTS, get_effect
@@ -93,7 +93,7 @@ def fake_diagnosis(kind: str = "effect", experiments: int = 8, machine: str = "r
     )
 
 
-def fake_shown(kind: str, experiments: int) -> list[ShownExperiment]:
+def fake_shown(kind: str, experiments: int) -> list[DrawnExperiment]:
     """Experiments of a plant with what truly acts, and free runs without and with the verdict."""
     machine = load_machine("rotor")
     truth, added = (
@@ -108,7 +108,7 @@ def fake_shown(kind: str, experiments: int) -> list[ShownExperiment]:
         runs = [m.predict(e).speed for m in (before, after)]
         torques = [_torque(machine.parameters, e, run) for run in runs]
         smooth, slope = (savgol_filter(e.speed, 15, 2, deriv=d, delta=e.period) for d in (0, 1))
-        found.append(ShownExperiment(e, number % 3 == 0, *runs, *torques, smooth, slope))
+        found.append(DrawnExperiment(e, number % 3 == 0, *runs, *torques, smooth, slope))
     return found
 
 

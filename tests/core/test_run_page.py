@@ -23,7 +23,7 @@ from ldt_core.base.experiment import Experiment, Level, Prediction, Signal
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from ldt_core.views.detector_statistic import statistic
-from ldt_core.views.packed_samples import FEWEST, LEVELS, ROOM, extremes, pack, room
+from ldt_core.views.packed_samples import FEWEST_SAMPLES, LEVELS, ROOM, extremes, pack, room
 from ldt_core.views.report import page, read_run
 from ldt_core.views.report.health_section import remarks
 
@@ -214,7 +214,7 @@ def test_two_hundred_long_experiments_stay_below_five_megabytes(deviation, tmp_p
 
 def test_without_room_the_worst_keep_their_samples(tmp_path, monkeypatch):
     """And the page says that the others have none."""
-    assert room(1, 6)[0] > room(200, 6)[0] > room(10**6, 6)[0] >= FEWEST
+    assert room(1, 6)[0] > room(200, 6)[0] > room(10**6, 6)[0] >= FEWEST_SAMPLES
     path = fake_run(tmp_path / "run")
     monkeypatch.setattr("ldt_core.views.packed_samples.ROOM", ROOM * 3 // room(10**6, 6)[1])
     run = read_run(path)

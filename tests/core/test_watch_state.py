@@ -30,7 +30,7 @@ from ldt_core.views.watch.watched_machine import (
     MOST_STEPS,
     WHOLE_STEPS,
 )
-from ldt_core.views.watch.watched_nodes import NODES, SILENT
+from ldt_core.views.watch.watched_nodes import MOST_NODES, SILENT_AFTER
 
 
 class Clock:
@@ -100,13 +100,13 @@ def test_the_worst_machine_comes_first():
     feed(fleet, "/bad", 1, 7.0, Level.POSITIVE)
     feed(fleet, "/worse", 1, 9.0, Level.POSITIVE)
     fleet.feed("", "/diagnostics", health("lost/twin"))
-    clock.now += SILENT + 1
+    clock.now += SILENT_AFTER + 1
     fleet.feed("", "/diagnostics", health("good/twin"))
     cards = fleet.overview()["machines"]
     order = ["/worse", "/bad", "/lost", "/warned", "/good", "/new"]
     assert [c["key"] for c in cards] == order
     assert cards[2]["trouble"] == "silent: twin"
-    assert cards[0]["age"] == SILENT + 1
+    assert cards[0]["age"] == SILENT_AFTER + 1
 
 
 def test_a_graph_that_has_ended_is_not_in_trouble():
@@ -117,7 +117,7 @@ def test_a_graph_that_has_ended_is_not_in_trouble():
         feed(fleet, "", 1)
         fleet.feed("", "/diagnostics", health("twin"))
         fleet.feed("", "/diagnostics", health("plant", finished=finished))
-        clock.now += SILENT + 1
+        clock.now += SILENT_AFTER + 1
         fleet.feed("", "/diagnostics", health("plant", finished=finished))
         trouble = fleet.overview()["machines"][0]["trouble"]
         assert trouble == "".join(f"silent: {s}" for s in silent)
@@ -130,7 +130,7 @@ def test_a_graph_that_was_stopped_is_not_in_trouble():
     feed(fleet, "", 1)
     fleet.feed("", "/diagnostics", health("twin"))
     fleet.feed("", "/diagnostics", health("plant", stopped="true"))
-    clock.now += SILENT + 1
+    clock.now += SILENT_AFTER + 1
     assert fleet.overview()["machines"][0]["trouble"] == ""
 
 
@@ -149,9 +149,9 @@ def test_the_nodes_of_a_machine_are_told_apart_from_others():
     assert node["rejected"] == "2 × experiment: ExperimentError"
     assert node["why"] == f"why{HOSTILE}"
     assert fleet.overview()["machines"][0]["trouble"] == "a node warns"
-    for k in range(2 * NODES):
+    for k in range(2 * MOST_NODES):
         fleet.feed("", "/diagnostics", health(f"a/node_{k}"))
-    assert len(fleet.machine("/a")["nodes"]) == NODES
+    assert len(fleet.machine("/a")["nodes"]) == MOST_NODES
 
 
 def test_memory_is_bounded_whatever_comes():

@@ -9,9 +9,9 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.result_files import write
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.views.diagnosis_page import diagnosis_sections as sections
-from ldt_core.views.diagnosis_page.before_after import draw_before_after, shown_free_runs
-from ldt_core.views.diagnosis_page.gap_curves import draw_gap_curves, gap_curves
-from ldt_core.views.diagnosis_page.ranking import shares, shares_height, shares_on
+from ldt_core.views.diagnosis_page.before_after import shown_free_runs
+from ldt_core.views.diagnosis_page.gap_curves import gap_curves
+from ldt_core.views.diagnosis_page.ranking import shares_bar
 from ldt_core.views.page import style
 from ldt_core.views.page.page_builder import render
 
@@ -66,18 +66,15 @@ def diagnosis_figure(diagnosis: Diagnosis) -> Figure:
     Raises:
         LdtError: as `picture`.
     """
-    upper, lower = shown_free_runs(diagnosis), gap_curves(diagnosis)
-    if upper is None or lower is None:
+    panels = shown_free_runs(diagnosis), gap_curves(diagnosis), shares_bar(diagnosis)
+    drawn = [p for p in panels if p is not None]
+    if len(drawn) < 2:
         raise LdtError("nothing to draw: the diagnosis keeps no experiment")
-    heights = [upper.height(style.WIDE), lower.height(style.WIDE)]
-    if shares(diagnosis):
-        heights.append(shares_height(diagnosis, style.WIDE))
+    heights = [p.height(style.WIDE) for p in drawn]
 
     def draw(figure: Figure) -> None:
         parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights).flat
-        draw_before_after(parts[0], upper, style.WIDE)
-        draw_gap_curves(parts[1], lower, style.WIDE)
-        for part in parts[2:]:
-            shares_on(part, diagnosis, style.WIDE)
+        for part, p in zip(parts, drawn, strict=True):
+            p.draw(part, style.WIDE)
 
     return style.picture(style.WIDE.width, sum(heights), draw, "a diagnosis' picture")

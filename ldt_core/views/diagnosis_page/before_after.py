@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ldt_core.diagnosis.diagnosis import Diagnosis, ShownExperiment
+from ldt_core.diagnosis.diagnosis import Diagnosis, DrawnExperiment
 from ldt_core.views.diagnosis_page.number_format import known, value_of
 from ldt_core.views.figures.free_run_panels import draw_free_runs
 from ldt_core.views.page.style import (
     Drawing,
     Layout,
-    blank,
+    Panels,
     legend,
 )
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 
-def changed(shown: Sequence[ShownExperiment]) -> bool:
+def changed(shown: Sequence[DrawnExperiment]) -> bool:
     """Whether there are effects that change a prediction."""
     return any(not np.array_equal(s.before, s.after, equal_nan=True) for s in shown)
 
 
 @dataclass(frozen=True)
-class ShownFreeRuns:
+class ShownFreeRuns(Panels):
     """The experiments that are drawn.
 
     Attributes:
@@ -38,7 +38,7 @@ class ShownFreeRuns:
         held_out: whether they were held out.
     """
 
-    chosen: Sequence[tuple[ShownExperiment, str]]
+    chosen: Sequence[tuple[DrawnExperiment, str]]
     noise: float
     after: bool
     held_out: bool
@@ -46,6 +46,25 @@ class ShownFreeRuns:
     def height(self, layout: Layout) -> float:
         """Of the figure [inches]."""
         return 0.5 + 3.6 * (len(self.chosen) if layout.narrow else 1)
+
+    def draw(self, figure: Figure | SubFigure, layout: Layout) -> None:
+        """Draw them, beside each other where there is room."""
+        count = len(self.chosen)
+        shape = (2 * count, 1) if layout.narrow else (2, count)
+        ratios = [2.0, 1.2] * (count if layout.narrow else 1)
+        grid = figure.subplots(*shape, squeeze=False, height_ratios=ratios)
+        pairs = grid.reshape(count, 2) if layout.narrow else grid.T
+        for index, ((upper, lower), (shown, words)) in enumerate(
+            zip(pairs, self.chosen, strict=True)
+        ):
+            runs = (shown.before, shown.after) if self.after else (shown.before,)
+            draw_free_runs(upper, lower, shown.experiment, runs, self.noise)
+            upper.set_title(f"experiment {shown.experiment.number}, {words}")
+            lower.set_xlabel("time [s]")
+            if index == 0 or layout.narrow:
+                upper.set_ylabel("speed [rad/s]")
+                lower.set_ylabel("error [rad/s]")
+        legend(figure, [pairs[0][0]], layout, 4)
 
 
 def shown_free_runs(diagnosis: Diagnosis) -> ShownFreeRuns | None:
@@ -65,12 +84,6 @@ def before_after(diagnosis: Diagnosis) -> Drawing | None:
     found = shown_free_runs(diagnosis)
     if found is None:
         return None
-
-    def draw(layout: Layout) -> Figure:
-        figure = blank(layout, found.height(layout))
-        draw_before_after(figure, found, layout)
-        return figure
-
     kind = "held out" if found.held_out else "fitted"
     words = "; ".join(f"experiment {s.experiment.number} ({w}): {_rms(s)}" for s, w in found.chosen)
     runs = "by the machine file (before)"
@@ -82,35 +95,17 @@ def before_after(diagnosis: Diagnosis) -> Drawing | None:
         f"{words}. Shaded: two deviations of the sensor's noise.",
         "Speed over time as it was measured and as it is predicted, and the error of the "
         f"predictions below it. {words}.",
-        draw,
+        found.alone,
     )
 
 
-def draw_before_after(figure: Figure | SubFigure, found: ShownFreeRuns, layout: Layout) -> None:
-    """Draw them, beside each other where there is room."""
-    count = len(found.chosen)
-    shape = (2 * count, 1) if layout.narrow else (2, count)
-    ratios = [2.0, 1.2] * (count if layout.narrow else 1)
-    grid = figure.subplots(*shape, squeeze=False, height_ratios=ratios)
-    pairs = grid.reshape(count, 2) if layout.narrow else grid.T
-    for index, ((upper, lower), (shown, words)) in enumerate(zip(pairs, found.chosen, strict=True)):
-        runs = (shown.before, shown.after) if found.after else (shown.before,)
-        draw_free_runs(upper, lower, shown.experiment, runs, found.noise)
-        upper.set_title(f"experiment {shown.experiment.number}, {words}")
-        lower.set_xlabel("time [s]")
-        if index == 0 or layout.narrow:
-            upper.set_ylabel("speed [rad/s]")
-            lower.set_ylabel("error [rad/s]")
-    legend(figure, [pairs[0][0]], layout, 4)
-
-
-def _error(shown: ShownExperiment, predicted: np.ndarray) -> float:
+def _error(shown: DrawnExperiment, predicted: np.ndarray) -> float:
     """Root mean square; without bound where the prediction diverges."""
     error = float(np.sqrt(np.mean((shown.experiment.speed - predicted) ** 2)))
     return error if known(error) else np.inf
 
 
-def _rms(shown: ShownExperiment) -> str:
+def _rms(shown: DrawnExperiment) -> str:
     before, after = (_error(shown, p) for p in (shown.before, shown.after))
     words = "diverges" if not known(before) else value_of(before)
     if np.array_equal(shown.before, shown.after, equal_nan=True):

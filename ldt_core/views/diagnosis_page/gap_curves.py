@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ldt_core.base.sentences import listed
-from ldt_core.diagnosis.diagnosis import Diagnosis, GapLocation, ShownExperiment
+from ldt_core.diagnosis.diagnosis import Diagnosis, DrawnExperiment, GapLocation
 from ldt_core.views.diagnosis_page.before_after import changed
 from ldt_core.views.diagnosis_page.number_format import percent, unit_of, value_of
 from ldt_core.views.diagnosis_page.signal_curves import (
@@ -28,7 +28,7 @@ from ldt_core.views.page.style import (
     VERMILION,
     Drawing,
     Layout,
-    blank,
+    Panels,
     legend,
     power,
 )
@@ -45,17 +45,17 @@ QUANTITIES = {
 }
 SPECTRA = {"frequency": "frequency [Hz]", "order": "shaft order [1/turn]"}
 SPECTRAL = ("density [mN m/√Hz]", "amplitude [mN m]")
-COLUMNS = 2
-ROW = 2.05  # inches
+COLUMNS = 2  # of panels, where there is room
+ROW = 2.05  # inches of a row of panels
 EVERYWHERE = 0.999  # of the samples: a place with more of them is not marked
 LEAST_ORDER = 2.0  # per turn, that the axis of the shaft's orders reaches at least
-MILLI = 0.2  # N m, below which torques are given in mN m
-LEAST = 1e-4  # of its peak, below which a spectrum is not drawn
-LOOKS = (("before", VERMILION, 3), ("after", BLUE, 2))
+MILLI_BELOW = 0.2  # N m, below which torques are given in mN m
+FLOOR = 1e-4  # of its peak, below which a spectrum is not drawn
+LOOKS = (("before", VERMILION, 3), ("after", BLUE, 2))  # label, colour, layer
 
 
 @dataclass(frozen=True)
-class GapCurves:
+class GapCurves(Panels):
     """The curves, by quantity, before and, where effects were added, after.
 
     Attributes:
@@ -77,6 +77,24 @@ class GapCurves:
         rows = 6 if layout.narrow else 6 // COLUMNS
         return 0.4 + ROW * rows
 
+    def draw(self, figure: Figure | SubFigure, layout: Layout) -> None:
+        """Draw all panels."""
+        columns = 1 if layout.narrow else COLUMNS
+        grid = list(figure.subplots(6 // columns, columns, squeeze=False).flat)
+        for axes, (name, label) in zip(grid, QUANTITIES.items(), strict=False):
+            _over(axes, self, name)
+            axes.set_xlabel(label)
+        for axes, (name, label) in zip(grid[len(QUANTITIES) :], SPECTRA.items(), strict=True):
+            _spectrum(axes, self, name)
+            axes.set_xlabel(label)
+        for index, axes in enumerate(grid):
+            _mark(axes, self.marked.get([*QUANTITIES, *SPECTRA][index], ()))
+            if index < len(QUANTITIES) and index % columns == 0:
+                axes.set_ylabel(f"torque [{self.unit}]")
+        for axes, label in zip(grid[len(QUANTITIES) :], SPECTRAL, strict=True):
+            axes.set_ylabel(label)
+        legend(figure, grid, layout, 4)
+
 
 def gap_curves(diagnosis: Diagnosis) -> GapCurves | None:
     """What to draw; None where no experiment is shown."""
@@ -95,7 +113,7 @@ def gap_curves(diagnosis: Diagnosis) -> GapCurves | None:
         "order": [orders(t, speeds, periods) for t in torques],
     }
     largest = max((float(np.abs(b.mean).max()) for b in bins["speed"] if b.mean.size), default=1)
-    scale, unit = (1e3, "mN m") if largest < MILLI else (1.0, "N m")
+    scale, unit = (1e3, "mN m") if largest < MILLI_BELOW else (1.0, "N m")
     marked: dict[str, list[GapLocation]] = {}
     for place in diagnosis.where:
         if place.share_of_data < EVERYWHERE and not place.steady:
@@ -108,12 +126,6 @@ def torque_drawing(diagnosis: Diagnosis) -> Drawing | None:
     found = gap_curves(diagnosis)
     if found is None:
         return None
-
-    def draw(layout: Layout) -> Figure:
-        figure = blank(layout, found.height(layout))
-        draw_gap_curves(figure, found, layout)
-        return figure
-
     words = [where(p) for some in found.marked.values() for p in some]
     marked = f" Marked: {'; '.join(words)}." if words else " No place stands out."
     count = len(diagnosis.shown)
@@ -125,7 +137,7 @@ def torque_drawing(diagnosis: Diagnosis) -> Drawing | None:
         f"of the shaft (1 repeats with each turn).{marked}",
         f"Six panels: the torque over {listed(QUANTITIES)}, and its spectra over frequency and "
         f"shaft order.{marked}",
-        draw,
+        found.alone,
     )
 
 
@@ -145,25 +157,6 @@ def span(place: GapLocation) -> str:
 def shares(place: GapLocation) -> str:
     """How much of the gap and of the data it holds."""
     return f"{percent(place.share_of_gap)} of the gap, {percent(place.share_of_data)} of the data"
-
-
-def draw_gap_curves(figure: Figure | SubFigure, found: GapCurves, layout: Layout) -> None:
-    """Draw all panels."""
-    columns = 1 if layout.narrow else COLUMNS
-    grid = list(figure.subplots(6 // columns, columns, squeeze=False).flat)
-    for axes, (name, label) in zip(grid, QUANTITIES.items(), strict=False):
-        _over(axes, found, name)
-        axes.set_xlabel(label)
-    for axes, (name, label) in zip(grid[len(QUANTITIES) :], SPECTRA.items(), strict=True):
-        _spectrum(axes, found, name)
-        axes.set_xlabel(label)
-    for index, axes in enumerate(grid):
-        _mark(axes, found.marked.get([*QUANTITIES, *SPECTRA][index], ()))
-        if index < len(QUANTITIES) and index % columns == 0:
-            axes.set_ylabel(f"torque [{found.unit}]")
-    for axes, label in zip(grid[len(QUANTITIES) :], SPECTRAL, strict=True):
-        axes.set_ylabel(label)
-    legend(figure, grid, layout, 4)
 
 
 def _over(axes: Axes, found: GapCurves, name: str) -> None:
@@ -187,7 +180,7 @@ def _spectrum(axes: Axes, found: GapCurves, name: str) -> None:
         axes.text(0.5, 0.5, "too little motion", ha="center", transform=axes.transAxes)
         return
     axes.set_yscale("log")
-    low = max(axes.get_ylim()[0], LEAST * peak)
+    low = max(axes.get_ylim()[0], FLOOR * peak)
     axes.set_ylim(*(10.0 ** f(math.log10(y)) for f, y in ((math.floor, low), (math.ceil, peak))))
     axes.yaxis.set_major_formatter(power)
     if name == "frequency":
@@ -219,7 +212,7 @@ def _known(torque: Array, predicted: Array) -> Array:
     return np.where(np.isfinite(predicted), torque, math.nan)
 
 
-def _row(shown: ShownExperiment, name: str) -> Array:
+def _row(shown: DrawnExperiment, name: str) -> Array:
     rows = {
         "speed": shown.smooth_speed,
         "voltage": shown.experiment.voltage,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ldt_core.base.sentences import listed
@@ -19,6 +20,7 @@ from ldt_core.views.page.style import (
     SKY,
     Drawing,
     Layout,
+    Panels,
     blank,
     legend,
 )
@@ -26,9 +28,10 @@ from ldt_core.views.page.style import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
-MOST = 16  # bars
-ROW, AROUND = 0.26, 0.95  # inches
-WORST = -0.25  # closed fraction below which a bar is cut: it only says that the fit went wrong
+BARS = 16  # at most: more are in the table
+ROW = 0.26  # inches of a bar
+AROUND = 0.95  # inches of legend and axis
+LEAST_SHOWN = -0.25  # closed fraction below which a bar is cut: it says that the fit went wrong
 SIGNS = {"found": ("● ", BLUE), "vague": ("◆ ", ORANGE), "": ("", GREY)}
 PARTS = (BLUE, ORANGE, GREEN, PURPLE, SKY, GREY)
 
@@ -47,7 +50,7 @@ def bars(diagnosis: Diagnosis) -> Drawing | None:
     """What each closes alone; None where there is no gap to close."""
     known_ = [c for c in diagnosis.candidates if known(c.closed_fraction)]
     marked = [c for c in known_ if standing(diagnosis, c)]
-    others = [c for c in known_ if not standing(diagnosis, c)][: max(MOST - len(marked), 0)]
+    others = [c for c in known_ if not standing(diagnosis, c)][: max(BARS - len(marked), 0)]
     drawn = [c for c in known_ if c in marked or c in others]
     if not drawn:
         return None
@@ -59,7 +62,7 @@ def bars(diagnosis: Diagnosis) -> Drawing | None:
         axes = figure.subplots()
         signs = [SIGNS[standing(diagnosis, c)] for c in drawn]
         closed = [float(c.closed_fraction or 0.0) for c in drawn]
-        length = [100 * min(max(value, WORST), 1.0) for value in closed]
+        length = [100 * min(max(value, LEAST_SHOWN), 1.0) for value in closed]
         axes.barh(range(len(drawn)), length, height=0.66, color=[color for _, color in signs])
         for row, value in enumerate(closed):
             at = max(length[row], 0.0)
@@ -99,65 +102,68 @@ def bars(diagnosis: Diagnosis) -> Drawing | None:
     )
 
 
+@dataclass(frozen=True)
+class SharesBar(Panels):
+    """What each effect of a set contributes, as one divided bar.
+
+    Attributes:
+        members: candidates with their Shapley shares, the largest first.
+    """
+
+    members: Sequence[tuple[RankedCandidate, float]]
+
+    def height(self, layout: Layout) -> float:
+        """Of the bar with its legend [inches]."""
+        return 1.2 + 0.18 * len(self.members) if layout.narrow else 1.25
+
+    def draw(self, figure: Figure | SubFigure, layout: Layout) -> None:
+        """Draw the bar."""
+        axes = figure.subplots()
+        ends = _stacked([share for _, share in self.members])
+        for index, ((c, share), (begin, end)) in enumerate(zip(self.members, ends, strict=True)):
+            axes.barh(
+                0,
+                100 * (end - begin),
+                left=100 * begin,
+                height=0.7,
+                color=PARTS[index % len(PARTS)],
+                edgecolor=PAPER,
+                lw=1.5,
+                label=f"{short(c.effect)} {percent(share)}",
+            )
+        axes.set_yticks([])
+        axes.spines["left"].set_visible(False)
+        axes.grid(visible=False)
+        low = min(min(e) for e in ends)
+        high = max(max(e) for e in ends)
+        axes.set_xlim(100 * min(low, 0.0), 100 * max(high, 1.0))
+        axes.set_xlabel("share of what the set closes [%]")
+        handles, labels = axes.get_legend_handles_labels()
+        columns = 1 if layout.narrow else 4
+        figure.legend(handles, labels, loc="outside upper left", ncols=columns)
+
+
+def shares_bar(diagnosis: Diagnosis) -> SharesBar | None:
+    """The bar; None for less than two effects with a share."""
+    found = [(c, c.shapley_share) for c in diagnosis.candidates if known(c.shapley_share)]
+    members = [(c, share) for c, share in found if share is not None]
+    return SharesBar(sorted(members, key=lambda m: -m[1])) if len(members) > 1 else None
+
+
 def shares(diagnosis: Diagnosis) -> Drawing | None:
     """What each effect of a set contributes; None for less than two."""
-    found = shared(diagnosis)
-    if len(found) < 2:
+    bar = shares_bar(diagnosis)
+    if bar is None:
         return None
-
-    def draw(layout: Layout) -> Figure:
-        figure = blank(layout, shares_height(diagnosis, layout))
-        shares_on(figure, diagnosis, layout)
-        return figure
-
-    words = listed(f"{c.effect} {percent(c.shapley_share)}" for c in found)
+    words = listed(f"{c.effect} {percent(share)}" for c, share in bar.members)
     return Drawing(
         "parts",
         "What each effect contributes",
         f"Shapley shares, the mean over all orders of adding them: {words}. An effect that closes "
         "little alone may close much beside another.",
         f"A bar divided into {words}.",
-        draw,
+        bar.alone,
     )
-
-
-def shared(diagnosis: Diagnosis) -> list[RankedCandidate]:
-    """The candidates that have a share, the largest first."""
-    found = [c for c in diagnosis.candidates if known(c.shapley_share)]
-    return sorted(found, key=lambda c: -(c.shapley_share or 0.0))
-
-
-def shares_height(diagnosis: Diagnosis, layout: Layout) -> float:
-    """Of the bar with its legend [inches]."""
-    return 1.2 + 0.18 * len(shared(diagnosis)) if layout.narrow else 1.25
-
-
-def shares_on(figure: Figure | SubFigure, diagnosis: Diagnosis, layout: Layout) -> None:
-    """Draw the bar."""
-    axes, found = figure.subplots(), shared(diagnosis)
-    ends = _stacked([float(c.shapley_share or 0.0) for c in found])
-    for index, (candidate, (begin, end)) in enumerate(zip(found, ends, strict=True)):
-        share = percent(candidate.shapley_share)
-        axes.barh(
-            0,
-            100 * (end - begin),
-            left=100 * begin,
-            height=0.7,
-            color=PARTS[index % len(PARTS)],
-            edgecolor=PAPER,
-            lw=1.5,
-            label=f"{short(candidate.effect)} {share}",
-        )
-    axes.set_yticks([])
-    axes.spines["left"].set_visible(False)
-    axes.grid(visible=False)
-    low = min(min(e) for e in ends)
-    high = max(max(e) for e in ends)
-    axes.set_xlim(100 * min(low, 0.0), 100 * max(high, 1.0))
-    axes.set_xlabel("share of what the set closes [%]")
-    handles, labels = axes.get_legend_handles_labels()
-    columns = 1 if layout.narrow else 4
-    figure.legend(handles, labels, loc="outside upper left", ncols=columns)
 
 
 def _stacked(shares_: Sequence[float]) -> list[tuple[float, float]]:

@@ -12,14 +12,15 @@ from scipy.signal import periodogram
 
 Array = NDArray[np.float64]
 
-BINS = 48
-FEW = 24  # different values that are bins of their own
-LEAST = 8  # samples in a bin: fewer have no spread
-TAIL = 0.1  # of a bin's samples that lie below its band, and above it
-LINES = 160  # of a spectrum over frequency
-MOST_ORDER, ORDER_STEP = 20.0, 0.05  # per turn
-TURNS = 24.0  # of the shaft in one section: its orders are then 1/24 apart
-FEWEST_TURNS = 4.0  # in a section that has orders to speak of
+BINS = 48  # over the range of a quantity: about one for five pixels
+OWN_BINS = 24  # different values up to which each is a bin of its own
+BIN_SAMPLES = 8  # of a bin, at least: fewer have no spread
+BAND_TAIL = 0.1  # share of a bin's samples below its band, and as many above it
+SPECTRUM_LINES = 160  # over frequency: about one for two pixels
+MOST_ORDER = 20.0  # per turn: where the axis of orders ends
+ORDER_STEP = 0.05  # per turn: finer than the orders of a section are apart
+SECTION_TURNS = 24.0  # of the shaft in one section: its orders are then 1/24 apart
+LEAST_TURNS = 4.0  # of the shaft in a section that has orders to speak of
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +47,7 @@ def binned(x: Array, y: Array) -> Binned:
     if x.size == 0:
         return Binned(*(np.zeros(0) for _ in range(4)))
     levels = np.unique(x)
-    if levels.size <= FEW:
+    if levels.size <= OWN_BINS:
         edges = np.concatenate([[-np.inf], (levels[1:] + levels[:-1]) / 2, [np.inf]])
         middle = levels
     else:
@@ -56,8 +57,8 @@ def binned(x: Array, y: Array) -> Binned:
     rows = []
     for i, at in enumerate(middle):
         inside = y[which == i]
-        if inside.size >= min(LEAST, y.size):
-            rows.append((at, inside.mean(), *np.quantile(inside, [TAIL, 1 - TAIL])))
+        if inside.size >= min(BIN_SAMPLES, y.size):
+            rows.append((at, inside.mean(), *np.quantile(inside, [BAND_TAIL, 1 - BAND_TAIL])))
     return Binned(*np.array(rows, dtype=np.float64).reshape(-1, 4).T)
 
 
@@ -68,7 +69,7 @@ def spectrum(rows: Sequence[Array], periods: Sequence[float]) -> tuple[Array, Ar
     """
     found = []
     for row, period in zip(rows, periods, strict=True):
-        if np.isfinite(row).all() and row.size > LEAST:
+        if np.isfinite(row).all() and row.size > BIN_SAMPLES:
             found.append(periodogram(row, 1 / period, "hann", detrend="constant"))
     if not found:
         return np.zeros(0), np.zeros(0)
@@ -77,9 +78,9 @@ def spectrum(rows: Sequence[Array], periods: Sequence[float]) -> tuple[Array, Ar
     for line, (f, p) in zip(power, found, strict=True):
         line[:] = np.interp(grid, f[1:], p[1:], left=math.nan, right=math.nan)
     mean = np.nansum(power, axis=0) / np.maximum(np.isfinite(power).sum(axis=0), 1)
-    edges = np.geomspace(grid[0], grid[-1] * (1 + 1e-9), LINES + 1)
+    edges = np.geomspace(grid[0], grid[-1] * (1 + 1e-9), SPECTRUM_LINES + 1)
     which = np.searchsorted(edges, grid, side="right") - 1
-    at = [np.flatnonzero(which == i) for i in range(LINES)]
+    at = [np.flatnonzero(which == i) for i in range(SPECTRUM_LINES)]
     best = [i[np.argmax(mean[i])] for i in at if i.size]
     return grid[best], np.sqrt(mean[best])
 
@@ -100,10 +101,12 @@ def orders(
             continue
         step = speed * period
         turned = np.cumsum(np.abs(step)) / (2 * math.pi)
-        for section in range(max(1, math.ceil(turned[-1] / TURNS))):
-            begin, stop = np.searchsorted(turned, [section * TURNS, (section + 1) * TURNS])
+        for section in range(max(1, math.ceil(turned[-1] / SECTION_TURNS))):
+            begin, stop = np.searchsorted(
+                turned, [section * SECTION_TURNS, (section + 1) * SECTION_TURNS]
+            )
             part = slice(int(begin), int(stop))
-            if stop - begin <= LEAST or turned[part][-1] - turned[part][0] < FEWEST_TURNS:
+            if stop - begin <= BIN_SAMPLES or turned[part][-1] - turned[part][0] < LEAST_TURNS:
                 continue
             along = (turned[part] - turned[part][0]) / np.ptp(turned[part])
             share = np.abs(step[part]) * np.sin(math.pi * along) ** 2

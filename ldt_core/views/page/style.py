@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.result_files import check_target
@@ -159,6 +159,22 @@ class Drawing:
     caption: str
     alt: str
     draw: Callable[[Layout], Figure]
+
+
+class Panels(Protocol):
+    """What can be drawn into a figure or into a part of one."""
+
+    def height(self, layout: Layout) -> float:
+        """That it needs [inches]."""
+
+    def draw(self, figure: Figure | SubFigure, layout: Layout) -> None:
+        """Into an empty figure of that height."""
+
+    def alone(self, layout: Layout) -> Figure:
+        """A figure of its own."""
+        figure = blank(layout, self.height(layout))
+        self.draw(figure, layout)
+        return figure
 
 
 def require(who: str = "a study") -> None:

@@ -8,7 +8,7 @@ from ldt_core.views.page.blocks import Block, Folded, Mark, Table, Text
 from ldt_core.views.report.reported_run import ReportedRun
 
 #: Rows of a table that stands open; a longer one would bury what follows it.
-OPEN = 20
+OPEN_ROWS = 20
 MARKS = {Action.ADAPTED: Mark("adapted", "good"), Action.REFUSED: Mark("refused", "open")}
 
 
@@ -54,7 +54,7 @@ def models(run: ReportedRun) -> list[Block]:
 
 
 def _folded(table: Table) -> Block:
-    if len(table.rows) <= OPEN:
+    if len(table.rows) <= OPEN_ROWS:
         return table
     return Folded(f"{table.caption} ({len(table.rows)} rows)", table)
 

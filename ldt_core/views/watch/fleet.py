@@ -15,7 +15,7 @@ from ldt_core.views.step_view import rounded
 from ldt_core.views.watch.watched_machine import MOST_SAMPLES, WatchedMachine, text
 
 MACHINES = 100  # that are shown, as many as a graph may have
-COURSE = 30  # last errors in the overview
+COURSE = 30  # errors in the overview, the last ones: about as many as a card has room for
 #: How bad a signal is, beside nodes that have fallen silent (2) or none at all (-1).
 RANKS = {Level.POSITIVE: 3, Level.WARNING: 1, Level.NEGATIVE: 0}
 SILENT, NOTHING = 2, -1

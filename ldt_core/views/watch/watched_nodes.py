@@ -8,9 +8,9 @@ from typing import Any
 
 from ldt_core.recording.node_status import NodeStatus, node_statuses
 
-NODES = 30  # of one machine that are shown
-SHOWN = 400  # characters of what one says
-SILENT = 5.0  # s; a node tells of itself each second
+MOST_NODES = 30  # of one machine that are shown: a graph has fewer
+MOST_CHARACTERS = 400  # of what one says, since a foreign message may be of any size
+SILENT_AFTER = 5.0  # s: a node tells of itself each second
 READY = "ready"  # key that every node of the graph tells; other drivers' statuses lack it
 
 
@@ -37,10 +37,12 @@ class Nodes:
         found = False
         for status in node_statuses(message, namespace):
             role = status.role
-            if READY not in status.values or (role not in self.told and len(self.told) >= NODES):
+            if READY not in status.values or (
+                role not in self.told and len(self.told) >= MOST_NODES
+            ):
                 continue
             level, machine = levels[status.name]
-            self.machine = machine[:SHOWN] or self.machine
+            self.machine = machine[:MOST_CHARACTERS] or self.machine
             self.told[role] = Told(_cut(status), bool(_number(level)), now)
             found = True
         return found
@@ -64,7 +66,7 @@ class Nodes:
             }
 
     def _gone(self, told: Told, now: float) -> bool:
-        return now - told.at > SILENT and not self._ended
+        return now - told.at > SILENT_AFTER and not self._ended
 
     @property
     def _ended(self) -> bool:
@@ -73,8 +75,11 @@ class Nodes:
 
 
 def _cut(status: NodeStatus) -> NodeStatus:
-    values = {k[:SHOWN]: v[:SHOWN] for k, v in list(status.values.items())[:NODES]}
-    return NodeStatus(status.name, status.message[:SHOWN], values)
+    values = {
+        k[:MOST_CHARACTERS]: v[:MOST_CHARACTERS]
+        for k, v in list(status.values.items())[:MOST_NODES]
+    }
+    return NodeStatus(status.name, status.message[:MOST_CHARACTERS], values)
 
 
 def _number(level: Any) -> int:
