@@ -72,7 +72,7 @@ def _kind(model: str | type[Model]) -> type[Model]:
     from ldt_core.models.base import Model
 
     kind = MODELS.get(model) if isinstance(model, str) else model
-    if not (isinstance(kind, type) and issubclass(kind, Model)):
+    if not (isinstance(kind, type) and issubclass(kind, Model)) or inspect.isabstract(kind):
         expected = "a subclass of ldt_core.models.base.Model"
         raise OptionError(f"model {model}", expected, repr(kind))
     return kind

@@ -184,6 +184,16 @@ def test_a_detector_of_one_s_own_decides(worn):
     assert steps[0].signal.detector == "every_other"
 
 
+def test_a_detector_object_of_river_is_fed_with_the_largest_errors(worn):
+    """Those that are made for yes and no are refused, with the way to use them."""
+    drift = pytest.importorskip("river.drift")
+    given = drift.PageHinkley(min_instances=2, threshold=0.5)
+    steps = ldt.run(worn, "dc_motor", "physics", given).steps
+    assert [s.signal.statistics["input"] for s in steps] == [s.signal.max_error for s in steps]
+    with pytest.raises(ldt.BadInput, match="river_detector=DDM and input=errors"):
+        ldt.Twin("dc_motor", detector=drift.binary.DDM())
+
+
 def test_a_twin_steps_by_hand(worn, run):
     """The same as a run; each record says of which experiment it is."""
     twin = ldt.Twin("dc_motor", **LINEAR)
@@ -303,6 +313,7 @@ WRONG = {
     "namespace": (lambda r: ldt.read(r.path, namespace=1), "namespace: expected the name"),
     "setting": (lambda r: ldt.Twin("rotor", treshold=3), "did you mean 'threshold'"),
     "range": (lambda r: ldt.Twin("rotor", gate="no"), "gate: expected one of 'holdout', 'none'"),
+    "abstract": (lambda r: ldt.Twin("rotor", model=ldt.Model), "expected a subclass of"),
     "model": (lambda r: ldt.run(r, "dc_motor", "lineer"), "did you mean 'linear'"),
     "detector": (lambda r: ldt.Twin("rotor", detector=3), "update.x. and drift_detected, got 3"),
     "word": (lambda r: ldt.Twin("rotor", threshold="a"), "threshold: expected a finite number"),
