@@ -124,5 +124,3 @@ DECODERS: dict[str, tuple[str, Callable[[str, Any], Record]]] = {
     "advice": (DIAGNOSTICS, decode_advice),
     "model": (STRING, _decode_model),
 }
-
-__all__ = ["DECODERS", "Record", "decode", "encode", "encode_cdr"]
