@@ -1,6 +1,6 @@
 """The three message types of the contract, without ROS: classes, CDR bytes, schema texts, hashes.
 
-All of it comes from the `rosbags` library, which is imported inside functions: loading takes 0.25 s,
+All of it comes from the `rosbags` library, imported inside functions: loading it takes 0.25 s,
 and not every command needs it. The codec builds messages through a `Messages` table of
 constructors, so that the same code makes these here and real ROS messages in `ldt_ros`.
 """
