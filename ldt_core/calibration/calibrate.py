@@ -23,10 +23,10 @@ from ldt_core.machine.machine_file import Machine
 
 HOLDOUT = 0.25  # share of the experiments to judge by, unless said otherwise
 LEAST_TO_HOLD_OUT = 4  # experiments; fewer are all needed for the fit
-SHORTEST = 10  # samples of an experiment: fewer do not even show its start state
+FEWEST_SAMPLES = 10  # of an experiment: fewer do not even show its start state
 PASSES = 6  # fits with another set of free parameters, should one not hold at its own solution
-FAILED = 1.001  # times the error before: a fit that ends above it has failed
-AS_GOOD = 0.99  # times the error before: above it the file's values were as good
+FAILURE_RATIO = 1.001  # of the error to the one before: a fit that ends above it has failed
+GAIN_RATIO = 0.99  # of the error to the one before: above it the file's values were as good
 
 
 def calibrate(
@@ -60,8 +60,10 @@ def calibrate(
     check_names(machine, free, fixed)
     for e in experiments:
         machine.check(e)
-        if len(e) < SHORTEST:
-            raise ExperimentError(f"experiment {e.number}", f"{SHORTEST} samples or more", len(e))
+        if len(e) < FEWEST_SAMPLES:
+            raise ExperimentError(
+                f"experiment {e.number}", f"{FEWEST_SAMPLES} samples or more", len(e)
+            )
     kept, held_out = split(experiments, holdout)
     with threadpool_limits(1):  # sums in one order: the same numbers on every run
         return _Work(machine, kept, list(free), list(fixed), tick).result(held_out)
@@ -155,7 +157,7 @@ class _Work:
         estimates, machine = self._estimates(state)
         if not state.seen.determined:
             nominal = free_run_error(self.machine, self.experiments)
-            if free_run_error(machine, self.experiments).rmse < AS_GOOD * nominal.rmse:
+            if free_run_error(machine, self.experiments).rmse < GAIN_RATIO * nominal.rmse:
                 raise LdtError(notes.nothing_determined(self.experiments))
             estimates = [replace(e, value=e.nominal) for e in estimates]
             machine = self.machine
@@ -172,7 +174,7 @@ class _Work:
                 errors[part] = (before, free_run_error(machine, experiments))
                 numbers[part] = [e.number for e in experiments]
         before, after = errors["fit"]
-        if after.rmse > FAILED * before.rmse and not self._start_explains(state):
+        if after.rmse > FAILURE_RATIO * before.rmse and not self._start_explains(state):
             raise LdtError(
                 f"calibration failed: the free-run error did not go down ({before.rmse:.4g} rad/s "
                 f"before, {after.rmse:.4g} rad/s after); {notes.SUGGEST_FREE}"
@@ -193,7 +195,7 @@ class _Work:
             experiments=numbers,
             notes=(),
         )
-        told = notes.notes(calibration, state.seen, state.runs.white, AS_GOOD)
+        told = notes.notes(calibration, state.seen, state.runs.white, GAIN_RATIO)
         told += notes.bounds(state.coordinates, state.z)
         told += notes.excitation(self.experiments)
         if not state.converged:

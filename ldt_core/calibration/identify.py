@@ -34,10 +34,10 @@ PHYSICS = "dc_motor"
 RESISTANCE = 1.0  # Ohm, by convention: speed and voltage say nothing of it
 FRICTION = 0.0  # N m s, by convention, likewise
 LIMIT_MARGIN = 0.2  # of the recorded range of voltage, at either end: a limit must not be too tight
-SLOWEST = 3.0  # times the longest experiment: of a slower motion any gain fits the beginning
+SLOWEST_MOTION = 3.0  # longest experiments: of a slower one any gain fits the beginning
 LEAST_FIT_PERCENT = 90.0  # of the speed: a motor that explains less may be refused
-REFUSED = 2.0  # times what the best linear model of any order leaves: such a motor is refused
-LACKING = 1.2  # times the same: such a motor lacks something, which is worth a note
+REFUSAL_RATIO = 2.0  # of what a motor leaves to what the best linear model of any order leaves
+NOTE_RATIO = 1.2  # of the same: beyond, the motor lacks something, which is worth a note
 
 
 @dataclass(frozen=True)
@@ -167,13 +167,13 @@ def _refuse(form: MotorResponse, linear: Identified, experiments: list[Experimen
             f"the recording shows no motor but {shown}: the speed falls as the voltage rises, so "
             "that one of the two has the wrong sign or the speed hardly depends on the voltage"
         )
-    if form.slowest > SLOWEST * longest:
+    if form.slowest > SLOWEST_MOTION * longest:
         raise LdtError(
             f"the recording shows no motor but {shown}: a time constant of {form.slowest:.3g} s, "
             f"of which experiments of {longest:.3g} s show the beginning only (longer ones would "
             "settle it, unless the speed is unstable)"
         )
-    if form.fit_percent < LEAST_FIT_PERCENT and form.noise_std > REFUSED * linear.noise_std:
+    if form.fit_percent < LEAST_FIT_PERCENT and form.noise_std > REFUSAL_RATIO * linear.noise_std:
         raise LdtError(
             f"the recording shows no motor but {shown}, which leaves {linear.noise_std:.3g} rad/s "
             f"where a motor leaves {form.noise_std:.3g} rad/s: a machine with more than two time "
@@ -273,7 +273,7 @@ def _notes(form: MotorResponse, linear: Identified, experiments: list[Experiment
             f"This motor explains {form.fit_percent:.0f} % of the speed, and no linear model does "
             "much better: what is missing is nonlinear, or the recording is mostly noise."
         )
-    if form.noise_std > LACKING * linear.noise_std:
+    if form.noise_std > NOTE_RATIO * linear.noise_std:
         notes.append(
             f"The motor leaves {form.noise_std:.3g} rad/s, {_described(linear)} leaves "
             f"{linear.noise_std:.3g}: this machine has something that a motor lacks."

@@ -23,11 +23,11 @@ from ldt_core.estimation.variable_projection import project_out
 
 Array = NDArray[np.float64]
 
-UNSEEN = 0.01  # sample periods: an electric time constant that no sample shows, yet cheap to run
-SHOWN = 2 * UNSEEN  # sample periods: an electric time constant below has run into its bound
-SLOWEST = 1e3  # times the longest experiment: a time constant beyond has run away
-TRIED = (0.3, 3.0)  # sample periods: electric time constants to begin a search with
-NEGLIGIBLE = 1e-8  # of the larger singular value: a start state below moves nothing
+LEAST_TIME = 0.01  # sample periods: an electric time constant that no sample shows, cheap to run
+AT_BOUND = 2 * LEAST_TIME  # sample periods: an electric time constant below has run into its bound
+MOST_TIME = 1e3  # longest experiments: a time constant beyond has run away
+FIRST_TIMES = (0.3, 3.0)  # sample periods: electric time constants to begin a search with
+LEAST_SINGULAR = 1e-8  # of the larger singular value: a start state below moves nothing
 TIME_TOLERANCE = 1e-10  # relative, of the logarithms of the time constants
 LOSS_TOLERANCE = 1e-12  # relative, of the sum of squares and of its gradient
 
@@ -100,7 +100,7 @@ def fit_response(
         gained = 2 * independent * math.log(without.noise_std / found.noise_std)
         if gained < math.log(independent):  # Schwarz's criterion, of independent samples
             found = without
-    if not order and found.order == 2 and found.tau_e < SHOWN * search.period:
+    if not order and found.order == 2 and found.tau_e < AT_BOUND * search.period:
         return fit_response(experiments, linear, 1, offset)
     return found
 
@@ -111,7 +111,7 @@ def _starts(model: StateSpace, period: float) -> list[Array]:
     if model.order == 1:
         return [np.log([1 / polynomial[1]])]
     tau_m = polynomial[1] / polynomial[2]
-    fast = [1 / polynomial[1], *(share * period for share in TRIED)]
+    fast = [1 / polynomial[1], *(share * period for share in FIRST_TIMES)]
     return [np.log([tau_m, tau_e]) for tau_e in fast]
 
 
@@ -131,7 +131,7 @@ class _Search:
 
     def fit(self, start: Array, offset: bool) -> MotorResponse:
         """The nearest minimum."""
-        low, high = math.log(UNSEEN * self.period), math.log(SLOWEST * self.longest)
+        low, high = math.log(LEAST_TIME * self.period), math.log(MOST_TIME * self.longest)
         found = trust_region(
             lambda logs: self._residual(logs, offset)[0],
             np.clip(start, low, high),
@@ -149,7 +149,7 @@ class _Search:
             order=found.size,
             gain=float(weights[0]),
             tau_m=float(taus[0]),
-            tau_e=float(taus[1]) if taus.size == 2 else UNSEEN * self.period,
+            tau_e=float(taus[1]) if taus.size == 2 else LEAST_TIME * self.period,
             offset=float(weights[1]) if offset else 0.0,
             noise_std=size / math.sqrt(max(self.samples - unknowns, 1)),
             fit_percent=100 * (1 - size / self.spread),
@@ -188,4 +188,4 @@ def _free(model: StateSpace, length: int, period: float) -> Array:
     still = np.zeros(length)
     runs = [model.simulate(still, period, start) for start in np.eye(model.order)]
     left, sizes, _ = np.linalg.svd(np.column_stack(runs), full_matrices=False)
-    return left[:, sizes > NEGLIGIBLE * sizes[0]]
+    return left[:, sizes > LEAST_SINGULAR * sizes[0]]

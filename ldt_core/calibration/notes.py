@@ -22,7 +22,7 @@ SUGGEST_FREE = "free other parameters or check the machine file"
 NOT_CONVERGED = (
     "The fit had not quite settled when it was stopped; the values may still move a little."
 )
-NOT_NOISE = 5.0  # times the white part of a residual: one beyond it is not the sensor's noise
+MOST_NOISE_RATIO = 5.0  # of a residual to its white part: beyond, it is not the sensor's noise
 CONSTANT_RANGE = 0.02  # of the largest voltage: a smaller range excites nothing
 
 
@@ -53,7 +53,7 @@ def notes(calibration: Calibration, seen: Identifiability, white: float, same: f
                 "be wider than a factor of 1.6 either way."
             )
     left = calibration.noise["speed"]
-    if left > NOT_NOISE * white:
+    if left > MOST_NOISE_RATIO * white:
         said.append(
             f"What is left ({left:.3g} rad/s) is smooth, not noise (about {white:.2g} rad/s): the "
             "machine has something that the physics lacks, and the calibrated values imitate it as "

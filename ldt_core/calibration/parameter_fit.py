@@ -26,11 +26,11 @@ from ldt_core.physics.base import SPEED, Physics
 from ldt_core.physics.parameter import Parameter
 
 ROUNDS = 12  # of fit, start states and noise in turn; a fit that is not still by then creeps
-MOVED = 1e-3  # standard errors: a round that moves no coordinate by more was the last
-MOVED_EXACTLY = 1e-9  # of a coordinate: the same for data without noise
+LEAST_MOVE = 1e-3  # standard errors: a round that moves no coordinate by more was the last
+LEAST_EXACT_MOVE = 1e-9  # of a coordinate: the same for data without noise
 TOLERANCE = 1e-10  # relative, of cost, coordinates and gradient: a round ends at its minimum
 EVALUATIONS = 60  # of the free runs in one round
-VISIBLE = 0.01  # of the speed: an effect this large gives a parameter at 0 its typical size
+VISIBLE_CHANGE = 0.01  # of the speed: one this large gives a parameter at 0 its typical size
 SIZES = 10.0 ** np.arange(-8, 5, 0.25)  # in the parameter's unit, tried for that
 SCAN = np.geomspace(0.2, 20, 25)  # of the typical size: two decades about it, 12 points a decade
 STARTS = 3  # minima of the scan from which to fit; a rotor has two, captured or not
@@ -78,7 +78,7 @@ def fit(runs: CalibrationRuns, coordinates: Coordinates, z: Array) -> tuple[Arra
         runs.settle(coordinates.values(z))
         information = solved.jacobian.T @ solved.jacobian
         errors = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-        if np.all(moved <= np.maximum(MOVED * errors, MOVED_EXACTLY)):
+        if np.all(moved <= np.maximum(LEAST_MOVE * errors, LEAST_EXACT_MOVE)):
             converged = True
             break
     z = coordinates.snapped(z)
@@ -104,7 +104,7 @@ def typical(
             moved = physics.simulate({**values, name: tried}, e.voltage, e.period, start)[:, SPEED]
         except LdtError:
             break
-        if np.sqrt(np.mean((moved - base) ** 2)) > VISIBLE * size > 0:
+        if np.sqrt(np.mean((moved - base) ** 2)) > VISIBLE_CHANGE * size > 0:
             return float(tried)
     raise LdtError(f"{name} cannot be calibrated: no value of it shows in the free run")
 

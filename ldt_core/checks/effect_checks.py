@@ -32,7 +32,7 @@ NEUTRAL_TOLERANCE = 1e-6
 # rad/s, between a step and a quarter of it: a fifth of the rotor's noise. A law that jumps, or is
 # stiffer than `fastest` says, makes the speed chatter by more.
 STEP_TOLERANCE = 0.02
-VISIBLE = 1e-3  # rad/s; typical values that do less, on every machine, are no typical values
+LEAST_CHANGE = 1e-3  # rad/s: values that change the speed less on every machine are not typical
 ECCENTRICITY = 0.004  # m; enough that an effect on the foundation can be seen
 DURATION = 6.0  # s, of a trial run
 HOLD = 1.0  # s, for which each level of its voltage is held
@@ -85,7 +85,9 @@ def check_effect(effect: Effect, machines: list[Machine] | None = None) -> list[
         if effect.torque or effect.terminal:
             furthest = max(furthest, _check_step(effect, machine, first))
         _check_extremes(effect, machine)
-    assert largest >= VISIBLE, f"{name}: its typical values change the speed by {largest:.3g} rad/s"
+    assert largest >= LEAST_CHANGE, (
+        f"{name}: its typical values change the speed by {largest:.3g} rad/s"
+    )
     on = "on " + " and ".join(m.name for m in suited)
     count = len(effect.parameters)
     done = [

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Singular value of columns of length 1 below which a direction is another one's.
-NEGLIGIBLE = 1e-6
+#: Singular value of columns of length 1, at least: below, a direction is already in the others.
+LEAST_SINGULAR = 1e-6
 
 
 def basis_of(columns: Array) -> Array:
@@ -27,7 +27,7 @@ def basis_of(columns: Array) -> Array:
     left, size, _ = np.linalg.svd(
         columns / (np.linalg.norm(columns, axis=0) + 1e-300), full_matrices=False
     )
-    return np.asarray(left[:, size > NEGLIGIBLE])
+    return np.asarray(left[:, size > LEAST_SINGULAR])
 
 
 def project_out(rows: Array, basis: Array) -> Array:

@@ -28,8 +28,8 @@ PARAMETER_FACTOR = 2.0
 MOST_STEP = 10.0
 #: Quantiles of the voltage: what is beyond has not had the time to move the machine.
 TAILS = 0.1, 0.9
-#: Experiments that tell enough of the sensor's noise.
-RECENT = 8
+#: Sound experiments before, which tell enough of the sensor's noise.
+EXPERIMENTS_BEFORE = 8
 #: Share of the range of the speed, or of the voltage's size, that is rounding.
 ROUNDING = 1e-9
 
@@ -54,7 +54,7 @@ def sound(machine: Machine, experiments: Sequence[Experiment]) -> tuple[list[Exp
     """(the experiments before the first faulty one, what that shows or "" if none is faulty)."""
     kept: list[Experiment] = []
     for experiment in experiments:
-        if found := fault(machine, experiment, kept[-RECENT:]):
+        if found := fault(machine, experiment, kept[-EXPERIMENTS_BEFORE:]):
             return kept, f"in experiment {experiment.number} {found}"
         kept.append(experiment)
     return kept, ""

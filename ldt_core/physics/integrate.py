@@ -29,9 +29,9 @@ Array = NDArray[np.float64]
 MAX_STEP_RATE = 1.0  # step times fastest rate: RK4 is stable to 2.8, and accurate well below
 MAX_STEPS = 2_000_000_000  # of one simulation: some minutes of computing; more is a mistake
 STATES = 7  # of a machine: motor and foundation
-RIGID = 3  # states of one that shakes no foundation
+RIGID_STATES = 3  # of one that shakes no foundation
 LONGEST_PAUSE = 16  # intervals with short steps, at most, before long ones are tried again
-QUIET = 1e-3  # of the stall torque and the voltage: a term that changes less needs no short steps
+QUIET_CHANGE = 1e-3  # of stall torque and voltage: a term that changes less needs no short steps
 SMALL_TURN = 0.1  # rad; below, the series of `turned` is exact to rounding
 
 
@@ -117,14 +117,14 @@ def turned(s, o, theta, delta):  # pragma: no cover - compiled
 @njit(cache=True, nogil=True)
 def _direction(y):  # pragma: no cover - compiled
     """Sine and cosine of the angle, which three states do not need."""
-    if len(y) == RIGID:
+    if len(y) == RIGID_STATES:
         return 0.0, 1.0
     return math.sin(y[0]), math.cos(y[0])
 
 
 @njit(cache=True, nogil=True)
 def _turned(y, s, o, delta):  # pragma: no cover - compiled
-    if len(y) == RIGID:
+    if len(y) == RIGID_STATES:
         return s, o
     return turned(s, o, y[0], delta)
 
@@ -134,7 +134,7 @@ def _rates(y, s, o, torque, volts, c):  # pragma: no cover - compiled
     omega, current = y[1], y[2]
     alpha = c.pull * current - c.drag * omega + c.ease * torque
     di = c.supply * volts - c.loss * current - c.emf * omega
-    if len(y) == RIGID:
+    if len(y) == RIGID_STATES:
         return omega, alpha, di
     fx = -c.damping_x * y[4] - c.stiffness_x * y[3]
     fz = -c.damping_y * y[6] - c.stiffness_y * y[5]
@@ -148,7 +148,7 @@ def _rates(y, s, o, torque, volts, c):  # pragma: no cover - compiled
 @njit(cache=True, nogil=True)
 def _moved(y, h, k):  # pragma: no cover - compiled
     a, b, c = y[0] + h * k[0], y[1] + h * k[1], y[2] + h * k[2]
-    if len(y) == RIGID:
+    if len(y) == RIGID_STATES:
         return a, b, c
     return a, b, c, y[3] + h * k[3], y[4] + h * k[4], y[5] + h * k[5], y[6] + h * k[6]
 
@@ -158,7 +158,7 @@ def _summed(a, b, c, d):  # pragma: no cover - compiled
     x = a[0] + 2 * (b[0] + c[0]) + d[0]
     y = a[1] + 2 * (b[1] + c[1]) + d[1]
     z = a[2] + 2 * (b[2] + c[2]) + d[2]
-    if len(a) == RIGID:
+    if len(a) == RIGID_STATES:
         return x, y, z
     return (
         x,
@@ -173,7 +173,7 @@ def _summed(a, b, c, d):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True)
 def _corrected(y, change):  # pragma: no cover - compiled
-    if len(y) == RIGID:
+    if len(y) == RIGID_STATES:
         return y[0], y[1] + change, y[2]
     return y[0], y[1] + change, y[2], y[3], y[4], y[5], y[6]
 
@@ -340,10 +340,10 @@ def integrate(
     rigid = bool(c.unbalance == 0 and not start[3:STATES].any())
     states = np.zeros((times.size, STATES + own.size))
     states[0] = start
-    quiet = QUIET * values["K_t"] * most / values["R"], QUIET * most
+    quiet = QUIET_CHANGE * values["K_t"] * most / values["R"], QUIET_CHANGE * most
+    begin = tuple(start[: RIGID_STATES if rigid else STATES].tolist())
     failed = runge_kutta(
-        *(edges, volts, steps, long, samples),
-        *(tuple(start[: RIGID if rigid else STATES].tolist()), start[STATES:], _coefficients(c)),
+        *(edges, volts, steps, long, samples, begin, start[STATES:], _coefficients(c)),
         *(states, *tracked, gather(terms, values, watched, quiet) if terms else None),
     )
     if failed >= 0:

@@ -26,7 +26,7 @@ BOX_POINTS = 200  # for an effect with several parameters, spread evenly in thei
 ANGLES_PER_HALF_TURN = 2  # start angles: a closer look has twice as many
 ROBUST_SHARE = 0.03  # of the speed's root mean square: a deviation above this counts little more
 ROBUST_NOISES = 3.0  # noise deviations, the least width of what counts in full
-APART = 1.01  # grid steps between two minima: neighbours on the grid are one
+LEAST_DISTANCE = 1.01  # grid steps between two minima: neighbours on the grid are one
 CLOSER_LOOKS = 3  # minima that are looked at more closely when the best leads nowhere
 
 Point = tuple[Array, float]  # the effect's coordinates, the start angle
@@ -97,7 +97,7 @@ class Scan:
         seen: list[Array] = []
         for i in np.argsort(scores, kind="stable"):
             z, angle = self._points[i]
-            if all(np.abs(z - other).max() > APART / POINTS_PER_SCALE for other in seen):
+            if all(np.abs(z - other).max() > LEAST_DISTANCE / POINTS_PER_SCALE for other in seen):
                 seen.append(z)
                 yield z, angle
 

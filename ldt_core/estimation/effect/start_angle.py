@@ -17,7 +17,7 @@ WRONG_SHARE = 0.1  # of the angles found say nothing: a free run can fit for a w
 GRID = 2000  # angles in a turn, over which the common one is summed: 0.2 degrees apart
 LEAST_STD = 0.002  # rad, a tenth of a degree: what a machine that homes its shaft repeats
 MOST_STD = 0.15  # of a turn: an angle known no better than that is left out
-AGREEING = 4.0  # deviations from the common angle; those further off do not shape it
+AGREEMENT = 4.0  # deviations from the common angle: those further off do not shape it
 MOST_ANGLES = 50  # remembered: they bound what a model's record holds
 
 
@@ -76,7 +76,7 @@ def believe(seen: Sequence[FoundAngle], turn: float) -> AngleBelief:
     mode = float(grid[int(np.argmax(weight))])
     off = angle - mode
     off -= turn * np.round(off / turn)
-    agree = np.abs(off) <= AGREEING * std
+    agree = np.abs(off) <= AGREEMENT * std
     worth = np.where(agree, 1 / std**2, 0.0)
     if not agree.any():  # between two angles that contradict each other
         worth = 1 / std**2

@@ -32,7 +32,7 @@ from ldt_core.estimation.linear.exponential import exponential
 Array = NDArray[np.float64]
 
 #: [per sample] Fastest decay: e^−30 within one sample cannot be told from an infinitely fast one.
-FASTEST = 30.0
+FASTEST_DECAY = 30.0
 #: [per longest experiment] Slowest decay: a tenth of it is seen there. A slower pole is taken for
 #: an integrator, which a motor's speed does not have.
 SLOWEST_PER_LENGTH = 0.1
@@ -49,7 +49,7 @@ def slowest(length: int) -> float:
 
 def bounds(order: int, sigma: float) -> tuple[Array, Array]:
     """(lowest, highest) θ."""
-    return np.full(order, np.log(LEAST_ENTRY * sigma)), np.full(order, np.log(FASTEST))
+    return np.full(order, np.log(LEAST_ENTRY * sigma)), np.full(order, np.log(FASTEST_DECAY))
 
 
 def matrices(theta: Array, sigma: float) -> tuple[Array, Array]:
@@ -103,7 +103,7 @@ def from_poles(poles: ArrayLike, sigma: float) -> Array:
     """
     poles = np.atleast_1d(np.asarray(poles, dtype=np.complex128))
     low, high = bounds(poles.size, sigma)
-    real = -np.clip(np.abs(poles.real) - sigma, LEAST_ENTRY * sigma, FASTEST)
+    real = -np.clip(np.abs(poles.real) - sigma, LEAST_ENTRY * sigma, FASTEST_DECAY)
     polynomial = np.poly(real + 1j * poles.imag).real
     order = poles.size
     upper = np.zeros(order // 2 + 2)

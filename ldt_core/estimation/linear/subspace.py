@@ -83,5 +83,6 @@ def _observability(hankels: Array, rows: int) -> Array:
 def _continuous(poles: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Logarithms; real poles that no held continuous system has (0 and below) become fast ones."""
     poles = poles.astype(np.complex128)
-    impossible = (np.abs(poles.imag) < 1e-12) & (poles.real < np.exp(-schwarz.FASTEST))
-    return np.log(np.where(impossible, np.maximum(np.abs(poles), np.exp(-schwarz.FASTEST)), poles))
+    least = np.exp(-schwarz.FASTEST_DECAY)
+    impossible = (np.abs(poles.imag) < 1e-12) & (poles.real < least)
+    return np.log(np.where(impossible, np.maximum(np.abs(poles), least), poles))

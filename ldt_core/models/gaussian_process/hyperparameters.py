@@ -31,7 +31,7 @@ POINTS_PER_CELL = 4
 RESTARTS = 2
 #: [spans of the input] Longest length scale: a straight line. The shortest is two cells, since
 #: finer detail is averaged away.
-LONGEST = 3.0
+LONGEST_LENGTH = 3.0
 #: Bounds of the prior deviation relative to the root mean square of the targets: the function may
 #: hide in the noise, or lie mostly outside of the data.
 SIGNAL_RANGE = (1e-2, 1e1)
@@ -102,7 +102,7 @@ def fit_hyperparameters(x: Array, y: Array, shortest: Array | float = 0.0) -> Ke
     size = max(float(np.sqrt(np.mean(y**2))), np.finfo(float).tiny ** 0.25)
     span = np.ptp(x, axis=0)
     low = np.maximum(2 * width, shortest) / span
-    high = np.maximum(LONGEST, 2 * low)
+    high = np.maximum(LONGEST_LENGTH, 2 * low)
     # In units of the spans and of the targets' size: the search is then the same in any unit.
     scaled = inputs / span
     squares = np.array([np.subtract.outer(column, column) ** 2 for column in scaled.T])

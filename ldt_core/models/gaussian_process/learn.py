@@ -46,7 +46,7 @@ LEAST_RANGE = 10.0
 #: solve defined on exact data.
 LEAST_NOISE = 1e-6
 #: [noise deviations] Shortest length scale over speed: finer detail is blurred by the sensor.
-SHORTEST = 3.0
+SHORTEST_LENGTH = 3.0
 #: Candidates for inducing points, at most: blocks are thinned evenly to them, as they lie close.
 MOST_CANDIDATES = 4000
 #: Quantile of absolute differences off which the noise is read. High enough that a coarse encoder,
@@ -122,7 +122,9 @@ def _learn(runs: Sequence[MotorRun], inputs: tuple[str, ...], most: int) -> Lear
     noise_std = max(_sensor_noise(runs, [t for t, _ in steps]), LEAST_NOISE * span)
     _refuse_unexcited(x, inputs, noise_std / np.sqrt(min(lengths)))
 
-    shortest = np.array([SHORTEST * noise_std if name == "speed" else 0.0 for name in inputs])
+    shortest = np.array(
+        [SHORTEST_LENGTH * noise_std if name == "speed" else 0.0 for name in inputs]
+    )
     kernel = fit_hyperparameters(x, y, shortest)
     inducing = choose_inducing(x[:: -(-len(x) // MOST_CANDIDATES)], kernel, most)
     rough = _from_cells(kernel, inducing, x, y)
