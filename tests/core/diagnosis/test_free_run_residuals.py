@@ -220,7 +220,7 @@ def test_a_gain_of_0_is_a_free_run_and_of_1_follows(e, level, seed):
     np.testing.assert_allclose(same, free, rtol=1e-6, atol=1e-9)
 
 
-def test_a_part_of_the_bench_leaves_the_same(captured):
+def test_a_part_of_the_experiments_leaves_the_same(captured):
     """Experiments do not touch each other."""
     use = uses(["unbalance:e=0.005"])
     part = captured.part([1])
