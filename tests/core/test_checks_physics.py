@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from ldt_core.calibration import calibrate
 from ldt_core.checks import check_physics
+from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.physics import PHYSICS
-from ldt_core.physics.motor import Motor
+from ldt_core.physics.base import Physics
+from ldt_core.physics.motor import MOTOR, Motor
 
 
 @pytest.mark.parametrize("name", ["rotor", "dc_motor"])
@@ -16,7 +19,7 @@ def test_ours_pass(name):
     assert len(check_physics(load_machine(name))) >= 2
 
 
-def of(kind: type[Motor], monkeypatch: pytest.MonkeyPatch) -> Machine:
+def of(kind: type[Physics], monkeypatch: pytest.MonkeyPatch) -> Machine:
     """The motor's file with another physics."""
     monkeypatch.setitem(vars(PHYSICS), "get", lambda _name: kind())
     return load_machine("dc_motor")
@@ -62,3 +65,20 @@ def test_states_that_no_effect_can_act_on_are_said(monkeypatch):
             return np.pad(a, (0, 1)), np.pad(b, (0, 1))
 
     assert "cannot be diagnosed" in check_physics(of(Longer, monkeypatch))[-1]
+
+
+def test_a_simulator_of_somebody_else_is_used_through_the_narrow_interface(monkeypatch):
+    """One that has no equations for our integrator is checked, simulated and calibrated."""
+
+    class Elsewhere(Physics):
+        name, parameters, states = "elsewhere", Motor.parameters, Motor.states
+        is_linear = staticmethod(MOTOR.is_linear)
+        state_space = staticmethod(MOTOR.state_space)
+        initial_state = staticmethod(MOTOR.initial_state)
+        simulate = staticmethod(MOTOR.simulate)
+
+    machine = of(Elsewhere, monkeypatch)
+    assert len(check_physics(machine)) == 2
+    plant = Plant(machine, experiments=2, seed=1, degradation="none", noise=0.05)
+    found = calibrate(machine, [plant.experiment(i) for i in (1, 2)], free=["K_t"])
+    assert found.machine.parameters["K_t"] == pytest.approx(0.05, rel=1e-3)
