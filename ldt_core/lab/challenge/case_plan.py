@@ -22,17 +22,18 @@ KINDS = ("none", "single", "pair", "triple", "outside")
 MEMBERS = {"none": 0, "single": 1, "pair": 2, "triple": 3, "outside": 1}
 
 FURTHER = range(SHOWN + 1, SHOWN + ALIKE + OTHER + 1)  # numbers of the further experiments
-STRENGTHS = (0.3, 30.0)  # root mean square of a gap over the noise, drawn log-uniformly
-LEAST_MEMBER = 1.0  # the same, of each effect in a set
-LEAST_SHARE = 0.15  # of an effect's own gap, next to another's in the set
-ALIKE_AT = 0.95  # cosine of two gaps, beyond which no recording could tell a pair apart
-ODD = (1.0, 0.5, 0.25, 0.12)  # scales of the departures, tried in turn until...
-EXPLAINED = 0.97  # ... the nearest parameters of the library explain so much of the gap's energy
-HOTTEST = 250.0  # K; a winding burns beyond
-SLOWEST = 2.0  # rad/s, root mean square; a machine that is held still shows nothing
+STRENGTH_RANGE = (0.3, 30.0)  # root mean square of a gap over the noise, drawn log-uniformly
+LEAST_MEMBER_STRENGTH = 1.0  # the same, of each effect in a set
+LEAST_MEMBER_SHARE = 0.15  # of an effect's own gap, next to another's in the set
+MOST_ALIKE_COSINE = 0.95  # cosine of two gaps, beyond which no recording could tell a pair apart
+DEPARTURE_SCALES = (1.0, 0.5, 0.25, 0.12)  # of a law from the library's, tried in turn
+#: Of the gap's energy, by the nearest parameters of the library: a larger departure is not fair.
+LEAST_EXPLAINED_SHARE = 0.97
+WINDING_LIMIT = 250.0  # K above the surroundings; a winding burns beyond
+LEAST_SPEED_RMS = 2.0  # rad/s, root mean square; a machine that is held still shows nothing
 ATTEMPTS = 60
 DIGITS = 6  # of the numbers in a key
-WINDING = 8  # state
+WINDING_STATE = 8  # state
 
 
 @dataclass(frozen=True)
@@ -161,16 +162,16 @@ def _plan(
             return None
     fitted, explained = tuple(acting), None
     if acting and kind != "outside":
-        for odd in ODD:
+        for odd in DEPARTURE_SCALES:
             acting = [Acting(a.name, a.values, a.shape, odd) for a in acting]
             fitted, explained = nearest(bench, acting)
-            if explained >= EXPLAINED:
+            if explained >= LEAST_EXPLAINED_SHARE:
                 break
         else:
             return None
     gap = bench.gap_rms(acting, range(1, SHOWN + 1)) if acting else 0.0
     snr = gap / setting.noise
-    if acting and snr < (STRENGTHS[0] if len(acting) == 1 else LEAST_MEMBER):
+    if acting and snr < (STRENGTH_RANGE[0] if len(acting) == 1 else LEAST_MEMBER_STRENGTH):
         return None
     shares = {a.name: rms(g) for a, g in zip(acting, own, strict=True)}
     truth = _truth(kind, setting, acting, fitted, wanted, shares)
@@ -187,13 +188,13 @@ def _strengths(
     count: int, random: np.random.Generator, strength: float | None
 ) -> tuple[float, ...]:
     """Wanted strength of each member's own gap."""
-    low, high = STRENGTHS if count == 1 else (LEAST_MEMBER * 1.15, STRENGTHS[1])
+    low, high = STRENGTH_RANGE if count == 1 else (LEAST_MEMBER_STRENGTH * 1.15, STRENGTH_RANGE[1])
     if strength is not None:
         return (strength,) * count
     drawn: list[float] = []
     for _ in range(count):
-        least = max([low, *(LEAST_SHARE * 1.3 * s for s in drawn)])
-        most = min([high, *(s / LEAST_SHARE / 1.3 for s in drawn)])
+        least = max([low, *(LEAST_MEMBER_SHARE * 1.3 * s for s in drawn)])
+        most = min([high, *(s / LEAST_MEMBER_SHARE / 1.3 for s in drawn)])
         drawn.append(float(np.exp(random.uniform(math.log(least), math.log(most)))))
     return tuple(drawn)
 
@@ -203,19 +204,24 @@ def _fair(kind: str, strengths: Sequence[float], own: Sequence[np.ndarray]) -> b
     if len(own) == 0:
         return True
     if len(own) == 1:
-        return strengths[0] >= STRENGTHS[0]
-    if min(strengths) < LEAST_MEMBER or min(strengths) < LEAST_SHARE * max(strengths):
+        return strengths[0] >= STRENGTH_RANGE[0]
+    if min(strengths) < LEAST_MEMBER_STRENGTH or min(strengths) < LEAST_MEMBER_SHARE * max(
+        strengths
+    ):
         return False
     units = [g / np.linalg.norm(g) for g in own]
     cosines = [abs(a @ b) for k, a in enumerate(units) for b in units[:k]]
-    return max(cosines) <= ALIKE_AT
+    return max(cosines) <= MOST_ALIKE_COSINE
 
 
 def _sane(bench: CaseBench, acting: Sequence[Acting]) -> bool:
     """Whether the machine turns and nothing burns."""
     for number in PROBES:
         motion = bench.run(acting, number)
-        if motion.states[:, WINDING].max() > HOTTEST or rms(motion.states[:, 1]) < SLOWEST:
+        if (
+            motion.states[:, WINDING_STATE].max() > WINDING_LIMIT
+            or rms(motion.states[:, 1]) < LEAST_SPEED_RMS
+        ):
             return False
     return True
 

@@ -19,9 +19,9 @@ from ldt_core.lab.challenge.law import Law
 from ldt_core.lab.challenge.rig import PROBES, Acting, CaseBench
 from ldt_core.lab.challenge.simulation import Unsteady
 
-CLOSE = 0.12  # relative: near enough to a strength that is drawn at random
-ROUNDS = 8
-SLOPES = (0.4, 3.0)  # of a gap over its size, both in logarithms: outside of them it is chance
+SIZE_TOLERANCE = 0.12  # relative: near enough to a strength that is drawn at random
+SIZE_ROUNDS = 8
+SLOPE_RANGE = (0.4, 3.0)  # of a gap over its size, both in logarithms: outside of them it is chance
 
 
 def size_for(
@@ -42,7 +42,7 @@ def size_for(
     size, slope = math.sqrt(low * high), 1.0
     best: tuple[float, Acting, float] | None = None
     before: tuple[float, float] | None = None
-    for _ in range(ROUNDS):
+    for _ in range(SIZE_ROUNDS):
         acting = Acting(law.name, law.values(size, shape, bench.setting.known), shape)
         try:
             gap = bench.gap_rms((acting,))
@@ -53,11 +53,11 @@ def size_for(
         off = math.log(max(gap, 1e-9) / wanted)
         if best is None or abs(off) < abs(best[0]):
             best = off, acting, gap
-        if abs(off) < CLOSE:
+        if abs(off) < SIZE_TOLERANCE:
             break
         if before is not None and abs(math.log(size / before[0])) > 1e-3:
             slope = (off - before[1]) / math.log(size / before[0])
-            slope = min(max(slope, SLOPES[0]), SLOPES[1])
+            slope = min(max(slope, SLOPE_RANGE[0]), SLOPE_RANGE[1])
         before = size, off
         if size == ends[0 if off > 0 else 1]:  # as near as the bounds let it
             break
@@ -74,14 +74,15 @@ def size_for(
 
 Array = NDArray[np.float64]
 
-STEPS = 2
-CHECKS = (3, 7)  # experiments that are not fitted, and count in what is explained all the same
-DIFFERENCE = 1e-3  # relative change of a parameter in a finite difference
-INSENSITIVE = 1e-2  # of the largest singular value: such directions keep their value
-LARGEST = 0.5  # relative change in one step
-SETTLED = 0.05  # relative change in a step after which another one tells nothing new
+FIT_STEPS = 2
+#: Experiments that are not fitted, and count in what is explained all the same.
+CHECKED = (3, 7)
+DIFFERENCE_STEP = 1e-3  # relative change of a parameter in a finite difference
+LEAST_SINGULAR_VALUE = 1e-2  # of the largest singular value: such directions keep their value
+LARGEST_STEP = 0.5  # relative change in one step
+LEAST_STEP = 0.05  # relative change in a step after which another one tells nothing new
 ANGLE_SCALE = 1.0  # rad; an angle has no size of its own
-WIDEST = 0.98  # of what a share may be
+LARGEST_SHARE = 0.98  # of what a share may be
 
 
 class Nearest(NamedTuple):
@@ -110,14 +111,16 @@ def nearest(bench: CaseBench, acting: Sequence[Acting], numbers: Sequence[int] =
     plain = [replace(a, odd=0.0) for a in acting]
     free = [(k, n) for k, a in enumerate(plain) for n in a.law.units if n not in a.law.kept]
     best, error = plain, true - bench.speeds(plain, numbers)
-    for _ in range(STEPS):
+    for _ in range(FIT_STEPS):
         scales = np.array([_scale(best[k], n) for k, n in free])
         columns = []
         for (k, name), scale in zip(free, scales, strict=True):
-            moved = _moved(best, [(k, name)], np.array([DIFFERENCE * scale]))
-            columns.append(((true - bench.speeds(moved, numbers)) - error).ravel() / DIFFERENCE)
-        step = np.linalg.lstsq(np.array(columns).T, -error.ravel(), rcond=INSENSITIVE)[0]
-        step *= min(1.0, LARGEST / max(np.abs(step).max(), 1e-12))
+            moved = _moved(best, [(k, name)], np.array([DIFFERENCE_STEP * scale]))
+            columns.append(
+                ((true - bench.speeds(moved, numbers)) - error).ravel() / DIFFERENCE_STEP
+            )
+        step = np.linalg.lstsq(np.array(columns).T, -error.ravel(), rcond=LEAST_SINGULAR_VALUE)[0]
+        step *= min(1.0, LARGEST_STEP / max(np.abs(step).max(), 1e-12))
         tried = _moved(best, free, step * scales)
         try:
             new = true - bench.speeds(tried, numbers)
@@ -126,10 +129,10 @@ def nearest(bench: CaseBench, acting: Sequence[Acting], numbers: Sequence[int] =
         gain = 1.0 - float(np.mean(new**2)) / max(float(np.mean(error**2)), 1e-30)
         if gain > 0:
             best, error = tried, new
-        if gain <= 0 or np.abs(step).max() < SETTLED:
+        if gain <= 0 or np.abs(step).max() < LEAST_STEP:
             break
-    left = np.concatenate([error, bench.speeds(acting, CHECKS) - bench.speeds(best, CHECKS)])
-    gap = np.concatenate([gap, bench.gap(acting, CHECKS)])
+    left = np.concatenate([error, bench.speeds(acting, CHECKED) - bench.speeds(best, CHECKED)])
+    gap = np.concatenate([gap, bench.gap(acting, CHECKED)])
     return Nearest(tuple(best), float(1.0 - np.mean(left**2) / np.mean(gap**2)))
 
 
@@ -146,6 +149,6 @@ def _moved(
     for (k, name), by in zip(free, change, strict=True):
         moved = values[k][name] + float(by)
         if name == "share":
-            moved = min(moved, WIDEST)
+            moved = min(moved, LARGEST_SHARE)
         values[k][name] = moved
     return [replace(a, values=v) for a, v in zip(acting, values, strict=True)]

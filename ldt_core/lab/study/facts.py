@@ -37,7 +37,7 @@ from ldt_core.machine.plant import EffectUse
 
 FALSE_ALARM = 1e-3  # of the test that decides what is detectable, per experiment: one in 1000
 POWER = 0.9  # probability with which it has to find a drift in one experiment
-QUICK = 2  # experiments within which a drift of twice the detectable size is to be found
+PROMPT_WINDOW = 2  # experiments within which a drift of twice the detectable size is to be found
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ def examine(plant: Plant, experiments: Sequence[Experiment], seed: int) -> Facts
         middle = (truth[number - 2] + truth[number - 1]) / 2
         halves = (
             free_run(plant, experiments[i], _with_value(plant, number, middle)) - old
-            for i, old in zip(window[:QUICK], before, strict=False)
+            for i, old in zip(window[:PROMPT_WINDOW], before, strict=False)
         )
         samples = len(experiments[number - 1])
         energy = max(_energy(change, plant.noise) for change in changes)

@@ -18,7 +18,7 @@ from ldt_core.views.page.page_builder import render
 
 TITLE = "Study of the learning digital twin"
 FILE, FIGURES = "study.html", "figures"
-FEW = 5  # streams; with fewer an interval by Student's t spans nearly anything
+FEW_STREAMS = 5  # streams; with fewer an interval by Student's t spans nearly anything
 
 Drawings = Mapping[str, style.Drawing | None]
 
@@ -72,7 +72,7 @@ def write_page(study: Study, out: Path | str) -> Path:
 def lead(study: Study) -> str:
     """The sentence under the title."""
     seeds = len(streams(study))
-    few = " They are too few to decide much: this is a trial." if seeds < FEW else ""
+    few = " They are too few to decide much: this is a trial." if seeds < FEW_STREAMS else ""
     return (
         "Every claim of “Towards learning digital twin” (Zhou, Walther, Verl, CIRP CMS 2024) "
         f"examined on {seeds} random stream{'' if seeds == 1 else 's'} of a simulated rotor that "

@@ -44,8 +44,8 @@ BEYOND = (
 )
 OTHER_DRIFTS = ("abrupt", "ramp", "recurring", "repaired")
 #: Streams without drift a seed: false alarms are rare, and their rate needs many experiments.
-CONTROL_STREAMS, OTHERWISE_STREAMS = 10, 2
-OTHERWISE = 5 / 12  # of the way that the machine wears; the rotor: e = 5 mm
+CONTROL_STREAMS, WORN_CONTROL_STREAMS = 10, 2
+WORN_CONTROL_SHARE = 5 / 12  # of the way that the machine wears; the rotor: e = 5 mm
 FEW_SEEDS = 5  # for the sweep and other kinds of drift, whose figures need fewer
 
 #: Experiments kept for a figure, as parts of the stream: the first, the paper's 92nd of 200, and
@@ -200,9 +200,9 @@ class StudyPlan:
         if "effect" not in wear:
             return
         begin, end = float(wear.get("from", 0.0)), float(wear["to"])
-        value = begin + OTHERWISE * (end - begin)
+        value = begin + WORN_CONTROL_SHARE * (end - begin)
         worn = {**usual, "effect": [f"{wear['effect']}:{wear['parameter']}={value:g}"]}
-        for index in range(self.seeds * OTHERWISE_STREAMS):
+        for index in range(self.seeds * WORN_CONTROL_STREAMS):
             yield self.case("physics", "calibrated", index, worn)
 
     def _kinds(self) -> Iterable[StudyCase]:

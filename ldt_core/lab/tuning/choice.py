@@ -13,7 +13,7 @@ from ldt_core.lab.tuning.candidates import NEVER
 from ldt_core.lab.tuning.trial import Tried
 
 #: Errors that differ less are the same; then fewer adaptations are better.
-SAME = 0.01
+SAME_ERROR = 0.01
 #: Parts of the recording, each of which is predicted with the setting that the others choose.
 PARTS = 5
 
@@ -81,7 +81,7 @@ class TuningChoice:
         tied: those of them whose error is the same as the least.
         checked: MME when each part of the recording is predicted with the setting that the other
             parts choose [rad/s]; None when nothing was chosen.
-        agreed: parts whose others choose the same setting, or one within `SAME` of its error.
+        agreed: parts whose others choose the same setting, or one within `SAME_ERROR` of its error.
     """
 
     chosen: Tried | None
@@ -141,7 +141,7 @@ def count(number: int, what: str) -> str:
 
 def _least(some: Sequence[Tried], mask: np.ndarray) -> tuple[Tried, tuple[Tried, ...]]:
     errors = [float(np.mean(np.array(t.max_error)[mask])) for t in some]
-    limit = min(errors) * (1 + SAME)
+    limit = min(errors) * (1 + SAME_ERROR)
     tied = [(t, e) for t, e in zip(some, errors, strict=True) if e <= limit]
     first = min(tied, key=lambda pair: (pair[0].adaptations, pair[0].positives, pair[1]))
     return first[0], tuple(t for t, _ in tied)

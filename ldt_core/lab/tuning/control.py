@@ -16,16 +16,16 @@ from ldt_core.detectors.calibrated import Calibrated
 from ldt_core.models.base import Model
 
 #: Fewer experiments in control tell nothing of how rare an alarm is.
-LEAST = 5
+LEAST_IN_CONTROL = 5
 #: The detector that judges which experiments are in control raises a false alarm once in so many:
 #: rather too soon, since a stretch with a drift in it would make false alarms look common.
-SENSITIVE = 50.0
-STARTS = 40  # places at which a stretch in control may begin
+JUDGING_ALARM_EVERY = 50.0
+STRETCH_STARTS = 40  # places at which a stretch in control may begin
 #: A trend of the error along a stretch that is so improbable by chance is a drift too slow to find.
-TREND = 0.05
+TREND_PVALUE = 0.05
 #: A learned model takes the untrained one's place if its error on experiments that it has not seen
 #: is this much lower: 5 % is what the error of some 200 independent samples varies by anyway.
-BETTER = 0.95
+LEARNED_ERROR_SHARE = 0.95
 
 #: Residual of an experiment and the model's own deviation, (L,) each [rad/s].
 Row = tuple[Samples, Samples | None]
@@ -82,8 +82,8 @@ def chosen(ranges: Sequence[tuple[int, int]], numbers: Sequence[int]) -> list[in
             span = f"numbers from {numbers[0]} to {numbers[-1]}, which are recorded"
             raise OptionError("in-control", span, f"{low}:{high}")
     found = [i for i, n in enumerate(numbers) if any(low <= n <= high for low, high in ranges)]
-    if len(found) < LEAST:
-        raise OptionError("in-control", f"at least {LEAST} experiments", len(found))
+    if len(found) < LEAST_IN_CONTROL:
+        raise OptionError("in-control", f"at least {LEAST_IN_CONTROL} experiments", len(found))
     return found
 
 
@@ -91,27 +91,27 @@ def judged(rows: Sequence[Row]) -> list[int]:
     """Indices of the longest stretch that the calibrated detector accepts as unchanged.
 
     A stretch begins with a detector that knows nothing, ends before its first positive, and is cut
-    shorter until the error has no trend along it. Empty when none of `LEAST` is accepted, as where
-    the untrained model is far off everywhere.
+    shorter until the error has no trend along it. Empty when none of `LEAST_IN_CONTROL` is
+    accepted, as where the untrained model is far off everywhere.
 
     Args:
         rows: of all experiments, by the untrained model.
     """
     size = [math.log(max(rms(residual), 1e-300)) for residual, _ in rows]
     best = range(0)
-    for begin in range(0, len(rows) - LEAST + 1, max(1, len(rows) // STARTS)):
+    for begin in range(0, len(rows) - LEAST_IN_CONTROL + 1, max(1, len(rows) // STRETCH_STARTS)):
         if len(rows) - begin <= len(best):
             break
-        detector = Calibrated(SENSITIVE)
+        detector = Calibrated(JUDGING_ALARM_EVERY)
         stop = begin
         while stop < len(rows):
             detector.update(*rows[stop])
             if detector.drift_detected:
                 break
             stop += 1
-        while stop - begin > max(len(best), LEAST - 1) and _trend(size[begin:stop]):
+        while stop - begin > max(len(best), LEAST_IN_CONTROL - 1) and _trend(size[begin:stop]):
             stop -= 1
-        if stop - begin > max(len(best), LEAST - 1):
+        if stop - begin > max(len(best), LEAST_IN_CONTROL - 1):
             best = range(begin, stop)
     return list(best)
 
@@ -139,7 +139,7 @@ def control(
     untrained = [rows[i] for i in indices]
     numbers = tuple(e.number for e in inside)
     crossed = _crossed(inside, model) if model.adaptive else None
-    if crossed and _error(crossed) < BETTER * _error(untrained):
+    if crossed and _error(crossed) < LEARNED_ERROR_SHARE * _error(untrained):
         return Control(numbers, given, tuple(crossed), True)
     return Control(numbers, given, tuple(untrained), False)
 
@@ -180,4 +180,6 @@ def _error(rows: Sequence[Row]) -> float:
 
 
 def _trend(values: Sequence[float]) -> bool:
-    return len(set(values)) > 1 and stats.kendalltau(range(len(values)), values).pvalue < TREND
+    return (
+        len(set(values)) > 1 and stats.kendalltau(range(len(values)), values).pvalue < TREND_PVALUE
+    )

@@ -35,7 +35,7 @@ from ldt_core.lab.tuning.candidates import (
 )
 from ldt_core.lab.tuning.choice import Budget, TuningChoice, best_of, choose, count
 from ldt_core.lab.tuning.control import (
-    LEAST,
+    LEAST_IN_CONTROL,
     Control,
     Row,
     chosen,
@@ -142,7 +142,7 @@ def tune(
     numbers = tuple(e.number for e in usable)
     indices = chosen(wanted, numbers) if wanted else judged(rows)
     if not indices and budget.every is not None:
-        expected = f"{LEAST} experiments in control, for a rate of false alarms"
+        expected = f"{LEAST_IN_CONTROL} experiments in control, for a rate of false alarms"
         got = "no stretch of so many in which nothing changes (--in-control 1:20 says which)"
         raise OptionError("in-control", expected, got)
     known = control(usable, rows, indices, model, bool(wanted)) if indices else None

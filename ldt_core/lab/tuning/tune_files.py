@@ -15,12 +15,12 @@ from ldt_core.base.result_files import write
 from ldt_core.base.sentences import number
 from ldt_core.lab.tuning.alarms import LENGTH, STREAMS, most, needed
 from ldt_core.lab.tuning.candidates import NEVER
-from ldt_core.lab.tuning.choice import PARTS, SAME, best_of, count, pareto
+from ldt_core.lab.tuning.choice import PARTS, SAME_ERROR, best_of, count, pareto
 from ldt_core.lab.tuning.trial import Tried
 from ldt_core.lab.tuning.tune import Tuning
 
 #: The next values of the same parameter have an error larger by so much: the choice is a lucky one.
-LUCKY = 0.05
+PLATEAU_TOLERANCE = 0.05
 
 
 def sentence(found: Tuning) -> str:
@@ -41,7 +41,7 @@ def sentence(found: Tuning) -> str:
     else:
         reason = (
             f"{count(best.adaptations, 'adaptation')}, fewest among {len(choice.tied)} settings "
-            f"whose MME ({number(best.mme)} rad/s) is within {SAME:.0%} of the least"
+            f"whose MME ({number(best.mme)} rad/s) is within {SAME_ERROR:.0%} of the least"
         )
     some = f"the {kept} of {acting} settings tried" if kept > 1 else f"the only one of {acting}"
     verb = "keep" if kept > 1 else "keeps"
@@ -65,7 +65,7 @@ def _rivals(found: Tuning) -> Iterator[str]:
         elif chosen is not None:
             yield f"{name}: no setting keeps to the budget{_unproven(found, name)}"
     free = best_of(found.tried, lambda t: t.setting != NEVER)
-    if chosen is not None and free is not None and free.mme < chosen.mme * (1 - SAME):
+    if chosen is not None and free is not None and free.mme < chosen.mme * (1 - SAME_ERROR):
         yield f"without the budget: {free.setting}, {_figures(free)}{_rate(free)}"
 
 
@@ -82,7 +82,7 @@ def _never(found: Tuning) -> Iterator[str]:
     if best is None:
         return
     left = f"without learning the MME is {number(never)} rad/s"
-    if best.mme < never * (1 - SAME):
+    if best.mme < never * (1 - SAME_ERROR):
         yield f"{left}: {100 * best.mme / never:.0f} % of it is left"
     else:
         yield f"{left}: on this recording learning gained nothing, so that any choice is as good"
@@ -144,7 +144,7 @@ def _neighbours(found: Tuning) -> Iterator[str]:
     runs.sort(key=lambda t: t.setting.value)
     at = runs.index(best)
     near = [t for t in runs[max(0, at - 1) : at + 2] if t is not best]
-    if near and min(t.mme for t in near) > best.mme * (1 + LUCKY):
+    if near and min(t.mme for t in near) > best.mme * (1 + PLATEAU_TOLERANCE):
         beside = " and ".join(f"{number(t.mme)} rad/s at {t.setting.value:g}" for t in near)
         yield (
             f"beside it the MME is {beside}: part of its own is luck in when it adapted, which no "

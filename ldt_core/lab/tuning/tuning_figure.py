@@ -23,8 +23,10 @@ if TYPE_CHECKING:
 NAME = "tradeoff"
 HEIGHT = 2.7  # of a row [inches]
 MARGIN = 0.08  # of the range of the error, above and below it
-FEW = 1.0  # adaptations up to which the axis is linear
-LINEAR = 1.0  # false alarms in 100 experiments below which the axis is linear, to reach none
+LINEAR_ADAPTATIONS = 1.0  # adaptations up to which the axis is linear
+LINEAR_FALSE_ALARMS = (
+    1.0  # false alarms in 100 experiments below which the axis is linear, to reach none
+)
 
 Quantity = Callable[[Tried], float]
 mme: Quantity = attrgetter("mme")
@@ -101,7 +103,7 @@ def _tradeoff(axes: Axes, found: Tuning) -> None:
     _error_axis(axes, found)
     allowed = found.budget.adaptations
     largest = max([t.adaptations for t in found.tried] + [allowed or 0, 1])
-    _crowded(axes, FEW, 1.3 * largest)
+    _crowded(axes, LINEAR_ADAPTATIONS, 1.3 * largest)
     if allowed is not None:
         _budget(axes, allowed + 0.5)
 
@@ -115,7 +117,9 @@ def _false_alarms(axes: Axes, found: Tuning) -> None:
         axes.text(0.5, 0.5, words, ha="center", va="center", transform=axes.transAxes)
         return
     every = found.budget.every
-    _crowded(axes, LINEAR if every is None else min(LINEAR, 100 / every), 120)
+    _crowded(
+        axes, LINEAR_FALSE_ALARMS if every is None else min(LINEAR_FALSE_ALARMS, 100 / every), 120
+    )
     for name, runs in _families(found).items():
         for t in runs:
             assert t.false_alarms is not None

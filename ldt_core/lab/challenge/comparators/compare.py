@@ -28,9 +28,9 @@ from ldt_core.physics.effect import Effect
 
 Array = NDArray[np.float64]
 
-FEW = 4  # experiments to which every set is fitted, evenly spread
-ROUGH = 1e-4  # of the sum of squares: fits to the few end there
-BEST = 6  # sets of a kind that are fitted to all experiments
+ROUGH_EXPERIMENTS = 4  # experiments to which every set is fitted, evenly spread
+ROUGH_PRECISION = 1e-4  # of the sum of squares: fits to the few end there
+FINISHED_SETS = 6  # sets of a kind that are fitted to all experiments
 
 
 class EffectFits:
@@ -51,7 +51,9 @@ class EffectFits:
         self.candidates = [Candidate(e, most) for e in effects]
         self.bench = FreeRunResiduals(machine, fitted)
         self.base = self.bench.of()
-        places = {round(i) for i in np.linspace(0, len(fitted) - 1, min(FEW, len(fitted)))}
+        places = {
+            round(i) for i in np.linspace(0, len(fitted) - 1, min(ROUGH_EXPERIMENTS, len(fitted)))
+        }
         self._few = self.bench.part(sorted(places))
         self.responses = simulate_all(self._few, self.candidates)
         self._known: dict[frozenset[str], EffectFit] = {}
@@ -63,7 +65,7 @@ class EffectFits:
         #: The best effects alone, fitted to all experiments, best first.
         self.alone = self.finished(found)
 
-    def finished(self, rough: Sequence[EffectFit], count: int = BEST) -> list[EffectFit]:
+    def finished(self, rough: Sequence[EffectFit], count: int = FINISHED_SETS) -> list[EffectFit]:
         """The best of some fits to a few experiments, fitted to all; best first."""
         for f in sorted(rough, key=_loss)[:count]:
             names = frozenset(f.names)
@@ -97,7 +99,7 @@ class EffectFits:
         return [self._fit([c[i], c[j]], [z[k], z[m]]) for (i, j), (_, k, m) in ranked]
 
     def _fit(self, members: Sequence[Candidate], start: Sequence[Array]) -> EffectFit:
-        return fit(self._few, members, start, precision=ROUGH)
+        return fit(self._few, members, start, precision=ROUGH_PRECISION)
 
 
 def _loss(f: EffectFit) -> float:

@@ -25,10 +25,10 @@ Array = NDArray[np.float64]
 
 BLOCKS = 5  # of an experiment, among which an improvement's scatter is judged
 DIVERGED = 1e12  # (rad/s)^2, in place of the error of a free run that grows for ever
-MOST = 3  # effects
-TRIED = 8  # effects that are tried beside those chosen, the most promising
-PAIRS = 10  # whose responses together promise most
-BASES, ADDED = 2, 5  # effects built upon, and effects tried beside each
+MOST_EFFECTS = 3  # effects
+EFFECTS_TRIED = 8  # effects that are tried beside those chosen, the most promising
+PAIRS_TRIED = 10  # whose responses together promise most
+BASES_BUILT_UPON, ADDED_TO_EACH = 2, 5  # effects built upon, and effects tried beside each
 
 
 def block_errors(held: Sequence[Experiment], predict: Callable[[Experiment], Array]) -> Array:
@@ -60,7 +60,7 @@ def greedy(data: Data) -> ComparatorAnswer:
 
     chosen: list[Any] = []
     error, tried = block_errors(data.held, partial(predict, [])), data.fits.alone
-    for size in range(1, MOST + 1):
+    for size in range(1, MOST_EFFECTS + 1):
         ranked = [(block_errors(data.held, partial(predict, f.use)), f) for f in tried]
         if not ranked:
             break
@@ -68,8 +68,8 @@ def greedy(data: Data) -> ComparatorAnswer:
         if not improves(error, best):
             break
         chosen, error = fitted.use, best
-        if size < MOST:
-            tried = data.fits.finished(data.fits.grown(fitted, TRIED))
+        if size < MOST_EFFECTS:
+            tried = data.fits.finished(data.fits.grown(fitted, EFFECTS_TRIED))
     return data.with_effects(chosen)
 
 
@@ -100,7 +100,7 @@ def _least(data: Data, price: float) -> ComparatorAnswer:
 
 
 def _pairs(fits: EffectFits) -> list[EffectFit]:
-    found = fits.pairs(PAIRS)
-    for base in fits.alone[:BASES]:
-        found += fits.grown(base, ADDED)
+    found = fits.pairs(PAIRS_TRIED)
+    for base in fits.alone[:BASES_BUILT_UPON]:
+        found += fits.grown(base, ADDED_TO_EACH)
     return fits.finished(found)

@@ -29,14 +29,14 @@ from ldt_core.physics.motor import memory
 Array = NDArray[np.float64]
 Signals = Mapping[str, Array]
 
-SHARP = 0.5  # rad/s, over which a sign turns
-SMALL_CURRENT = 0.05  # A, likewise
-SLOW = 5.0  # rad/s, below which friction rises towards rest
-LIMIT = 0.75  # of the largest voltage, beyond which a drive may be at its end
+SIGN_SPEED = 0.5  # rad/s, over which a sign turns
+SIGN_CURRENT = 0.05  # A, likewise
+STRIBECK_SPEED = 5.0  # rad/s, below which friction rises towards rest
+LIMIT_SHARE = 0.75  # of the largest voltage, beyond which a drive may be at its end
 THRESHOLDS = tuple(float(t) for t in np.geomspace(0.02, 0.6, 12))  # of the torque's deviation
 RIDGE = 1e-6
 FOLDS = 4
-FASTEST = 500.0  # rad/s; a prediction that is faster has diverged
+DIVERGED_SPEED = 500.0  # rad/s; a prediction that is faster has diverged
 
 
 @dataclass(frozen=True)
@@ -55,21 +55,23 @@ class Term:
 
 
 def _sign(w: Array) -> Array:
-    return np.tanh(w / SHARP)
+    return np.tanh(w / SIGN_SPEED)
 
 
 TERMS = (
     Term("coulomb_friction", -1, lambda s: _sign(s["w"])),
-    Term("stribeck_friction", -1, lambda s: _sign(s["w"]) * np.exp(-((s["w"] / SLOW) ** 2))),
+    Term(
+        "stribeck_friction", -1, lambda s: _sign(s["w"]) * np.exp(-((s["w"] / STRIBECK_SPEED) ** 2))
+    ),
     Term("gear_friction", -1, lambda s: _sign(s["w"]) * np.abs(s["i"])),
     Term("viscous_friction", 0, lambda s: s["w"]),
     Term("quadratic_drag", -1, lambda s: s["w"] * np.abs(s["w"])),
     Term("constant_load", -1, lambda s: np.ones_like(s["w"])),
     Term("inertia", 0, lambda s: s["dw"]),
     Term("armature_resistance", 0, lambda s: s["i"]),
-    Term("brush_drop", -1, lambda s: np.tanh(s["i"] / SMALL_CURRENT)),
+    Term("brush_drop", -1, lambda s: np.tanh(s["i"] / SIGN_CURRENT)),
     Term("motor_constant", 0, lambda s: s["V"]),
-    Term("voltage_saturation", -1, lambda s: _beyond(s["V"], LIMIT * s["most"])),
+    Term("voltage_saturation", -1, lambda s: _beyond(s["V"], LIMIT_SHARE * s["most"])),
     Term("input_delay", 0, lambda s: s["dV"]),
     Term("gravity_imbalance", 0, lambda s: np.cos(s["a"])),
     Term("gravity_imbalance", 0, lambda s: np.sin(s["a"])),
@@ -206,7 +208,7 @@ class _Added:
         speed = np.full(len(e), np.nan)
         for k in range(len(e)):
             speed[k] = state[1]
-            if not abs(state[1]) < FASTEST:
+            if not abs(state[1]) < DIVERGED_SPEED:
                 break
             w, i = state[1:], state[:1]
             now = {"w": w, "dw": np.array([acceleration]), "V": volts[k : k + 1], "i": i}

@@ -14,9 +14,10 @@ from ldt_core.lab.challenge.rig import ALIKE
 from ldt_core.lab.challenge.score.answer import CaseAnswer, realised
 from ldt_core.lab.challenge.score.key import Truth
 
-EQUIVALENT = 0.95  # of the gap on further experiments: an effect that closes so much is as good
-OVERLAP = 0.5  # intersection over union of a place with the true one
-NINETY = 1.645 / 1.96  # half width of a 90 % interval over that of 95 %
+#: Of the gap on further experiments: an effect that closes so much is as good.
+EQUIVALENT_SHARE = 0.95
+LEAST_OVERLAP = 0.5  # intersection over union of a place with the true one
+NINETY_OVER_95 = 1.645 / 1.96  # half width of a 90 % interval over that of 95 %
 ROUNDING = 1e-9  # relative, by which the end of an interval may miss a value at a bound
 INSIDE = ("single", "pair", "triple")  # kinds whose truth has a name
 
@@ -105,7 +106,7 @@ def outcome(truth: Truth, answer: CaseAnswer, noise: float | None) -> str:
         return answer.kind
     if truth.kind == "left_out":
         part = None if noise is None else realised(answer.further, noise, truth.further_noise)
-        return "equivalent" if part is not None and part >= EQUIVALENT else "wrong"
+        return "equivalent" if part is not None and part >= EQUIVALENT_SHARE else "wrong"
     acting, met = answer.acting, matched(truth.effects, answer.acting)
     if len(met) < len(acting) or not acting:
         return "wrong"
@@ -147,7 +148,9 @@ def _amount(effect: str, name: str, true: float, found: Mapping[str, Any]) -> Pa
         # About the value found, so that an angle may lie a turn away.
         low, high = (float(end) - float(found["value"]) for end in ends)
         slack = ROUNDING * max(abs(true), abs(low), abs(high))
-        inside, narrower = (k * low - slack <= -off <= k * high + slack for k in (1.0, NINETY))
+        inside, narrower = (
+            k * low - slack <= -off <= k * high + slack for k in (1.0, NINETY_OVER_95)
+        )
         covered = inside, narrower
     error = abs(off) / size if size > 0 else None
     return ParameterError(
@@ -186,7 +189,7 @@ def place(truth: Truth, answer: CaseAnswer) -> bool | None:
     for p in answer.found.get("where", []):
         if p["quantity"] == quantity and p["from"] is not None and p["to"] is not None:
             there = _sizes(p["from"], p["to"]) if size else (float(p["from"]), float(p["to"]))
-            if overlap(true, there) >= OVERLAP:
+            if overlap(true, there) >= LEAST_OVERLAP:
                 return True
     return False
 

@@ -10,15 +10,15 @@ from ldt_core.base.sentences import number
 from ldt_core.lab.study.claims.claim import Claim, ClaimPart, ClaimVerdict, Statement, percent
 from ldt_core.lab.study.drift_detection import delays, drifts_of
 from ldt_core.lab.study.evidence import BySeed, Evidence, ScoredRun, over
-from ldt_core.lab.study.facts import QUICK
+from ldt_core.lab.study.facts import PROMPT_WINDOW
 from ldt_core.lab.study.statistics import mean, proportion, rate
 
 AIM = "an aim of this project"
 MODEL, DETECTOR = "diagnosed", "calibrated"  # the learner that the aims are about
 OVER_FLOOR = 1.5  # times the MME of the true model
-LEFT = 0.1  # share of the original's MME
+LEFT_SHARE = 0.1  # share of the original's MME
 RECALL, PRECISION = 0.9, 0.8
-PROMPT = 0.9  # share of the drifts of twice the detectable size that are to be found at once
+PROMPT_SHARE = 0.9  # share of the drifts of twice the detectable size that are to be found at once
 
 Parts = Iterator[ClaimPart | str]
 
@@ -33,8 +33,10 @@ def near_the_floor(evidence: Evidence) -> Parts:
 def share_of_the_original(evidence: Evidence) -> Parts:
     """MME over that of the original model, and what no learner can avoid."""
     runs = _runs(evidence)
-    yield _part(runs, "share", high=LEFT)
-    yield from _unprepared(runs, attrgetter("score.mme_original"), "of the original's MME", LEFT)
+    yield _part(runs, "share", high=LEFT_SHARE)
+    yield from _unprepared(
+        runs, attrgetter("score.mme_original"), "of the original's MME", LEFT_SHARE
+    )
 
 
 def surplus_of_adaptations(evidence: Evidence) -> Parts:
@@ -56,7 +58,7 @@ def prompt_detection(evidence: Evidence) -> Parts:
     runs = _runs(evidence)
     hits = {seed: _prompt_hits(run) for seed, run in runs.items()}
     shares = mean(mean(map(float, found)).value for found in hits.values())
-    yield ClaimPart("", shares, low=PROMPT, inclusive=True)
+    yield ClaimPart("", shares, low=PROMPT_SHARE, inclusive=True)
     every = [h for found in hits.values() for h in found]
     if every:
         yield f"{sum(every)} of {len(every)} drifts in all."
@@ -151,7 +153,7 @@ def _unprepared(
 def _prompt_hits(run: ScoredRun) -> list[bool]:
     if run.facts is None:
         return []
-    after = delays(run.facts.twice, run.result.positives, QUICK)
+    after = delays(run.facts.twice, run.result.positives, PROMPT_WINDOW)
     return [drift in after for drift in run.facts.twice]
 
 
@@ -166,7 +168,7 @@ AIMS: tuple[Statement | Callable[[Evidence], Claim], ...] = (
     ),
     Statement(
         "a-tenth-of-the-original",
-        f"MME below {LEFT:.0%} of the original model's.",
+        f"MME below {LEFT_SHARE:.0%} of the original model's.",
         AIM,
         "MME as a share of the original's",
         share_of_the_original,
@@ -184,8 +186,8 @@ AIMS: tuple[Statement | Callable[[Evidence], Claim], ...] = (
     false_alarms_as_stated,
     Statement(
         "prompt-detection",
-        f"A drift of twice the detectable size is found within {QUICK} experiments "
-        f"(at least {PROMPT:.0%} of them).",
+        f"A drift of twice the detectable size is found within {PROMPT_WINDOW} experiments "
+        f"(at least {PROMPT_SHARE:.0%} of them).",
         AIM,
         "Share of those drifts found in time",
         prompt_detection,

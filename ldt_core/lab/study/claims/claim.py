@@ -20,7 +20,7 @@ from ldt_core.base.sentences import number
 from ldt_core.lab.study.evidence import Evidence
 from ldt_core.lab.study.statistics import Interval
 
-MANY = 6  # parts that a sentence can still list one by one
+MOST_LISTED = 6  # parts that a sentence can still list one by one
 
 
 class ClaimVerdict(enum.StrEnum):
@@ -169,7 +169,7 @@ def combined(verdicts: Sequence[ClaimVerdict]) -> ClaimVerdict:
 def _listed(parts: Sequence[ClaimPart]) -> str:
     """Figures of all parts with a verdict each where they differ; of many, of the unusual ones."""
     verdicts = [p.verdict for p in parts]
-    if len(parts) > MANY:
+    if len(parts) > MOST_LISTED:
         usual = max(set(verdicts), key=verdicts.count)
         found = sorted(p.estimate.value or 0.0 for p in parts if p.verdict is usual)
         unit = f" {parts[0].unit}" if parts[0].unit else ""

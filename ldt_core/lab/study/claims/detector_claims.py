@@ -30,9 +30,9 @@ COUNT_FIGURE = "figure of adaptations against e"
 CONCLUSION = "conclusion"
 EQUAL_COST = f"{CONCLUSION}, at equal numbers (our condition)"
 
-JUMPS = 0.1  # share of the experiments, those with the largest growth of the error
-BEFORE = 5  # experiments whose mean error that growth is against
-MOST = 0.5  # "no adaptation while e is small" is true of more than half of the streams
+JUMP_SHARE = 0.1  # share of the experiments, those with the largest growth of the error
+JUMP_BASE = 5  # experiments whose mean error that growth is against
+QUIET_SHARE = 0.5  # "no adaptation while e is small" is true of more than half of the streams
 
 
 def above_chance(figure: str) -> Examine:
@@ -75,7 +75,7 @@ def quiet_at_first(evidence: Evidence) -> Iterator[ClaimPart]:
         counts = [sum(r.adapted[: _onset(r)]) for r in _touching(evidence, detector)]
         share = proportion(sum(c == 0 for c in counts), len(counts))
         note = f"{text_of(mean(counts).value)} adaptations a stream"
-        yield ClaimPart(detector, share, low=MOST, note=note)
+        yield ClaimPart(detector, share, low=QUIET_SHARE, note=note)
 
 
 def residence(evidence: Evidence) -> Iterator[ClaimPart | str]:
@@ -115,12 +115,12 @@ def _busier(run: ScoredRun) -> float:
 
 def _alertness(run: ScoredRun) -> float | None:
     error = np.array(run.result.max_error)
-    if error.size < 2 * BEFORE:
+    if error.size < 2 * JUMP_BASE:
         return None
-    before = np.convolve(error, np.full(BEFORE, 1 / BEFORE), "valid")[:-1]
-    growth = error[BEFORE:] - before
-    most = np.argsort(growth, kind="stable")[-max(1, round(JUMPS * growth.size)) :]
-    level = np.array(run.result.level)[BEFORE:]
+    before = np.convolve(error, np.full(JUMP_BASE, 1 / JUMP_BASE), "valid")[:-1]
+    growth = error[JUMP_BASE:] - before
+    most = np.argsort(growth, kind="stable")[-max(1, round(JUMP_SHARE * growth.size)) :]
+    level = np.array(run.result.level)[JUMP_BASE:]
     return float(np.mean(level[most] == Level.POSITIVE))
 
 
@@ -208,8 +208,8 @@ DETECTOR_CLAIMS = (
     Statement(
         "active-more-alert",
         "Threshold detector and LDDM answer an abrupt increase in error more often than the window "
-        f"detector: are positive in the {JUMPS:.0%} of the experiments whose error grew most "
-        f"against the mean of the {BEFORE} before.",
+        f"detector: are positive in the {JUMP_SHARE:.0%} of the experiments whose error grew most "
+        f"against the mean of the {JUMP_BASE} before.",
         f"{COUNT_FIGURE}, caption",
         "Share of those experiments with a positive, active minus window",
         of_each(

@@ -34,7 +34,9 @@ REGION_FIGURE = "figure of experiment 92"
 
 LOW_RECALL = 0.5  # "not well performed on recall": fewer than every second drift
 SAME_RECALL = 0.1  # recalls that differ by less than one drift in ten are the same
-FOLLOWS = 0.5  # a model follows the region when it leaves less than half of the original's error
+FOLLOWED_SHARE = (
+    0.5  # a model follows the region when it leaves less than half of the original's error
+)
 
 
 def printed(figure: str) -> dict[str, float]:
@@ -199,18 +201,18 @@ MODEL_CLAIMS = (
     Statement(
         "linear-misses-the-region",
         "The linear model does not follow the Sommerfeld effect: in its region it leaves more than "
-        f"{FOLLOWS:.0%} of the original's error.",
+        f"{FOLLOWED_SHARE:.0%} of the original's error.",
         REGION_FIGURE,
         "Root mean square error in the region, share of the original's",
-        in_the_region("linear", low=FOLLOWS),
+        in_the_region("linear", low=FOLLOWED_SHARE),
     ),
     Statement(
         "hybrid-follows-the-region",
         "The hybrid model follows the Sommerfeld effect: in its region it leaves less than "
-        f"{FOLLOWS:.0%} of the original's error.",
+        f"{FOLLOWED_SHARE:.0%} of the original's error.",
         REGION_FIGURE,
         "Root mean square error in the region, share of the original's",
-        in_the_region("hybrid", high=FOLLOWS),
+        in_the_region("hybrid", high=FOLLOWED_SHARE),
     ),
     Statement(
         "hybrid-better-in-the-region",

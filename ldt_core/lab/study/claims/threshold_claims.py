@@ -14,7 +14,7 @@ from ldt_core.lab.study.evidence import BySeed, Evidence, ScoredRun, ratio
 from ldt_core.lab.study.statistics import geometric_mean, mean, trend
 
 FIGURE = "figure of the threshold"
-MUCH = 0.5  # "much smaller": less than half
+MUCH_LESS_SHARE = 0.5  # "much smaller": less than half
 #: Turns of a curve with one minimum; what fluctuates has more.
 ONE_TURN = 1.0
 
@@ -90,7 +90,7 @@ def share_of_adaptations(evidence: Evidence) -> Iterator[ClaimPart]:
         many, few = (_of_each_seed({v: s[v] for v in common}, sum) for s in sweeps)
         shares = [few[s] / many[s] for s in few.keys() & many.keys() if many[s]]
         note = f"{number(float(np.mean(list(few.values()))))} a stream" if few else ""
-        yield ClaimPart(model, mean(shares), high=MUCH, note=note)
+        yield ClaimPart(model, mean(shares), high=MUCH_LESS_SHARE, note=note)
 
 
 def range_of_adaptations(evidence: Evidence) -> Iterator[ClaimPart]:
