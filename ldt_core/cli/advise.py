@@ -61,7 +61,7 @@ def command(
     from ldt_core.advice.machine_estimate import estimate_machine, with_effects
     from ldt_core.advice.run_up import plan_run_up
     from ldt_core.base.errors import OptionError
-    from ldt_core.diagnosis.diagnosis_file import read_effects
+    from ldt_core.diagnosis.diagnosis import read_effects
     from ldt_core.effects import parse_effect
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.recording.bag import read_bag

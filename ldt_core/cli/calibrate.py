@@ -72,7 +72,7 @@ def command(
     from ldt_core.calibration.machine_yaml import check_new, write_machine_file
     from ldt_core.cli.recordings import read_recordings
     from ldt_core.machine.machine_file import load_machine
-    from ldt_core.views.figures.calibration_figure import draw_calibration
+    from ldt_core.views.figures.free_run_panels import draw_calibration
     from ldt_core.views.page import style
 
     machine = load_machine(settings["machine"])

@@ -57,7 +57,7 @@ def command(
     machine = load_machine(settings["machine"])
     acting = []
     if diagnosis:
-        from ldt_core.diagnosis.diagnosis_file import read_effects
+        from ldt_core.diagnosis.diagnosis import read_effects
         from ldt_core.effects import get_effect
 
         acting = read_effects(diagnosis, [get_effect(name) for name in own])

@@ -44,7 +44,7 @@ def command(
     machine = load_machine(settings["machine"])
     settings = {**settings, "degradation": settings["degradation"] or "none"}
     if designed:
-        from ldt_core.diagnosis.diagnosis_file import read_next
+        from ldt_core.diagnosis.diagnosis import read_next
 
         machine, volts, current = read_next(designed, machine)
         settings = {**settings, "measure_current": settings["measure_current"] or current}

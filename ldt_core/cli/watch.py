@@ -46,8 +46,7 @@ def command(
     """
     from ldt_core.views.watch.browser_files import assets
     from ldt_core.views.watch.fleet import Fleet
-    from ldt_core.views.watch.playback import Playback
-    from ldt_core.views.watch.record_source import RecordSource, graph
+    from ldt_core.views.watch.record_source import Playback, RecordSource, graph
     from ldt_core.views.watch.server import is_loopback, serve
 
     source: RecordSource = Playback(recording, namespace, rate) if recording else graph(namespace)

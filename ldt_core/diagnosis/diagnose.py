@@ -39,8 +39,12 @@ from ldt_core.diagnosis.holdout import (
 from ldt_core.diagnosis.isolability import isolability
 from ldt_core.diagnosis.library import library, refitted_effects
 from ldt_core.diagnosis.next_experiment import next_experiment
-from ldt_core.diagnosis.remainder import depends_on
-from ldt_core.diagnosis.residual_torque import TorqueEstimator, added_torque, residual_torque
+from ldt_core.diagnosis.residual_torque import (
+    TorqueEstimator,
+    added_torque,
+    depends_on,
+    residual_torque,
+)
 from ldt_core.diagnosis.sentence import not_measured, sentence
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import Decision, decide

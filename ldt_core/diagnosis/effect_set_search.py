@@ -17,9 +17,8 @@ from ldt_core.base.threads import spread
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
 from ldt_core.diagnosis.error_band import ErrorBand
-from ldt_core.diagnosis.fitted_sets import FittedSets, Names
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.model_selection import earned, plain_enough
+from ldt_core.diagnosis.model_selection import FittedSets, Names, earned, plain_enough
 from ldt_core.diagnosis.responses import best_alone, rank_pairs, simulate_all
 from ldt_core.diagnosis.start_states import StartStates
 from ldt_core.diagnosis.thresholds import THRESHOLDS
@@ -88,11 +87,7 @@ class EffectSetSearch:
         count = len(self.own)
         fitted = fit(self.scout, self.own, zeros, own=count) if own else None
         self.responses = simulate_all(
-            self.scout,
-            self.candidates,
-            lambda: tick("simulating effects"),
-            fitted,
-            self.workers,
+            self.scout, self.candidates, lambda: tick("simulating effects"), fitted, self.workers
         )
         alone = fit(residuals, self.own, fitted.z, own=count) if fitted else _empty(residuals)
         self.found = FittedSets(residuals, ErrorBand(residuals), alone.residual, self.responses)

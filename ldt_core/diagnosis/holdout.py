@@ -138,10 +138,7 @@ def closed(
 
 
 def regimes(
-    experiments: Sequence[Experiment],
-    before: Sequence[Array],
-    after: Sequence[Array],
-    noise: float,
+    experiments: Sequence[Experiment], before: Sequence[Array], after: Sequence[Array], noise: float
 ) -> list[dict[str, float | str | None]]:
     """Errors by regime: slow, medium and fast; speeding up, steady and slowing down."""
     speed = np.concatenate([e.speed for e in experiments])

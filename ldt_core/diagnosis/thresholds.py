@@ -102,10 +102,7 @@ class Thresholds:
         CASES,
     )
     largest_set: int = _threshold(
-        6,
-        "effects",
-        "Larger sets take long to fit, and explain nearly anything.",
-        CASES,
+        6, "effects", "Larger sets take long to fit, and explain nearly anything.", CASES
     )
     opposed_responses: float = _threshold(
         -0.95,
@@ -121,16 +118,10 @@ class Thresholds:
         CASES,
     )
     further_effect_of_remainder: float = _threshold(
-        0.5,
-        SHARE_OF_REMAINDER,
-        "A true effect takes away most of what the others leave.",
-        CASES,
+        0.5, SHARE_OF_REMAINDER, "A true effect takes away most of what the others leave.", CASES
     )
     small_effect_of_gap: float = _threshold(
-        0.003,
-        SHARE_OF_GAP,
-        "A smaller part cannot be told from the errors of the laws.",
-        CASES,
+        0.003, SHARE_OF_GAP, "A smaller part cannot be told from the errors of the laws.", CASES
     )
     small_effect_of_remainder: float = _threshold(
         0.75,

@@ -13,9 +13,8 @@ from ldt_core.diagnosis.attribution import shapley_shares
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.error_band import ErrorBand
-from ldt_core.diagnosis.fitted_sets import FittedSets
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.model_selection import earned, kin, plain_enough
+from ldt_core.diagnosis.model_selection import FittedSets, earned, kin, plain_enough
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
 Array = NDArray[np.float64]

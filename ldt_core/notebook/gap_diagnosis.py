@@ -14,8 +14,7 @@ from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.library import library
 from ldt_core.notebook.arguments import ExperimentsLike, MachineLike, names, number, possible
 from ldt_core.physics.effect import Effect
-from ldt_core.views.diagnosis_page import diagnosis_figure
-from ldt_core.views.diagnosis_page.diagnosis_files import write_files
+from ldt_core.views.diagnosis_page import diagnosis_figure, write_files
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Any, overload
 
-from ldt_core.base.errors import ArgumentTypeError, described
-from ldt_core.base.experiment import Action, Experiment, Prediction
+from ldt_core.base.errors import ArgumentTypeError, LdtError, described
+from ldt_core.base.experiment import Action, Experiment, Prediction, Step
 from ldt_core.machine.machine_file import Machine
-from ldt_core.notebook.data_frame import described_experiment, described_step, frame
 from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.twin.adaptor import ROLLED_BACK
 from ldt_core.twin.stage import RecordedStep
@@ -140,3 +139,45 @@ def read(path: str | os.PathLike[str], namespace: str | None = None) -> Recordin
         raise ArgumentTypeError("namespace", "the name of one", described(namespace))
     bag = read_bag(Path(path), namespace)
     return Recording(list(bag.experiments()), bag, os.fspath(path))
+
+
+def described_experiment(experiment: Experiment) -> dict[str, Any]:
+    """Its number, start [s since the epoch], duration [s], sample period [s] and samples."""
+    return {
+        "experiment": experiment.number,
+        "start": experiment.start,
+        "duration": experiment.duration,
+        "sample_period": experiment.period,
+        "samples": len(experiment),
+    }
+
+
+def described_step(step: Step | RecordedStep) -> dict[str, Any]:
+    """What the twin said and did at an experiment; errors [rad/s]."""
+    original, diagnosis = step.original, step.diagnosis
+    return {
+        **described_experiment(step.experiment),
+        "detector": step.signal.detector,
+        "model_version": step.signal.model_version,
+        "max_error": step.signal.max_error,
+        "max_error_original": original and original.max_error(step.experiment),
+        "signal": step.signal.level.word,
+        "adaptation": str(step.adaptation.action),
+        "reason": step.adaptation.reason,
+        "diagnosis": diagnosis and diagnosis.sentence,
+    }
+
+
+def frame(rows: Iterable[dict[str, Any]]) -> pandas.DataFrame:
+    """The rows as a table.
+
+    Raises:
+        LdtError: pandas is not installed.
+    """
+    try:
+        import pandas
+    except ImportError as error:
+        raise LdtError(
+            "a DataFrame needs pandas, which is not installed: pip install pandas"
+        ) from error
+    return pandas.DataFrame(list(rows))

@@ -13,14 +13,7 @@ from typing import Any
 
 from ldt_core.base.bounded import forget_oldest
 from ldt_core.base.errors import BadInput
-from ldt_core.base.experiment import (
-    Action,
-    Adaptation,
-    Experiment,
-    ModelRecord,
-    Prediction,
-    Signal,
-)
+from ldt_core.base.experiment import Action, Adaptation, Experiment, ModelRecord, Prediction, Signal
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.experiment_numbers import number_of

@@ -10,14 +10,7 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import CompressionType, IndexType, Writer
 
-from ldt_core.base.experiment import (
-    Action,
-    Adaptation,
-    Experiment,
-    Level,
-    Prediction,
-    Signal,
-)
+from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.codec import DECODERS, encode
 from ldt_core.recording.messages import schema, serialize

@@ -11,12 +11,16 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import uniform_filter1d
 
-from ldt_core.advice.advice_sentences import NO_FOUNDATION
-from ldt_core.advice.advise import advise
-from ldt_core.advice.bands import captured_seconds, in_bands, uncertain_bands, voltage_bands
+from ldt_core.advice.advise import NO_FOUNDATION, advise
+from ldt_core.advice.bands import (
+    captured_seconds,
+    in_bands,
+    margins,
+    uncertain_bands,
+    voltage_bands,
+)
 from ldt_core.advice.experiment_design import candidate_designs, most_informative
 from ldt_core.advice.machine_estimate import MachineEstimate, estimate_machine
-from ldt_core.advice.margins import margins
 from ldt_core.advice.run_up import plan_run_up
 from ldt_core.base.errors import ModelError, OptionError, RecordingError
 from ldt_core.base.experiment import AdviceRecord, DiagnosisRecord, Experiment, ModelRecord

@@ -6,15 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from false_alarm_rates import (
-    EARLY,
-    KINDS,
-    Noise,
-    Rate,
-    RowsAgain,
-    count,
-    machine_rows,
-)
+from false_alarm_rates import EARLY, KINDS, Noise, Rate, RowsAgain, count, machine_rows
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats

@@ -18,10 +18,9 @@ from hypothesis import strategies as st
 from ldt_core.base.errors import LdtError
 from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount
 from ldt_core.views.diagnosis_page import picture, write_page
-from ldt_core.views.diagnosis_page.before_after import shown_free_runs
-from ldt_core.views.diagnosis_page.next_experiment_figure import corners
 from ldt_core.views.diagnosis_page.number_format import amount, percent, value_of
 from ldt_core.views.diagnosis_page.signal_curves import binned, orders, spectrum
+from ldt_core.views.diagnosis_page.time_curves import corners, shown_free_runs
 from ldt_core.views.packed_samples import thinned
 
 LARGEST = 2_000_000  # bytes of a page

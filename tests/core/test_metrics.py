@@ -4,15 +4,7 @@ import numpy as np
 import pytest
 
 from ldt_core.base.errors import ExperimentError
-from ldt_core.base.experiment import (
-    Action,
-    Adaptation,
-    Experiment,
-    Level,
-    Prediction,
-    Signal,
-    Step,
-)
+from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal, Step
 from ldt_core.base.metrics import FreeRunError, Summary
 
 

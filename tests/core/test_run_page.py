@@ -22,10 +22,10 @@ from ldt_core.base.errors import RecordingError
 from ldt_core.base.experiment import Experiment, Level, Prediction, Signal
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
-from ldt_core.views.detector_statistic import statistic
 from ldt_core.views.packed_samples import FEWEST_SAMPLES, LEVELS, ROOM, extremes, pack, room
 from ldt_core.views.report import page, read_run
-from ldt_core.views.report.health_section import remarks
+from ldt_core.views.report.report_sections import remarks
+from ldt_core.views.step_view import statistic
 
 SAMPLE = Path(__file__).resolve().parents[2] / "bags" / "rotor_drift"
 LARGEST = 5_000_000  # bytes of the page of 200 experiments of 2000 samples

@@ -11,14 +11,7 @@ import pytest
 from scipy import stats
 
 from ldt_core.lab.study import facts
-from ldt_core.lab.study.facts import (
-    Facts,
-    energy_needed,
-    examine,
-    facts_of,
-    noise_peak,
-    stream_key,
-)
+from ldt_core.lab.study.facts import Facts, energy_needed, examine, facts_of, noise_peak, stream_key
 from ldt_core.lab.study.study_case import StudyCase
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine

@@ -19,18 +19,19 @@ from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from ldt_core.views.packed_samples import PackedChannel, PackedSamples
 from ldt_core.views.watch.fleet import MACHINES, Fleet
-from ldt_core.views.watch.playback import Playback
+from ldt_core.views.watch.record_source import Playback
 from ldt_core.views.watch.watched_machine import (
     GREATEST,
     LONGEST,
     MOST_CHARACTERS,
     MOST_EVENTS,
     MOST_MODELS,
+    MOST_NODES,
     MOST_SAMPLES,
     MOST_STEPS,
+    SILENT_AFTER,
     WHOLE_STEPS,
 )
-from ldt_core.views.watch.watched_nodes import MOST_NODES, SILENT_AFTER
 
 
 class Clock:

@@ -14,17 +14,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from disturbed import (
-    MODEL,
-    PATIENCE,
-    RUN,
-    differences,
-    finished,
-    killed,
-    nodes,
-    recorded,
-    wait_for,
-)
+from disturbed import MODEL, PATIENCE, RUN, differences, finished, killed, nodes, recorded, wait_for
 
 from ldt_core.cli import invoke
 from ldt_core.cli import ldt as commands

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,9 +10,9 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.result_files import write
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.views.diagnosis_page import diagnosis_sections as sections
-from ldt_core.views.diagnosis_page.before_after import shown_free_runs
 from ldt_core.views.diagnosis_page.gap_curves import gap_curves
 from ldt_core.views.diagnosis_page.ranking import shares_bar
+from ldt_core.views.diagnosis_page.time_curves import shown_free_runs
 from ldt_core.views.page import style
 from ldt_core.views.page.page_builder import render
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WHO = "a diagnosis' page"
+
+JSON, PAGE = "diagnosis.json", "diagnosis.html"
 
 
 def write_page(diagnosis: Diagnosis, file: Path | str) -> None:
@@ -78,3 +81,18 @@ def diagnosis_figure(diagnosis: Diagnosis) -> Figure:
             p.draw(part, style.WIDE)
 
     return style.picture(style.WIDE.width, sum(heights), draw, "a diagnosis' picture")
+
+
+def as_json(diagnosis: Diagnosis) -> str:
+    """The content of `diagnosis.json`."""
+    return json.dumps(diagnosis.as_dict(), allow_nan=False, indent=1) + "\n"
+
+
+def write_files(diagnosis: Diagnosis, folder: Path) -> None:
+    """Write `diagnosis.json` and `diagnosis.html`.
+
+    Raises:
+        LdtError: matplotlib is not installed, and no page written.
+    """
+    write(folder / JSON, as_json(diagnosis))
+    write(folder / PAGE, page(diagnosis))

@@ -8,7 +8,7 @@ from typing import Any
 
 from ldt_core.base.sentences import listed, ranges, spans, spoken
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate
-from ldt_core.views.diagnosis_page import before_after, gap_curves, next_experiment_figure, ranking
+from ldt_core.views.diagnosis_page import gap_curves, ranking, time_curves
 from ldt_core.views.diagnosis_page.number_format import (
     NOTHING,
     amount,
@@ -111,7 +111,7 @@ def _added(diagnosis: Diagnosis, effect: Mapping[str, Any]) -> str:
 def before_and_after(diagnosis: Diagnosis) -> Section:
     """Curves over time."""
     section = Section("fits", "Measured and predicted")
-    section.figure(before_after.before_after(diagnosis), NOT_KEPT, files=False)
+    section.figure(time_curves.before_after(diagnosis), NOT_KEPT, files=False)
     return section
 
 
@@ -279,7 +279,7 @@ def following(diagnosis: Diagnosis) -> Section:
         section.blocks.append(Text("No further experiment is proposed.", "missing"))
         return section
     section.blocks.append(Text(f"{then.why[:1].upper()}{then.why[1:].rstrip('.')}."))
-    section.figure(next_experiment_figure.voltage(then), "", files=False)
+    section.figure(time_curves.voltage(then), "", files=False)
     length = len(then.voltage) * then.sample_period
     section.blocks.append(
         Pairs(

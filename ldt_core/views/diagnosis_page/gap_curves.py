@@ -11,7 +11,6 @@ import numpy as np
 
 from ldt_core.base.sentences import listed
 from ldt_core.diagnosis.diagnosis import Diagnosis, DrawnExperiment, GapLocation
-from ldt_core.views.diagnosis_page.before_after import changed
 from ldt_core.views.diagnosis_page.number_format import percent, unit_of, value_of
 from ldt_core.views.diagnosis_page.signal_curves import (
     MOST_ORDER,
@@ -21,6 +20,7 @@ from ldt_core.views.diagnosis_page.signal_curves import (
     orders,
     spectrum,
 )
+from ldt_core.views.diagnosis_page.time_curves import changed
 from ldt_core.views.page.style import (
     BLUE,
     INK,

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from markupsafe import Markup
 
-from ldt_core.base.experiment import Level
-from ldt_core.base.sentences import number
-from ldt_core.views.detector_statistic import DetectorStatistic
-from ldt_core.views.page.blocks import Answer, Mark, Own, Section, Table, Text
+from ldt_core.base.experiment import Action, Level, ModelRecord, Signal
+from ldt_core.base.sentences import number, ranges, spans, spoken
+from ldt_core.doctor.check import Finding, Grade
+from ldt_core.doctor.recording_checks import findings
+from ldt_core.views.page.blocks import Answer, Block, Folded, Mark, Own, Section, Table, Text, Value
 from ldt_core.views.page.page_builder import fill
-from ldt_core.views.report import health_section, settings_section
-from ldt_core.views.report.learning_section import adaptations, models
+from ldt_core.views.report import settings_section
 from ldt_core.views.report.reported_run import ReportedRun
+from ldt_core.views.step_view import DetectorStatistic
 
 FOOTER = (
     "Errors are maxima over an experiment of the distance between measured and predicted speed; "
@@ -19,6 +20,11 @@ FOOTER = (
 )
 TONES = {Level.NEGATIVE: "good", Level.WARNING: "open", Level.POSITIVE: "bad"}
 KINDS = {"none": "good", "effect": "found", "ambiguous": "vague", "unknown": "open"}
+GRADES = {Grade.WARNING: "open", Grade.PROBLEM: "bad"}
+
+#: Rows of a table that stands open; a longer one would bury what follows it.
+OPEN_ROWS = 20
+MARKS = {Action.ADAPTED: Mark("adapted", "good"), Action.REFUSED: Mark("refused", "open")}
 
 
 def title(run: ReportedRun) -> str:
@@ -31,7 +37,7 @@ def lead(run: ReportedRun) -> str:
     last = run.signals[-1]
     kind = run.models[0].kind if run.models else "unrecorded"
     machine = f"machine {run.bag.machine}" if run.bag.machine else "an unnamed machine"
-    odd = len(health_section.remarks(run))
+    odd = len(remarks(run))
     warning = f" Mind the health of the recording: {_count(odd, 'remark')}." if odd else ""
     return (
         f"{_count(run.summary.experiments, 'experiment')} of {machine}, with a {kind} model and "
@@ -65,7 +71,7 @@ def sections(run: ReportedRun, compared: DetectorStatistic) -> list[Section]:
         Section("learning", "What was learned", [*adaptations(run), *models(run)]),
         _diagnoses(run),
         Section("setting", "Machine and settings", settings_section.blocks(run, compared)),
-        health_section.section(run),
+        _health(run),
         _every(run),
     ]
 
@@ -123,3 +129,104 @@ def _count(count: int, what: str) -> str:
 
 def _times(count: int) -> str:
     return {0: "never", 1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
+def remarks(run: ReportedRun) -> list[Finding]:
+    """Findings on the recording that are not well."""
+    return [f for f in findings(run.health) if f.grade is not Grade.OK]
+
+
+def _health(run: ReportedRun) -> Section:
+    """The health of the recording, and of the nodes that made it."""
+    found = Section("health", "Health of the recording")
+    odd = remarks(run)
+    if odd:
+        head = ("what", "grade", "found", "what to do")
+        rows = [
+            (f.name, Mark(f.grade, GRADES[f.grade]), _bare(f.message, run), f.remedy) for f in odd
+        ]
+        found.blocks.append(Table("What is odd about the recording", head, rows, cards=True))
+    else:
+        found.blocks.append(
+            Text("No experiment is missing, repeated, late or unused, and no file is damaged.")
+        )
+    nodes = run.health.nodes
+    if not nodes:
+        absent = "No node's health was recorded: this was no run of the graph."
+        found.blocks.append(Text(absent, "missing"))
+        return found
+    said: list[tuple[Value, ...]] = []
+    for node in (nodes[name] for name in sorted(nodes)):
+        rejected = "; ".join(f"{count} × {kind}" for kind, count in node.rejected.items())
+        said.append((node.role, node.message, rejected or "nothing", node.last_rejection or "-"))
+    head = ("node", "said last", "rejected", "why, the last time")
+    found.blocks.append(Table("The nodes of the graph", head, said, cards=True, named=(2, 3)))
+    return found
+
+
+def _bare(sentence: str, run: ReportedRun) -> str:
+    """Without where the recording lay, no business of those to whom the page is sent."""
+    path = str(run.health.path)
+    for behind in (": ", ", ", "/"):
+        sentence = sentence.replace(f"{path}{behind}", "")
+    return sentence
+
+
+def adaptations(run: ReportedRun) -> list[Block]:
+    """One row for each positive."""
+    rows = []
+    for step in run.steps:
+        done = step.adaptation
+        if done is not None and done.action in MARKS:
+            rows.append((f"Experiment {step.number}", MARKS[done.action], done.reason))
+    if not rows:
+        return [Text("No new model was tried in this run.", "missing")]
+    head = ("after", "done", "why")
+    return [_folded(Table("The adaptor at each positive", head, rows, cards=True))]
+
+
+def models(run: ReportedRun) -> list[Block]:
+    """One row for each model, with what it learned from and how it did."""
+    if not run.models:
+        return [Text("No model was recorded.", "missing")]
+    by_version: dict[int, list[Signal]] = {}
+    for signal in run.signals:
+        by_version.setdefault(signal.model_version, []).append(signal)
+    rows: list[tuple[str, ...]] = []
+    for model in {m.version: m for m in run.models}.values():
+        used = by_version.get(model.version, [])
+        errors = [signal.max_error for signal in used]
+        learned = "nothing" if not model.trained_on else ranges(spans(model.trained_on))
+        mean = number(sum(errors) / len(errors)) if errors else "-"
+        force = ranges(spans(signal.experiment for signal in used))
+        rows.append((f"Version {model.version}", model.kind, learned, force, mean, _cause(model)))
+    head: tuple[str, ...] = (
+        "model",
+        "kind",
+        "learned from experiments",
+        "in force in experiments",
+        "mean error [rad/s]",
+        "cause, in SI units",
+    )
+    if not any(row[-1] for row in rows):
+        head, rows = head[:-1], [row[:-1] for row in rows]
+    return [_folded(Table("The models", head, rows, numbers=(4,), cards=True, named=(2, 3)))]
+
+
+def _folded(table: Table) -> Block:
+    if len(table.rows) <= OPEN_ROWS:
+        return table
+    return Folded(f"{table.caption} ({len(table.rows)} rows)", table)
+
+
+def _cause(model: ModelRecord) -> str:
+    """Effect and amounts of a diagnosed model."""
+    cause = model.parameters.get("cause")
+    if not isinstance(cause, dict) or not isinstance(cause.get("parameters"), dict):
+        return ""
+    amounts = [
+        f"{name}\u00a0=\u00a0{number(value, 4)}"
+        for name, value in cause["parameters"].items()
+        if isinstance(value, int | float)
+    ]
+    return f"{spoken(str(cause.get('effect', '')))}: {', '.join(amounts)}"

@@ -10,9 +10,9 @@ import msgs_config
 from ldt_core.base.sentences import number, spoken
 from ldt_core.base.settings import UNSET, as_options
 from ldt_core.recording.run_settings import Setting
-from ldt_core.views.detector_statistic import DetectorStatistic
 from ldt_core.views.page.blocks import Block, Folded, Pairs, Table, Text
 from ldt_core.views.report.reported_run import ReportedRun
+from ldt_core.views.step_view import DetectorStatistic
 
 NOTHING = "-"
 #: Settings that name files of the machine on which the run was.
@@ -26,10 +26,7 @@ def blocks(run: ReportedRun, compared: DetectorStatistic) -> list[Block]:
     pairs = [
         ("machine", run.bag.machine or "not recorded"),
         ("topics", run.bag.namespace or "of no namespace"),
-        (
-            "recording",
-            f"{run.name}, from {begin} to {end}",
-        ),
+        ("recording", f"{run.name}, from {begin} to {end}"),
         ("experiments", f"{len(numbers)}, numbers {numbers[0]} to {numbers[-1]}"),
         ("samples", f"{_span([e.length for e in extents])} in an experiment"),
         ("sample period", f"{_span([1e3 * e.period for e in extents])} ms"),

@@ -7,7 +7,7 @@ source (graph or recording) ── records ──▶ Fleet ── figures ──
 `watched_machine.WatchedMachine` and `fleet.Fleet` are what a page shows: plain figures and words in
 bounded memory, without web and without ROS. `server.serve` sends them; `browser_files.assets` is
 what a browser gets, with the plots of `ldt_core.views.report`. The records come from a
-`record_source.RecordSource`: `playback.Playback` here, or the running graph by the entry points
+`record_source.RecordSource`: its `Playback`, or the running graph by the entry points
 of the group `ldt.watch`.
 
 The server is aiohttp with server-sent events: of the three that were tried with the same task it

@@ -10,8 +10,7 @@ from typing import Any
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Level
 from ldt_core.recording.node_status import HEALTH_TOPIC
-from ldt_core.views.detector_statistic import statistic
-from ldt_core.views.step_view import rounded
+from ldt_core.views.step_view import rounded, statistic
 from ldt_core.views.watch.watched_machine import MOST_SAMPLES, WatchedMachine, text
 
 MACHINES = 100  # that are shown, as many as a graph may have
