@@ -9,16 +9,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import ExperimentError, LdtError, OptionError, did_you_mean
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
-from ldt_core.calibration import notes
-from ldt_core.calibration.calibration import Calibration, ParameterEstimate, free_run_error, rounded
-from ldt_core.calibration.coordinates import Array, Coordinates
-from ldt_core.calibration.free_runs import CalibrationRuns
+from ldt_core.calibration.calibration import (
+    Calibration,
+    ParameterEstimate,
+    Reason,
+    bound_notes,
+    excitation_notes,
+    free_run_error,
+    notes,
+    nothing_determined,
+    rounded,
+)
+from ldt_core.calibration.coordinates import Coordinates
 from ldt_core.calibration.identifiability import MOST_ERROR, Identifiability, examine
 from ldt_core.calibration.intervals import Uncertainty, uncertainty
-from ldt_core.calibration.parameter_fit import coordinate, fit, starts
+from ldt_core.calibration.parameter_fit import CalibrationRuns, coordinate, fit, starts
 from ldt_core.machine.machine_file import Machine
 
 HOLDOUT = 0.25  # share of the experiments to judge by, unless said otherwise
@@ -41,8 +50,7 @@ def calibrate(
     """Fit a machine's parameters to experiments, in free run.
 
     The largest set that the experiments determine is fitted, the rest stays at the machine file's
-    values. Of parameters named in `free`, those whose values hang on others' have no interval;
-    without names, intervals hold for the values of what was kept.
+    values. Of parameters named in `free`, those whose values hang on others' have no interval.
 
     Args:
         machine: nominal values, bounds from its physics.
@@ -91,11 +99,7 @@ def split(
 
 
 def check_names(machine: Machine, free: Sequence[str], fixed: Sequence[str]) -> None:
-    """Refuse names that the machine does not have, and both lists at once.
-
-    Raises:
-        OptionError: as said.
-    """
+    """Refuse names that the machine lacks, and both lists at once, with an OptionError."""
     if free and fixed:
         raise OptionError("--free", "either the free parameters or the fixed ones", "both")
     known = [p.name for p in machine.model.parameters]
@@ -141,11 +145,11 @@ class _Work:
         self.reasons: dict[str, str] = {}
         for p in self.physics.parameters:
             if free and p.name not in free:
-                self.reasons[p.name] = notes.NOT_NAMED
+                self.reasons[p.name] = Reason.NOT_NAMED
             elif p.name in fixed:
-                self.reasons[p.name] = notes.AS_ASKED
+                self.reasons[p.name] = Reason.AS_ASKED
             elif not free and (p.default is not None or self.values[p.name] == 0):
-                self.reasons[p.name] = notes.OPTIONAL
+                self.reasons[p.name] = Reason.OPTIONAL
         self._doing = "looking at what the recording determines"
         self._tick = tick
 
@@ -158,13 +162,13 @@ class _Work:
         if not state.seen.determined:
             nominal = free_run_error(self.machine, self.experiments)
             if free_run_error(machine, self.experiments).rmse < GAIN_RATIO * nominal.rmse:
-                raise LdtError(notes.nothing_determined(self.experiments))
+                raise LdtError(nothing_determined(self.experiments))
             estimates = [replace(e, value=e.nominal) for e in estimates]
             machine = self.machine
         fixed = dict(self.reasons)
         for name in state.seen.names:
             if name not in state.coordinates.names and not self.named:
-                fixed[name] = notes.SILENT if name in state.seen.silent else notes.GROUPED
+                fixed[name] = Reason.SILENT if name in state.seen.silent else Reason.GROUPED
         order = [p.name for p in self.physics.parameters if p.name in fixed]
         errors: dict[str, tuple[FreeRunError, FreeRunError]] = {}
         numbers: dict[str, list[int]] = {}
@@ -177,9 +181,10 @@ class _Work:
         if after.rmse > FAILURE_RATIO * before.rmse and not self._start_explains(state):
             raise LdtError(
                 f"calibration failed: the free-run error did not go down ({before.rmse:.4g} rad/s "
-                f"before, {after.rmse:.4g} rad/s after); {notes.SUGGEST_FREE}"
+                f"before, {after.rmse:.4g} rad/s after); "
+                "free other parameters or check the machine file"
             )
-        vague = [[n] for n, reason in self.reasons.items() if reason == notes.VAGUE]
+        vague = [[n] for n, reason in self.reasons.items() if reason == Reason.VAGUE]
         noise = {"speed": state.runs.noise[0]}
         if state.runs.has_current:
             noise["current"] = state.runs.noise[1]
@@ -195,11 +200,14 @@ class _Work:
             experiments=numbers,
             notes=(),
         )
-        told = notes.notes(calibration, state.seen, state.runs.white, GAIN_RATIO)
-        told += notes.bounds(state.coordinates, state.z)
-        told += notes.excitation(self.experiments)
+        told = notes(calibration, state.seen, state.runs.white, GAIN_RATIO)
+        told += bound_notes(state.coordinates, state.z)
+        told += excitation_notes(self.experiments)
         if not state.converged:
-            told.append(notes.NOT_CONVERGED)
+            told.append(
+                "The fit had not quite settled when it was stopped; the values may still move a "
+                "little."
+            )
         return replace(calibration, notes=tuple(told)).with_recordings(())
 
     def _start_explains(self, state: _State) -> bool:
@@ -220,13 +228,13 @@ class _Work:
             if not state.seen.determined:
                 return state
             if set(state.seen.determined) != set(state.coordinates.names) and not last:
-                prefer, values = state.seen.determined, {**self.values, **_only(state)}
+                prefer, values = state.seen.determined, state.values
                 continue
             errors = state.uncertainty.errors / state.coordinates.sizes(state.z)
             worst = int(np.argmax(errors))
             if self.named or errors[worst] <= MOST_ERROR or last:
                 return state
-            self.reasons[state.coordinates.names[worst]] = notes.VAGUE
+            self.reasons[state.coordinates.names[worst]] = Reason.VAGUE
             prefer, values = (), self.values
         raise AssertionError  # the last pass returns
 
@@ -234,7 +242,7 @@ class _Work:
         self._doing = "looking at what the recording determines"
         parameters = [p for p in self.physics.parameters if p.name not in self.reasons]
         if not parameters:
-            raise LdtError(notes.nothing_determined(self.experiments))
+            raise LdtError(nothing_determined(self.experiments))
         whole = Coordinates(
             [coordinate(self.physics, self.values, p, self.experiments) for p in parameters],
             self.values,
@@ -249,7 +257,7 @@ class _Work:
         runs.settle(at, estimate=False)
         seen, _ = self._examine(runs, whole, candidates[0], prefer)
         if not seen.determined:
-            raise LdtError(notes.nothing_determined(self.experiments))
+            raise LdtError(nothing_determined(self.experiments))
         inner = Coordinates([c for c in whole.free if c.name in seen.determined], self.values)
         picked = [whole.names.index(n) for n in inner.names]
         best: tuple[Array, bool, CalibrationRuns] | None = None
@@ -308,7 +316,3 @@ class _Work:
                 ParameterEstimate(c.name, c.parameter.unit, c.nominal, value, interval)
             )
         return estimates, self.machine.with_parameters(**{e.name: e.value for e in estimates})
-
-
-def _only(state: _State) -> dict[str, float]:
-    return {n: state.values[n] for n in state.coordinates.names}

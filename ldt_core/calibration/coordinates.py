@@ -12,11 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.physics.parameter import Parameter
-
-Array = NDArray[np.float64]
 
 SEARCH_FACTOR = 1000.0  # either way from the start: beyond three decades it is no calibration
 LEAST_SIZE = 0.1  # of its scale: a parameter that may be 0 counts as at least this large
@@ -25,12 +23,9 @@ ON_BOUND = 1e-4  # of a coordinate: nearer than this to its bound, a parameter h
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One free parameter.
+    """One free parameter, the machine file's value of it, and the value that counts as 1.
 
-    Args:
-        parameter: name, unit and bounds.
-        nominal: the machine file's value.
-        scale: the value that counts as 1: the nominal one, or a typical one where that is 0.
+    The last is the nominal one, or a typical one where that is 0.
     """
 
     parameter: Parameter
@@ -70,12 +65,7 @@ class Coordinate:
 
 
 class Coordinates:
-    """The free parameters of a fit, with all others at their values.
-
-    Args:
-        free: the free ones, in order.
-        values: all parameters of the machine.
-    """
+    """The free parameters of a fit, in order, with all others of the machine at their `values`."""
 
     def __init__(self, free: Sequence[Coordinate], values: Mapping[str, float]) -> None:
         self.free, self.fixed = tuple(free), dict(values)

@@ -1,13 +1,13 @@
 """What a recording determines, from sensitivities alone, before any fit.
 
 The sensitivities of the free run to the logarithms of the parameters (start states projected out,
-in noise deviations) are compressed to their triangle R (p, p). Its singular values are the inverse
-standard errors of the combinations of parameters along its singular vectors. The largest set of
-columns that is well-conditioned is called determined; every other parameter then either moves the
-free run only as some of the determined ones do (a group, with exponents) or not at all. Subset
-selection on scaled sensitivities: Brun, Reichert, Kuensch, "Practical identifiability analysis of
-large environmental simulation models", Water Resources Research 37, 2001. The statement is local:
-it is made at the machine file's values and again at the fitted ones.
+in noise deviations) are compressed to their triangle R (p, p). The largest well-conditioned set of
+columns is called determined; every other parameter then either moves the free run only as some of
+the determined ones do (a group, with exponents) or not at all. The statement is local: it is made
+at the machine file's values and again at the fitted ones.
+
+Reference: Brun, Reichert, Kuensch, "Practical identifiability analysis of large environmental
+simulation models", Water Resources Research 37, 2001.
 """
 
 from __future__ import annotations
@@ -18,9 +18,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ldt_core.base.arrays import Array
 
 MOST_ERROR = 0.25  # standard error of a logarithm: 95 % lie within a factor of 1.6 either way
 EXACT_TOLERANCE = 1e-6  # of the largest singular value: rounding of difference quotients
@@ -99,15 +98,14 @@ def examine(
 ) -> Identifiability:
     """Find the largest determined set.
 
+    Among sets of equal size it is the one whose members would suffer least from wrong values of the
+    parameters left out.
+
     Args:
         names: (p,) parameters.
         sensitivities: (N, p) change of the free run per coordinate, in noise deviations.
         exact: whether they come from an exact solution, so that small ones count.
         prefer: a set to stay with as long as it is determined and none is larger.
-
-    Returns:
-        Identifiability; among sets of equal size, the one whose members would suffer least from
-        wrong values of the parameters left out.
     """
     tolerance = EXACT_TOLERANCE if exact else INTEGRATED_TOLERANCE
     triangle: Array = np.asarray(np.linalg.qr(sensitivities, mode="r"))
@@ -153,8 +151,9 @@ def _errors(columns: Array, tolerance: float) -> Array:
 def _price(
     triangle: Array, loud: Sequence[int], chosen: tuple[int, ...], tolerance: float
 ) -> tuple[float, float]:
-    """What fixing the others costs: how far a wrong value of theirs would move the chosen ones,
-    then how uncertain these are. Decades, so that of equals those listed first are free."""
+    """What fixing the others costs: how far wrong values of theirs would move the chosen ones, then
+    how uncertain these are. In decades, so that of equals those listed first are free.
+    """
     others = [j for j in loud if j not in chosen]
     shares = _shares(triangle[:, chosen], triangle[:, others], tolerance)
     errors = _errors(triangle[:, chosen], tolerance)

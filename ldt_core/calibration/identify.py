@@ -155,11 +155,7 @@ def identify_machine(
 
 
 def _refuse(form: MotorResponse, linear: Identified, experiments: list[Experiment]) -> None:
-    """Refuse what is no motor.
-
-    Raises:
-        LdtError: as said, with what was found.
-    """
+    """Refuse what is no motor, with an LdtError that says what was found."""
     shown = _described(linear)
     longest = max(e.duration for e in experiments)
     if form.gain <= 0:

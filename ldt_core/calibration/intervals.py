@@ -20,11 +20,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import matmul_toeplitz
 from scipy.special import stdtrit
 
-Array = NDArray[np.float64]
+from ldt_core.base.arrays import Array
 
 FEWEST_CLUSTERS = 8  # experiments from which their scatter says more than a model of the noise
 LEFT_WITHOUT_ONE = 0.1  # of the information on a direction, at least, when one is left out
@@ -35,12 +34,8 @@ RIDGE = 1e-14  # of the information: rounding, so that a direction without any c
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Covariance of the fitted coordinates.
-
-    Attributes:
-        covariance: (p, p).
-        freedom: degrees of freedom of Student's t.
-        method: in words.
+    """Covariance (p, p) of the fitted coordinates, degrees of freedom of Student's t, method in
+    words.
     """
 
     covariance: Array
@@ -74,10 +69,9 @@ def uncertainty(
     """Covariance of the estimate.
 
     Args:
-        sensitivities: an (rows, p) a experiment, start states eliminated.
-        residuals: a (rows,) a experiment, at the fit.
-        lengths: samples of each experiment; `lengths` rows are the speed, the next ones, if there
-            are as many, the current, the rest belongs to start states.
+        sensitivities: a (rows, p) for each experiment, start states eliminated.
+        residuals: a (rows,) for each, at the fit: speed, current if measured, start states.
+        lengths: samples of each experiment.
         unknowns: start states that were estimated, all experiments together.
     """
     information = [s.T @ s for s in sensitivities]

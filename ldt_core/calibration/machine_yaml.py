@@ -17,11 +17,13 @@ from ldt_core.machine.machine_file import Machine
 COMMENT_COLUMN = 16  # at which the comments on parameters begin
 
 
-def write_machine_file(calibration: Calibration, file: str | Path, force: bool = False) -> None:
-    """Write the calibrated machine.
+def write_machine_file(
+    found: Calibration | EquivalentMotor, file: str | Path, force: bool = False
+) -> None:
+    """Write the machine that was found, whole or not at all.
 
     Args:
-        calibration: its machine goes into the file.
+        found: by a calibration or an identification.
         file: where to; the folder must exist.
         force: overwrite what is there.
 
@@ -29,30 +31,13 @@ def write_machine_file(calibration: Calibration, file: str | Path, force: bool =
         OptionError: the file exists and is not to be overwritten, or its folder does not exist.
         OSError: it cannot be written.
     """
-    write(machine_text(calibration), file, force)
-
-
-def write_equivalent(found: EquivalentMotor, file: str | Path, force: bool = False) -> None:
-    """Write the motor that is equivalent to an unknown machine; as `write_machine_file`."""
-    write(equivalent_text(found), file, force)
-
-
-def write(text: str, file: str | Path, force: bool) -> None:
-    """Write the text whole or not at all.
-
-    Raises:
-        OptionError, OSError: as `write_machine_file`.
-    """
     check_new(file, force)
+    text = machine_text(found) if isinstance(found, Calibration) else equivalent_text(found)
     result_files.write(Path(file), text)
 
 
 def check_new(file: str | Path, force: bool) -> None:
-    """Refuse a file that exists or cannot be made, before any work is done.
-
-    Raises:
-        OptionError: as `write_machine_file`.
-    """
+    """Refuse a file that exists or cannot be made, as `write_machine_file` would."""
     result_files.check_target(file)
     if Path(file).exists() and not force:
         expected = "a new file, or --force to overwrite it"

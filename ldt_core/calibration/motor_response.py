@@ -14,14 +14,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
 from ldt_core.estimation.least_squares import trust_region
 from ldt_core.estimation.linear import Identified, StateSpace, identify
 from ldt_core.estimation.variable_projection import project_out
-
-Array = NDArray[np.float64]
 
 LEAST_TIME = 0.01  # sample periods: an electric time constant that no sample shows, cheap to run
 AT_BOUND = 2 * LEAST_TIME  # sample periods: an electric time constant below has run into its bound
@@ -78,10 +76,10 @@ class MotorResponse:
 def fit_response(
     experiments: Sequence[Experiment], linear: Identified, order: int = 0, offset: bool = True
 ) -> MotorResponse:
-    """The motor's response that is nearest to the experiments.
+    """The motor's response that is nearest to experiments of one sample period.
 
     Args:
-        experiments: of one sample period; each with a start state of its own.
+        experiments: each with a start state of its own.
         linear: the model identified from them, to begin with.
         order: number of time constants, 1 or 2; 0 takes that of `linear`, 2 at most.
         offset: whether there may be one.

@@ -78,7 +78,7 @@ def command(
     Example: ldt identify bag --out unknown.yaml
     """
     from ldt_core.calibration.identify import identify_machine
-    from ldt_core.calibration.machine_yaml import check_new, write_equivalent
+    from ldt_core.calibration.machine_yaml import check_new, write_machine_file
     from ldt_core.cli.recordings import read_recordings
 
     check_new(out, force)
@@ -93,7 +93,7 @@ def command(
             holdout=holdout,
             tick=tick,
         ).with_recordings(recordings)
-    write_equivalent(found, out, force)
+    write_machine_file(found, out, force)
     if as_json:
         machine = found.machine
         record = {"machine": machine.name, "out": out, "parameters": dict(machine.parameters)}

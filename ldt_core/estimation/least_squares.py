@@ -1,11 +1,8 @@
 """Bounded nonlinear least squares, by which every fit in free run finds its parameters.
 
 A fit gives its residuals in noise deviations; a prior is one more row, (z - mean) / deviation.
-Start states are eliminated beforehand (`variable_projection`) or are coordinates with priors.
-
-`trust_region` is the rule. `levenberg_marquardt` is for free runs that are linear over a small step
-only. `linear.levenberg_marquardt` stays apart: it works on sums of products that one compiled pass
-makes, so its residuals never exist as rows, and it has the damping of another reference.
+`trust_region` is the rule; `levenberg_marquardt` is for free runs that are linear over a small step
+only. `linear.levenberg_marquardt` is apart: its residuals never exist as rows.
 """
 
 from __future__ import annotations
@@ -15,11 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 
-Array = NDArray[np.float64]
 #: (p,) coordinates -> (N,) residuals, or (N, p) their derivatives.
 Residual = Callable[[Array], Array]
 
@@ -34,13 +30,7 @@ CURVATURE_FLOOR = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where a search ended.
-
-    Attributes:
-        z: (p,) coordinates.
-        residual: (N,) there.
-        jacobian: (N, p) there.
-    """
+    """Where a search ended: (p,) coordinates, (N,) residual and (N, p) Jacobian there."""
 
     z: Array
     residual: Array
@@ -60,8 +50,7 @@ def trust_region(
     Args:
         residual: in noise deviations.
         start: (p,) within the bounds.
-        low: (p,) or one for all, bounds.
-        high: likewise.
+        low, high: (p,) or one for all, bounds.
         jacobian: of the residual; None takes difference quotients.
         tolerances: xtol, ftol, gtol and max_nfev of `scipy.optimize.least_squares`.
 
@@ -94,14 +83,12 @@ def levenberg_marquardt(
     """(p,) the minimum reached by damped Gauss-Newton steps of limited length.
 
     scipy's `least_squares` can neither limit each component of a step nor stop where a step changes
-    the samples by less than the noise, so its numbers would be others.
+    the samples by less than the noise.
 
     Args:
-        residual: in noise deviations.
-        jacobian: its derivative.
+        residual, jacobian: in noise deviations.
         start: (p,).
-        low: (p,) bounds.
-        high: (p,) bounds.
+        low, high: (p,) bounds.
         longest: (p,) change of each coordinate by one step, at most.
         steps: accepted steps at most.
         least_change: of all samples together, in deviations of the present residual. A step that

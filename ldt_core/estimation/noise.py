@@ -6,9 +6,8 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ldt_core.base.arrays import Array
 
 THIRD_DIFFERENCE = math.sqrt(20)  # standard deviation of that of white noise with deviation 1
 NORMAL_MEDIAN = 0.6745  # of the size of a standard normal number
@@ -49,8 +48,7 @@ def correlation_time(residual: Array) -> float:
 def common_correlation_time(residuals: Sequence[Array]) -> float:
     """The same for several residuals (L,) of one process, over all lags.
 
-    Apart from `correlation_time` in the last digits, which models keep: it divides the covariances
-    before they are summed up, and pads to a power of two.
+    It divides the covariances before they are summed up, and pads to a power of two.
     """
     longest = max(r.size for r in residuals)
     size = 2 ** int(np.ceil(np.log2(2 * longest)))

@@ -12,9 +12,8 @@ and its applications", Inverse Problems 19 (2003) R1-R26.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ldt_core.base.arrays import Array
 
 #: Singular value of columns of length 1, at least: below, a direction is already in the others.
 LEAST_SINGULAR = 1e-6

@@ -236,11 +236,7 @@ def machine_from_dict(data: Any, source: str) -> Machine:
 
 
 def mapping_of(where: str, value: Any) -> dict[str, Any]:
-    """A section of a machine file.
-
-    Raises:
-        MachineFileError: anything but names with values.
-    """
+    """A section of a machine file; a MachineFileError where it is no names with values."""
     if not isinstance(value, Mapping) or not all(isinstance(k, str) for k in value):
         raise MachineFileError(where, "names with values (a YAML mapping)", described(value))
     return dict(value)
@@ -249,11 +245,7 @@ def mapping_of(where: str, value: Any) -> dict[str, Any]:
 def check_keys(
     where: str, data: Mapping[str, Any], required: tuple[str, ...], optional: tuple[str, ...]
 ) -> None:
-    """Refuse a section that lacks a key, or has one that nobody knows.
-
-    Raises:
-        MachineFileError: as said.
-    """
+    """Refuse a section that lacks a key, or has one that nobody knows (MachineFileError)."""
     for key in required:
         if key not in data:
             raise MachineFileError(where, f"the key {key!r}", f"only {sorted(data)}")

@@ -23,8 +23,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import MachineFileError, did_you_mean
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import FROM_FILE
@@ -98,7 +98,7 @@ class Plant:
         self.start_time = start_time
         self.measure_current = measure_current
         # With `continue`: the last experiment simulated, and the state in which it ended.
-        self._ended: tuple[int, NDArray[np.float64]] | None = None
+        self._ended: tuple[int, Array] | None = None
         for number in (1, experiments):
             for effect, given in self.acting(number):
                 effect.change_parameters(self.physics, machine.parameters, given)
@@ -176,7 +176,7 @@ class Plant:
     def _random(self, number: int, stream: int) -> np.random.Generator:
         return np.random.default_rng(np.random.SeedSequence([self.seed, number, stream]))
 
-    def _simulate(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _simulate(self, number: int) -> tuple[Array, Array]:
         """(voltage (L,), states (L + 1, n)): the last state is where the experiment ends."""
         samples, period = self.machine.samples, self.machine.sample_period
         seed = np.random.SeedSequence([self.seed, number, VOLTAGE])
@@ -188,7 +188,7 @@ class Plant:
         self._ended = number, states[-1]
         return volts, states
 
-    def _first_state(self, number: int) -> NDArray[np.float64]:
+    def _first_state(self, number: int) -> Array:
         state = self.physics.initial_state(self.machine.parameters, 0.0)
         if self.start == "random":
             state[ANGLE] = self._random(number, START).uniform(0.0, 2 * math.pi)

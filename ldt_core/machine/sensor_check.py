@@ -63,10 +63,8 @@ def sound(machine: Machine, experiments: Sequence[Experiment]) -> tuple[list[Exp
 def _stuck(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> str:
     """The same speed to the last bit for longer than chance allows, while the voltage moves.
 
-    A noisy sensor hardly ever repeats itself; one of coarse steps does for long, as the other
-    repetitions show. At rest a sensor without noise may well show 0 for ever, so that only an
-    experiment that is nothing else is refused then: whether the rotor is blocked or the sensor
-    dead, there is nothing to learn from it.
+    At rest a sensor without noise may well show 0 for ever, so that only an experiment that is
+    nothing else is refused then.
     """
     begin, stop = _longest_run(e.speed)
     value = float(e.speed[begin])
@@ -201,27 +199,20 @@ def _most(speed: Samples) -> int:
 def _usually(
     count: Callable[[Samples], int], own: Sequence[Samples], before: Sequence[Samples]
 ) -> float:
-    """How often this sensor repeats a value: here, or in every other experiment before.
-
-    Not in the one that does it most: a fault may have begun there unseen.
+    """How often this sensor repeats a value: here, or in the median experiment before, as a fault
+    may have begun unseen in the one that does it most.
     """
     here = float(max(count(speed) for speed in own))
     return max(here, float(np.median([count(s) for s in before]))) if before else here
 
 
 def _expected(times: int, samples: int, usual: float, others: Sequence[Samples]) -> float:
-    """How often a value may be expected so many times among so many samples, at most.
+    """How often a value may be expected so many `times` among so many `samples`, at most.
 
     Whatever the noise and the sensor's steps, one more repetition is as much less likely as the
-    most that have been seen say: they were to be expected once among all the others. That holds for
-    repetitions that come by chance. A sensor that repeats itself more than a tossed coin does has
-    steps so coarse that it stands still whenever the machine does: of it nothing is said.
-
-    Args:
-        times: that the value came.
-        samples: among which it came.
-        usual: the most times that one came among the others.
-        others: further samples of this sensor.
+    `usual` most that have been seen among the `others` say. That holds for repetitions that come by
+    chance. A sensor that repeats itself more than a tossed coin does has steps so coarse that it
+    stands still whenever the machine does: of it nothing is said.
     """
     count = sum(speed.size for speed in others) + 1
     if usual > 1 + math.log2(count):

@@ -16,8 +16,7 @@ from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.effects.change_description import change_of
 from ldt_core.estimation.effect.cause import Cause, UncertainStart
 from ldt_core.estimation.effect.global_search import EffectSearch
-from ldt_core.estimation.effect.learn_effect import EffectLearner, LearnedEffect
-from ldt_core.estimation.effect.sigma_points import SigmaPoint
+from ldt_core.estimation.effect.learn_effect import EffectLearner, LearnedEffect, SigmaPoint
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
@@ -45,21 +44,16 @@ class DiagnosedModel(Model):
     """Free run of the whole physics with one effect, whose parameters are what is learned.
 
     `fit` finds them by free runs from the start of each experiment (`ldt_core.estimation.effect`).
-    The physics stays as it is, so that few numbers have to be learned, one experiment is
-    enough, and what was learned says what has happened to the machine. If something else has
-    happened, the model cannot follow: then the adaptor's gate refuses it, or the residual stays.
-
-    The effect is named beforehand, or by the diagnoses of the running machine (`informed`): until
-    one names it there is none, and nothing is learned; a later one may name another. Of effects
-    that act together the one that explains most is learned, alone.
-
-    Nothing else has to be told beforehand:
+    The physics stays as it is, so that one experiment is enough, and what was learned says what has
+    happened to the machine. If something else has happened, the model cannot follow: then the
+    adaptor's gate refuses it, or the residual stays. The effect is named beforehand, or by the
+    diagnoses of the running machine (`informed`): until one names it there is none, and nothing is
+    learned.
 
     - The noise is what the fit leaves; the deviation of every prediction contains it.
     - A machine whose first sample is within 4 deviations of the noise from 0 stood still. Its shaft
       angle is estimated, and the angles of all experiments learned from tell whether it is the same
-      every time. If so, predictions start there; if not, they are the median over all angles, which
-      had the least expected maximum error of the point predictions tried (mean, best single angle).
+      every time. If so, predictions start there; if not, they are the median over all angles.
     - A running machine starts at its first measured speed, its foundation as after a long run at
       that speed, at any angle.
 
@@ -219,9 +213,8 @@ class DiagnosedModel(Model):
     def fit(self, experiments: Sequence[Experiment]) -> Self:
         """Find the effect's parameters; the physics stays as it is.
 
-        Of several experiments those count which the machine of the newest one can have made;
-        `trained_on` names them. Start angles that earlier versions found are kept, and weighed
-        with the new ones.
+        Of several experiments those count which the machine of the newest one can have made. Start
+        angles that earlier versions found are kept, and weighed with the new ones.
 
         Raises:
             LdtError: no or too few samples, or experiments that say nothing about this effect.
@@ -253,8 +246,7 @@ class DiagnosedModel(Model):
         """Noise and the independent samples that it is known from.
 
         A cause that changes does not change the sensor. So what earlier versions found counts as
-        well, unless the residual contradicts it: the deviation of a prediction would otherwise vary
-        from version to version with one experiment's noise, and be no yardstick over a life.
+        well, unless the residual contradicts it.
         """
         new = sum(len(e) for e in learned.used) / learned.memory
         old = self.noise_samples

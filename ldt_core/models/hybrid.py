@@ -8,17 +8,16 @@ from typing import Any, Self
 
 import numpy as np
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError, OptionError, did_you_mean
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.threads import one_thread
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
-from ldt_core.models.gaussian_process.compiled import INPUTS, compile_run
-from ldt_core.models.gaussian_process.kernel import Array, Kernel
 from ldt_core.models.gaussian_process.learn import LearnedAcceleration, learn, persistence
 from ldt_core.models.gaussian_process.observer import MotorRun
-from ldt_core.models.gaussian_process.sparse import SparsePosterior
-from ldt_core.models.gaussian_process.speed_run import spread
+from ldt_core.models.gaussian_process.sparse import Kernel, SparsePosterior
+from ldt_core.models.gaussian_process.speed_run import INPUTS, compile_run, spread
 from ldt_core.models.physics import PhysicsModel
 from ldt_core.physics.base import CURRENT
 from ldt_core.physics.zero_order_hold import zero_order_hold
@@ -28,28 +27,22 @@ class HybridModel(Model):
     """y_{k+1} = y_k + f_p(u_k, y_k) + f_d(y_k) in closed loop (paper, "Hybrid model").
 
     f_p is the ideal machine: the motor with its inertia and viscous friction,
-    `Physics.state_space`, exact for held voltage. Of a rotor with e or g other than 0 it is the
-    motor all the same. Its current is carried along, since without it the speed is off by up to
-    0.46 rad/s:
+    `Physics.state_space`, exact for held voltage, of a rotor the motor all the same. Its current is
+    carried along, since without it the speed is off by up to 0.46 rad/s:
 
         [i; w]_{k+1} = Ad [i; w]_k + Bd u_k + Gd f_d(w_k)
 
     f_d is a Gaussian process, zero until trained and zero far from what it was trained on. It is
     kept as an acceleration [rad/s²] that is held over a sample like the voltage, so that another
-    sample period T is predicted too: what the paper calls f_d, a change of speed in one sample, is
-    ours times the second component of Gd, about T.
-
-    The equation is the paper's; the training is better than a regression on one-step differences,
-    which sensor noise biases: see `gaussian_process.observer`. The physics carries the current
-    under the measured speeds from the first measured current (or the one that holds the first
-    speed). Later measured currents are not used, because the free run that the training is for has
-    none: were they used, f_d would not learn what is wrong with the armature.
+    sample period is predicted too. The training is better than a regression on one-step
+    differences, which sensor noise biases: see `gaussian_process.observer`. The physics carries the
+    current under the measured speeds from the first measured current (or the one that holds the
+    first speed); were later ones used, f_d would not learn what is wrong with the armature.
 
     `parameters`: `machine`, the physics parameters; `gaussian_process`, None or a mapping of
     `inputs`, `signal_std` [rad/s²], `length_scales` (unit of each input), `inducing` (m, d),
     `weights` (m,), `explained` (lower triangle by rows), `noise_std` [rad/s], `disturbance_std`
-    [rad/s²], `memory` [s], `span` and `rmse` [rad/s]: see `gaussian_process.sparse` and
-    `gaussian_process.learn`.
+    [rad/s²], `memory` [s], `span` and `rmse` [rad/s]: see `gaussian_process`.
 
     Args (and those of `Model`):
         gp_inputs: of f_d in `fit`: speed (as in the paper), voltage, current.
@@ -98,9 +91,8 @@ class HybridModel(Model):
     def predict(self, experiment: Experiment) -> Prediction:
         """Free run from the first measured speed (and current, where there is one).
 
-        `speed_std` is the deviation of the measured speed: function, start, disturbance and sensor
-        noise, to first order (`gaussian_process.speed_run`), and not more than the span of the
-        speeds trained on. None while untrained.
+        `speed_std` is the deviation of the measured speed, at most the span of the speeds trained
+        on (`gaussian_process.speed_run`). None while untrained.
 
         Raises:
             ExperimentError: the voltage is so large that the free run overflows.

@@ -6,19 +6,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.estimation.linear import StateSpace, identify
 from ldt_core.estimation.linear.alternatives import squared_distances
 from ldt_core.estimation.linear.identification import MOST_ORDER
-from ldt_core.estimation.linear.run_start import StartRule
-from ldt_core.estimation.linear.state_space import discretise
+from ldt_core.estimation.linear.state_space import StartRule, discretise
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
-
-Array = NDArray[np.float64]
 
 
 class LinearModel(Model):
@@ -32,7 +29,7 @@ class LinearModel(Model):
     (standard deviation of the residual of the fit [rad/s], null when untrained), `fit_percent`
     (MATLAB's, null when untrained), `held_out` (order → error on samples left out [rad/s], when the
     order was chosen), `states` (names of the states, where they are physical), `start` (`state` and
-    `per_speed`, see `estimation.linear.run_start`) and `others`, models that the data allow as
+    `per_speed`, see `estimation.linear.state_space`) and `others`, models that the data allow as
     well, for the deviation (`A`, `B`, `offset`, their `state` and `per_speed`, `weight`).
 
     Args (and those of `Model`):
@@ -82,12 +79,9 @@ class LinearModel(Model):
     def predict(self, experiment: Experiment) -> Prediction:
         """Free run over the voltage from the first speed.
 
-        Untrained it starts in the steady state that has this speed, as the physics does, and from
-        the measured first current where there is one. Trained it starts by the rule that served
-        the experiments learned from better (`estimation.linear.run_start`).
-
-        `speed_std` is that of the residuals of the fit, together with what the parameters and the
-        start may be off (`estimation.linear.alternatives`); None when untrained.
+        Untrained it starts in the steady state that has this speed, and from the measured first
+        current where there is one; trained by a rule learned too (`estimation.linear.state_space`).
+        `speed_std` is None when untrained, else what residuals, parameters and start may be off.
         """
         first, period = float(experiment.speed[0]), experiment.period
         if self.learned is not None:

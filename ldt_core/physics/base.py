@@ -1,7 +1,7 @@
 """What the twin asks of whatever simulates a machine: the narrow interface of every physics.
 
-Models, fits and diagnosis know a machine by this class alone. A simulator of somebody else joins by
-a subclass of its own; what this project integrates itself is `motor_driven.MotorDriven`.
+A simulator of somebody else joins by a subclass of its own; what this project integrates itself is
+`motor_driven.MotorDriven`.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ldt_core.base.arrays import Array
 from ldt_core.physics.constants import MAX_STEP, NOT_TRACKED, Tracked
 from ldt_core.physics.parameter import Parameter
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from ldt_core.physics.effect import Effect
 
 Values = Mapping[str, float]
-Array = NDArray[np.float64]
 #: Effects that act, each with all its parameters' values, in the order in which they act.
 Effects = Sequence[tuple["Effect", Values]]
 
@@ -128,10 +128,7 @@ class Physics(abc.ABC):
         return speed
 
     def behind_sensor(self, shown: Array, period: float, effects: Effects = ()) -> Array:
-        """(L,) speed that a sensor with these effects shows as `shown` (L,) [rad/s].
-
-        By a few rounds of a fixed point, so that a slow sensor's inverse does not blow up noise.
-        """
+        """(L,) speed that a sensor with these effects shows as `shown` (L,) [rad/s]."""
         on_sensor = [(effect, given) for effect, given in effects if effect.on_measurement]
         if not on_sensor:
             return shown

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ldt_core.base.arrays import Array
+
 #: Speeds to follow (L,) [rad/s] or none (0,), and the part of the difference taken at a sample.
 Tracked = tuple[Array, float]
 

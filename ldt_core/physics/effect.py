@@ -28,13 +28,12 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import OptionError, did_you_mean
 from ldt_core.physics.parameter import Parameter
 from ldt_core.physics.terms import Terms, compile_term
 
-Array = NDArray[np.float64]
 Values = Mapping[str, float]
 
 

@@ -19,12 +19,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.physics.constants import MAX_STEP, NOT_TRACKED, Constants, Equations, Tracked
 from ldt_core.physics.effect import Effect, gather
 from ldt_core.physics.terms import evaluate, forget, is_quiet
-
-Array = NDArray[np.float64]
 
 MAX_STEP_RATE = 1.0  # step times fastest rate: RK4 is stable to 2.8, and accurate well below
 MAX_STEPS = 2_000_000_000  # of one simulation: some minutes of computing; more is a mistake
@@ -97,8 +96,7 @@ def _coefficients(c: Constants) -> Coefficients:
 def turned(s, o, theta, delta):  # pragma: no cover - compiled
     """Sine and cosine of theta + delta from those of theta: a step turns the shaft very little.
 
-    Power series to delta^9 and delta^10, exact to rounding below SMALL_TURN, at a fifth of the time
-    of the library's functions, which would take most of a step.
+    Power series, exact to rounding below SMALL_TURN, at a fifth of the library functions' time.
     """
     if abs(delta) > SMALL_TURN:
         return math.sin(theta + delta), math.cos(theta + delta)
@@ -299,9 +297,7 @@ def integrate(
             the experiment), and (S,) levels [V]: each level holds from its time to the next.
         initial: (n,) state at time 0, effects' states behind it or left out (then 0).
         terms: effects with a torque or terminal term.
-        max_step: longest step [s]; made shorter for a stiffer machine.
-        tracked: speeds to follow, see `Physics.simulate`.
-        least_step: [s] no step is made shorter for stiffness than this.
+        max_step, tracked, least_step: as for `Physics.simulate`.
 
     Returns:
         (L, n) states, effects' states in further columns.

@@ -12,7 +12,8 @@ import math
 
 import numpy as np
 
-from ldt_core.physics.base import Array, Values
+from ldt_core.base.arrays import Array
+from ldt_core.physics.base import Values
 from ldt_core.physics.constants import Constants
 from ldt_core.physics.motor_driven import MotorDriven
 from ldt_core.physics.parameter import Parameter

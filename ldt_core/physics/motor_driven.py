@@ -8,7 +8,8 @@ import functools
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ldt_core.physics.base import CURRENT, SPEED, Array, Effects, Physics, Values
+from ldt_core.base.arrays import Array
+from ldt_core.physics.base import CURRENT, SPEED, Effects, Physics, Values
 from ldt_core.physics.constants import MAX_STEP, NOT_TRACKED, Constants, Tracked
 from ldt_core.physics.zero_order_hold import zero_order_hold
 

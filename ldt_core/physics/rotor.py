@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import cmath
 
-from ldt_core.physics.base import Array, Values
+from ldt_core.base.arrays import Array
+from ldt_core.physics.base import Values
 from ldt_core.physics.constants import Constants
 from ldt_core.physics.motor import MOTOR_PARAMETERS, fastest_root, motor_rate, motor_system
 from ldt_core.physics.motor_driven import MotorDriven

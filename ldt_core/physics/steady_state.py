@@ -14,8 +14,10 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
+
+from ldt_core.base.arrays import Array
 
 GRID = 20_000  # speeds at which the sign of dV/domega is looked at, before each fold is polished
 FINE_GRID = 1000  # the same between two of these where two folds lie
@@ -37,7 +39,7 @@ def has_foundation(values: Values) -> bool:
     return all(name in values for name in ("e", "m", "M", "K_x", "K_y", "R_x", "R_y"))
 
 
-def unbalance_torque(values: Values, speed: ArrayLike) -> NDArray[np.float64]:
+def unbalance_torque(values: Values, speed: ArrayLike) -> Array:
     """Mean torque T_e that the foundation takes at constant speed [N m].
 
     sum over x, y of (m e)^2 w^5 R / (2 [(K - (M+m) w^2)^2 + (w R)^2])
@@ -52,7 +54,7 @@ def unbalance_torque(values: Values, speed: ArrayLike) -> NDArray[np.float64]:
     return total
 
 
-def steady_voltage(values: Values, speed: ArrayLike) -> NDArray[np.float64]:
+def steady_voltage(values: Values, speed: ArrayLike) -> Array:
     """Voltage that holds a speed: (R / K_t) (T_e + b w) + K_t w [V]."""
     w = np.asarray(speed, dtype=np.float64)
     torque = unbalance_torque(values, w) + values["b"] * w
@@ -62,7 +64,7 @@ def steady_voltage(values: Values, speed: ArrayLike) -> NDArray[np.float64]:
 def folds(values: Values, highest: float) -> list[Fold]:
     """The folds below the speed `highest` [rad/s], in order of speed."""
 
-    def slope(w: float | NDArray[np.float64]) -> NDArray[np.float64]:
+    def slope(w: float | Array) -> Array:
         h = DERIVATIVE_STEP * w
         return (steady_voltage(values, w + h) - steady_voltage(values, w - h)) / (2 * h)
 

@@ -25,6 +25,7 @@ from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import OptionError
 
 _F, _POINTER = types.float64, types.CPointer(types.float64)
@@ -41,11 +42,11 @@ class Terms(NamedTuple):
     stateful: NDArray[np.bool_]
     first_parameter: NDArray[np.int64]
     first_state: NDArray[np.int64]
-    parameters: NDArray[np.float64]
+    parameters: Array
     watched: NDArray[np.bool_]  # those that ask for shorter steps than the machine itself does
-    least: NDArray[np.float64]  # value of each watched term since `forget`, and
-    most: NDArray[np.float64]
-    quiet: NDArray[np.float64]  # by how much it may change in steps that are too long for it
+    least: Array  # value of each watched term since `forget`, and
+    most: Array
+    quiet: Array  # by how much it may change in steps that are too long for it
 
 
 def compile_term(where: str, function: Callable[..., float], stateful: bool) -> Any:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ldt_core.base.arrays import Array
 
 
 def zero_order_hold(a: Array, b: Array, period: float) -> tuple[Array, Array]:

@@ -26,12 +26,9 @@ PERIOD_DIGITS = 4  # significant digits to which a period is rounded, if the sam
 
 
 class Series(NamedTuple):
-    """One channel as it was measured.
+    """One channel as it was measured: times (n,) [s] and values (n,) in SI units.
 
-    Args:
-        time: (n,) [s].
-        values: (n,) in SI units.
-        place: index → where that sample stands ("line 12"), for messages.
+    `place` says where the sample of an index stands ("line 12"), for messages.
     """
 
     time: Samples

@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike
 
 from ldt_core.base.errors import OptionError, did_you_mean
 from ldt_core.base.experiment import Experiment
-from ldt_core.segmenter.collector import Cut
 from ldt_core.segmenter.resampling import GAP_PERIODS, GRID_TOLERANCE
-from ldt_core.segmenter.rules import Rule
+from ldt_core.segmenter.rules import Cut, Rule
 from ldt_core.segmenter.streams import Clash, StreamAligner, TooLate
 
 CHANNELS = ("voltage", "speed", "current")

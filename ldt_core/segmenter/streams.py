@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 
-from ldt_core.segmenter.collector import Row
+from ldt_core.segmenter.rules import Row
 
 Sample = tuple[float, float]  # s, SI unit
 

@@ -8,21 +8,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ldt_core.base.errors import LdtError
-from ldt_core.models.gaussian_process.compiled import compile_run, tabulate
 from ldt_core.models.gaussian_process.hyperparameters import (
     cells,
     fit_hyperparameters,
     minus_log_likelihood,
 )
-from ldt_core.models.gaussian_process.kernel import Kernel
 from ldt_core.models.gaussian_process.observer import (
     MotorRun,
     estimate_noise,
     filter_columns,
     filtered,
 )
-from ldt_core.models.gaussian_process.sparse import SparsePosterior, choose_inducing, condition
-from ldt_core.models.gaussian_process.speed_run import spread
+from ldt_core.models.gaussian_process.sparse import (
+    Kernel,
+    SparsePosterior,
+    choose_inducing,
+    condition,
+)
+from ldt_core.models.gaussian_process.speed_run import compile_run, spread, tabulate
 
 # A motor with a mechanical time constant of 0.2 s, sampled at 100 Hz.
 AD = np.array([[0.003, -0.28], [0.019, 0.95]])

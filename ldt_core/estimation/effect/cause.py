@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.physics.base import ANGLE, CURRENT, SPEED
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from ldt_core.machine.machine_file import Machine
     from ldt_core.physics.effect import Effect
 
-Array = NDArray[np.float64]
 
 DIVERGED_SPEED = 1e6  # rad/s, that no fit accepts, in place of a free run that grows for ever
 AT_REST = 4.0  # noise deviations: a first sample nearer to 0 is that of a machine at rest
@@ -33,9 +32,8 @@ MOTION_STEP = 1e-3  # s, longest integration step where only the size of a motio
 class UncertainStart:
     """What is known of the state at an experiment's first sample.
 
-    Attributes:
-        rest: whether the machine stood still.
-        spread: (n,) deviation of each state about the nominal one; 0 where it is known.
+    `rest`: whether the machine stood still; `spread`: (n,) deviation of each state about the
+    nominal one, 0 where it is known.
     """
 
     rest: bool
@@ -108,7 +106,7 @@ class Cause:
         A first sample within the noise of 0 means a machine at rest: then only the angle is
         unknown. Otherwise the speed is known to the noise, the current (unless it was measured)
         within what the voltage can drive, and the foundation within the motion that it has in the
-        run. The nominal state of a running machine is that of one which has run so for long.
+        run.
 
         Args:
             experiment: whose first samples count.

@@ -1,8 +1,7 @@
 """Least squares from a good start: effect and start states of several experiments together.
 
-Experiments share the effect's parameters, and the
-start angle where the machine is held to start at the same one every time; all other unknown start
-states are each experiment's own.
+Experiments share the effect's parameters, and the start angle where the machine is held to start at
+the same one every time; all other unknown start states are each experiment's own.
 """
 
 from __future__ import annotations
@@ -15,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
-from ldt_core.estimation.effect.cause import Array, Cause, UncertainStart
+from ldt_core.estimation.effect.cause import Cause, UncertainStart
 from ldt_core.estimation.least_squares import levenberg_marquardt
 from ldt_core.estimation.noise import correlation_time
 from ldt_core.physics.base import ANGLE

@@ -23,13 +23,7 @@ MOST_ANGLES = 50  # remembered: they bound what a model's record holds
 
 @dataclass(frozen=True)
 class FoundAngle:
-    """The start angle found in one experiment.
-
-    Args:
-        number: of the experiment.
-        angle: [rad].
-        std: its deviation [rad].
-    """
+    """The start angle found in the experiment of that number, and its deviation [rad]."""
 
     number: int
     angle: float
@@ -40,10 +34,8 @@ class FoundAngle:
 class AngleBelief:
     """What follows from the angles.
 
-    Attributes:
-        same: probability that it is the same angle every time.
-        angle: then most likely [rad], None while none was found.
-        std: its deviation [rad].
+    The probability that it is the same angle every time, which one is then most likely [rad] (None
+    while none was found), and its deviation [rad].
     """
 
     same: float
@@ -52,12 +44,7 @@ class AngleBelief:
 
 
 def believe(seen: Sequence[FoundAngle], turn: float) -> AngleBelief:
-    """Weigh the two hypotheses.
-
-    Args:
-        seen: angles found.
-        turn: angle that makes no difference [rad], above 0.
-    """
+    """Weigh the two hypotheses by the angles seen; one of `turn` > 0 [rad] makes no difference."""
     if not seen:
         return AngleBelief(0.5, None, turn / math.sqrt(12))
     angle = np.array([s.angle for s in seen])

@@ -1,18 +1,17 @@
 """What else the data allow: other models, whose runs show how far a prediction may be off.
 
 The parameters' covariance is that of the linearised least squares, s² τ (JᵀJ)⁻¹. s is the
-residual's deviation, and τ the number of samples that carry as much as one independent one, the
-residual's autocorrelation time: neighbours that err alike say less. It falls into two parts,
+residual's deviation, and τ the number of samples that carry as much as one independent one. It
+falls into two parts, and with each go the start states that belong to it:
 
-- θ, the poles, with everything linear refitted: two models for each principal direction, one
-  deviation to either side. They are refitted exactly, and moved until the loss itself says one
-  deviation, not its curvature: poles that the data hardly determine lie far apart, on one side;
-- the linear parameters at given θ: one model for each direction, since the run is linear in them;
+- θ, the poles, with everything linear refitted: two models for each principal direction, moved
+  until the loss itself says one deviation, not its curvature: poles that the data hardly determine
+  lie far apart, on one side;
+- the linear parameters at given θ: one model for each direction, since the run is linear in them.
 
-and with each, the start states that go with it. To these come the errors of the start of a new run:
-the noise of its first speed, and the states that one speed leaves open. The variance of a predicted
-speed is the sum of the squared distances of their runs, and that of the residual. It grows where
-the data are left: a gain seen over half a volt says little of ten.
+To these come the errors of the start of a new run: the noise of its first speed, and the states
+that one speed leaves open. The variance of a predicted speed is the sum of the squared distances of
+their runs, and that of the residual.
 """
 
 from __future__ import annotations
@@ -21,12 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.estimation.linear import schwarz
 from ldt_core.estimation.linear.output_error import Linear, OutputError
-
-Array = NDArray[np.float64]
 
 #: [logarithm] Change of a component of θ, at most: a factor of 7 is unknown enough.
 LARGEST_CHANGE = 2.0
@@ -44,13 +41,7 @@ MOST_USED = 0.75
 
 @dataclass(frozen=True)
 class Alternative:
-    """Parameters of another model.
-
-    Args:
-        theta: its poles, see `schwarz`.
-        linear: all else.
-        weight: of its squared distance from the best model, in the variance.
-    """
+    """Another model: its poles θ, all else, and its weight in the variance."""
 
     theta: Array
     linear: Linear
@@ -70,8 +61,7 @@ def alternatives(
 
     Args:
         search: the data.
-        theta: (n,) the best model's.
-        linear: likewise.
+        theta, linear: the best model's.
         deviation: s √τ, in the unit of the outputs.
     """
     found: list[Alternative] = []
@@ -118,13 +108,8 @@ def _deviations(information: Array, deviation: float) -> Array:
 def squared_distances(steps, drives, offsets, starts, weights, voltage):
     """(L,) weighted sum of the squared distances of runs from the first one.
 
-    Args:
-        steps: (models, n, n) discrete models whose output is the first state plus an offset.
-        drives: (models, n).
-        offsets: (models,).
-        starts: (models, n), which are overwritten.
-        weights: (models,); that of the first model has no effect.
-        voltage: (L,).
+    The models are discrete, `steps` (models, n, n) and `drives` (models, n), with the first state
+    plus an offset as output. `starts` (models, n) is overwritten; the first weight has no effect.
     """
     models, order = drives.shape
     distances = np.zeros(voltage.size)

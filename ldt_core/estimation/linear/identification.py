@@ -4,32 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import ExperimentError, LdtError, OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.threads import one_thread
-from ldt_core.estimation.linear import order_selection, schwarz
-from ldt_core.estimation.linear.alternatives import (
-    alternatives,
-    residual_deviation,
-)
-from ldt_core.estimation.linear.multistart import minima
+from ldt_core.estimation.linear import schwarz
+from ldt_core.estimation.linear.alternatives import alternatives, residual_deviation
+from ldt_core.estimation.linear.order_search import best_of_orders
 from ldt_core.estimation.linear.output_error import Linear, OutputError
-from ldt_core.estimation.linear.run_start import (
+from ldt_core.estimation.linear.state_space import (
     StartRule,
+    StateSpace,
     misses,
     principal_deviations,
     settled,
     usual,
 )
-from ldt_core.estimation.linear.state_space import StateSpace
 from ldt_core.estimation.noise import common_correlation_time
-
-Array = NDArray[np.float64]
 
 #: Highest order that can be asked for; `order` in parameters.yaml.
 MOST_ORDER = 10
@@ -57,7 +51,7 @@ class Identified(StateSpace):
 
     Args:
         starts: (experiments, n) estimated state at the first sample of each experiment.
-        start: in which state a new run starts, see `start`.
+        start: in which state a new run starts.
         others: (model, start, weight) of other models that the data allow, see `alternatives`.
         period: sample period of the data [s].
         noise_std: standard deviation of the free run's residual [rad/s], the unknowns deducted.
@@ -92,8 +86,8 @@ def identify(
 
     Args:
         experiments: one or more, of one sample period; lengths may differ.
-        order: number of states; None or 0 chooses from 1 to 4 on held-out samples (see `order`), or
-            takes 1 where no experiment is long enough for that.
+        order: number of states; None or 0 chooses from 1 to 4 on held-out samples, or takes
+            1 where no experiment is long enough for that.
         feedthrough: whether the speed may follow the voltage at once (D ≠ 0). A motor's cannot.
         offset: whether the speed may have an offset, that of a constant load or sensor bias.
 
@@ -123,27 +117,11 @@ def identify(
             if rough is search:
                 raise
             rough, orders = search, _possible(orders, search, experiments)
-        theta, held_out = _fit(rough, orders, choosing=not order)
+        theta, held_out = best_of_orders(rough, orders, choosing=not order)
         if not order or rough is not search:
             theta, _ = search.minimise(theta)
         _refuse_chance(experiments, search, theta)
         return _model(search, theta, scale, experiments, held_out)
-
-
-def _fit(search: OutputError, orders: range, choosing: bool) -> tuple[Array, dict[int, float]]:
-    """θ, of the last order or of the one chosen, and held-out error of each order tried."""
-    scored = choosing and len(orders) > 1 and search.longest >= order_selection.LEAST_LENGTH
-    fits: dict[int, Array] = {}
-    scores: dict[int, Array] = {}
-    chosen = orders[0] if choosing else orders[-1]
-    for n, theta in minima(search, orders if scored or not choosing else orders[:1], choosing):
-        fits[n] = theta
-        if scored:
-            scores[n] = order_selection.scores(search, theta)
-            chosen = order_selection.choose(scores)
-            if n - chosen >= order_selection.ORDERS_WITHOUT_GAIN:
-                break
-    return fits[chosen], {n: float(np.sqrt(s.mean())) for n, s in scores.items()}
 
 
 def _spread(lengths: list[int]) -> list[int]:
@@ -266,7 +244,7 @@ def _model(
     moved = [start.per_speed * noise_std, *principal_deviations(start.spread)]
     others += [(model, replace(start, state=start.state + m), 1.0) for m in moved]
     return Identified(
-        **_fields(model),
+        **vars(model),
         starts=starts,
         start=start,
         others=others,
@@ -294,7 +272,3 @@ def _physical(
     offset = linear.offset * scale.speed + scale.speed_mean
     offset -= float(C @ steady) + D * scale.voltage_mean
     return StateSpace(A, B, C, D, offset), linear.v * gain + steady
-
-
-def _fields(model: StateSpace) -> dict[str, Any]:
-    return {name: getattr(model, name) for name in ("A", "B", "C", "D", "offset")}

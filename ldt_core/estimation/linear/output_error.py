@@ -6,15 +6,11 @@ The model's free run is linear in everything but θ (the poles, see `schwarz`):
 
 x_e is the input seen through the fixed pair (A_d, b_d) from zero, and v_e stands for the unknown
 start state of experiment e, since v · A_dᵏ b runs through all free responses. So for given θ the
-best c, D, v_e and offset are one linear least squares, and only θ (n numbers, whatever the number
-of experiments) is left to search. The measured output is nowhere fed back: what is minimised is the
-error of the free run, which stays consistent under coloured noise.
+best c, D, v_e and offset are one linear least squares, and only θ is left to search. The measured
+output is nowhere fed back, so the estimate stays consistent under coloured noise.
 
-References: G. Golub, V. Pereyra, "Separable nonlinear least squares: the variable projection method
-and its applications", Inverse Problems 19 (2003) R1–R26; the derivative is Kaufman's (1975). The
-search is Levenberg's and Marquardt's with the damping of K. Madsen, H. B. Nielsen, O. Tingleff,
-"Methods for non-linear least squares problems" (2004); parameters at a bound that the gradient
-pushes against stay there.
+Reference: G. Golub, V. Pereyra, "Separable nonlinear least squares: the variable projection method
+and its applications", Inverse Problems 19 (2003) R1–R26; the derivative is Kaufman's (1975).
 """
 
 from __future__ import annotations
@@ -28,10 +24,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.estimation.linear import schwarz
 from ldt_core.estimation.linear.levenberg_marquardt import (
     corrected,
     descend,
+    eliminate,
     first_damping,
     left_over,
     linear_part,
@@ -39,10 +37,7 @@ from ldt_core.estimation.linear.levenberg_marquardt import (
     solved,
     tangent,
 )
-from ldt_core.estimation.linear.normal_equations import eliminate
 from ldt_core.estimation.variable_projection import least_squares_step, project_out
-
-Array = NDArray[np.float64]
 
 #: Relative gain that ends the search.
 COST_TOLERANCE = 1e-9

@@ -8,17 +8,18 @@ With d, c₁ … c_{n−1} > 0 the first matrix S is stable, since S + Sᵀ = �
 polynomial has exactly one such form (its entries are ratios of the first column of the Routh
 array). A search over the logarithms θ = log(d, c₁, …, c_{n−1}) therefore reaches all models of
 order n whose poles lie left of −σ, without a constraint: real, complex and repeated poles alike.
-The controllability Gramian of (S, b) is the identity: the states are nearly orthonormal for a white
-input, which keeps the least squares for the output well conditioned at any ratio of pole to sample
-rate.
+The controllability Gramian of (S, b) is the identity, which keeps the least squares for the output
+well conditioned at any ratio of pole to sample rate.
 
 σ > 0 is the slowest decay that the data can show. Without it a fit to data with unmodelled friction
 invents a pole at 0 that explains the drift of one experiment and ruins the steady state.
 
 Time is in sample periods here: A is A·T, a pole p is p·T.
 
-Reference: B. D. O. Anderson, E. I. Jury, M. Mansour, "Schwarz matrix properties for continuous and
-discrete time systems", Int. J. Control 23 (1976) 1–16.
+References: B. D. O. Anderson, E. I. Jury, M. Mansour, "Schwarz matrix properties for continuous and
+discrete time systems", Int. J. Control 23 (1976) 1–16. The exponential: C. Moler, C. Van Loan,
+"Nineteen dubious ways to compute the exponential of a matrix, twenty-five years later", SIAM Review
+45 (2003) 3–49, method 3; scipy's `expm` takes as long as all the samples of an experiment.
 """
 
 from __future__ import annotations
@@ -27,9 +28,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from ldt_core.estimation.linear.exponential import exponential
-
-Array = NDArray[np.float64]
+from ldt_core.base.arrays import Array
 
 #: [per sample] Fastest decay: e^−30 within one sample cannot be told from an infinitely fast one.
 FASTEST_DECAY = 30.0
@@ -40,6 +39,8 @@ SLOWEST_PER_LENGTH = 0.1
 LEAST_ENTRY = 1e-3
 #: Size of a pole relative to σ below which it lies at the limit: a drift.
 DRIFT_FACTOR = 2.0
+#: Terms of the Taylor series, for an argument of norm 1/2 at most: 0.5¹⁶/16! is 7e-19.
+TAYLOR_TERMS = 15
 
 
 def slowest(length: int) -> float:
@@ -131,3 +132,61 @@ def poles_of(theta: Array, sigma: float) -> NDArray[np.complex128]:
 def drifts(theta: Array, sigma: float) -> bool:
     """Whether a pole of θ (n,) lies at the limit −σ, where decay cannot be told from drift."""
     return bool(np.abs(poles_of(theta, sigma)).min() < DRIFT_FACTOR * sigma)
+
+
+@njit(cache=True, fastmath=False)
+def exponential(matrix, slopes):
+    """exp(matrix), and its derivative in the directions slopes (p, m, m): scaling and squaring."""
+    size, directions = matrix.shape[0], slopes.shape[0]
+    norm = 0.0
+    for i in range(size):
+        row = 0.0
+        for j in range(size):
+            row += abs(matrix[i, j])
+        norm = max(norm, row)
+    halvings = 0
+    while norm > 0.5:
+        norm *= 0.5
+        halvings += 1
+    scale = 0.5**halvings
+    # Matrix 0 is the exponential's, the others are those of its derivatives: arguments, last terms
+    # and sums of the series, products.
+    shape = (directions + 1, size, size)
+    small, term, total = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    one, other = np.zeros(shape), np.zeros(shape)
+    for i in range(size):
+        term[0, i, i] = total[0, i, i] = 1.0
+        for j in range(size):
+            small[0, i, j] = matrix[i, j] * scale
+            for p in range(directions):
+                small[p + 1, i, j] = slopes[p, i, j] * scale
+    for k in range(1, TAYLOR_TERMS + halvings + 1):
+        squaring = k > TAYLOR_TERMS
+        for p in range(directions + 1):
+            left, right = (total, total) if squaring else (term, small)
+            _times(left[p], right[0], one[p])
+            if p:
+                _times(left[0], right[p], other[p])
+        for p in range(directions + 1):
+            for i in range(size):
+                for j in range(size):
+                    product = one[p, i, j] + other[p, i, j] if p else one[p, i, j]
+                    if squaring:
+                        total[p, i, j] = product
+                    else:
+                        term[p, i, j] = product / k
+                        total[p, i, j] += term[p, i, j]
+    return total[0], total[1:]
+
+
+@njit(cache=True, fastmath=False)
+def _times(a, b, product):
+    # not BLAS: its threads would decide on the last bits
+    size = a.shape[0]
+    for i in range(size):
+        for j in range(size):
+            product[i, j] = 0.0
+        for k in range(size):
+            factor = a[i, k]
+            for j in range(size):
+                product[i, j] += factor * b[k, j]

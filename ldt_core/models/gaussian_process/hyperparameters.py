@@ -1,14 +1,12 @@
 """Kernel parameters by marginal likelihood, on a bounded set of cells.
 
-Marginal likelihood costs the cube of the number of points, so it is not taken on all the data. A
-machine spends most of its time in steady running, where a random subset would pile up. Cells around
-centres that lie as far apart as possible fill the space instead, along whatever path the inputs
-keep to, and the mean over a cell carries the information of all its points, with a noise variance
-known from the scatter within cells. Nothing is thrown away but detail finer than a cell.
+A machine spends most of its time in steady running, where a random subset of the data would pile
+up. Cells around centres that lie as far apart as possible fill the space instead, and the mean over
+a cell carries the information of all its points, with a noise variance known from the scatter
+within cells. Nothing is thrown away but detail finer than a cell.
 
-The search is that of scikit-learn's GaussianProcessRegressor (L-BFGS-B over the logarithms, from
-one start and some random ones) and finds the same; without its kernel objects a step takes a fifth
-of the time, and a process that trains saves the second of its import.
+The search finds what scikit-learn's GaussianProcessRegressor finds, in a fifth of the time and
+without the second of its import.
 
 Reference: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning" (2006),
 equations 2.30 and 5.9.
@@ -19,9 +17,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.threads import one_thread
-from ldt_core.models.gaussian_process.kernel import Array, Kernel
+from ldt_core.models.gaussian_process.sparse import Kernel
 
 #: Cells at most: 256³ operations a step take about 0.1 s for the whole search.
 MOST_CELLS = 256
@@ -45,8 +44,7 @@ def cells(x: Array, y: Array, most: int = MOST_CELLS) -> tuple[Array, Array, Arr
     """Means over cells: the neighbourhoods of centres chosen farthest first (Gonzalez, 1985).
 
     Args:
-        x: inputs (n, d).
-        y: targets (n,).
+        x, y: inputs (n, d) and targets (n,).
         most: upper bound of the number of cells.
 
     Returns:
@@ -89,8 +87,7 @@ def fit_hyperparameters(x: Array, y: Array, shortest: Array | float = 0.0) -> Ke
     """The squared-exponential kernel of greatest marginal likelihood, one length scale per input.
 
     Args:
-        x: inputs (n, d).
-        y: targets (n,), zero-mean deviations from the prior mean 0.
+        x, y: inputs (n, d) and targets (n,), zero-mean deviations from the prior mean 0.
         shortest: lower bound of the length scales, each (d,) or all; two cells at least.
 
     Raises:
@@ -132,11 +129,8 @@ def minus_log_likelihood(
 ) -> tuple[float, Array]:
     """The negative log marginal likelihood, without its constant, and its derivative (1 + d,).
 
-    Args:
-        theta: logarithms of the prior variance and of the d length scales.
-        squares: squared differences of the inputs (d, n, n).
-        targets: (n,).
-        noise: variance of each target (n,).
+    `theta` holds the logarithms of the prior variance and of the d length scales, `squares` the
+    squared differences of the inputs (d, n, n), `noise` the variance of each target (n,).
     """
     weights = np.exp(-2 * theta[1:])
     covariance = np.exp(theta[0] - 0.5 * np.tensordot(weights, squares, 1))

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.threads import one_thread
-from ldt_core.models.gaussian_process.compiled import FreeRun, compile_run
 from ldt_core.models.gaussian_process.hyperparameters import cells, fit_hyperparameters
-from ldt_core.models.gaussian_process.kernel import Array, Kernel
 from ldt_core.models.gaussian_process.observer import (
     MotorRun,
     estimate_noise,
@@ -27,12 +26,13 @@ from ldt_core.models.gaussian_process.observer import (
     one_step,
 )
 from ldt_core.models.gaussian_process.sparse import (
+    Kernel,
     SparsePosterior,
     choose_inducing,
     condition,
     condition_in_parts,
 )
-from ldt_core.models.gaussian_process.speed_run import spread
+from ldt_core.models.gaussian_process.speed_run import FreeRun, compile_run, spread
 
 #: Blocks of the training data, at least: fewer determine neither the kernel nor the noise.
 FEWEST_BLOCKS = 40

@@ -2,43 +2,40 @@
 
     [i; w]_{k+1} = Ad [i; w]_k + Bd u_k + Gd f(x_k) + [0; process noise],   y_k = w_k + noise
 
-The plain targets, one-step differences y_{k+1} - y_k minus the physics, carry the noise of two
-samples each: neighbours are negatively correlated, and since y_k is in the input as well as, with a
-minus sign, in the target, a regression on them sees a restoring force that does not exist. The
-innovations of a Kalman filter for the equation above carry the same information with white noise,
-and they are linear in f: the innovation of the measurements, filtered with f = 0, equals that of
-the function's own column plus white noise. So generalised least squares is ordinary least squares
-on filtered columns. A gain of 1 would give back the one-step differences (all noise is in the
-process), a gain of 0 the output error of a free run (all noise is in the sensor); the ratio of the
-two variances is chosen by likelihood.
+One-step differences y_{k+1} - y_k minus the physics carry the noise of two samples each, and y_k is
+in the input as well as, with a minus sign, in the target: a regression on them sees a restoring
+force that does not exist. The innovations of a Kalman filter for the equation above carry the same
+information with white noise, and they are linear in f: the innovation of the measurements, filtered
+with f = 0, equals that of the function's own column plus white noise. So generalised least squares
+is ordinary least squares on filtered columns. A gain of 1 would give back the one-step differences,
+a gain of 0 the output error of a free run; the ratio of the two noise variances is chosen by
+likelihood.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from ldt_core.models.gaussian_process.kernel import Array
+from ldt_core.base.arrays import Array
 
 #: Ratios of process to sensor noise variance [per sample] that are tried: from a pure free run to
 #: pure one-step differences, three a decade.
 RATIOS = np.concatenate([[0.0], np.logspace(-6, 3, 28)])
 
 
-@dataclass(frozen=True, eq=False)
-class MotorRun:
+class MotorRun(NamedTuple):
     """One measured experiment and the discrete motor behind it.
 
     Args:
-        ad: (2, 2) over one sample period, states current [A] and speed [rad/s].
-        bd: (2,) likewise for the voltage.
-        gd: (2,) likewise for an acceleration of the shaft.
+        ad, bd, gd: (2, 2), (2,), (2,) over one sample period, states current [A] and speed [rad/s]:
+            itself, for the voltage, for an acceleration of the shaft.
         period: T [s].
-        voltage: (L,) [V].
-        speed: (L,) measured [rad/s].
+        voltage, speed: (L,) [V], measured [rad/s].
         current: at the first sample [A].
     """
 
@@ -59,69 +56,18 @@ class ObserverNoise:
     ratio: float
 
 
-def one_step(run: MotorRun) -> tuple[Array, Array]:
+@njit(cache=True)
+def one_step(run):
     """Equation error of the physics alone.
 
     Returns:
         acceleration (L - 1,) [rad/s²] that the physics lacks, from each sample to the next, and the
         current (L,) [A], propagated by the physics under the measured speed.
     """
-    return _one_step(run.ad, run.bd, run.gd, run.voltage, run.speed, run.current)
-
-
-def filtered(run: MotorRun, force: Array, ratio: float) -> tuple[Array, Array, Array]:
-    """Kalman filter over one run with a known acceleration.
-
-    Args:
-        run: the experiment.
-        force: (L,) acceleration at the samples [rad/s²]; the last has no effect.
-        ratio: process over sensor noise variance.
-
-    Returns:
-        innovations (L - 1,) scaled to the sensor noise [rad/s], states (L, 2) estimated from the
-        measurements up to each sample, and the scales (L - 1,) that the innovations were divided
-        by.
-    """
-    return _filtered(run.ad, run.bd, run.gd, run.voltage, run.speed, run.current, force, ratio)
-
-
-def filter_columns(run: MotorRun, columns: Array, ratio: float) -> Array:
-    """(L - 1, m) what accelerations columns (L, m) contribute to the scaled innovations."""
-    return _filter_columns(run.ad, run.gd, columns, ratio)
-
-
-def estimate_noise(runs: Sequence[MotorRun], forces: Sequence[Array]) -> ObserverNoise:
-    """Maximum-likelihood noise of sensor and process, the acceleration being known.
-
-    Args:
-        runs: experiments.
-        forces: for each, (L,) [rad/s²].
-    """
-    best, least = ObserverNoise(0.0, 0.0), np.inf
-    for ratio in RATIOS:
-        squares, logs, count = 0.0, 0.0, 0
-        for run, force in zip(runs, forces, strict=True):
-            innovations, _, scales = filtered(run, force, float(ratio))
-            squares += float(innovations @ innovations)
-            logs += 2 * float(np.log(scales).sum())
-            count += len(scales)
-        variance = squares / count
-        if variance == 0:
-            return ObserverNoise(0.0, float(ratio))
-        minus_log_likelihood = count * np.log(variance) + logs
-        if minus_log_likelihood < least:
-            best, least = (
-                ObserverNoise(float(np.sqrt(variance)), float(ratio)),
-                minus_log_likelihood,
-            )
-    return best
-
-
-@njit(cache=True)
-def _one_step(ad, bd, gd, voltage, speed, current):
+    ad, bd, gd, voltage, speed = run.ad, run.bd, run.gd, run.voltage, run.speed
     lacking = np.empty(len(speed) - 1)
     currents = np.empty(len(speed))
-    currents[0] = current
+    currents[0] = run.current
     for k in range(len(speed) - 1):
         i, w, u = currents[k], speed[k], voltage[k]
         lacking[k] = (speed[k + 1] - ad[1, 0] * i - ad[1, 1] * w - bd[1] * u) / gd[1]
@@ -153,11 +99,23 @@ def _gains(ad, ratio, samples):
 
 
 @njit(cache=True)
-def _filtered(ad, bd, gd, voltage, speed, current, force, ratio):
+def filtered(run, force, ratio):
+    """Kalman filter over one run with a known acceleration.
+
+    Args:
+        run: the experiment, a `MotorRun`.
+        force: (L,) acceleration at the samples [rad/s²]; the last has no effect.
+        ratio: process over sensor noise variance.
+
+    Returns:
+        innovations (L - 1,) scaled to the sensor noise [rad/s], states (L, 2) estimated from the
+        measurements up to each sample, and the scales (L - 1,) of the innovations.
+    """
+    ad, bd, gd, voltage, speed = run.ad, run.bd, run.gd, run.voltage, run.speed
     samples = len(speed)
     gains, scales = _gains(ad, ratio, samples)
     innovations, states = np.empty(samples - 1), np.empty((samples, 2))
-    i, w = current, speed[0]
+    i, w = run.current, speed[0]
     states[0, 0], states[0, 1] = i, w
     for k in range(1, samples):
         u, f = voltage[k - 1], force[k - 1]
@@ -171,7 +129,9 @@ def _filtered(ad, bd, gd, voltage, speed, current, force, ratio):
 
 
 @njit(cache=True)
-def _filter_columns(ad, gd, columns, ratio):
+def filter_columns(run, columns, ratio):
+    """(L - 1, m) what accelerations columns (L, m) contribute to the scaled innovations."""
+    ad, gd = run.ad, run.gd
     samples, m = columns.shape
     gains, scales = _gains(ad, ratio, samples)
     out = np.empty((samples - 1, m))
@@ -185,3 +145,25 @@ def _filter_columns(ad, gd, columns, ratio):
             i[j] = ahead_i - gains[k, 0] * ahead_w
             w[j] = ahead_w - gains[k, 1] * ahead_w
     return out
+
+
+def estimate_noise(runs: Sequence[MotorRun], forces: Sequence[Array]) -> ObserverNoise:
+    """Maximum-likelihood noise of sensor and process, given the accelerations (L,) [rad/s²]."""
+    best, least = ObserverNoise(0.0, 0.0), np.inf
+    for ratio in RATIOS:
+        squares, logs, count = 0.0, 0.0, 0
+        for run, force in zip(runs, forces, strict=True):
+            innovations, _, scales = filtered(run, force, float(ratio))
+            squares += float(innovations @ innovations)
+            logs += 2 * float(np.log(scales).sum())
+            count += len(scales)
+        variance = squares / count
+        if variance == 0:
+            return ObserverNoise(0.0, float(ratio))
+        minus_log_likelihood = count * np.log(variance) + logs
+        if minus_log_likelihood < least:
+            best, least = (
+                ObserverNoise(float(np.sqrt(variance)), float(ratio)),
+                minus_log_likelihood,
+            )
+    return best

@@ -9,6 +9,7 @@ of an observer that f drives (see `observer`): the same functional is taken of t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from ldt_core.models.gaussian_process.kernel import Array, Kernel
+from ldt_core.base.arrays import Array
 
 #: Share of the prior variance that is left, at most, when no more inducing points are added. It
 #: bounds the condition of k(z, z) by its inverse times the number of points.
@@ -24,6 +25,42 @@ RESIDUAL_SHARE = 1e-6
 #: Inducing points that carry the deviation: the first ones chosen, hence spread widest. The
 #: covariance between them grows with the square of their number, in time and in the record.
 DEVIATION_POINTS = 128
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """k(x, z) = signal_std² exp(-½ Σ_d ((x_d - z_d) / length_scales_d)²).
+
+    Args:
+        signal_std: prior standard deviation of the function, above 0.
+        length_scales: one for each input, above 0, in that input's unit.
+
+    Raises:
+        ValueError: numbers that are not above 0, or no input at all.
+    """
+
+    signal_std: float
+    length_scales: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "signal_std", float(self.signal_std))
+        object.__setattr__(self, "length_scales", tuple(float(v) for v in self.length_scales))
+        numbers = (self.signal_std, *self.length_scales)
+        if len(numbers) < 2 or not all(math.isfinite(v) and v > 0 for v in numbers):
+            raise ValueError(f"kernel: expected finite numbers above 0, got {numbers}")
+
+    def __call__(self, x: Array, z: Array) -> Array:
+        """(n, m) covariances between inputs x (n, d) and z (m, d)."""
+        # Differences per input, not |x|² + |z|² - 2 x·z: that cancels for near neighbours.
+        exponent = np.zeros((len(x), len(z)))
+        for d, length in enumerate(self.length_scales):
+            step = x[:, d, None] / length - z[None, :, d] / length
+            np.multiply(step, step, out=step)
+            exponent += step
+        exponent *= -0.5
+        np.exp(exponent, out=exponent)
+        exponent *= self.signal_std**2
+        return exponent
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,14 +93,9 @@ class SparsePosterior:
 def choose_inducing(x: Array, kernel: Kernel, most: int) -> Array:
     """(m, d) inducing inputs among x (n, d), each where the prior given those before varies most.
 
-    This is pivoted Cholesky (Burt, Rasmussen, van der Wilk, "Convergence of sparse variational
-    inference in Gaussian processes regression", JMLR 2020). Deterministic; stops early once nothing
-    is left to explain, so that m fits the length scale.
-
-    Args:
-        x: candidates (n, d).
-        kernel: the prior.
-        most: upper bound of m.
+    Pivoted Cholesky (Burt, Rasmussen, van der Wilk, "Convergence of sparse variational inference in
+    Gaussian processes regression", JMLR 2020). Ends early once nothing is left to explain, so that
+    m <= `most` fits the length scale.
     """
     left = np.full(len(x), kernel.signal_std**2)
     rows = np.empty((min(most, len(x)), len(x)))

@@ -1,47 +1,129 @@
 """Free run of a linear motor that a learned acceleration drives, and how uncertain it is.
 
-The mean follows [i; w]_{k+1} = Ad [i; w]_k + Bd u_k + Gd f(x_k) with f at its posterior mean.
-The deviation is propagated along it to first order (Girard, Rasmussen, Quiñonero-Candela,
+The mean follows [i; w]_{k+1} = Ad [i; w]_k + Bd u_k + Gd f(x_k) with f at its posterior mean. For
+one input f is a table on a regular axis: the mean as cubic Hermite polynomials through exact values
+and slopes, the deviation by straight lines. For more inputs the inducing points are evaluated as
+they are, in microseconds a sample: a table would take longer to fill than the runs to make.
+
+The deviation is propagated along the mean to first order (Girard, Rasmussen, Quiñonero-Candela,
 Murray-Smith, "Gaussian process priors with uncertain inputs: application to multiple-step ahead
 time series forecasting", NIPS 2003), through the Jacobian J_k = Ad + Gd ∂f/∂x_k, from three
 sources:
 
 - the function itself. It is one unknown function, wrong in the same way whenever the run comes to
   the same speed, so its errors are carried as fully correlated along the run: δ_{k+1} = J_k δ_k +
-  Gd std_f(x_k). That is exact in steady running, where runs stay, and too wide when the
-  speed crosses many length scales within the motor's memory. Taking them as independent, as is
-  common, is far too narrow.
+  Gd std_f(x_k). That is exact in steady running, where runs stay, and too wide when the speed
+  crosses many length scales within the motor's memory. Independent errors are far too narrow.
 - the start: the first measured speed has the sensor's noise.
 - what no function of these inputs explains: a disturbance acceleration, first-order autoregressive.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numba import njit
 
+from ldt_core.base.arrays import Array
+from ldt_core.models.gaussian_process.sparse import SparsePosterior
+
+#: What f may depend on, in the order in which the compiled loop keeps them.
+INPUTS = ("current", "speed", "voltage")
+#: (ad, bd, gd, voltage, start) -> speed (L,), slopes (L, 2), deviation of f (L,): `speed_run`.
+FreeRun = Callable[[Array, Array, Array, Array, Array], tuple[Array, Array, Array]]
+
+#: Nodes of the table in a length scale. The Hermite error is h⁴/384 max|f⁗| <= 8e-8 of the size
+#: that a function with this length scale has (f⁗ is 3 of it over ℓ⁴ for a single bump), smaller
+#: than any sensor resolves. The line's error of the deviation is h²/8 over the length scale
+#: squared, 8e-4.
+NODES_PER_LENGTH = 16
+#: [length scales] Margin of the table on both sides: a bump has fallen to 4e-6 there, so that the
+#: step to the prior beyond it is of that size.
+MARGIN = 5.0
+#: Nodes at most: more are no table of a machine, and would not fit the cache.
+MOST_NODES = 1_000_000
 #: Squared deviation per unit of its source, at most: it could overflow.
 LARGEST_VARIANCE = 1e12
 
 
-@njit(cache=True)
-def run_table(ad, bd, gd, voltage, start, low, step, cubic, std, prior_std):
-    """Mean run with f of the speed from a table.
+@dataclass(frozen=True, eq=False)
+class SpeedTable:
+    """A function of one input on a regular axis; beyond its ends mean 0 and the prior's deviation.
+
+    Nodes begin at `low` and are `step` apart; `cubic` (c, 4) are the polynomials of the cells in
+    t = 0..1, lowest power first; `std` (c + 1,) is the deviation at the nodes.
+    """
+
+    low: float
+    step: float
+    cubic: Array
+    std: Array
+    prior_std: float
+
+
+def tabulate(posterior: SparsePosterior) -> SpeedTable:
+    """The table of a posterior with one input.
+
+    Raises:
+        ValueError: length scale and range of the inputs differ absurdly.
+    """
+    (length,) = posterior.kernel.length_scales
+    z = posterior.inducing[:, 0]
+    low, high = float(z.min()) - MARGIN * length, float(z.max()) + MARGIN * length
+    nodes_needed = (high - low) / length * NODES_PER_LENGTH
+    if not nodes_needed <= MOST_NODES:
+        raise ValueError(f"a length scale of {length:g} over inputs from {low:g} to {high:g}")
+    count = max(int(np.ceil(nodes_needed)), 1)
+    step = (high - low) / count
+    nodes = np.linspace(low, high, count + 1)
+    rows = posterior.kernel(nodes[:, None], posterior.inducing)
+    value = rows @ posterior.weights
+    slope = (rows * (z - nodes[:, None])) @ posterior.weights / length**2 * step
+    a, b, rise = slope[:-1], slope[1:], np.diff(value)
+    cubic = np.column_stack([value[:-1], a, 3 * rise - 2 * a - b, a + b - 2 * rise])
+    std = posterior.std(nodes[:, None])
+    return SpeedTable(low, step, np.ascontiguousarray(cubic), std, posterior.kernel.signal_std)
+
+
+def compile_run(posterior: SparsePosterior | None, inputs: Sequence[str]) -> FreeRun:
+    """The free run of a motor that this function drives.
 
     Args:
-        ad: (2, 2) discrete motor, states current [A] and speed [rad/s].
-        bd: (2,) likewise, for the voltage.
-        gd: (2,) likewise, for an acceleration of the shaft.
-        voltage: (L,) [V].
-        start: (2,) state at the first sample.
-        low: first node of the table [rad/s]; `compiled.SpeedTable` describes this and the rest.
-        step: distance of nodes [rad/s].
-        cubic: (c, 4) polynomials [rad/s²].
-        std: (c + 1,) [rad/s²].
-        prior_std: beyond the table [rad/s²].
+        posterior: the function; None for f = 0.
+        inputs: its inputs, names of `INPUTS`.
 
-    Returns:
-        speed (L,), slopes (L, 2) of f over current and speed, deviation (L,) of f.
+    Raises:
+        ValueError: as `tabulate`.
+    """
+    if posterior is None:
+        table: SpeedTable | None = SpeedTable(0.0, 1.0, np.empty((0, 4)), np.empty(0), 0.0)
+    elif tuple(inputs) == ("speed",):
+        table = tabulate(posterior)
+    else:
+        table = None
+    if table is not None:
+        t = table
+        return lambda ad, bd, gd, voltage, start: _run_table(
+            ad, bd, gd, voltage, start, t.low, t.step, t.cubic, t.std, t.prior_std
+        )
+    assert posterior is not None
+    kernel, indices = posterior.kernel, np.array([INPUTS.index(name) for name in inputs])
+    lengths, signal_std = np.array(kernel.length_scales), kernel.signal_std
+    inducing, weights = np.ascontiguousarray(posterior.inducing), posterior.weights
+    explained = np.tril(posterior.explained) + np.tril(posterior.explained, -1)  # half the work
+    return lambda ad, bd, gd, voltage, start: _run_inducing(
+        *(ad, bd, gd, voltage, start),
+        *(indices, lengths, signal_std, inducing, weights, explained),
+    )
+
+
+@njit(cache=True)
+def _run_table(ad, bd, gd, voltage, start, low, step, cubic, std, prior_std):
+    """Speed (L,), slopes (L, 2) of f over current and speed, deviation (L,) of f: from a table.
+
+    The motor's states are current [A] and speed [rad/s]; see `SpeedTable` for the rest.
     """
     samples, cells = len(voltage), len(cubic)
     speed = np.empty(samples)
@@ -67,26 +149,13 @@ def run_table(ad, bd, gd, voltage, start, low, step, cubic, std, prior_std):
 
 
 @njit(cache=True)
-def run_inducing(
+def _run_inducing(
     ad, bd, gd, voltage, start, inputs, lengths, signal_std, inducing, weights, explained
 ):
-    """Mean run with f of one to three inputs from the inducing points.
+    """The same from the inducing points, see `SparsePosterior`.
 
-    Args:
-        ad: (2, 2) discrete motor, states current [A] and speed [rad/s].
-        bd: (2,) likewise, for the voltage.
-        gd: (2,) likewise, for an acceleration of the shaft.
-        voltage: (L,) [V].
-        start: (2,) state at the first sample.
-        inputs: (d,) of f: 0 current, 1 speed, 2 voltage.
-        lengths: (d,) length scales.
-        signal_std: prior deviation of f [rad/s²].
-        inducing: (m, d), `sparse.SparsePosterior` describes this and the rest.
-        weights: (m,).
-        explained: (p, p), lower triangle, with the entries below the diagonal doubled.
-
-    Returns:
-        speed (L,), slopes (L, 2) of f over current and speed, deviation (L,) of f.
+    `inputs` (d,) are those of f: 0 current, 1 speed, 2 voltage. `explained` is the lower triangle,
+    with the entries below the diagonal doubled.
     """
     samples, m, p, d = len(voltage), len(weights), len(explained), len(inputs)
     speed = np.empty(samples)
@@ -133,8 +202,7 @@ def spread(ad, gd, slopes, deviation, persistence):
     """Variance of the speed along a run, for each source apart.
 
     Args:
-        ad: (2, 2) discrete motor, states current [A] and speed [rad/s].
-        gd: (2,) likewise, for an acceleration of the shaft.
+        ad, gd: (2, 2), (2,) discrete motor, states current [A] and speed [rad/s].
         slopes: (L, 2) of f over current and speed.
         deviation: (L,) of f [rad/s²].
         persistence: autocorrelation of the disturbance over one sample, 0 to below 1.
