@@ -77,7 +77,7 @@ def _large() -> None:
     from stranger import Stranger, experiment
 
     from ldt_ros.graph.process import ROLES, node_class
-    from ldt_ros.nodes.convert import to_message
+    from ldt_ros.nodes.interfaces import to_message
 
     stranger = Stranger()
     with tempfile.TemporaryDirectory(prefix="ldt-stalled-") as folder:

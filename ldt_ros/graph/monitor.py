@@ -19,8 +19,7 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Adaptation, Signal
 from ldt_core.recording.node_status import REFUSED, NodeStatus
 from ldt_core.runs.fleet_members import SOURCES
-from ldt_ros.nodes.convert import from_message
-from ldt_ros.nodes.interfaces import LISTENER_DEPTH, listener_qos, message_type
+from ldt_ros.nodes.interfaces import LISTENER_DEPTH, from_message, listener_qos, message_type
 
 #: Signals that wait for their adaptation; what is older has lost it.
 CAPACITY = 200

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from ldt_ros.nodes.node import LdtNode
 
 ROLES = {
-    "plant": "ldt_ros.nodes.plant_node:PlantNode",
-    "player": "ldt_ros.nodes.player_node:PlayerNode",
+    "plant": "ldt_ros.nodes.experiment_source:PlantNode",
+    "player": "ldt_ros.nodes.experiment_source:PlayerNode",
     "segmenter": "ldt_ros.nodes.segmenter_node:SegmenterNode",
     "twin": "ldt_ros.nodes.twin_node:TwinNode",
     "detector": "ldt_ros.nodes.detector_node:DetectorNode",

@@ -12,9 +12,9 @@ from ldt_core.base.printable import one_line
 from ldt_core.models import build_model
 from ldt_core.restart.learning_switch import LearningSwitch
 from ldt_core.twin.loop import build_adaptor
-from ldt_ros.nodes.convert import to_message
-from ldt_ros.nodes.experiment_pairs import ExperimentPairs
+from ldt_ros.nodes.interfaces import to_message
 from ldt_ros.nodes.node import LdtNode
+from ldt_ros.nodes.pairing import ExperimentPairs
 from ldt_ros.nodes.stage_worker import StageWorker
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE

@@ -11,10 +11,10 @@ from ldt_core.base.experiment import Adaptation, Experiment, ModelRecord
 from ldt_core.models import build_model
 from ldt_core.twin.loop import build_advisor
 from ldt_core.twin.stage import Archive, RecordedStep
-from ldt_ros.nodes.convert import from_message, to_message
-from ldt_ros.nodes.experiment_pairs import ExperimentPairs
+from ldt_ros.nodes.interfaces import from_message, to_message
 from ldt_ros.nodes.model_versions import ModelVersions
 from ldt_ros.nodes.node import LdtNode
+from ldt_ros.nodes.pairing import ExperimentPairs
 from ldt_ros.nodes.stage_worker import StageWorker
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.twin.detector_stage import build_detector_stage
-from ldt_ros.nodes.convert import to_message
-from ldt_ros.nodes.experiment_pairs import ExperimentPairs
+from ldt_ros.nodes.interfaces import to_message
 from ldt_ros.nodes.node import LdtNode
+from ldt_ros.nodes.pairing import ExperimentPairs
 from ldt_ros.nodes.stage_worker import StageWorker
 
 

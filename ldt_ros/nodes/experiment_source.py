@@ -1,4 +1,4 @@
-"""Where experiments come from: pacing and flow control shared by the plant and the player."""
+"""Where experiments come from: the simulated machine, or a recording, at a pace."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
+from ldt_core.machine import Plant
+from ldt_core.recording.bag import read_bag
 from ldt_core.recording.node_status import REFUSED, NodeStatus
 from ldt_core.recording.pace import parse_rate
 from ldt_core.restart.recorded_run import END
-from ldt_ros.nodes.convert import from_message, to_message
-from ldt_ros.nodes.health_report import LINGER
-from ldt_ros.nodes.node import LdtNode
-from ldt_ros.nodes.node_part import NodePart
+from ldt_ros.nodes.interfaces import from_message, to_message
+from ldt_ros.nodes.node import LINGER, LdtNode, NodePart
 from ldt_ros.nodes.sample_stream import SampleStream
-from ldt_ros.nodes.start_gate import StartGate
+from ldt_ros.nodes.statements import StartGate
 
 #: Parameters that it needs of its node.
 GROUPS = ("pace", "twin", "stream")
@@ -228,3 +228,33 @@ class ExperimentSource(NodePart):
                 self._samples.load(self._next)
         except LdtError as error:  # no fault of the message that it follows
             self._node.failure = error
+
+
+class PlantNode(LdtNode):
+    """Simulates one experiment after the other (see `ExperimentSource` for pacing)."""
+
+    def __init__(self, **node_arguments: Any) -> None:
+        super().__init__("plant", "machine", "plant", "run", *GROUPS, **node_arguments)
+        self.source = ExperimentSource(self, self._next)
+        self.parts = [self.source]
+        self.plant = Plant.from_settings(self.machine, self.settings)
+        self._number = self.source.adapted
+
+    def _next(self) -> Experiment | None:
+        if self._number >= self.settings["experiments"]:
+            return None
+        self._number += 1
+        return self.plant.experiment(self._number)
+
+
+class PlayerNode(LdtNode):
+    """Plays a recording (see `ExperimentSource` for pacing)."""
+
+    def __init__(self, **node_arguments: Any) -> None:
+        super().__init__("player", "machine", "player", *GROUPS, **node_arguments)
+        played = read_bag(self.settings["play"], self.settings["play_namespace"])
+        if odd := played.other_machine(self.machine):
+            self.get_logger().warning(odd)
+        experiments = played.experiments()
+        self.source = ExperimentSource(self, lambda: next(experiments, None))
+        self.parts = [self.source]

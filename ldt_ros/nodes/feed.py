@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -14,10 +13,11 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.recording.message_fields import number_in, parse_field_path, seconds
 from ldt_core.recording.units import parse_field
+from ldt_ros.nodes.interfaces import message_class
 
 #: Samples that may wait: ten seconds of a fast machine on a busy computer.
 DEPTH = 10_000
-MESSAGE_TYPE = re.compile(r"(\w+)/msg/(\w+)")
+MESSAGE_TYPE = re.compile(r"\w+/msg/\w+")
 NUMBER = re.compile(r"std_msgs/msg/(Float|U?Int)\d+")
 #: Message type → channel → where its number is, if the option names no field.
 FIELDS: dict[str, dict[str, tuple[str | int, ...]]] = {
@@ -102,12 +102,12 @@ def subscribe(node: Node, topic: str, callback: Callable[[str, Any], None]) -> s
     if not offers:
         return None
     kind = offers[0].topic_type
-    match = MESSAGE_TYPE.fullmatch(kind)
-    package, name = match.groups() if match else ("", "")
     try:
-        message_class = getattr(importlib.import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError, TypeError):
-        raise RecordingError(topic, "a message type that is installed", kind) from None
+        known = message_class(kind) if MESSAGE_TYPE.fullmatch(kind) else None
+    except (ImportError, AttributeError):
+        known = None
+    if known is None:
+        raise RecordingError(topic, "a message type that is installed", kind)
     offered = [info.qos_profile for info in offers]
     reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offered)
     latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offered)
@@ -117,5 +117,5 @@ def subscribe(node: Node, topic: str, callback: Callable[[str, Any], None]) -> s
         history=HistoryPolicy.KEEP_LAST,
         depth=DEPTH,
     )
-    node.create_subscription(message_class, topic, lambda m: callback(kind, m), profile)
+    node.create_subscription(known, topic, lambda m: callback(kind, m), profile)
     return kind

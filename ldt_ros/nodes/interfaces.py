@@ -1,12 +1,15 @@
-"""Messages, QoS profiles and ROS parameters, made from the declarations in `msgs_config`."""
+"""Messages, QoS profiles and ROS parameters, as declared in `msgs_config` and made by the core."""
 
 from __future__ import annotations
 
+import array
 import difflib
+import importlib
 from collections.abc import Iterable
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -22,18 +25,33 @@ from rclpy.qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import (
+    Float64MultiArray,
+    Header,
+    MultiArrayDimension,
+    MultiArrayLayout,
+    String,
+)
 
 import msgs_config
 from ldt_core.base.settings import check
+from ldt_core.recording.codec import Record, decode, encode
+from ldt_core.recording.messages import Messages
 
-MESSAGES = {
-    "std_msgs/msg/Float64MultiArray": Float64MultiArray,
-    "std_msgs/msg/String": String,
-    "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
-    "sensor_msgs/msg/JointState": JointState,
-}
+MESSAGES = Messages(
+    Float64MultiArray=Float64MultiArray,
+    MultiArrayLayout=MultiArrayLayout,
+    MultiArrayDimension=MultiArrayDimension,
+    String=String,
+    Header=Header,
+    Time=Time,
+    DiagnosticArray=DiagnosticArray,
+    DiagnosticStatus=DiagnosticStatus,
+    KeyValue=KeyValue,
+    level=lambda level: bytes([level]),
+    # rclpy takes an array of doubles as it is; any other sequence it checks item by item.
+    doubles=lambda values: array.array("d", values.tobytes()),
+)
 #: Messages that wait for those who only listen: nobody waits for them, so they may lag behind.
 LISTENER_DEPTH = 1000
 #: Profile whose past every listener wants.
@@ -47,9 +65,40 @@ _TYPES = {
 }
 
 
-def message_type(topic: str) -> type:
+def to_message(record: Record, time: float = 0.0, machine: str = "") -> Any:
+    """The ROS message of a record.
+
+    Args:
+        record: what to send.
+        time: time of the statement [s since the epoch], for those with a stamp.
+        machine: name of the machine, for those with a `hardware_id`.
+    """
+    return encode(record, MESSAGES, machine, time)
+
+
+def from_message(topic: str, message: Any) -> Any:
+    """The record in a ROS message that came on a topic.
+
+    Raises:
+        BadInput: no such record; the sentence names the topic, what was expected and what came.
+    """
+    return decode(topic, message)
+
+
+def message_class(kind: str) -> Any:
+    """Class of a type of messages, such as `std_msgs/msg/String`.
+
+    Raises:
+        ImportError: its package is not installed.
+        AttributeError: the package has no such message.
+    """
+    package, _, name = kind.partition("/msg/")
+    return getattr(importlib.import_module(f"{package}.msg"), name)
+
+
+def message_type(topic: str) -> Any:
     """Message class of a declared topic."""
-    return MESSAGES[msgs_config.topics()[topic]["type"]]
+    return message_class(msgs_config.topics()[topic]["type"])
 
 
 def qos(topic: str) -> QoSProfile:

@@ -13,11 +13,10 @@ from ldt_core.restart.recorded_run import END
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
 from ldt_core.segmenter.rules import SteadyRule
 from ldt_core.segmenter.streams import ArrivalClock
-from ldt_ros.nodes.convert import to_message
 from ldt_ros.nodes.feed import Feed, stamp_of, subscribe
-from ldt_ros.nodes.health_report import LINGER
-from ldt_ros.nodes.node import LdtNode
-from ldt_ros.nodes.start_gate import StartGate
+from ldt_ros.nodes.interfaces import to_message
+from ldt_ros.nodes.node import LINGER, LdtNode
+from ldt_ros.nodes.statements import StartGate
 
 #: Value of a parameter in whose place that of the machine file, or the usual one, is taken.
 UNSET = -1.0

@@ -12,8 +12,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.stage_restart import StageRestart
 from ldt_core.twin.stage import RecordedStep, Stage
-from ldt_ros.nodes.node import LdtNode
-from ldt_ros.nodes.node_part import NodePart
+from ldt_ros.nodes.node import LdtNode, NodePart
 
 #: Time between two looks at what is left to do [s], for which the end of a run may wait.
 PROGRESS_PERIOD = 0.2

@@ -14,8 +14,7 @@ from ldt_core.base.errors import LdtError
 from ldt_core.recording.codec import DECODERS
 from ldt_core.recording.node_status import HEALTH_TOPIC
 from ldt_core.views.watch.fleet import MACHINES, Fleet
-from ldt_ros.nodes.convert import from_message
-from ldt_ros.nodes.interfaces import LISTENER_DEPTH, listener_qos, message_type
+from ldt_ros.nodes.interfaces import LISTENER_DEPTH, from_message, listener_qos, message_type
 
 #: Time between two looks for new machines [s].
 LOOK_PERIOD = 0.3

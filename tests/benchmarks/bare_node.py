@@ -30,8 +30,7 @@ def main(role: str) -> None:
     from rclpy.experimental import EventsExecutor
 
     from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal
-    from ldt_ros.nodes.convert import to_message
-    from ldt_ros.nodes.interfaces import message_type, qos
+    from ldt_ros.nodes.interfaces import message_type, qos, to_message
 
     row = np.linspace(0.0, 1.0, SAMPLES)
     prediction = to_message(Prediction(1, 0.0, 0.01, 0, row))

@@ -103,8 +103,7 @@ def cycles(folder: Path) -> list[Row]:
 
     The benchmark is the machine: it sends an experiment and waits for what comes of it.
     """
-    from ldt_ros.nodes.convert import to_message
-    from ldt_ros.nodes.interfaces import message_type, qos
+    from ldt_ros.nodes.interfaces import message_type, qos, to_message
 
     messages = [to_message(e) for e in read_bag(stream(folder / "sent", CYCLES)).experiments()]
     bare = [[*BARE, role] for role in ROLES]

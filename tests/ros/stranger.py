@@ -88,7 +88,7 @@ class Stranger:
             self.until(lambda: all(map(self.node.count_publishers, topics)), f"topics {topics}")
 
     def _hear(self, topic: str, message: Any) -> None:
-        from ldt_ros.nodes.convert import from_message
+        from ldt_ros.nodes.interfaces import from_message
 
         record = message if topic == "/diagnostics" else from_message(topic, message)
         self.heard[topic].append(record)
@@ -108,7 +108,7 @@ class Stranger:
 
     def send(self, topic: str, *messages: Any) -> None:
         """Publish messages, or records."""
-        from ldt_ros.nodes.convert import to_message
+        from ldt_ros.nodes.interfaces import to_message
 
         if topic not in self._publishers:
             self._publishers[topic] = self.publisher(topic)

@@ -31,9 +31,9 @@ from stranger import (  # noqa: E402
 )
 
 from ldt_ros.nodes.adaptor_node import AdaptorNode  # noqa: E402
-from ldt_ros.nodes.convert import to_message  # noqa: E402
 from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
-from ldt_ros.nodes.player_node import PlayerNode  # noqa: E402
+from ldt_ros.nodes.experiment_source import PlayerNode  # noqa: E402
+from ldt_ros.nodes.interfaces import to_message  # noqa: E402
 from ldt_ros.nodes.twin_node import TwinNode  # noqa: E402
 
 PHYSICS = {"model": "physics"}

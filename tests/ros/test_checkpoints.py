@@ -22,7 +22,7 @@ from stranger import answer, experiment, prediction  # noqa: E402
 from ldt_ros.nodes.adaptor_node import AdaptorNode  # noqa: E402
 from ldt_ros.nodes.advisor_node import AdvisorNode  # noqa: E402
 from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
-from ldt_ros.nodes.plant_node import PlantNode  # noqa: E402
+from ldt_ros.nodes.experiment_source import PlantNode  # noqa: E402
 from ldt_ros.nodes.stage_worker import StageWorker  # noqa: E402
 from ldt_ros.nodes.twin_node import TwinNode  # noqa: E402
 

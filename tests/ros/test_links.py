@@ -14,11 +14,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 from stranger import adaptation, experiment, log_of  # noqa: E402
 
-from ldt_ros.nodes.arrivals import Arrivals  # noqa: E402
-from ldt_ros.nodes.convert import to_message  # noqa: E402
 from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
-from ldt_ros.nodes.interfaces import qos  # noqa: E402
-from ldt_ros.nodes.twin_node import TwinNode  # noqa: E402
+from ldt_ros.nodes.interfaces import qos, to_message  # noqa: E402
+from ldt_ros.nodes.twin_node import Arrivals, TwinNode  # noqa: E402
 
 PHYSICS = {"model": "physics"}
 OK, WARN = 0, 1

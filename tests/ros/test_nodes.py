@@ -28,10 +28,9 @@ from stranger import TOPICS, adaptation, answer, experiment, log_of, written  # 
 
 from ldt_ros.nodes.adaptor_node import AdaptorNode  # noqa: E402
 from ldt_ros.nodes.advisor_node import AdvisorNode  # noqa: E402
-from ldt_ros.nodes.convert import to_message  # noqa: E402
 from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
-from ldt_ros.nodes.plant_node import PlantNode  # noqa: E402
-from ldt_ros.nodes.player_node import PlayerNode  # noqa: E402
+from ldt_ros.nodes.experiment_source import PlantNode, PlayerNode  # noqa: E402
+from ldt_ros.nodes.interfaces import to_message  # noqa: E402
 from ldt_ros.nodes.recorder_node import RecorderNode  # noqa: E402
 from ldt_ros.nodes.twin_node import TwinNode  # noqa: E402
 

@@ -24,8 +24,8 @@ from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
 from stranger import experiment  # noqa: E402
 
 from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
+from ldt_ros.nodes.experiment_source import PlantNode  # noqa: E402
 from ldt_ros.nodes.interfaces import declare  # noqa: E402
-from ldt_ros.nodes.plant_node import PlantNode  # noqa: E402
 from ldt_ros.nodes.twin_node import TwinNode  # noqa: E402
 
 RANGED = {n: d for n, d in msgs_config.parameters().items() if "range" in d}

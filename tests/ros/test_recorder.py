@@ -17,7 +17,7 @@ rclpy = pytest.importorskip("rclpy")
 
 from stranger import LENGTH, PERIOD, experiment  # noqa: E402
 
-from ldt_ros.nodes.convert import to_message  # noqa: E402
+from ldt_ros.nodes.interfaces import to_message  # noqa: E402
 
 LIMIT = 200_000  # bytes; the disk is full then
 

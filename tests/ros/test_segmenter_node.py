@@ -25,9 +25,8 @@ from std_msgs.msg import Float64, String  # noqa: E402
 from stranger import adaptation, log_of, written  # noqa: E402
 
 from ldt_core.base.errors import OptionError  # noqa: E402
+from ldt_ros.nodes.experiment_source import PlantNode, PlayerNode  # noqa: E402
 from ldt_ros.nodes.feed import Feed  # noqa: E402
-from ldt_ros.nodes.plant_node import PlantNode  # noqa: E402
-from ldt_ros.nodes.player_node import PlayerNode  # noqa: E402
 from ldt_ros.nodes.sample_stream import exact_stamp  # noqa: E402
 from ldt_ros.nodes.segmenter_node import SegmenterNode  # noqa: E402
 

@@ -18,7 +18,7 @@ from stranger import experiment
 
 from ldt_core.recording.bag import read_bag
 from ldt_ros.nodes import recorder_node
-from ldt_ros.nodes.backlog import Backlog
+from ldt_ros.nodes.recorder_node import Backlog
 
 HERE = Path(__file__).parent
 LDT = str(Path(sys.executable).with_name("ldt"))
