@@ -34,12 +34,9 @@ class Schedule:
 
     Args:
         kind: one of `KINDS`.
-        effect: name of the effect.
-        parameter: of that effect.
-        begin: first value, in the parameter's unit.
-        end: last (with `repaired`: worst) value.
-        steps: changes of a staircase or of `recurring`; fewer when there are not enough
-            experiments for all.
+        effect, parameter: their names.
+        begin, end: first and last (with `repaired`: worst) value, in the parameter's unit.
+        steps: changes of a staircase or of `recurring`, if there are enough experiments for all.
         experiments: of the whole run.
         seed: decides when it changes.
     """

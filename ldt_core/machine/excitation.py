@@ -33,8 +33,7 @@ class Excitation:
 
     Args:
         kind: steps, ramp, chirp or constant.
-        low: lowest voltage [V].
-        high: highest voltage [V].
+        low, high: voltages [V].
         hold: time that a level of `steps` is held [s].
         sweep: first and last frequency of `chirp` [Hz].
     """
@@ -66,11 +65,7 @@ class Excitation:
 
 @dataclass(frozen=True, eq=False)
 class Given:
-    """A voltage that is the same in every experiment.
-
-    Args:
-        volts: (samples,) [V], each held for one period.
-    """
+    """A voltage (samples,) [V] that is the same in every experiment."""
 
     volts: NDArray[Any]
 

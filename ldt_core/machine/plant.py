@@ -109,10 +109,7 @@ class Plant:
     ) -> Self:
         """The plant that parameters of the groups plant and run describe (`parameters.yaml`).
 
-        Args:
-            machine: as it is known beforehand.
-            settings: of the plant.
-            effects: further ones beside those of the settings.
+        `effects` are further ones beside those of the settings.
 
         Raises:
             MachineFileError: a section `simulation` that cannot be used.

@@ -1,11 +1,10 @@
 """Whether a measured speed can be a machine's at all, before anything is learned from it.
 
 A machine that wears is learned anew; a sensor that fails must not be. Asked is what no machine can
-do, whatever has become of it: stand at one value to the last bit where noise was before, end
-sharply at one value, change its speed faster than its motor could, or turn faster. The limits come
-from the machine file and from the data themselves. A sensor that shows another plausible speed,
-one off by a constant for example, passes: telling it from a machine that has changed is what a
-diagnosis is for (`sensor_bias`, `sensor_gain`, `sensor_lag`).
+do: stand at one value to the last bit where noise was before, end sharply at one value, change its
+speed faster than its motor could, or turn faster. The limits come from the machine file and from
+the data themselves. A sensor that shows another plausible speed passes: telling it from a machine
+that has changed is what a diagnosis is for (`sensor_bias`, `sensor_gain`, `sensor_lag`).
 """
 
 from __future__ import annotations

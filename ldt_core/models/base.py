@@ -17,9 +17,8 @@ class Model(abc.ABC):
     """A digital model that predicts the speed of an experiment in free run.
 
     A model never changes. `fit` returns a new one with the next version, so that a comparison, a
-    refusal and a way back cost nothing. All that makes a model is in `parameters`, in JSON types;
-    a model built from the record of another predicts bit-equally, which is what lets the twin node
-    and the offline loop give the same numbers.
+    refusal and a way back cost nothing. All that makes a model is in `parameters`; a model built
+    from the record of another predicts bit-equally.
 
     Args:
         machine: the machine as it is known beforehand.
@@ -79,15 +78,11 @@ class Model(abc.ABC):
         """
 
     def fit_without(self, experiments: Sequence[Experiment], held: Sequence[slice]) -> Self:
-        """As `fit`, without the samples of one block of each experiment.
+        """As `fit`, without the samples `held` of each experiment.
 
-        Here each experiment is cut in two and both parts are learned from, each from its own first
-        sample. A model whose hidden states make the start of the second part unknown does better
-        to run through the block and not to look at it.
-
-        Args:
-            experiments: to learn from.
-            held: of each experiment, the samples that must not be looked at.
+        Here each experiment is cut in two and both parts are learned from. A model whose hidden
+        states make the start of the second part unknown does better to run through the block and
+        not to look at it.
         """
         parts = []
         for e, block in zip(experiments, held, strict=True):
@@ -96,24 +91,15 @@ class Model(abc.ABC):
         return self.fit(parts)
 
     def shaped_like(self, other: Self) -> Self:
-        """A model that, when it learns, takes over what `other` had to choose (an order, say).
-
-        For trying the same choice on several parts of the data; itself where nothing is chosen.
-        """
+        """A model that, when it learns, takes over what `other` had to choose (an order, say)."""
         return self
 
     def informed(self, diagnosis: DiagnosisRecord) -> Self:
-        """The model that is to learn in this one's place, of the same version, after a verdict.
-
-        Itself where the verdict makes no difference.
-        """
+        """The model that is to learn in this one's place after a verdict, of the same version."""
         return self
 
     def change(self, before: Model) -> str:
-        """What has happened to the machine according to this model and an earlier one, in words.
-
-        Empty where the model cannot tell.
-        """
+        """What has happened to the machine since an earlier model, in words; empty if unknown."""
         return ""
 
     def successor(self, parameters: Mapping[str, Any], experiments: Sequence[Experiment]) -> Self:
@@ -127,9 +113,8 @@ class Model(abc.ABC):
         return type(self)(self.machine, self.parameters, version, self.trained_on, **self.options)
 
     def get_params(self) -> dict[str, Any]:
-        """Constructor arguments by name, as scikit-learn's estimators give them.
-
-        Without what was learned: `type(model)(**model.get_params())` is the untrained model.
+        """Constructor arguments by name, as scikit-learn's estimators give them: the untrained
+        model's.
         """
         return {"machine": self.machine, **self.options}
 

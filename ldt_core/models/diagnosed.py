@@ -295,17 +295,10 @@ def _require(machine: Machine, name: str) -> None:
     try:
         effect.require(machine.model)
     except OptionError as error:
-        able = [n for n in EFFECTS.names() if _possible(n, machine)]
+        known = {p.name for p in machine.model.parameters}
+        able = [n for n in EFFECTS.names() if known.issuperset(_cached_effect(n).needs)]
         expected = f"an effect that machine {machine.name!r} can have: one of {', '.join(able)}"
         raise OptionError("cause", expected, f"{name!r}, which needs {error.expected}") from None
-
-
-def _possible(name: str, machine: Machine) -> bool:
-    try:
-        _cached_effect(name).require(machine.model)
-    except OptionError:
-        return False
-    return True
 
 
 def _number(value: Any, low: float = -math.inf, high: float = math.inf) -> float:

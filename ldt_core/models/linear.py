@@ -26,16 +26,16 @@ class LinearModel(Model):
     stable, with an offset, and free in its physical meaning.
 
     `parameters`: `A` (n × n) [1/s], `B` (n), `C` (n), `D`, `offset` [rad/s], `order`, `noise_std`
-    (standard deviation of the residual of the fit [rad/s], null when untrained), `fit_percent`
-    (MATLAB's, null when untrained), `held_out` (order → error on samples left out [rad/s], when the
-    order was chosen), `states` (names of the states, where they are physical), `start` (`state` and
-    `per_speed`, see `estimation.linear.state_space`) and `others`, models that the data allow as
-    well, for the deviation (`A`, `B`, `offset`, their `state` and `per_speed`, `weight`).
+    (of the residual of the fit [rad/s], null when untrained), `fit_percent` (MATLAB's, likewise),
+    `held_out` (order → error on samples left out [rad/s], when the order was chosen), `states`
+    (names of the states, where they are physical), `start` (`state` and `per_speed`, see
+    `estimation.linear.state_space`) and `others`, models that the data allow as well, for the
+    deviation (`A`, `B`, `offset`, their `state` and `per_speed`, `weight`).
 
     Args (and those of `Model`):
         order: number of states of the identified model, 0 to choose it on held-out samples.
-        offset: whether the identified model may have an offset. The paper's has none, and so has a
-            steady speed of 0 at 0 V; one that is to stand for friction or load needs it.
+        offset: whether it may have an offset. The paper's has none, and so a steady speed of 0 at
+            0 V; one that is to stand for friction or load needs it.
 
     Raises:
         OptionError: an order that is none.

@@ -60,23 +60,17 @@ class Physics(abc.ABC):
 
     @abc.abstractmethod
     def initial_state(self, values: Values, speed: float, current: float | None = None) -> Array:
-        """(n,) state at the first sample of an experiment, from what was measured there.
+        """(n,) state at the first sample of an experiment, from speed [rad/s] and current [A]
+        there.
 
-        Args:
-            values: the machine's parameters.
-            speed: first measured speed [rad/s].
-            current: first measured current [A]; None takes the one that would hold that speed,
-                b omega / K_t, which is exact at rest and in steady running. The angle is 0 and the
-                foundation at rest.
+        Without a current it is the one that would hold that speed, b omega / K_t, which is exact at
+        rest and in steady running. The angle is 0 and the foundation at rest.
         """
 
     def running_state(
         self, values: Values, speed: float, angle: float, current: float | None = None
     ) -> Array:
-        """(n,) state of a machine that has run at this speed [rad/s] for long, at this angle [rad].
-
-        As `initial_state`, but for what such a machine shakes.
-        """
+        """(n,) state of a machine that has long run at this speed [rad/s], at this angle [rad]."""
         state = self.initial_state(values, speed, current)
         state[ANGLE] = angle
         return state
@@ -106,8 +100,7 @@ class Physics(abc.ABC):
             effects: acting effects; those on the measurement are ignored here, see `measure`.
             max_step: longest Runge-Kutta step [s]: a search may do with a longer one.
             tracked: (L,) speeds [rad/s] and a gain in 0..1: behind each sample the speed moves
-                towards the one given by this part of their difference (a Luenberger observer), and
-                the states are then predictions from one sample to the next. None: a free run.
+                towards the one given by this part of their difference (a Luenberger observer).
             least_step: shortest Runge-Kutta step [s], however stiff the machine is: a search that
                 comes by absurd values must not be held up by them.
 

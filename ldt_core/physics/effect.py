@@ -143,11 +143,7 @@ class Effect:
         return values
 
     def require(self, physics: HasParameters) -> None:
-        """Refuse a kind of machine that cannot have this effect.
-
-        Raises:
-            OptionError: a parameter that the effect needs is not the machine's.
-        """
+        """Refuse (OptionError) a machine without a parameter that the effect needs."""
         known = [p.name for p in physics.parameters]
         missing = [name for name in self.needs if name not in known]
         if missing:
@@ -181,11 +177,7 @@ class Effect:
 
     @functools.cached_property
     def compiled(self) -> Any:
-        """The torque or terminal function as machine code.
-
-        Raises:
-            OptionError: numba cannot compile it.
-        """
+        """The torque or terminal function as machine code, an OptionError where numba fails."""
         function = self.torque or self.terminal
         assert function is not None
         return compile_term(f"effect {self.name}", function, bool(self.states))
@@ -204,11 +196,8 @@ def gather(
 ) -> Terms:
     """The terms of these effects, for a machine with these parameters.
 
-    Args:
-        terms: effects with all their values.
-        values: the machine's parameters.
-        watched: for each term whether it asks for shorter steps than the machine; none if empty.
-        quiet: change of a torque [N m] and of a voltage [V] that needs no shorter steps.
+    `watched` says of each term whether it asks for shorter steps than the machine (none if empty),
+    `quiet` which change of a torque [N m] and of a voltage [V] needs no shorter ones.
     """
     parameters: list[float] = []
     first_parameter, first_state, states = [], [], 0

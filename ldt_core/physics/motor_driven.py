@@ -85,8 +85,8 @@ class MotorDriven(Physics):
     ) -> tuple[Array, Array]:
         """Times and levels of the voltage behind the effects on it.
 
-        What the supply gave before the first sample is not known. It is taken to be what keeps the
-        first state steady: nothing for a machine at rest.
+        What the supply gave before the first sample is taken to be what keeps the first state
+        steady.
         """
         before = values["R"] * state[CURRENT] + values["K_t"] * state[SPEED]
         at, levels = np.concatenate([[-np.inf], times]), np.concatenate([[before], volts])

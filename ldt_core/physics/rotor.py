@@ -47,7 +47,7 @@ class Rotor(MotorDriven):
         return values["e"] == 0
 
     def constants(self, values: Values) -> Constants:
-        """As named in `integrate.Constants`."""
+        """As named in `Constants`."""
         v = values
         unbalance = v["m"] * v["e"]
         mass = v["M"] + v["m"]

@@ -14,9 +14,6 @@ def zero_order_hold(a: Array, b: Array, period: float) -> tuple[Array, Array]:
         a: (n, n) [1/s].
         b: (n,) or (n, m) [unit of a state per unit of an input and s].
         period: sample period [s].
-
-    Returns:
-        Ad (n, n) and Bd, shaped as b; not finite where the exponential is not.
     """
     from scipy.linalg import expm  # 0.1 s to import, and not every machine needs it
 

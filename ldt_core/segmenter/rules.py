@@ -52,14 +52,10 @@ class Cut(NamedTuple):
 
 
 class Collector:
-    """Gathers rows from the first one on.
+    """Gathers the rows of one experiment of so many samples.
 
     Complete at once when every row is on the grid; else when a row comes that lies beyond the end,
     since what lies between is needed then. Every row belongs to exactly one experiment.
-
-    Args:
-        samples: of the experiment.
-        period: [s].
     """
 
     def __init__(self, samples: int, period: float) -> None:
@@ -182,9 +178,8 @@ class LengthRule(Rule):
 class TriggerRule(LengthRule):
     """One experiment at each rising edge of the voltage, with what came right before it.
 
-    An edge is a row above the level that follows one at the level or below. Edges within an
-    experiment count for nothing. What came before is shorter where the last experiment or a gap is
-    nearer.
+    An edge is a row above the level that follows one at the level or below; within an experiment it
+    counts for nothing. What came before is shorter where the last experiment or a gap is nearer.
 
     Args:
         period: of the experiments' samples [s].

@@ -86,8 +86,7 @@ class Segmenter:
 
         Args:
             channel: voltage, speed or current.
-            time: (n,) or a number [s].
-            values: (n,) or a number, in SI units.
+            time, values: (n,) or a number [s], in SI units.
 
         Returns:
             The experiments that they complete.

@@ -22,10 +22,9 @@ class StreamAligner:
     """Admits samples and releases rows, in the order of their times.
 
     A row has the voltage that was set last before its speed was measured (a voltage may be sent
-    only when it changes) and the current interpolated to its time. It is released once they are
-    known: when a sample of its time or a later one has come, of the voltage also when none has
-    come `lateness` later. So the rows do not depend on how the channels' messages interleave, as
-    long as none is later than that.
+    only when it changes) and the current interpolated to its time. It is released once a sample of
+    its time or a later one has come of each, of the voltage also when none has come `lateness`
+    later. So the rows do not depend on how the channels' messages interleave.
 
     Args:
         channels: voltage, speed and perhaps current.
@@ -143,8 +142,7 @@ class StreamAligner:
 class ArrivalClock:
     """Gives a message without a stamp the time of its arrival, on the clock of those with one.
 
-    The stamps' clock is taken to be behind ours by as much as the last stamped message was: what is
-    handled late after a stall is late alike, and a machine's clock need not be set to ours.
+    The stamps' clock is taken to be behind ours by as much as the last stamped message was.
     """
 
     def __init__(self) -> None:

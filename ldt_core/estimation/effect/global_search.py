@@ -53,9 +53,7 @@ class Scan:
     """Free runs of one experiment over the effect's parameters and the start angle.
 
     Args:
-        cause: machine and effect.
-        experiment: measured.
-        start: what is known of its first state.
+        cause, experiment, start: machine and effect, what was measured, what is known of its start.
         noise: standard deviation of the measured speed [rad/s].
         seeds: more coordinates to try: what was found in earlier experiments.
     """
@@ -258,8 +256,8 @@ class EffectSearch:
     def _step_by_step(self) -> Minimum | None:
         """Fit the beginning, then more and more of the experiment; None if that leads nowhere.
 
-        There are experiments in which 0.005 % of the unbalance decides on which side of a resonance
-        the rotor ends. No scan hits that, but what comes before tells the unbalance nearly as well.
+        Where 0.005 % of the unbalance decides on which side of a resonance the rotor ends, no scan
+        hits it, but what comes before tells the unbalance nearly as well.
         """
         length = len(self.experiment)
         for part in BEGINNINGS:

@@ -177,11 +177,7 @@ def _unknowns(order: int, experiments: int, others: int) -> int:
 
 
 def _possible(orders: range, search: OutputError, experiments: list[Experiment]) -> range:
-    """The orders that the samples are enough for and that the voltage excites.
-
-    Raises:
-        LdtError: none, or not the one that was asked for.
-    """
+    """The orders that the samples suffice for and the voltage excites, else an LdtError."""
     asked, most = orders[-1] if orders is not TRIED_ORDERS else orders[0], 0
     for n in orders:
         unknowns = _unknowns(n, len(search.lengths), search.feedthrough + search.offset)

@@ -192,8 +192,8 @@ class OutputError:
         """How well the input determines a model of that order, from 0 (not at all) to 1.
 
         Least singular value of the input's effect on n states with poles spread over the time
-        scales of the data, less what start states, offset and feedthrough take, relative to that
-        effect as a whole.
+        scales of the data, less what start states, offset and feedthrough take, relative to the
+        whole effect.
         """
         poles = -np.geomspace(3 / self.longest, 1 / 3, order)
         at = _At(self, schwarz.from_poles(poles, self.sigma))

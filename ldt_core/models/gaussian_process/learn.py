@@ -179,10 +179,8 @@ def _means(values: Array, length: int) -> Array:
 
 
 def _sensor_noise(runs: Sequence[MotorRun], lacking: Sequence[Array]) -> float:
-    """Noise of the speed sensor [rad/s] from second differences of the one-step targets.
-
-    A target holds v_{k+1} - a v_k besides the acceleration, which changes slowly against a sample;
-    what little it changes, and the jumps where the voltage switches, a quantile does not see.
+    """Noise of the speed sensor [rad/s] from second differences of the one-step targets, which hold
+    v_{k+1} - a v_k; a quantile sees neither the acceleration nor the jumps of the voltage.
     """
     scaled = []
     for run, targets in zip(runs, lacking, strict=True):
@@ -228,9 +226,9 @@ def _disturbance(
 ) -> LearnedAcceleration:
     """What free runs miss beyond noise and the function's own spread.
 
-    Its memory is that of the block means of the equation error; its size is the one that makes the
-    residuals over their predicted deviations have unit mean square, in each part of the data for
-    the function that was learned without that part: to its own data a function fits too well.
+    Its memory is that of the block means of the equation error. Its size gives the residuals over
+    their predicted deviations unit mean square, in each part of the data for the function that was
+    learned without that part.
     """
     posterior, *others = found
     above = below = 0.0

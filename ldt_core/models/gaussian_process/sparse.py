@@ -124,8 +124,7 @@ def condition(
     Args:
         kernel: the prior.
         inducing: z (m, d), as `choose_inducing` orders them.
-        observations: pairs of rows (n, m), the functional of each column k(·, z), and y (n,). For
-            plain values at x the rows are kernel(x, z).
+        observations: pairs of rows (n, m), the functional of each column k(·, z), and y (n,).
         noise_std: standard deviation of the noise, above 0.
 
     Raises:
@@ -144,13 +143,8 @@ def condition_in_parts(
 ) -> list[SparsePosterior]:
     """The posterior given all observations, then those without each part of them.
 
-    Args:
-        kernel, inducing, noise_std: as for `condition`.
-        observations: as there, and for each row the part that it belongs to (n,), from 0.
-        parts: how many there are; with 1 nothing is left out.
-
-    Raises:
-        numpy.linalg.LinAlgError: numbers that overflow.
+    As `condition`, each observation with the part (n,) that each of its rows belongs to, from 0;
+    with one part nothing is left out.
     """
     points = len(inducing)
     prior = kernel(inducing, inducing)
