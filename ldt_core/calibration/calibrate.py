@@ -25,8 +25,13 @@ from ldt_core.calibration.calibration import (
     rounded,
 )
 from ldt_core.calibration.coordinates import Coordinates
-from ldt_core.calibration.identifiability import MOST_ERROR, Identifiability, examine
-from ldt_core.calibration.intervals import Uncertainty, uncertainty
+from ldt_core.calibration.identifiability import (
+    MOST_ERROR,
+    Identifiability,
+    Uncertainty,
+    examine,
+    uncertainty,
+)
 from ldt_core.calibration.parameter_fit import CalibrationRuns, coordinate, fit, starts
 from ldt_core.machine.machine_file import Machine
 

@@ -12,8 +12,7 @@ from ldt_core.base.errors import ExperimentError, LdtError, OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.calibration import calibrate
 from ldt_core.calibration.calibrate import split
-from ldt_core.calibration.identifiability import examine, product
-from ldt_core.calibration.intervals import uncertainty
+from ldt_core.calibration.identifiability import examine, product, uncertainty
 from ldt_core.calibration.machine_yaml import machine_text
 from ldt_core.machine.machine_file import load_machine, parse_machine
 

@@ -8,11 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ldt_core.base.errors import LdtError
-from ldt_core.models.gaussian_process.hyperparameters import (
-    cells,
-    fit_hyperparameters,
-    minus_log_likelihood,
-)
 from ldt_core.models.gaussian_process.observer import (
     MotorRun,
     estimate_noise,
@@ -22,8 +17,11 @@ from ldt_core.models.gaussian_process.observer import (
 from ldt_core.models.gaussian_process.sparse import (
     Kernel,
     SparsePosterior,
+    cells,
     choose_inducing,
     condition,
+    fit_hyperparameters,
+    minus_log_likelihood,
 )
 from ldt_core.models.gaussian_process.speed_run import compile_run, spread, tabulate
 

@@ -14,7 +14,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
-from ldt_core.segmenter.streams import StreamAligner
+from ldt_core.segmenter.segmenter import StreamAligner
 
 PERIOD = 0.01  # s
 EPOCH = 1.7e9  # s, where a double's resolution is a quarter of a microsecond

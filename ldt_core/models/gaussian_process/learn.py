@@ -1,6 +1,6 @@
 """From measured runs to the trained acceleration with all that a prediction needs.
 
-1. means over short blocks of the one-step targets, and from them the kernel (`hyperparameters`);
+1. means over short blocks of the one-step targets, and from them the kernel (`sparse`);
 2. noise of sensor and process, with the function that the cells alone give (`observer`);
 3. one sparse solve on all samples, as innovations at the filtered states (`sparse`);
 4. what free runs still miss where they have not learned from, as a disturbance (`speed_run`).
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.threads import one_thread
-from ldt_core.models.gaussian_process.hyperparameters import cells, fit_hyperparameters
 from ldt_core.models.gaussian_process.observer import (
     MotorRun,
     estimate_noise,
@@ -28,9 +27,11 @@ from ldt_core.models.gaussian_process.observer import (
 from ldt_core.models.gaussian_process.sparse import (
     Kernel,
     SparsePosterior,
+    cells,
     choose_inducing,
     condition,
     condition_in_parts,
+    fit_hyperparameters,
 )
 from ldt_core.models.gaussian_process.speed_run import FreeRun, compile_run, spread
 
