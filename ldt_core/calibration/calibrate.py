@@ -118,8 +118,6 @@ def check_names(machine: Machine, free: Sequence[str], fixed: Sequence[str]) -> 
 
 @dataclass
 class _State:
-    """One fit and what was found at it."""
-
     whole: Coordinates
     coordinates: Coordinates
     runs: CalibrationRuns
@@ -134,8 +132,6 @@ class _State:
 
 
 class _Work:
-    """The steps of one calibration."""
-
     def __init__(
         self,
         machine: Machine,

@@ -293,7 +293,7 @@ def _stationary(
         orders.append(order)
         freedom = min(freedom, left)
         for s, _ in parts:
-            meat += s.T @ _correlate(s, covariance[: len(s)])
+            meat += s.T @ matmul_toeplitz(covariance[: len(s)], s, check_finite=False)
     inverse = np.linalg.inv(total)
     words = ", ".join(f"AR({o})" for o in orders)
     return Uncertainty(
@@ -327,8 +327,3 @@ def _autocovariance(residuals: Sequence[Array], longest: int) -> tuple[Array, in
     for k in range(chosen.size + 1, full.size):
         full[k] = chosen @ full[k - 1 : k - 1 - chosen.size : -1]
     return full[:longest], chosen.size
-
-
-def _correlate(columns: Array, covariance: Array) -> Array:
-    """The Toeplitz matrix of the covariance times the columns: (L, p)."""
-    return matmul_toeplitz(covariance, columns, check_finite=False)

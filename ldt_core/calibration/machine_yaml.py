@@ -98,12 +98,14 @@ def _measured(found: Calibration | EquivalentMotor) -> str:
 def _text(
     machine: Machine, head: list[str], comments: Mapping[str, str], record: dict[str, Any]
 ) -> str:
-    """A machine file with comments on top and behind each parameter."""
+    entries = {
+        p.name: f"  {p.name}: {_flow(machine.parameters[p.name])}" for p in machine.model.parameters
+    }
     lines = [
         *(f"# {line}" for line in head),
         *_entries({"name": machine.name, "physics": machine.physics}),
         "parameters:",
-        *_parameters(machine, comments),
+        *(f"{entry:<{COMMENT_COLUMN}}  # {comments[name]}" for name, entry in entries.items()),
         "limits:",
         f"  voltage: {_flow(list(machine.voltage_limits))}    # V",
         "experiment:",
@@ -115,15 +117,6 @@ def _text(
         lines += [f"  {line}" for line in _entries(machine.simulation)]
     lines += ["calibration:", *(f"  {line}" for line in _calibration(record))]
     return "\n".join(lines) + "\n"
-
-
-def _parameters(machine: Machine, comments: Mapping[str, str]) -> list[str]:
-    lines = []
-    for parameter in machine.model.parameters:
-        name = parameter.name
-        entry = f"  {name}: {_flow(machine.parameters[name])}"
-        lines.append(f"{entry:<{COMMENT_COLUMN}}  # {comments[name]}")
-    return lines
 
 
 def _calibration(record: dict[str, Any]) -> list[str]:
@@ -143,7 +136,6 @@ def _entries(mapping: Any) -> list[str]:
 
 
 def _flow(value: Any) -> str:
-    """A value on one line of YAML."""
     text = yaml.safe_dump(
         value, default_flow_style=True, sort_keys=False, width=10**9, allow_unicode=True
     )

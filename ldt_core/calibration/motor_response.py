@@ -93,7 +93,7 @@ def fit_response(
     starts = _starts(seed, search.period)
     found = min((search.fit(s, offset) for s in starts), key=lambda f: f.noise_std)
     if offset:
-        without = search.fit(_logs(found), False)
+        without = search.fit(np.log([found.tau_m, found.tau_e][: found.order]), False)
         independent = search.samples * search.period / max(linear.correlation_time, search.period)
         gained = 2 * independent * math.log(without.noise_std / found.noise_std)
         if gained < math.log(independent):  # Schwarz's criterion, of independent samples
@@ -111,10 +111,6 @@ def _starts(model: StateSpace, period: float) -> list[Array]:
     tau_m = polynomial[1] / polynomial[2]
     fast = [1 / polynomial[1], *(share * period for share in FIRST_TIMES)]
     return [np.log([tau_m, tau_e]) for tau_e in fast]
-
-
-def _logs(form: MotorResponse) -> Array:
-    return np.log([form.tau_m, form.tau_e][: form.order])
 
 
 class _Search:

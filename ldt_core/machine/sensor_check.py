@@ -185,7 +185,6 @@ def _longest_run(speed: Samples) -> tuple[int, int]:
 
 
 def _longest(speed: Samples) -> int:
-    """Samples of the longest stretch of equal ones."""
     begin, stop = _longest_run(speed) if speed.size else (0, 0)
     return stop - begin
 

@@ -309,7 +309,6 @@ def _number(value: Any, low: float = -math.inf, high: float = math.inf) -> float
 
 
 def _median(runs: Samples, weights: Samples) -> Samples:
-    """Weighted median of each column."""
     order = np.argsort(runs, axis=0)
     total = np.cumsum(weights[order], axis=0)
     place = np.argmax(total >= 0.5 * total[-1], axis=0)

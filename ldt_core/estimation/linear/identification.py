@@ -143,7 +143,6 @@ class _Scale:
 
 
 def _check(experiments: list[Experiment], order: int, feedthrough: bool, offset: bool) -> None:
-    """Refuse what cannot be identified before any work is done."""
     if not experiments:
         raise ExperimentError("identification", "at least one experiment", "none")
     first = experiments[0]

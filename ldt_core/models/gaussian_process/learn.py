@@ -156,7 +156,6 @@ def _parts(runs: Sequence[MotorRun]) -> list[NDArray[np.int64]]:
 
 
 def _block_lengths(runs: Sequence[MotorRun]) -> list[int]:
-    """Samples in a block, for each run."""
     total = sum(len(run.speed) - 1 for run in runs)
     if total < FEWEST_BLOCKS:
         raise LdtError(
