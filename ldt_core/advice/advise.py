@@ -37,11 +37,8 @@ def advise(
     """Bands, margins, and the next experiment.
 
     Args:
-        machine: its limits.
         belief: its parameters as they are taken to be.
         experiments: recent ones, the last one last; it is judged.
-        model: in force.
-        diagnosis: the last one.
 
     Returns:
         A warning where the last experiment was in a band or near one.
@@ -81,11 +78,12 @@ def advise(
     if design is not None:
         told |= {"next.name": design.name, "next.bits": design.bits, "next.on": design.sharpens}
         told |= {"next.levels": json.dumps(design.levels), "next.hold": design.hold}
+    others = listed(map(spoken, belief.left_out))
     sentences = (
         about_bands(belief, model.kind if model else "", bands, left, limit),
-        about_left_out(belief) if bands else "",
+        f"Not counted in: {others}, which shifts these voltages." if bands and others else "",
         about_experiment(number, share, seconds),
-        about_limit(spare, limit) if experiments else "",
+        f"{spare:.3g} V are left to the limit of {limit:.3g} V." if experiments else "",
         about_next(design, str(asked)),
     )
     return AdviceRecord(
@@ -129,24 +127,12 @@ def about_bands(
     return words
 
 
-def about_left_out(belief: MachineEstimate) -> str:
-    """What else acts and is not counted in."""
-    if not belief.left_out:
-        return ""
-    return f"Not counted in: {listed(map(spoken, belief.left_out))}, which shifts these voltages."
-
-
 def about_experiment(number: int, share: float, seconds: float) -> str:
     """Where one experiment was."""
     if not share:
         return ""
     words = f"Experiment {number} was in or near them for {share:.0%} of its time"
     return f"{words}, and captured for {seconds:.3g} s." if seconds else f"{words}."
-
-
-def about_limit(left: float, limit: float) -> str:
-    """What is left of the voltage."""
-    return f"{left:.3g} V are left to the limit of {limit:.3g} V."
 
 
 def about_next(design: DesignedExperiment | None, asked: str) -> str:

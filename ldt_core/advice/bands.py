@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import brentq, minimize_scalar
 
+from ldt_core.base.arrays import Array
 from ldt_core.physics.steady_state import folds, has_foundation, steady_voltage, unbalance_torque
 
 if TYPE_CHECKING:
     from ldt_core.base.experiment import Experiment
 
 Values = Mapping[str, float]
-Array = NDArray[np.float64]
 
 #: How well e is known, relative: a voltage that an e within it puts into a band counts as in it.
 E_UNCERTAINTY = 0.05
@@ -55,7 +55,6 @@ def voltage_bands(values: Values, highest: float) -> list[CaptureBand]:
     """The bands that begin below a voltage, in their order.
 
     Args:
-        values: the machine's parameters, e with them.
         highest: [V], above 0.
 
     Returns:
@@ -96,7 +95,6 @@ def uncertain_bands(values: Values, highest: float) -> list[tuple[float, float]]
     """Voltages of all bands, for any e within `E_UNCERTAINTY`, joined where they touch.
 
     Args:
-        values: the machine's parameters.
         highest: the machine's limit [V]; nothing reaches beyond.
     """
     if not values.get("e"):

@@ -15,14 +15,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ldt_core.advice.bands import in_bands, uncertain_bands
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, rms
 from ldt_core.machine.machine_file import Machine
-
-Array = NDArray[np.float64]
 
 PRIOR_STD = 0.1  # relative deviation of a parameter of which nothing else is known
 DIFFERENCE_STEP = 1e-3  # relative; the integrator is good to a hundredth of it
@@ -38,7 +36,6 @@ class DesignedExperiment:
     """An experiment that has not been made.
 
     Args:
-        name: what it is, for people.
         levels: voltages, each held equally long [V].
         hold: for which each is held [s].
         bits: of information on the parameters that it would add.
@@ -63,8 +60,6 @@ def most_informative(
     """The design with most bits; None where every one would be in a band.
 
     Args:
-        machine: its physics, limits and length of an experiment.
-        values: its parameters as they are taken to be.
         experiments: that were made of the machine as it is. What the simulation leaves of one
             counts as its noise, so that what is not understood is not taken for knowledge.
     """
@@ -102,8 +97,6 @@ def candidate_designs(
     """Experiments within the limits that hold no voltage at which the rotor may be captured.
 
     Args:
-        machine: its limits and length of an experiment.
-        values: its parameters as they are taken to be.
         reverse: whether one may reverse it at full speed, which is hard on many machines.
     """
     low, high = machine.voltage_limits

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ldt_core.advice.bands import (
     E_UNCERTAINTY,
@@ -15,11 +14,10 @@ from ldt_core.advice.bands import (
     uncertain_bands,
     voltage_bands,
 )
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.steady_state import steady_voltage
-
-Array = NDArray[np.float64]
 
 RUN_UP_VOLTAGES = 5  # voltages of a run-up that are tried, from just above the band to the limit
 SPEED_TOLERANCE = 0.02  # of the speed: nearer, it has been reached
@@ -68,8 +66,6 @@ def plan_run_up(machine: Machine, values: Mapping[str, float], speed: float) -> 
     doubt there is about it (`bands.DOUBT`).
 
     Args:
-        machine: its physics and limits.
-        values: its parameters as they are taken to be.
         speed: [rad/s], above 0.
 
     Raises:

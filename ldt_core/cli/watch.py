@@ -44,6 +44,8 @@ def command(
 
     Example: ldt watch my_run --rate 20
     """
+    import asyncio
+
     from ldt_core.views.watch.browser_files import assets
     from ldt_core.views.watch.fleet import Fleet
     from ldt_core.views.watch.record_source import Playback, RecordSource, graph
@@ -62,4 +64,4 @@ def command(
         echo_result(as_json, record, f"{source.words}: {address} (Ctrl-C ends it)")
 
     fleet = Fleet(source.live)
-    serve(fleet, source, assets(source.words), host, port, ready)
+    asyncio.run(serve(fleet, source, assets(source.words), host, port, ready))

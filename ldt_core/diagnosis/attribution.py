@@ -14,14 +14,12 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.candidate import turning
 from ldt_core.diagnosis.diagnosis import ParameterAmount
-from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.effect_fit import EffectFit, by_member
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
-
-Array = NDArray[np.float64]
 
 DEVIATIONS = 1.96  # half width of a 95 % interval of a normal distribution
 REMAINDER_SHAPES = 3.0  # independent shapes that a remainder is taken to consist of
@@ -32,10 +30,7 @@ UNDETERMINED = 3.0  # standard deviation, in coordinates, from which a parameter
 def deviations(fit: EffectFit, left: float, gap: float) -> tuple[Array, ...]:
     """Standard deviation of each member's coordinates; infinite where nothing depends on them.
 
-    Args:
-        fit: the set.
-        left: power that it leaves beyond noise.
-        gap: power of the whole gap.
+    The set leaves the power `left` beyond noise, of the power `gap` of the whole gap.
     """
     size = np.linalg.norm(fit.jacobian, axis=0)
     seen = size > 1e-9
@@ -47,8 +42,7 @@ def deviations(fit: EffectFit, left: float, gap: float) -> tuple[Array, ...]:
         found[seen] = np.sqrt(
             variance * (1 + (max(left, 0.0) + TRACELESS_ERROR * gap) / REMAINDER_SHAPES)
         )
-    edges = np.cumsum([len(c) for c in fit.members])[:-1]
-    return tuple(np.split(found, edges))
+    return by_member(fit.members, found)
 
 
 def amounts(fit: EffectFit, left: float, gap: float) -> dict[str, dict[str, ParameterAmount]]:

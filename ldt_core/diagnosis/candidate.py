@@ -6,18 +6,13 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
+from ldt_core.physics.effect import Effect
 from ldt_core.physics.motor import memory
-
-if TYPE_CHECKING:
-    from ldt_core.physics.effect import Effect
-    from ldt_core.physics.parameter import Parameter
-
-Array = NDArray[np.float64]
+from ldt_core.physics.parameter import Parameter
 
 # Where searches begin: close enough to each other that a fit gets from one to the next.
 START_FACTORS = (0.4, 0.7, 0.9, 1.1, 1.4, 2.5)  # of a parameter that multiplies the machine's
@@ -44,7 +39,6 @@ class Candidate:
     and the limits as z = log(value / neutral).
 
     Args:
-        effect: of the library or the user's.
         most_voltage: largest voltage of the recordings [V].
         sizes: unit to the size of this machine's quantities, see `machine_scales`.
     """
@@ -198,7 +192,6 @@ def machine_scales(values: Mapping[str, float], most_voltage: float) -> dict[str
     in which the motor forgets its speed.
 
     Args:
-        values: the machine's parameters.
         most_voltage: largest voltage of the recordings [V].
     """
     current = most_voltage / values["R"]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.threads import one_thread
 from ldt_core.diagnosis.attribution import amounts, shapley_shares
@@ -51,8 +52,6 @@ from ldt_core.diagnosis.verdict import Decision, decide
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.sensor_check import sound
 from ldt_core.physics.effect import Effect
-
-Array = NDArray[np.float64]
 
 LEAST_SCORE = 0.01  # of the gap: an effect that explains less is said to explain nothing
 
@@ -119,29 +118,26 @@ def diagnose(
         return report.diagnosis(silent, groups)
 
 
+@dataclass(eq=False)
 class _Report:
     """Puts the diagnosis together from what was decided."""
 
-    def __init__(
-        self,
-        machine: Machine,
-        search: EffectSetSearch,
-        decision: Decision,
-        fitted: Sequence[Experiment],
-        held: Sequence[Experiment],
-        recordings: Sequence[str],
-        seed: int,
-        tick: Callable[[str], None],
-        fault: str = "",
-    ) -> None:
-        self.fault = fault
+    machine: Machine
+    search: EffectSetSearch
+    decision: Decision
+    fitted: Sequence[Experiment]
+    held: Sequence[Experiment]
+    recordings: Sequence[str]
+    seed: int
+    tick: Callable[[str], None]
+    fault: str
+
+    def __post_init__(self) -> None:
+        d = self.decision
         #: Whether nothing was sought, for no experiment can be trusted.
-        self.faulty = bool(fault) and decision.kind == "unknown" and decision.best is None
-        self.machine, self.search, self.decision = machine, search, decision
-        self.fitted, self.held, self.recordings = list(fitted), list(held), list(recordings)
-        self.seed, self.tick = seed, tick
-        self.residuals = decision.residuals
-        self.named = decision.best if decision.kind in ("effect", "ambiguous") else None
+        self.faulty = bool(self.fault) and d.kind == "unknown" and d.best is None
+        self.residuals = d.residuals
+        self.named = d.best if d.kind in ("effect", "ambiguous") else None
         self.use = self.named.use if self.named else []
 
     def diagnosis(self, silent: list[str], groups: list[list[str]]) -> Diagnosis:
@@ -172,17 +168,13 @@ class _Report:
         if self.fault:
             words = not_measured(self.fault, "" if self.faulty else words)
         best = d.best.use if d.best else []
-        depends = (
-            depends_on(
-                self.residuals,
-                residual_torque(self.residuals, best, d.best.starts if d.best else None),
-            )
-            if d.structured
-            else []
-        )
+        depends = []
+        if d.structured:
+            torque = residual_torque(self.residuals, best, d.best.starts if d.best else None)
+            depends = depends_on(self.residuals, torque)
         return Diagnosis(
             machine=self.machine.name,
-            recordings=self.recordings,
+            recordings=list(self.recordings),
             experiments={
                 "fit": sorted({e.number for e in self.fitted}),
                 "held_out": sorted({e.number for e in self.held}),
@@ -213,12 +205,9 @@ class _Report:
         return [*places(found), *steady_places(found, self.use)]
 
     def _notes(self) -> list[str]:
-        if {e.number for e in self.fitted} & {e.number for e in self.held}:
-            return [
-                f"fewer than {FEWEST_EXPERIMENTS} experiments: "
-                "each was cut into parts, some of them held out"
-            ]
-        return []
+        cut = {e.number for e in self.fitted} & {e.number for e in self.held}
+        few = f"fewer than {FEWEST_EXPERIMENTS} experiments: each was cut into parts, some of them"
+        return [f"{few} held out"] if cut else []
 
     def _all_groups(
         self, computed: Sequence[Sequence[str]], acting: Sequence[Sequence[str]]
@@ -243,9 +232,8 @@ class _Report:
         shares = shapley_shares(self.search, self.named) if self.named else {}
         ranked = []
         for c in self.search.candidates:
-            alone = explained.fits.get(frozenset([c.name])) or explained.scouted.get(
-                frozenset([c.name])
-            )
+            only = frozenset([c.name])
+            alone = explained.fits.get(only) or explained.scouted.get(only)
             rmse = part = score = None
             parameters = found.get(c.name, {})
             if alone is not None:
@@ -292,10 +280,7 @@ class _Report:
         if d.kind == "unknown":
             return f"leaves {1 - score:.0%} of the gap"
         best = " and ".join(d.best.names) if d.best else ""
-        return f"leaves {1 - score:.1%} of the gap, {best} {self._left():.1%}"
-
-    def _left(self) -> float:
-        return max(self.decision.left / self.decision.excess, 0.0)
+        return f"leaves {1 - score:.1%} of the gap, {best} {max(d.left / d.excess, 0.0):.1%}"
 
     def _shown(self, before: Sequence[Array], after: Sequence[Array]) -> list[DrawnExperiment]:
         """All experiments for the page, from the free runs of those held out."""

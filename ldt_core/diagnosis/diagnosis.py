@@ -10,15 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import BadInput, ExperimentError, did_you_mean
 from ldt_core.base.experiment import Experiment
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
-
-Array = NDArray[np.float64]
 
 #: Field to its key in `diagnosis.json`, where they differ: `from` is a keyword of Python.
 KEYS = {"begin": "from", "end": "to"}
@@ -31,8 +29,6 @@ class ParameterAmount:
     """A parameter of an effect, as it was found.
 
     Attributes:
-        value: in `unit`.
-        unit: SI.
         ci95: 95 % interval; None where the recording does not determine it.
     """
 
@@ -46,7 +42,6 @@ class RankedCandidate:
     """A candidate and how it fared.
 
     Attributes:
-        effect: its name.
         parameters: amounts; in the verdict's set for its members, else alone.
         held_out_rmse: free-run error on the held-out experiments with it alone [rad/s].
         closed_fraction: of the gap there, with it alone; None without a gap.
@@ -70,9 +65,6 @@ class GapLocation:
 
     Attributes:
         quantity: speed, voltage, acceleration, time, frequency, order or experiment.
-        begin: lower end.
-        end: upper end.
-        unit: of both.
         share_of_gap: part of the gap's power inside.
         share_of_data: part of the samples inside.
         steady: whether it is where the named effect acts at a steady speed, by its law, and not
@@ -96,8 +88,6 @@ class Verdict:
         kind: none, effect, ambiguous or unknown.
         effects: all that act together (effect), or all names that are possible (ambiguous).
         acting: one list for each effect that acts: the names it may have, the best first.
-        confidence: 0..1.
-        sentence: for a person.
     """
 
     kind: str
@@ -161,10 +151,8 @@ class NextExperiment:
     """The experiment that would settle what is open.
 
     Attributes:
-        why: in words.
         voltage: (L,) [V], each held for one period.
         sample_period: [s].
-        channels: to record.
     """
 
     why: str
@@ -178,8 +166,6 @@ class DrawnExperiment:
     """One experiment as the page draws it.
 
     Attributes:
-        experiment: measured.
-        held_out: whether it was held back.
         before: (L,) free run by the machine file [rad/s].
         after: (L,) free run with the verdict's effects [rad/s]; `before` where there are none.
         torque_before: (L,) torque on the shaft that would explain the error of `before` [N m].
@@ -203,18 +189,11 @@ class Diagnosis:
     """All that a diagnosis found.
 
     Attributes:
-        machine: its name.
-        recordings: as they were given.
         experiments: numbers under `fit` and `held_out`.
-        verdict: the answer.
-        gap: how large it was and is.
         where: its places, the clearest first.
         candidates: all effects that were tried, best first.
-        remainder: what is left.
         undetectable: effects that this recording could not have shown.
         ambiguities: groups of effects that this recording cannot tell apart.
-        next_experiment: that would settle what is open.
-        notes: for a person.
         effects: the verdict's effects as `ldt predict --with` adds them: name or file, parameters.
         shown: for the page.
     """
@@ -267,7 +246,6 @@ def read_effects(
     A file's text is never run: an effect of the user's own must be given beside it.
 
     Args:
-        file: as `ldt diagnose` wrote it.
         own: effects that are not in the library.
 
     Raises:
@@ -289,10 +267,6 @@ def read_effects(
 
 def read_next(file: str | Path, machine: Machine) -> tuple[Machine, Array, bool]:
     """The next experiment that a `diagnosis.json` asks for.
-
-    Args:
-        file: as `ldt diagnose` wrote it.
-        machine: that is to run it.
 
     Returns:
         The machine with that experiment's length and sample period, (L,) voltage [V], and whether

@@ -7,15 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
 from ldt_core.diagnosis.start_states import SEARCH_STEP, StartStates, turns
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.estimation.least_squares import ForwardDifferences, trust_region
-
-Array = NDArray[np.float64]
 
 DIFFERENCE_STEP = 1e-3  # of a coordinate: far above rounding, far below any curvature
 STEPS = 12  # least-squares steps of one fit: from good starts, more gain nothing
@@ -36,7 +34,6 @@ class EffectFit:
         jacobian: (size, p) change of the residuals per coordinate.
         loss: sum of squares of `residual`.
         own: how many of the members are the machine's own parameters.
-        starts: states at the first samples.
     """
 
     members: tuple[Candidate, ...]
@@ -92,11 +89,8 @@ def fit(
     """Least squares of a set's parameters, from a start.
 
     Args:
-        residuals: experiments to fit.
         members: the set, then the machine's own parameters.
-        start: coordinates of each.
         step: longest integration step [s].
-        steps: least-squares steps, at most.
         precision: part of the sum of squares; a step that gains less was the last.
         own: how many members are the machine's own parameters.
         known: states at the first samples, nearly, if an earlier fit has found them.

@@ -7,12 +7,12 @@ experiments.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.threads import spread
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
@@ -22,8 +22,6 @@ from ldt_core.diagnosis.model_selection import FittedSets, Names, earned, plain_
 from ldt_core.diagnosis.responses import best_alone, rank_pairs, simulate_all
 from ldt_core.diagnosis.start_states import StartStates
 from ldt_core.diagnosis.thresholds import THRESHOLDS
-
-Array = NDArray[np.float64]
 
 # The scout: the fits on a few experiments.
 SCOUT_SAMPLES = 12_000  # in its experiments together, at most: bounds the time of a fit
@@ -63,9 +61,6 @@ class EffectSetSearch:
     """The search on one residuals.
 
     Args:
-        residuals: experiments to explain.
-        candidates: effects that may explain them.
-        tick: called with what is being done.
         own: the machine's own parameters that are not known for certain: they are fitted with
             every set, and never named.
     """
@@ -172,8 +167,6 @@ class EffectSetSearch:
         """Effects that promise most beside a set, with the values to begin with.
 
         Args:
-            base: the set.
-            count: of effects, at most.
             close: part of the best promise that each must reach.
         """
         enough = max(self.band.excess(base.residual), 0.0)
@@ -242,8 +235,7 @@ class EffectSetSearch:
             self.finish(f)
 
     def _near(self, scouted: EffectFit, best: EffectFit) -> bool:
-        behind = scouted.loss - best.loss
-        return behind <= self._reach(self.band, best)
+        return scouted.loss - best.loss <= self._reach(self.band, best)
 
     @staticmethod
     def _reach(band: ErrorBand, best: EffectFit) -> float:
@@ -302,7 +294,7 @@ class EffectSetSearch:
             self._scout([TriedSet([base.members[i] for i in chosen], [base.z[i] for i in chosen])])
         return self.finish(self.found.scouted[wanted])
 
-    def alternatives(self, base: EffectFit, count: int = RIVALS) -> list[EffectFit]:
+    def alternatives(self, base: EffectFit) -> list[EffectFit]:
         """Sets that differ from a set in one member, the most promising, fitted on all."""
         tries = []
         for leave in range(len(base.effects)):
@@ -311,15 +303,12 @@ class EffectSetSearch:
             known = self.found.scouted.get(frozenset(m.name for m in members))
             rest = self._scout([TriedSet(members, z)])[0] if known is None else known
             twins = self.twins.get(base.effects[leave].name, ())
-            tried = self.additions(rest, count + 1, RIVAL_CLOSE)
+            tried = self.additions(rest, RIVALS + 1, RIVAL_CLOSE)
             tried += [(c, z) for c, z, _ in self.responses.promised_beside(rest) if c.name in twins]
             for candidate, start in tried:
                 if candidate.name not in base.names:
                     tries.append(self._with(rest, candidate, start))
-        return self._worth(base, self._scout(tries))
-
-    def _worth(self, base: EffectFit, found: Iterable[EffectFit]) -> list[EffectFit]:
-        scouted = self.found.scouted.get(frozenset(base.names), base)
+        found, scouted = self._scout(tries), self.found.scouted.get(frozenset(base.names), base)
         return [
             self.finish(f) for f in found if self._near(f, scouted) or self._plainer(f, scouted)
         ]

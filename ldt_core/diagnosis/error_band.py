@@ -11,25 +11,19 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal.windows import tukey
 from scipy.stats import f as fisher
 
+from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.thresholds import THRESHOLDS
-
-Array = NDArray[np.float64]
 
 TAPER = 0.2  # share of an experiment, both ends together: keeps strong low frequencies from leaking
 MEDIAN_VARIANCE = 2.1  # variance of the median of exponential powers over that of their mean
 
 
 class ErrorBand:
-    """The low frequencies of residuals, in which the errors of a machine lie.
-
-    Args:
-        residuals: of the experiments, whose lengths and periods count.
-    """
+    """The low frequencies of residuals, in which the errors of a machine lie."""
 
     def __init__(self, residuals: FreeRunResiduals) -> None:
         self.residuals = residuals
@@ -81,7 +75,6 @@ class ErrorBand:
         """(experiments,) power of (size,) residuals in the band, noise included.
 
         Args:
-            rest: residuals.
             speed: count the speed alone.
         """
         found = np.zeros(len(self.residuals.pieces))

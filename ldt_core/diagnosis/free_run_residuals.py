@@ -15,11 +15,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.threads import spread
@@ -32,18 +31,15 @@ from ldt_core.diagnosis.start_states import (
 )
 from ldt_core.estimation.noise import white_noise
 from ldt_core.estimation.variable_projection import basis_of, project_out
+from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE, CURRENT, SPEED
 from ldt_core.physics.constants import NOT_TRACKED
+from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import propagate
 from ldt_core.physics.motor import MOTOR, memory
 
-if TYPE_CHECKING:
-    from ldt_core.machine.machine_file import Machine
-    from ldt_core.physics.effect import Effect
-
-Array = NDArray[np.float64]
 Values = Mapping[str, float]
-Used = tuple["Effect", Values]
+Used = tuple[Effect, Values]
 Use = Sequence[Used]
 
 DIVERGED_SPEED = 1e4  # rad/s, in place of a free run that grows for ever
@@ -58,7 +54,6 @@ class PreparedExperiment:
     """One experiment, prepared for its residuals.
 
     Attributes:
-        experiment: measured.
         at_rest: whether the machine stood still at the first sample.
         rows: where its residuals lie in the row of all.
         columns: (rows, s) change of the residuals per unknown first speed and current.
@@ -74,8 +69,6 @@ class FreeRunResiduals:
     """Experiments and the machine that is thought to have made them.
 
     Args:
-        machine: as its file knows it.
-        experiments: measured.
         noise: standard deviations of speed [rad/s] and current [A]; None takes the white part of
             the measured signals.
         tolerance: part of each channel's gap, as root mean square, that counts as noise as well: no
@@ -161,7 +154,6 @@ class FreeRunResiduals:
         """(size,) residuals with these effects, in noise deviations, start states projected out.
 
         Args:
-            use: effects with all their values.
             step: longest integration step [s].
             starts: as `start_states` found them for such effects; None takes `self.starts`.
         """
@@ -225,7 +217,6 @@ class FreeRunResiduals:
 
         Args:
             i: place of the experiment in the list.
-            use: effects with all their values.
             step: longest integration step [s].
             angle: at the first sample [rad].
             follow: False makes it a free run whatever the machine is.

@@ -13,13 +13,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.diagnosis import GapLocation
 from ldt_core.diagnosis.free_run_residuals import Use
 from ldt_core.diagnosis.residual_torque import QUANTITIES, ResidualTorque
 from ldt_core.diagnosis.torque_curve import KNOTS
 from ldt_core.physics.steady_state import has_foundation, unbalance_torque
-
-Array = NDArray[np.float64]
 
 BINS = 120  # of a quantity's range: a place is found to within a per cent of it
 BIN_SAMPLES = 0.002  # share of the samples that a bin's power is taken over, at least
@@ -56,10 +55,6 @@ def steady_places(found: ResidualTorque, use: Use) -> list[GapLocation]:
 
     A rotor that is run through its resonances quickly shakes most when it is past them: a recording
     of that shows the gap at higher speeds than those at which it would be captured.
-
-    Args:
-        found: the torque in the recording.
-        use: the named effects.
     """
     residuals, values = found.residuals, found.over["speed"]
     changed = residuals.changed(use)

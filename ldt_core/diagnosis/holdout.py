@@ -7,8 +7,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
@@ -16,8 +16,6 @@ from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.free_run_residuals import Use
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.physics import PhysicsModel
-
-Array = NDArray[np.float64]
 
 HOLDOUT = 0.25  # share of the experiments held out, unless the user says otherwise
 FEWEST_EXPERIMENTS = 4  # with fewer, each is cut into so many parts to fit and to hold out
@@ -36,9 +34,7 @@ def split(
     """(to fit, held out); a few experiments are cut into parts first.
 
     Args:
-        experiments: measured.
         holdout: share of them to hold out, in 0..1.
-        seed: of the draw.
 
     Raises:
         BadInput: too few samples, or a share outside 0..1.
@@ -94,7 +90,6 @@ def noise_there(
     within, it is taken to be as everywhere.
 
     Args:
-        experiments: measured.
         predicted: (L,) speeds of each [rad/s].
         noise: its deviation on average [rad/s].
         band: highest frequency at which the predictions may be wrong [Hz].

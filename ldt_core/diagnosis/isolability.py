@@ -29,20 +29,14 @@ def isolability(search: EffectSetSearch) -> tuple[list[str], list[list[str]]]:
     few = search.scout
     small = few.part(range(min(IMITATED_EXPERIMENTS, len(few.pieces))))
     scale = search.residuals.size / small.size
-    silent = undetectable(small, search.candidates, scale)
-    return silent, ambiguities(small, search.responses, silent, scale)
+    silent = _undetectable(small, search.candidates, scale)
+    return silent, _ambiguities(small, search.responses, silent, scale)
 
 
-def undetectable(
-    residuals: FreeRunResiduals, candidates: Sequence[Candidate], scale: float = 1.0
+def _undetectable(
+    residuals: FreeRunResiduals, candidates: Sequence[Candidate], scale: float
 ) -> list[str]:
-    """Effects whose typical size moves nothing that could be seen.
-
-    Args:
-        residuals: of a part of the experiments.
-        candidates: effects.
-        scale: samples of all experiments over those of this part.
-    """
+    """Effects whose typical size moves nothing that could be seen."""
     base = residuals.of()
     found = []
     for c in candidates:
@@ -52,17 +46,10 @@ def undetectable(
     return found
 
 
-def ambiguities(
-    residuals: FreeRunResiduals, responses: Responses, silent: Sequence[str], scale: float = 1.0
+def _ambiguities(
+    residuals: FreeRunResiduals, responses: Responses, silent: Sequence[str], scale: float
 ) -> list[list[str]]:
-    """Groups of effects that imitate each other to within noise, on this input.
-
-    Args:
-        residuals: of a few experiments.
-        responses: of all candidates, for which pairs are worth a fit.
-        silent: effects that do not show.
-        scale: samples of all experiments over those of this part.
-    """
+    """Groups of effects that imitate each other to within noise, on this input."""
     candidates = responses.candidates
     loud = [i for i, c in enumerate(candidates) if c.name not in silent]
     imitates: set[tuple[int, int]] = set()

@@ -76,7 +76,6 @@ def refitted_effects(machine: Machine, refit: Sequence[str] | None = None) -> li
     """The effects that change the uncertain parameters.
 
     Args:
-        machine: whose file says which were fitted.
         refit: names instead; ["none"] for no parameter; None takes the file's.
 
     Raises:

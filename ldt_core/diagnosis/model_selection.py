@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.error_band import ErrorBand
@@ -23,7 +23,6 @@ from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.responses import Responses
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
-Array = NDArray[np.float64]
 Names = frozenset[str]
 
 
@@ -40,8 +39,6 @@ def plain_enough(simpler: EffectFit, best: EffectFit, behind: float, gap: float)
     effect of such a family must explain.
 
     Args:
-        simpler: the one.
-        best: the other.
         behind: power that the one leaves in addition.
         gap: power of the whole gap.
     """
@@ -57,11 +54,8 @@ def earned(
     """Whether a larger set is to be named instead of a smaller one.
 
     Args:
-        smaller: effects of the one.
-        larger: effects of the other.
         gain: power that only the larger one explains.
         left: power that the smaller one leaves beyond noise.
-        gap: power of the whole gap.
     """
     added = len(larger) - len(smaller)
     related = max(0, kin(larger) - kin(smaller))
@@ -79,8 +73,6 @@ class FittedSets:
     """What the search has found.
 
     Attributes:
-        residuals: all experiments.
-        band: its low frequencies.
         base: (size,) residuals without any effect.
         responses: of all candidates, on a few experiments.
         fits: every set that was fitted on all experiments.

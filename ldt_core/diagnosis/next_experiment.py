@@ -7,16 +7,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.diagnosis import NextExperiment
 from ldt_core.diagnosis.effect_fit import DIFFERENCE_STEP, EffectFit, by_member, used
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.start_states import SEARCH_STEP
 from ldt_core.diagnosis.thresholds import THRESHOLDS
-
-Array = NDArray[np.float64]
 
 CURRENT_NOISE = 0.01  # share of the largest current, where nothing is known of its sensor
 MOST_SAMPLES = 2000  # of a proposed experiment, so that people can still look at it

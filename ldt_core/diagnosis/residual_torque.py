@@ -12,14 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs, savgol_filter
 
+from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Use
 from ldt_core.diagnosis.start_states import StartStates
 from ldt_core.diagnosis.torque_curve import TorqueCurve, torque_curve
-
-Array = NDArray[np.float64]
 
 WINDOW = 0.7  # of the motor's memory: a longer window would smear the torque over speeds
 DEGREE = 2  # of the smoothing polynomial: it has a slope and a curvature
@@ -34,13 +32,8 @@ QUANTITIES = {
 LEAST_GAIN = 0.02  # of the torque's variance beyond noise: what a step predicts in addition
 MOST_SAMPLES = 8000  # of the torque: more take longer and tell no more
 SPLINE_KNOTS = 8  # of each quantity: a law is smooth over an eighth of the data
-SHAFT_ORDERS = (
-    0.5,
-    1.0,
-    2.0,
-    3.0,
-    4.0,
-)  # per turn: halves and low multiples, of which ripples consist
+#: Per turn: a half and low multiples, of which ripples consist.
+SHAFT_ORDERS = (0.5, 1.0, 2.0, 3.0, 4.0)
 LAGS = (1, 2, 4, 8)  # time constants of the motor, at which what went before is looked up
 RIDGE_PENALTY = 1.0  # on standardised columns: keeps those that are alike in check
 FOLDS = 5  # of cross-validation: each model sees four fifths of the experiments
@@ -91,10 +84,8 @@ class ResidualTorque:
         torque: (N,) smoothed so long that ripples and noise are small [N m].
         noise: (N,) its deviation that comes from the sensor's noise [N m].
         over: quantity to (N,) values.
-        pieces: length of each experiment.
         periods: sample period of each [s].
         window: samples over which `torque` is smoothed.
-        residuals: experiments.
         left: (L,) what is wrong with the speed in each [rad/s].
         speeds: (L,) speed in each, not smoothed [rad/s].
         deviation: of the sensor's noise on `left` [rad/s].
@@ -152,7 +143,6 @@ def added_torque(
     """The torque that effects add to others, as simulated: free of noise.
 
     Args:
-        residuals: experiments.
         use: effects before.
         to: effects after.
         starts: states at the first samples, with the latter.

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.threads import spread
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-
-Array = NDArray[np.float64]
 
 #: Least and largest factor by which a response may be scaled: within, it hardly changes shape.
 SHRINK, STRETCH = 0.02, 4.0
@@ -32,7 +31,6 @@ class Responses:
 
     Attributes:
         residuals: of the experiments on which the candidates were simulated.
-        candidates: in order.
         owner: (K,) place of each response's candidate.
         z: coordinates of each response.
         responses: (K, size) what each takes off the residual.
@@ -152,9 +150,6 @@ def simulate_all(
     """Simulate every candidate at its starts; responses that do not show are left out.
 
     Args:
-        residuals: experiments.
-        candidates: effects.
-        tick: called after each simulation.
         own: the machine's own parameters as fitted, whose directions are projected out.
         workers: threads among which the candidates are spread.
     """
@@ -188,8 +183,8 @@ def simulate_all(
     )
 
 
-def best_alone(d: Responses, i: int, count: int = 2) -> list[Array]:
-    """StartStates of candidate i from which to fit: best as simulated, and best when scaled."""
+def best_alone(d: Responses, i: int) -> list[Array]:
+    """Coordinates of candidate i from which to fit: best as simulated, and best when scaled."""
     own = np.flatnonzero(d.owner == i)
     if own.size == 0:
         return []
@@ -200,7 +195,7 @@ def best_alone(d: Responses, i: int, count: int = 2) -> list[Array]:
     first, c = int(np.argmin(exact)), d.candidates[i]
     found = [d.z[own[first]]]
     for k in np.argsort(scaled):
-        if len(found) < count and (k != first or abs(scale[k] - 1) > OTHER_START):
+        if len(found) < 2 and (k != first or abs(scale[k] - 1) > OTHER_START):
             found.append(c.scaled(d.z[own[k]], float(scale[k])))
     return found
 

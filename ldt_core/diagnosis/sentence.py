@@ -23,11 +23,7 @@ def sentence(
     """One or two sentences for a person.
 
     Args:
-        machine: its name.
-        kind: of the verdict.
         acting: for each effect that acts, the names that it may have.
-        amounts: effect to parameters.
-        gap: errors before and after.
         where: places, the clearest first.
         left: part of the gap that the best set leaves.
     """
@@ -121,8 +117,6 @@ def _place(place: GapLocation) -> str:
     if place.quantity == "experiment":
         first, last = round(place.begin), round(place.end)
         return f"in experiment {first}" if first == last else f"in experiments {first} to {last}"
-    words = {"speed": "at speeds", "voltage": "at voltages", "time": "in the time"}
-    word = words.get(
-        place.quantity, {"frequency": "at frequencies"}.get(place.quantity, f"at {place.quantity}s")
-    )
+    irregular = {"time": "in the time", "frequency": "at frequencies"}
+    word = irregular.get(place.quantity, f"at {place.quantity}s")
     return f"{word} from {place.begin:.3g} to {place.end:.3g}{unit}"

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from ldt_core.base.arrays import Array
 from ldt_core.estimation.variable_projection import basis_of, least_squares_step, project_out
 from ldt_core.physics.base import ANGLE, CURRENT, Physics
 from ldt_core.physics.effect import Effect
 
-Array = NDArray[np.float64]
 Use = Sequence[tuple[Effect, Mapping[str, float]]]
 
 MOTOR_NAMES = ("J", "K_t", "R", "L", "b")  # parameters that shake nothing
@@ -86,8 +85,6 @@ def start_states_for(
     which moves the residuals in a direction of its own, and an angle that is sought.
 
     Args:
-        residuals: experiments.
-        use: effects with all their values.
         free: seek the angle of machines at rest as well; else it is 0.
         step: longest integration step [s].
         near: starts for nearly the same effects, beside whose angles these are sought.
@@ -122,8 +119,6 @@ def searched_start_states(
     """The same, once it is known what is unknown.
 
     Args:
-        residuals: experiments.
-        use: effects with all their values.
         moving: the foundation moves.
         states: how many states the effects have.
         turning: the angle matters.

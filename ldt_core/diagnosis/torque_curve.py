@@ -17,11 +17,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.signal import lfilter
 
-Array = NDArray[np.float64]
+from ldt_core.base.arrays import Array
 
 KNOTS = 101  # of a curve, so that a knot is a per cent of the quantity's range
 BLOCK = 20_000  # samples worked on at a time, so that a long experiment needs no more memory

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.attribution import shapley_shares
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
@@ -16,8 +16,6 @@ from ldt_core.diagnosis.error_band import ErrorBand
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.model_selection import FittedSets, earned, kin, plain_enough
 from ldt_core.diagnosis.thresholds import THRESHOLDS
-
-Array = NDArray[np.float64]
 
 RESAMPLES = 400  # draws of experiments for the confidence, which is then known to 0.01 near 0.95
 NOISE_DRAWS = 2000  # of white noise: four beyond the quantile that a test takes of them
@@ -84,7 +82,6 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
 
     Args:
         search: that has not run yet.
-        seed: of the draws.
         faulty: a sensor is faulty, so nothing is sought and the verdict is unknown.
     """
     found = search.found
@@ -204,10 +201,8 @@ def plainest(
     are told apart by no less than a second one of that family must explain to be named.
 
     Args:
-        band: of the residuals.
         alike: sets that are as good as each other, the best first.
         pool: all sets of that size.
-        gap: power of the whole gap.
     """
     best = alike[0]
     hopeless = _unexplained(band, band.speed_excess(best.residual), gap)

@@ -31,7 +31,6 @@ class Finding:
     Args:
         name: what was looked at ("clock").
         grade: a problem keeps `ldt up` from running, or makes a recording incomplete.
-        message: what was found, in one sentence.
         remedy: what to do about it, in one sentence; "" when all is well.
     """
 
@@ -77,7 +76,6 @@ def examine(probes: Sequence[Probe], limit: float = TIME_LIMIT) -> list[Finding]
     """Run all probes side by side; the findings stand in the order of the probes.
 
     Args:
-        probes: what to look at.
         limit: seconds for all of them; one that has not ended by then is a problem itself.
     """
     found: dict[int, Sequence[Finding]] = {}

@@ -1,4 +1,4 @@
-"""What the functions of the package take: machines, experiments, numbers and lists of names."""
+"""What the functions of the package take: machines and experiments."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any, TypeAlias
 
 from ldt_core.base.errors import ArgumentTypeError, described
 from ldt_core.base.experiment import Experiment
-from ldt_core.base.settings import check
 from ldt_core.machine.machine_file import Machine
 from ldt_core.notebook.recorded_experiments import Recording, read
 
@@ -49,30 +48,9 @@ def possible(recording: ExperimentsLike, machine: MachineLike) -> tuple[Recordin
     """As `measured`, of experiments that the machine can have made.
 
     Raises:
-        BadInput: as `measured`.
         ExperimentError: one that it cannot have made.
     """
     found, known = measured(recording, machine)
     for experiment in found:
         known.check(experiment)
     return found, known
-
-
-def number(name: str, value: object) -> float:
-    """A finite number.
-
-    Raises:
-        OptionError: something else.
-    """
-    found: float = check(name, value, {"type": "double"})
-    return found
-
-
-def names(name: str, given: object) -> list[str]:
-    """A list of names.
-
-    Raises:
-        OptionError: something else.
-    """
-    found: list[str] = check(name, given, {"type": "string_array"})
-    return found

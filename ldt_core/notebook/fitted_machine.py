@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from ldt_core.base.errors import OptionError
+from ldt_core.base.settings import check
 from ldt_core.calibration import calibrate as fit_machine
 from ldt_core.calibration.calibration import Calibration
 from ldt_core.calibration.machine_yaml import write_machine_file
-from ldt_core.notebook.arguments import ExperimentsLike, MachineLike, names, number, possible
+from ldt_core.notebook.arguments import ExperimentsLike, MachineLike, possible
 
 
 class FittedMachine(Calibration):
@@ -63,9 +64,9 @@ def calibrate(
     found = fit_machine(
         known,
         list(experiments),
-        free=names("free", free),
-        fixed=names("fixed", fixed),
-        holdout=None if holdout is None else number("holdout", holdout),
+        free=check("free", free, {"type": "string_array"}),
+        fixed=check("fixed", fixed, {"type": "string_array"}),
+        holdout=None if holdout is None else check("holdout", holdout, {"type": "double"}),
     )
     named = found.with_recordings([experiments.path] if experiments.path else [])
     return FittedMachine(**vars(named))

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ldt_core.base.errors import ArgumentTypeError, OptionError, described
-from ldt_core.base.settings import resolve
+from ldt_core.base.settings import check, resolve
 from ldt_core.diagnosis.diagnose import diagnose as find_cause
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.library import library
-from ldt_core.notebook.arguments import ExperimentsLike, MachineLike, names, number, possible
+from ldt_core.notebook.arguments import ExperimentsLike, MachineLike, possible
 from ldt_core.physics.effect import Effect
 from ldt_core.views.diagnosis_page import diagnosis_figure, write_files
 
@@ -41,9 +41,6 @@ class GapDiagnosis(Diagnosis):
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Write `diagnosis.json` and `diagnosis.html`.
 
-        Args:
-            folder: made if need be.
-
         Raises:
             OptionError: there is a file of that name.
             LdtError: matplotlib is not installed.
@@ -56,11 +53,7 @@ class GapDiagnosis(Diagnosis):
 
 
 def names_and_effects(given: object) -> tuple[list[str], list[Effect]]:
-    """Effects by name, and those that came as objects.
-
-    Raises:
-        ArgumentTypeError: something else.
-    """
+    """Effects by name, and those that came as objects."""
     listed = list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
     for one in listed:
         if not isinstance(one, str | Effect):
@@ -100,7 +93,7 @@ def diagnose(
     """
     experiments, known = possible(recording, machine)
     more, own = names_and_effects(effects)
-    tried = library(known, more, names("without", without))
+    tried = library(known, more, check("without", without, {"type": "string_array"}))
     for effect in own:
         effect.require(known.model)
     replaced = [e.name for e in own]
@@ -109,8 +102,8 @@ def diagnose(
         list(experiments),
         recordings=[experiments.path] if experiments.path else [],
         effects=[*(e for e in tried if e.name not in replaced), *own],
-        refit=None if refit is None else names("refit", refit),
-        holdout=number("holdout", holdout),
+        refit=None if refit is None else check("refit", refit, {"type": "string_array"}),
+        holdout=check("holdout", holdout, {"type": "double"}),
         seed=resolve({"seed": seed}, "plant")["seed"],
     )
     return GapDiagnosis(**vars(found))

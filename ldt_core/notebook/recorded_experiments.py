@@ -169,11 +169,7 @@ def described_step(step: Step | RecordedStep) -> dict[str, Any]:
 
 
 def frame(rows: Iterable[dict[str, Any]]) -> pandas.DataFrame:
-    """The rows as a table.
-
-    Raises:
-        LdtError: pandas is not installed.
-    """
+    """The rows as a table."""
     try:
         import pandas
     except ImportError as error:

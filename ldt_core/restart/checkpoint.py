@@ -32,7 +32,6 @@ class Checkpoint(NamedTuple):
     Args:
         experiment: number of the last experiment that the stage has dealt with.
         start: when that began [s since the epoch].
-        state: as the stage gave it.
     """
 
     experiment: int
@@ -47,7 +46,6 @@ class CheckpointFiles:
         folder: of the recording; nothing is written while there is none.
         stage: role of its node.
         key: in JSON types, of what the state follows from beside the recording.
-        log: told what is ignored.
     """
 
     def __init__(

@@ -25,9 +25,6 @@ class Lookup:
     """Finds experiments, models and diagnoses of a run.
 
     Args:
-        bag: the recording.
-        machine: whose run it is.
-        settings: of the model.
         steps: the last ones up to the checkpoint's, in which most of it is.
     """
 
@@ -40,11 +37,7 @@ class Lookup:
         self._experiments = {_key(s.experiment): s.experiment for s in self.steps}
 
     def experiment(self, number: Any, start: Any) -> Experiment:
-        """The one with this number and start.
-
-        Raises:
-            RecordingError: there is none.
-        """
+        """The one with this number and start."""
         key = (_whole(number), float(start))
         if key not in self._experiments:
             found = self._near("experiment", key[0], lambda e: _key(e) == key, WINDOW)
@@ -52,12 +45,7 @@ class Lookup:
         return self._experiments[key]
 
     def model(self, version: Any) -> Model:
-        """The model of a version.
-
-        Raises:
-            RecordingError: there is none.
-            ModelError: it cannot be this machine's.
-        """
+        """The model of a version."""
         version = _whole(version)
         recorded = (s.model for s in reversed(self.steps))
         record = next((m for m in recorded if m is not None and m.version == version), None)
@@ -66,11 +54,7 @@ class Lookup:
         return restore_model(record, self._machine, self._settings)
 
     def diagnosis(self, number: Any) -> DiagnosisRecord:
-        """The one made at an experiment.
-
-        Raises:
-            RecordingError: there is none.
-        """
+        """The one made at an experiment."""
         number = _whole(number)
         for step in self.steps:
             if step.diagnosis is not None and step.diagnosis.experiment == number:

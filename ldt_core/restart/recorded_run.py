@@ -44,9 +44,6 @@ class RecordedRun:
     def bag(self, listed: bool = False) -> Bag | None:
         """The recording, None where nothing of the machine was recorded yet.
 
-        Args:
-            listed: as of `Storage`.
-
         Raises:
             RecordingError: what stands there is no recording, or none that can be read.
         """
@@ -64,9 +61,6 @@ class RecordedRun:
             around: number of an experiment, or `END`. Reading begins at least `WINDOW` steps before
                 it, which takes as long in a long recording as in a short one. Where that place
                 cannot be found, all steps are read.
-
-        Raises:
-            RecordingError: what stands there is no recording, or none that can be read.
         """
         tail = self._tail(around) if around > WINDOW else None
         if tail is not None:
@@ -80,11 +74,7 @@ class RecordedRun:
         """The last experiment that a record of a topic is about or is, 0 if there is none.
 
         Args:
-            topic: last part of its name.
             around: as of `steps`; what was recorded before that place does not count.
-
-        Raises:
-            RecordingError: as `steps`.
         """
         if around > WINDOW:
             with contextlib.suppress(LdtError, OSError):

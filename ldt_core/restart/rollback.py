@@ -33,13 +33,10 @@ class ModelTerm:
     """A model version, and the time in which it was in force.
 
     Args:
-        version: of the model.
         adopted: at which experiment, 0 for the one to begin with.
         learned_from: experiments.
         before: error of the model before it on data held back [rad/s]; None where not compared.
         after: its own.
-        reason: why it came into force.
-        experiments: that it predicted.
         mean_max_error: of those [rad/s]; None without any.
         faulty: of those, which were refused for a faulty sensor.
     """
@@ -60,9 +57,6 @@ class History:
     """What a recording says of the models of its run.
 
     Args:
-        path: folder of the recording.
-        namespace: of the machine's topics, "" for the root.
-        machine: whose recording it is.
         terms: the first one first; the last one is in force.
         models: version → as recorded.
         last: the last complete step.
@@ -84,7 +78,6 @@ def history(path: str | Path, namespace: str = "", machine: str = "") -> History
     """The models of a run.
 
     Args:
-        path: folder of its recording.
         namespace: of the machine, "" when there is only one.
         machine: file or name of the machine; "" takes the recorded name.
 
@@ -125,7 +118,6 @@ def roll_back(found: History, version: int) -> Adaptation:
     """Record that the run goes on with an earlier model.
 
     Args:
-        found: as `history` read it.
         version: of the model to go on with.
 
     Returns:

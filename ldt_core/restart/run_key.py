@@ -109,7 +109,6 @@ def begin_of(path: str | Path, start_time: float) -> float:
     """When a simulated machine's first experiment began [s since the epoch].
 
     Args:
-        path: recording of the run.
         start_time: that it was told, which holds where the first experiment is not recorded.
     """
     first = next(read_bag(path, listed=True).records("experiment"), None)

@@ -33,11 +33,9 @@ class StageRestart:
     experiment that the stage has dealt with.
 
     Args:
-        stage: that goes on, or begins.
         role: of its node, one of `GROUPS`.
         run: its recording; with the path "" nothing is kept.
         settings: parameters of the stage's groups at least; `checkpoint_every` says how often.
-        log: told once what is ignored or cannot be kept.
 
     Attributes:
         known: number of the step whose checkpoint the stage has returned to, 0 without any.
@@ -74,11 +72,7 @@ class StageRestart:
         return self.known
 
     def recall(self, step: RecordedStep) -> None:
-        """Let the stage recall a step, unless it has returned to a later one.
-
-        Raises:
-            RecordingError, ModelError: as `Stage.recall`.
-        """
+        """Let the stage recall a step, unless it has returned to a later one."""
         if step.number <= self.known:
             return
         self.stage.recall(step)
@@ -123,8 +117,6 @@ class TwinRestart:
 
     Args:
         twin: whose settings say how often checkpoints are kept.
-        run: its recording.
-        log: told what is ignored, or cannot be kept.
     """
 
     def __init__(self, twin: Twin, run: RecordedRun, log: Callable[[str], None]) -> None:

@@ -34,12 +34,8 @@ class Options:
     """How to diagnose, as `diagnose` and `library` take it.
 
     Attributes:
-        namespace: machine whose topics are meant.
         more: further effects, by name or `path/to/file.py:NAME`.
-        without: effects to leave out.
         refit: parameters to fit along; None takes those that the machine file says.
-        holdout: share of the experiments held back.
-        seed: of what is drawn at random.
     """
 
     namespace: str = ""
@@ -57,8 +53,6 @@ class RecordingTask:
     Attributes:
         name: of its folder, below that of all.
         recording: folder or file, as the workers see it.
-        machine: as its file knows it.
-        options: the same for all.
     """
 
     name: str
@@ -73,7 +67,6 @@ class RecordingAnswer:
 
     Attributes:
         recording: as the user named it.
-        folder: of its files.
         found: the keys of `diagnosis.json`; None of a failure.
         notes: on what is odd in the recording.
         error: why there is no diagnosis, in a sentence.
@@ -113,10 +106,6 @@ def diagnose_each(
     """Diagnose every recording by itself; one that fails does not stop the others.
 
     Args:
-        recordings: folders or files.
-        machine: as its file knows it.
-        out: folder for all answers.
-        options: the same for all.
         jobs: processes; 0 takes one for each core.
         scheduler: address of a Dask scheduler, whose workers must see the same recordings.
         say: is told each answer that was made, as it comes.

@@ -51,7 +51,6 @@ class Member:
     """One machine of a run.
 
     Args:
-        name: for people.
         namespace: of its topics, "" for the root.
         settings: its own: seed, recording.
         bag: folder of its recording.

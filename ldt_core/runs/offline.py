@@ -30,13 +30,11 @@ def run(
     """Take experiments through the twin, and record every message that the graph would send.
 
     Args:
-        machine: as the twin knows it.
         settings: parameters of the groups model, detector, adaptor, diagnosis and advice; with a
             `resume` that is not empty the run goes on where the recording in `bag` ends.
         experiments: in the order of their numbers, from the run's first on.
         bag: folder of the recording, which must not exist unless the run goes on; None records
             nothing.
-        on_step: told of each step.
         namespace: of the machine's topics in the recording.
 
     Raises:
@@ -117,7 +115,6 @@ def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary:
     """Fill a summary from a recording of a run, experiments that went all the way alone.
 
     Args:
-        bag: the recording.
         namespace: of the machine in it, "" for the root.
         machine: what could not be its experiment does not count.
         summary: gets the figures, and a note where the recording is damaged or cannot be read.

@@ -80,7 +80,6 @@ def new_authority(name: str, begin: datetime.datetime, end: datetime.datetime) -
     """An authority with a new key.
 
     Args:
-        name: of its certificate's subject.
         begin: from when on it and all that it signs is valid [UTC].
         end: until when [UTC].
     """

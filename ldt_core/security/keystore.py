@@ -49,14 +49,7 @@ MAX_ENCLAVE_NAME = 64  # characters, of a common name in X.509
 
 @dataclass(frozen=True)
 class Keystore:
-    """What has been made.
-
-    Args:
-        folder: of it.
-        enclaves: in it.
-        domain: in which it is valid.
-        end: until when it is [UTC].
-    """
+    """What has been made."""
 
     folder: Path
     enclaves: list[Enclave]
@@ -179,8 +172,6 @@ def check_keystore(folder: str | Path, names: list[str], domain: int) -> Path:
     """Its absolute path, if the enclaves are there, private, valid now, and for the domain.
 
     Args:
-        folder: of the keystore.
-        names: of the enclaves that are needed.
         domain: ROS domain in which they are.
 
     Raises:

@@ -47,7 +47,6 @@ class Enclave:
     Args:
         name: absolute, "/press/adaptor"; the subject of its certificate.
         publishes: names or patterns of DDS topics.
-        hears: the same.
     """
 
     name: str
@@ -173,7 +172,6 @@ def permissions_xml(
     """What an enclave may do, and nothing else.
 
     Args:
-        enclave: whose certificate has its name as the subject.
         domain: the only one in which it may do it.
         begin: from when on [UTC].
         end: until when [UTC].

@@ -28,7 +28,6 @@ class Advisor:
     diagnoses that it is given, in their order, and from nothing else.
 
     Args:
-        machine: as its file knows it.
         settings: parameters of the group advice; those that are missing have their defaults.
 
     Attributes:
@@ -79,12 +78,7 @@ class Advisor:
         }
 
     def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
-        """Take back a state, before any step here.
-
-        Raises:
-            RecordingError: something that is not recorded; the advisor is then as it was.
-            ValueError, TypeError, KeyError: no state; the same.
-        """
+        """Take back a state, before any step here."""
         last, at = state["last"], state["diagnosis"]
         if not (last is None or type(last) is int) or len(state["recent"]) > RECENT_EXPERIMENTS:
             raise ValueError("last is no number, or there are more experiments than are kept")

@@ -50,8 +50,6 @@ class Found:
     """A diagnosis, and how well it explains the experiment that asked for it.
 
     Args:
-        diagnosis: that was made.
-        use: the verdict's effects with their values.
         error: of a free run with them on that experiment [rad/s].
         pool: experiments that it was made of, the last one last.
     """
@@ -72,7 +70,6 @@ class Known:
     """What a diagnosis says of the machine.
 
     Args:
-        use: the verdict's effects with their values.
         error: of a free run with them on the experiment that asked for it [rad/s].
         unknown: it found a gap without a cause, so that its free run is no measure.
     """
@@ -102,7 +99,6 @@ class Diagnoser:
     answer counts unless it does worse on the present experiment.
 
     Args:
-        machine: as its file knows it.
         settings: parameters of the group diagnosis; those that are missing have their defaults.
         make: what makes a diagnosis; the arguments are those of `diagnosis.diagnose.diagnose`.
 
@@ -166,12 +162,7 @@ class Diagnoser:
         }
 
     def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
-        """Take back a state, before any step here.
-
-        Raises:
-            RecordingError: something that is not recorded; the diagnoser is then as it was.
-            ValueError, TypeError, KeyError: no state; the same.
-        """
+        """Take back a state, before any step here."""
         since, last = state["since"], state["last"]
         if type(since) is not int or since < 0 or len(state["recent"]) > (self._recent.maxlen or 0):
             raise ValueError("since is no count, or there are more experiments than are kept")

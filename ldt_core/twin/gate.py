@@ -22,7 +22,6 @@ class Offer:
     """A model that may take the present one's place.
 
     Args:
-        model: the next version.
         origin: where it comes from, for a person.
         details: figures behind it.
     """
@@ -93,7 +92,6 @@ class Trial:
         """Error of what a model would become [rad/s], and a model that learns as it did.
 
         Args:
-            model: that is to learn.
             others: experiments to learn from beside the judged ones, whole.
 
         Raises:

@@ -26,10 +26,6 @@ class Memory:
     training time without end: above its limit the oldest leave, and those of S_w are counted. Both
     are sets: an experiment that comes again (same number, same start) takes the place of the first.
 
-    Args:
-        limit: most experiments kept in S_w.
-        history: most recent experiments kept.
-
     Raises:
         OptionError: a limit outside the range of `memory_limit` or `history` in `parameters.yaml`.
 
@@ -89,12 +85,7 @@ class Memory:
         }
 
     def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
-        """Keep what a state names.
-
-        Raises:
-            RecordingError: an experiment that is not recorded; the memory is then as it was.
-            ValueError, TypeError, KeyError: no state; the same.
-        """
+        """Keep what a state names."""
         if len(state["kept"]) > self.limit or len(state["recent"]) > self.history:
             raise ValueError("more experiments than are kept")
         kept, recent = (

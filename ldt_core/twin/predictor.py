@@ -17,12 +17,7 @@ WARM_UP_SAMPLES = 3
 
 
 class Predictor:
-    """Stage 1: the present model and the original one predict.
-
-    Args:
-        machine: the machine as it is known beforehand.
-        model: the model to begin with.
-    """
+    """Stage 1: the present model and the original one predict."""
 
     def __init__(self, machine: Machine, model: Model) -> None:
         self.machine = machine
@@ -74,7 +69,6 @@ def out_of_order(experiment: Experiment, last: int, known: bool) -> ExperimentEr
     """Why an experiment is not taken whose number is not above the last one's.
 
     Args:
-        experiment: in question.
         last: number of the last one taken.
         known: whether it has been taken itself.
     """

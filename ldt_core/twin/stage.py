@@ -26,9 +26,6 @@ class RecordedStep:
     """A complete step, as it was recorded.
 
     Args:
-        experiment: of the step.
-        prediction: by the model then in force.
-        signal: of the detector.
         adaptation: what was done; after a rollback, that.
         model: adopted in this step, or by a rollback; None where the model stayed.
         diagnosis: made at this experiment, or None.

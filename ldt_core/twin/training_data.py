@@ -75,7 +75,6 @@ def still_valid(model: Model, rmse: float, recent: Sequence[Experiment]) -> list
     """The experiments that a model of the present machine explains.
 
     Args:
-        model: learned from the present machine.
         rmse: its error on samples of it that were held back [rad/s].
         recent: experiments that it has not learned from.
     """

@@ -38,8 +38,6 @@ class PackedSamples:
     Attributes:
         channels: time first.
         data: uint16 codes, channel by channel, little end first, in base64.
-        kept: samples in it.
-        of: samples that the experiment has.
     """
 
     channels: tuple[PackedChannel, ...]

@@ -32,12 +32,8 @@ class StepView:
     """An experiment and what the twin has made of it so far.
 
     Attributes:
-        number: of the experiment.
         experiment: measured; None before it has come, and once its samples are packed.
-        prediction: of the model in force.
         original: prediction of the model that never learns.
-        signal: of the detector.
-        adaptation: of the adaptor.
         original_error: maximum error of `original` [rad/s].
         packed: the samples for a browser, once no more is expected.
     """
@@ -81,12 +77,7 @@ class StepView:
 
 
 def recorded_steps(bag: Bag, signals: Mapping[int, Signal]) -> Iterator[StepView]:
-    """Steps of a run that were predicted and judged, one at a time with all samples.
-
-    Args:
-        bag: the recording.
-        signals: of its detector, by experiment.
-    """
+    """Steps of a run that were predicted and judged, one at a time with all samples."""
     adaptations = {a.experiment: a for a in bag.records("adaptation")}
     predictions = {p.number: p for p in bag.records("prediction")}
     originals = {p.number: p for p in bag.records("original_prediction")}
@@ -121,7 +112,6 @@ class DetectorStatistic:
     """A detector's statistic in every experiment.
 
     Attributes:
-        name: what it is.
         unit: "" where it has none.
         values: by experiment, None where there is none; so are the limits.
         warning: above which it warns.

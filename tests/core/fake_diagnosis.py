@@ -127,16 +127,13 @@ def _errors(shown, name):
 
 def fake_regimes(before, after, closed):
     """Three regimes, the worst of which grew worse."""
-    return (
-        {"regime": "speed 2 to 11 rad/s", "closed_fraction": -0.12, "before": 0.11, "after": 0.12},
-        {"regime": "speed 11 to 24 rad/s", "closed_fraction": 0.62, "before": 0.9, "after": 0.4},
-        {
-            "regime": "speed 24 to 45 rad/s",
-            "closed_fraction": closed,
-            "before": before.rmse,
-            "after": after.rmse,
-        },
+    rows = (
+        ("speed 2 to 11 rad/s", 0.11, 0.12, -0.12),
+        ("speed 11 to 24 rad/s", 0.9, 0.4, 0.62),
+        ("speed 24 to 45 rad/s", before.rmse, after.rmse, closed),
     )
+    keys = ("regime", "rmse_before", "rmse_after", "closed_fraction")
+    return tuple({**dict(zip(keys, row, strict=True)), "samples": 500} for row in rows)
 
 
 def fake_places(kind):

@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 
 from ldt_core.base.errors import LdtError
 from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount
-from ldt_core.views.diagnosis_page import picture, write_page
+from ldt_core.views import diagnosis_page
+from ldt_core.views.diagnosis_page import picture
 from ldt_core.views.diagnosis_page.number_format import amount, percent, value_of
 from ldt_core.views.diagnosis_page.signal_curves import binned, orders, spectrum
 from ldt_core.views.diagnosis_page.time_curves import corners, shown_free_runs
@@ -54,7 +55,7 @@ class Elements(HTMLParser):
 
 
 def written(diagnosis, folder):
-    write_page(diagnosis, folder / "page.html")
+    (folder / "page.html").write_text(diagnosis_page.page(diagnosis), encoding="utf-8")
     return (folder / "page.html").read_text(encoding="utf-8")
 
 
@@ -262,7 +263,7 @@ def test_without_matplotlib_it_is_said(monkeypatch, diagnoses, tmp_path):
     """One sentence that says what to install, and no half of a page."""
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(LdtError, match="pip install 'ldt\\[plot\\]'"):
-        write_page(diagnoses["none"], tmp_path / "page.html")
+        diagnosis_page.page(diagnoses["none"])
     assert not list(tmp_path.iterdir())
 
 

@@ -285,12 +285,12 @@ def test_no_address_is_told_of_a_page_that_will_show_nothing():
     where = (assets("a test"), "127.0.0.1", 0)
     failing = Source(BadInput("ROS 2", "a domain", "no node"))
     with pytest.raises(BadInput, match="no node"):
-        server.serve(Fleet(), failing, *where, told.append)
+        asyncio.run(server.serve(Fleet(), failing, *where, told.append))
     assert told == []
 
     def ready(address: str) -> None:
         told.append(address)
         signal.raise_signal(signal.SIGINT)
 
-    server.serve(Fleet(), Source(), *where, ready)
+    asyncio.run(server.serve(Fleet(), Source(), *where, ready))
     assert len(told) == 1

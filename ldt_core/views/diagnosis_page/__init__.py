@@ -24,21 +24,8 @@ WHO = "a diagnosis' page"
 JSON, PAGE = "diagnosis.json", "diagnosis.html"
 
 
-def write_page(diagnosis: Diagnosis, file: Path | str) -> None:
-    """Write the page.
-
-    Raises:
-        LdtError: matplotlib is not installed.
-    """
-    write(Path(file), page(diagnosis))
-
-
 def page(diagnosis: Diagnosis) -> str:
-    """The page as text.
-
-    Raises:
-        LdtError: matplotlib is not installed.
-    """
+    """The page as text."""
     style.require(WHO)
     made = [part for make in sections.SECTIONS if (part := make(diagnosis))]
     return render(
@@ -51,24 +38,12 @@ def page(diagnosis: Diagnosis) -> str:
 
 
 def picture(diagnosis: Diagnosis, file: Path | str) -> None:
-    """Draw before and after, where the gap lies, and the shares of a set, as one picture.
-
-    Args:
-        diagnosis: with `shown`.
-        file: .png, .svg or .pdf.
-
-    Raises:
-        LdtError: matplotlib is not installed, or there is nothing to draw.
-    """
+    """Draw before and after, where the gap lies, and the shares of a set, as one picture."""
     style.save_picture(diagnosis_figure(diagnosis), file)
 
 
 def diagnosis_figure(diagnosis: Diagnosis) -> Figure:
-    """The same as a figure.
-
-    Raises:
-        LdtError: as `picture`.
-    """
+    """The same as a figure."""
     panels = shown_free_runs(diagnosis), gap_curves(diagnosis), shares_bar(diagnosis)
     drawn = [p for p in panels if p is not None]
     if len(drawn) < 2:
@@ -89,10 +64,6 @@ def as_json(diagnosis: Diagnosis) -> str:
 
 
 def write_files(diagnosis: Diagnosis, folder: Path) -> None:
-    """Write `diagnosis.json` and `diagnosis.html`.
-
-    Raises:
-        LdtError: matplotlib is not installed, and no page written.
-    """
+    """Write `diagnosis.json` and `diagnosis.html`."""
     write(folder / JSON, as_json(diagnosis))
     write(folder / PAGE, page(diagnosis))

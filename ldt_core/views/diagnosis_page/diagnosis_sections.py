@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from ldt_core.base.sentences import listed, ranges, spans, spoken
+from ldt_core.base.sentences import listed, ranges, spans
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate
 from ldt_core.views.diagnosis_page import gap_curves, ranking, time_curves
 from ldt_core.views.diagnosis_page.number_format import (
@@ -212,44 +212,22 @@ def remainder(diagnosis: Diagnosis) -> Section:
 
 
 def _regimes(found: Sequence[Mapping[str, Any]]) -> Table:
-    rows = [_flat(r) for r in found]
-    keys = list(dict.fromkeys(k for r in rows for k in r))
-    closed = [r.get("closed_fraction") for r in rows]
-    worse = [known(c) and c < 0 for c in closed]
-    head = [_column(k) for k in keys]
-    made: list[list[Value]] = [[_figure(k, r.get(k)) for k in keys] for r in rows]
+    worse = [known(r["closed_fraction"]) and r["closed_fraction"] < 0 for r in found]
+    made: list[list[Value]] = [[r["regime"], *_regime_figures(r)] for r in found]
+    head = ["regime", "samples", "RMSE before", "RMSE after", "closed"]
     if any(worse):
         head.insert(1, "")
         for row, bad in zip(made, worse, strict=True):
             row.insert(1, Mark("worse", "bad") if bad else "")
-    text = {_column(k) for k in keys if any(isinstance(r.get(k), str) for r in rows)}
-    figures = [i for i, name in enumerate(head) if i and name and name not in text]
+    numbers = range(len(head) - 4, len(head))
     count = sum(worse)
-    note = f"In {count} of {len(rows)} the error grew." if count else "In none did the error grow."
-    return Table("By regime of the held-out experiments", head, made, figures, note)
+    note = f"In {count} of {len(found)} the error grew." if count else "In none did the error grow."
+    return Table("By regime of the held-out experiments", head, made, numbers, note)
 
 
-def _column(key: str) -> str:
-    """Short enough for a phone."""
-    return spoken(key).replace("rmse", "RMSE").replace("closed fraction", "closed")
-
-
-def _flat(regime: Mapping[str, Any]) -> dict[str, Any]:
-    """One level of keys."""
-    found: dict[str, Any] = {}
-    for key, value in regime.items():
-        inner = {f"{key} {k}": v for k, v in value.items()} if isinstance(value, Mapping) else {}
-        found |= inner or {str(key): value}
-    return found
-
-
-def _figure(key: str, value: Any) -> str:
-    if value is None or isinstance(value, (str, bool)):
-        return NOTHING if value is None else str(value)
-    shares = any(word in key for word in ("fraction", "share"))
-    if isinstance(value, (list, tuple)):
-        return " to ".join(_figure(key, v) for v in value)
-    return percent(float(value)) if shares else value_of(float(value))
+def _regime_figures(regime: Mapping[str, Any]) -> list[str]:
+    errors = (value_of(float(regime[key])) for key in ("samples", "rmse_before", "rmse_after"))
+    return [*errors, percent(regime["closed_fraction"])]
 
 
 def blind(diagnosis: Diagnosis) -> Section:

@@ -9,17 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.sentences import listed
 from ldt_core.diagnosis.diagnosis import Diagnosis, DrawnExperiment, GapLocation
 from ldt_core.views.diagnosis_page.number_format import percent, unit_of, value_of
-from ldt_core.views.diagnosis_page.signal_curves import (
-    MOST_ORDER,
-    Array,
-    Binned,
-    binned,
-    orders,
-    spectrum,
-)
+from ldt_core.views.diagnosis_page.signal_curves import MOST_ORDER, Binned, binned, orders, spectrum
 from ldt_core.views.diagnosis_page.time_curves import changed
 from ldt_core.views.page.style import (
     BLUE,
@@ -59,11 +53,9 @@ class GapCurves(Panels):
     """The curves, by quantity, before and, where effects were added, after.
 
     Attributes:
-        bins: of the quantities.
         spectra: (x, y) each.
         marked: places to mark, by quantity.
         scale: of torques from N m.
-        unit: then.
     """
 
     bins: Mapping[str, Sequence[Binned]]

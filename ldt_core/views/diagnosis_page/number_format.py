@@ -56,13 +56,13 @@ def percent(fraction: float | None) -> str:
     return f"{'−' if fraction < 0 and float(text) else ''}{text} %"
 
 
-def percents(interval: Sequence[float] | None) -> str:
+def percents(interval: Sequence[float]) -> str:
     """An interval of shares.
 
     >>> percents((0.91, 0.97))
     '91 % to 97 %'
     """
-    return NOTHING if interval is None else f"{percent(interval[0])} to {percent(interval[1])}"
+    return f"{percent(interval[0])} to {percent(interval[1])}"
 
 
 def unit_of(unit: str) -> str:

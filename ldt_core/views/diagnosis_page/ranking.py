@@ -104,11 +104,7 @@ def bars(diagnosis: Diagnosis) -> Drawing | None:
 
 @dataclass(frozen=True)
 class SharesBar(Panels):
-    """What each effect of a set contributes, as one divided bar.
-
-    Attributes:
-        members: candidates with their Shapley shares, the largest first.
-    """
+    """What each effect of a set contributes, as one divided bar."""
 
     members: Sequence[tuple[RankedCandidate, float]]
 

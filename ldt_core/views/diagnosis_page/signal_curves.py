@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import periodogram
 
-Array = NDArray[np.float64]
+from ldt_core.base.arrays import Array
 
 BINS = 48  # over the range of a quantity: about one for five pixels
 OWN_BINS = 24  # different values up to which each is a bin of its own

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.diagnosis import Diagnosis, DrawnExperiment, NextExperiment
 from ldt_core.views.diagnosis_page.number_format import known, value_of
-from ldt_core.views.diagnosis_page.signal_curves import Array
 from ldt_core.views.figures.free_run_panels import draw_free_runs
 from ldt_core.views.packed_samples import thinned
 from ldt_core.views.page.style import BLUE, Drawing, Layout, Panels, legend, panels
@@ -29,10 +29,7 @@ class ShownFreeRuns(Panels):
     """The experiments that are drawn.
 
     Attributes:
-        chosen: with words for each.
         noise: deviation of the measured speed [rad/s].
-        after: whether there is an after.
-        held_out: whether they were held out.
     """
 
     chosen: Sequence[tuple[DrawnExperiment, str]]

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ldt_core.advice.bands import voltage_bands
 from ldt_core.advice.run_up import RunUp
+from ldt_core.base.arrays import Array
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.steady_state import steady_voltage
 from ldt_core.views.page import style
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 HEIGHT = 6.2  # inches: as a picture of a run
 POINTS = 4000  # of the curve, so that its folds are sharp
@@ -33,15 +32,11 @@ def plot_advice(
     """Draw V over speed with its folds, and both runs over time.
 
     Args:
-        machine: whose limits and physics count.
         values: its parameters as they are taken to be.
-        way: to the speed wanted.
-        out: PNG, SVG or PDF.
         seconds: that the runs last.
 
     Raises:
         OptionError: another ending, or no such folder.
-        LdtError: matplotlib is not installed.
     """
     style.check_picture(out)
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment, rms
 from ldt_core.calibration.calibration import Calibration
 from ldt_core.models.physics import PhysicsModel
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 LOOKS = (("before", VERMILION, (0, (4, 1.4))), ("after", BLUE, "-"))
 
@@ -34,9 +33,6 @@ def draw_free_runs(
     """Draw the speed above and the error of the predictions below.
 
     Args:
-        upper: axes of the speed.
-        lower: axes of the error.
-        e: measured.
         runs: (L,) predicted speed [rad/s], before and perhaps after.
         noise: deviation of the measured speed [rad/s]; twice that is shaded.
     """
@@ -54,13 +50,7 @@ def draw_free_runs(
 def draw_calibration(
     calibration: Calibration, experiments: Sequence[Experiment], file: str | Path
 ) -> None:
-    """Draw the experiments held out (or those fitted, when none were), at most three of them.
-
-    Args:
-        calibration: what was found.
-        experiments: the same that were calibrated.
-        file: .png, .svg or .pdf.
-    """
+    """Draw the experiments held out (or those fitted, when none were), at most three of them."""
     at = np.unique(np.linspace(0, len(experiments) - 1, min(PANELS, len(experiments))).round())
     shown = [experiments[int(i)] for i in at]
     models = PhysicsModel(calibration.nominal), PhysicsModel(calibration.machine)

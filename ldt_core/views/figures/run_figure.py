@@ -49,8 +49,6 @@ def load_run(recording: str | Path, namespace: str = "", number: int | None = No
     """Read a run, a few experiments in memory at a time.
 
     Args:
-        recording: of `ldt up`, `run` or `replay`.
-        namespace: of the machine, when there are several.
         number: experiment to show; None takes the one in which the twin gained most on the
             original model.
 
@@ -109,18 +107,13 @@ def plot_run(run: PlottedRun, out: str | Path, title: str = "") -> None:
 
     Raises:
         OptionError: a file ending other than png, svg or pdf, or in no folder.
-        LdtError: matplotlib is not installed.
     """
     style.check_picture(out)
     style.save_picture(run_figure(run, title), out)
 
 
 def run_figure(run: PlottedRun, title: str = "") -> Figure:
-    """The same as a figure.
-
-    Raises:
-        LdtError: matplotlib is not installed.
-    """
+    """The same as a figure."""
 
     def draw(figure: Figure) -> None:
         upper, lower = figure.subplots(2, 1)

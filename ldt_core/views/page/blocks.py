@@ -15,7 +15,6 @@ class Mark:
     """A verdict: a word, a shape and a colour.
 
     Args:
-        word: the verdict.
         tone: good, bad, open, found (something was) or vague (one of several).
     """
 
@@ -43,13 +42,7 @@ Value = str | Mark | Cell | Lines
 
 @dataclass(frozen=True)
 class Answer:
-    """What a page is about, said in one sentence under its title.
-
-    Args:
-        mark: the answer in a word.
-        aside: beside the word.
-        sentence: for a person.
-    """
+    """What a page is about, said in one sentence under its title."""
 
     mark: Mark
     aside: str
@@ -69,11 +62,8 @@ class Table:
     """Rows under a head.
 
     Args:
-        caption: what it shows.
-        head: names of the columns.
         rows: of cells, the first naming the row.
         numbers: columns that are figures.
-        note: below it.
         cards: on a phone each row becomes a card (for cells of whole sentences).
         named: columns that say nothing without their name, which a card then repeats; figures
             are always named.
@@ -169,13 +159,7 @@ Block = Text | Table | Folded | Items | Pairs | Links | Figure | Own
 
 @dataclass
 class Section:
-    """A part of the page.
-
-    Attributes:
-        id: to link to.
-        title: in the head and the list of sections.
-        blocks: in order.
-    """
+    """A part of the page."""
 
     id: str
     title: str

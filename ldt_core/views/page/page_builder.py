@@ -58,12 +58,7 @@ def render(
 
 
 def fill(template: str, **values: object) -> str:
-    """A template of the views, every value in it escaped unless it says `own`.
-
-    Args:
-        template: its place in `ldt_core/views`.
-        values: by name.
-    """
+    """A template of the views, every value in it escaped unless it says `own`."""
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(view_file),
         autoescape=True,

@@ -128,7 +128,6 @@ class Layout:
     """The room a figure has.
 
     Attributes:
-        name: suffix.
         width: [inches].
         narrow: on a phone; panels lie below each other.
     """
@@ -148,7 +147,6 @@ class Drawing:
 
     Attributes:
         name: of the files.
-        title: what it shows.
         caption: what it finds, in numbers.
         alt: for those who cannot see it.
         draw: makes it in a layout.
@@ -180,9 +178,6 @@ class Panels(Protocol):
 def require(who: str = "a study") -> None:
     """Refuse at once what would fail after hours.
 
-    Args:
-        who: wants to draw.
-
     Raises:
         LdtError: matplotlib is not installed.
     """
@@ -210,10 +205,8 @@ def panels(
     """An empty figure and its axes, row by row.
 
     Args:
-        layout: the room.
         height: of one row [inches].
         columns: beside each other in the wide layout; one in the narrow.
-        count: of axes.
         more: to `Figure.subplots`.
     """
     columns = 1 if layout.narrow else columns
@@ -296,11 +289,6 @@ def picture(
     Args:
         width: [inches].
         height: [inches].
-        draw: fills an empty figure.
-        who: wants to draw.
-
-    Raises:
-        LdtError: matplotlib is not installed.
     """
     require(who)
     import matplotlib

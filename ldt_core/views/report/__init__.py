@@ -29,13 +29,7 @@ def write_page(recording: str | Path, out: str | Path, namespace: str = "") -> R
     """Write the page of a recorded run.
 
     Args:
-        recording: of `ldt up`, `run` or `replay`.
         out: the HTML file; an old one is replaced.
-        namespace: of the machine, when there are several.
-
-    Raises:
-        RecordingError: no recording of a run.
-        ExperimentError, ModelError: a message in it that is no such record.
     """
     run = read_run(recording, namespace)
     Path(out).write_text(page(run), encoding="utf-8")
@@ -51,7 +45,7 @@ def page(run: ReportedRun) -> str:
         plotted_data(run, compared),
     )
     return render(
-        report_sections.title(run),
+        f"Run {run.name}",
         report_sections.lead(run),
         report_sections.FOOTER,
         report_sections.sections(run, compared),

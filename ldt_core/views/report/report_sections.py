@@ -27,11 +27,6 @@ OPEN_ROWS = 20
 MARKS = {Action.ADAPTED: Mark("adapted", "good"), Action.REFUSED: Mark("refused", "open")}
 
 
-def title(run: ReportedRun) -> str:
-    """Of the page."""
-    return f"Run {run.name}"
-
-
 def lead(run: ReportedRun) -> str:
     """What has run."""
     last = run.signals[-1]

@@ -39,15 +39,9 @@ class ReportedRun:
     """A recorded run.
 
     Attributes:
-        name: of the recording.
-        bag: the recording.
-        health: of the recording.
         steps: by number, those that were predicted and judged.
-        signals: of the steps.
-        extents: of the steps.
         models: in the order in which they were sent.
         diagnoses: in their order.
-        summary: figures of all steps.
     """
 
     name: str
@@ -74,10 +68,6 @@ class ReportedRun:
 
 def read_run(recording: str | Path, namespace: str = "") -> ReportedRun:
     """Read a run with the samples that a page has room for.
-
-    Args:
-        recording: of `ldt up`, `run` or `replay`.
-        namespace: of the machine, when there are several.
 
     Raises:
         RecordingError: no recording of a run.

@@ -67,7 +67,6 @@ class Fleet:
             namespace: of the machine, "" or "/" for the root; of `/diagnostics`, which is of all
                 machines, it does not count.
             topic: its last part, or `/diagnostics`.
-            record: as the codec decodes it.
         """
         with self._lock:
             now = self._clock()

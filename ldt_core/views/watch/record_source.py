@@ -37,7 +37,6 @@ class RecordSource(Protocol):
         Runs on a thread of its own.
 
         Args:
-            fleet: is fed.
             stop: set when it is to end.
             begun: called once nothing keeps it from feeding any more.
         """
@@ -67,7 +66,6 @@ class Playback:
     what was recorded of an experiment follows it without delay.
 
     Args:
-        path: of the recording.
         namespace: the one machine to show; "" for all.
         rate: relative to real time, or "max".
 

@@ -60,7 +60,6 @@ class Pages:
     """What the server answers.
 
     Args:
-        fleet: what is shown.
         assets: path → (content type, content).
         host: that the server is bound to; decides by which names it may be called.
     """
@@ -189,7 +188,7 @@ class Pages:
                 await response.write(b": still here\n\n")
 
 
-def serve(
+async def serve(
     fleet: Fleet,
     source: RecordSource,
     assets: dict[str, tuple[str, bytes]],
@@ -200,10 +199,7 @@ def serve(
     """Feed the fleet and serve it until SIGINT or SIGTERM.
 
     Args:
-        fleet: what is shown.
         source: runs on a thread of its own.
-        assets: of the page.
-        host: to bind to.
         port: to bind to, 0 for any free one.
         on_ready: told the address once it answers, and the source has begun.
 
@@ -211,17 +207,6 @@ def serve(
         BadInput: an address that cannot be bound to.
         Exception: what the source failed with.
     """
-    asyncio.run(_serve(fleet, source, assets, host, port, on_ready))
-
-
-async def _serve(
-    fleet: Fleet,
-    source: RecordSource,
-    assets: dict[str, tuple[str, bytes]],
-    host: str,
-    port: int,
-    on_ready: Callable[[str], None],
-) -> None:
     loop, ended = asyncio.get_running_loop(), asyncio.Event()
     settled = asyncio.Event()  # the source has begun, or nobody waits for it any more
     pages = Pages(fleet, assets, host)

@@ -130,9 +130,6 @@ class Nodes:
 class WatchedMachine:
     """All that is known of a machine.
 
-    Args:
-        namespace: of its topics, "" for the root.
-
     Attributes:
         steps: by number, in the order in which they came.
         events: (count, time [s since the epoch] or None, experiment or None, kind, words).
@@ -165,8 +162,6 @@ class WatchedMachine:
         """A record that came on a topic (last part of its name).
 
         Args:
-            topic: "experiment", "prediction", …
-            record: as the codec decodes it.
             count: of the fleet; larger than at any change before.
             now: of the fleet's clock [s].
             moment: of the world [s since the epoch], None when a recording is played.
