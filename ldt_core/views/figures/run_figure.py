@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,7 +12,6 @@ import numpy as np
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Action, Experiment, Level, Prediction, Signal, Step
 from ldt_core.recording.bag import read_twin_run
-from ldt_core.twin.stage import RecordedStep
 from ldt_core.views.page import style
 from ldt_core.views.step_view import StepView, recorded_steps
 
@@ -58,9 +57,39 @@ def load_run(recording: str | Path, namespace: str = "", number: int | None = No
     """
     bag = read_twin_run(recording, namespace)
     signals = {s.experiment: s for s in bag.records("signal")}
+    among = f"{_among(signals) or 'a run'} of {recording}"
+    return _plotted(recorded_steps(bag, signals), number, among)
+
+
+def plotted_run(steps: Sequence[Step], number: int | None = None) -> PlottedRun:
+    """Of steps in memory; `number` as of `load_run`.
+
+    Raises:
+        OptionError: no such experiment among them.
+    """
+    views = (
+        StepView(
+            s.number,
+            s.experiment,
+            s.prediction,
+            s.original,
+            s.signal,
+            s.adaptation,
+            s.original.max_error(s.experiment),
+        )
+        for s in steps
+    )
+    return _plotted(views, number, _among([s.number for s in steps]) or "steps")
+
+
+def _among(numbers: Collection[int]) -> str:
+    return f"one of the experiments {min(numbers)} to {max(numbers)}" if numbers else ""
+
+
+def _plotted(views: Iterable[StepView], number: int | None, among: str) -> PlottedRun:
     steps: dict[int, StepView] = {}
     best, shown = -np.inf, None
-    for step in recorded_steps(bag, signals):
+    for step in views:
         experiment, prediction, signal = step.experiment, step.prediction, step.signal
         if experiment is None or prediction is None or signal is None:
             continue
@@ -72,34 +101,8 @@ def load_run(recording: str | Path, namespace: str = "", number: int | None = No
         step.settle(None)
         steps[step.number] = step
     if shown is None:
-        known = f"one of the experiments {min(signals)} to {max(signals)}" if signals else "a run"
-        raise OptionError("experiment", f"{known} of {recording}", number)
+        raise OptionError("experiment", among, number)
     return PlottedRun([steps[n] for n in sorted(steps)], shown)
-
-
-def plotted_run(steps: Sequence[Step | RecordedStep], number: int | None = None) -> PlottedRun:
-    """Of steps in memory; `number` as of `load_run`.
-
-    Raises:
-        OptionError: no such experiment among them.
-    """
-    if not any(number is None or s.number == number for s in steps):
-        known = [s.number for s in steps]
-        expected = f"one of the experiments {min(known)} to {max(known)}" if known else "steps"
-        raise OptionError("experiment", expected, number)
-    views = []
-    best, shown = -np.inf, steps[0]
-    for s in steps:
-        error = s.original.max_error(s.experiment) if s.original else None
-        views.append(
-            StepView(s.number, signal=s.signal, adaptation=s.adaptation, original_error=error)
-        )
-        gain = (error or 0.0) - s.signal.max_error
-        if number == s.number or (number is None and gain > best):
-            best, shown = gain, s
-    return PlottedRun(
-        views, ShownStep(shown.experiment, shown.prediction, shown.original, shown.signal)
-    )
 
 
 def plot_run(run: PlottedRun, out: str | Path, title: str = "") -> None:
