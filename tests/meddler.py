@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parent / "ros"))
 from stranger import Stranger
 
 from ldt_core.recording.bag import read_bag
-from ldt_core.restart.recorded_steps import LOOP
+from ldt_core.restart.recorded_run import LOOP
 from ldt_ros.graph.environment import prepare
 
 

@@ -78,7 +78,7 @@ def advise(
     if design is not None:
         told |= {"next.name": design.name, "next.bits": design.bits, "next.on": design.sharpens}
         told |= {"next.levels": json.dumps(design.levels), "next.hold": design.hold}
-    others = listed(map(spoken, belief.left_out))
+    others = listed(map(spoken, belief.left_out)) if belief.left_out else ""
     sentences = (
         about_bands(belief, model.kind if model else "", bands, left, limit),
         f"Not counted in: {others}, which shifts these voltages." if bands and others else "",

@@ -6,13 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ldt_core.cli.options import (
-    Command,
-    compute_options,
-    json_option,
-    namespace_option,
-    parameters,
-)
+from ldt_core.cli.options import Command, compute_options, json_option, namespace_option, parameters
 from ldt_core.cli.spelling import SuggestingChoice
 from ldt_core.cli.terminal import echo, echo_json, warn
 

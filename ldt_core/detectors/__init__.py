@@ -11,13 +11,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 import msgs_config
-from ldt_core.base.errors import (
-    ArgumentTypeError,
-    BadInput,
-    OptionError,
-    described,
-    did_you_mean,
-)
+from ldt_core.base.errors import ArgumentTypeError, BadInput, OptionError, described, did_you_mean
 from ldt_core.base.registry import Registry
 
 if TYPE_CHECKING:

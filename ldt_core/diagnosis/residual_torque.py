@@ -190,7 +190,12 @@ def _torque_of(
 
 
 def depends_on(residuals: FreeRunResiduals, left: ResidualTorque) -> list[str]:
-    """What the torque left over can be predicted from, in the order of the ladder."""
+    """What the torque left over can be predicted from.
+
+    A ladder of ever more that it may depend on: smooth functions of speed, then also of voltage,
+    acceleration, time, experiment, shaft angle, and what went before. A step counts when it
+    predicts experiments that it was not fitted to better than the steps below.
+    """
     from sklearn.linear_model import Ridge
     from sklearn.model_selection import GroupKFold, cross_val_predict
     from sklearn.pipeline import make_pipeline

@@ -195,10 +195,9 @@ def plainest(
 ) -> list[EffectFit]:
     """The sets that need the fewest parameters, the best first.
 
-    A law with more parameters follows a machine better than a simpler one even where the simpler
-    one is right, since no law is exactly right. So where a simpler set leaves hardly more, it is
-    the answer, and the other is named beside it if it does fit better. Laws of the same family
-    are told apart by no less than a second one of that family must explain to be named.
+    A law with more parameters follows a machine better even where a simpler one is right. So where
+    a simpler set leaves hardly more, it is the answer, and the other is named beside it if it does
+    fit better.
 
     Args:
         alike: sets that are as good as each other, the best first.

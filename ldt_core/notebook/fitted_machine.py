@@ -12,7 +12,7 @@ from ldt_core.base.settings import check
 from ldt_core.calibration import calibrate as fit_machine
 from ldt_core.calibration.calibration import Calibration
 from ldt_core.calibration.machine_yaml import write_machine_file
-from ldt_core.notebook.arguments import ExperimentsLike, MachineLike, possible
+from ldt_core.notebook.recorded_experiments import ExperimentsLike, MachineLike, possible
 
 
 class FittedMachine(Calibration):

@@ -1,12 +1,12 @@
-"""Recordings as objects: `read`."""
+"""Recordings as objects: `read`; and what stands for recordings and machines as arguments."""
 
 from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
 from ldt_core.base.errors import ArgumentTypeError, LdtError, described
 from ldt_core.base.experiment import Action, Experiment, Prediction, Step
@@ -17,6 +17,9 @@ from ldt_core.twin.stage import RecordedStep
 
 if TYPE_CHECKING:
     import pandas
+
+#: A machine, the name of one that ships with LDT, a machine file, or the keys of one.
+MachineLike: TypeAlias = Machine | str | os.PathLike[str] | Mapping[str, Any]
 
 
 class Recording(Sequence[Experiment]):
@@ -177,3 +180,46 @@ def frame(rows: Iterable[dict[str, Any]]) -> pandas.DataFrame:
             "a DataFrame needs pandas, which is not installed: pip install pandas"
         ) from error
     return pandas.DataFrame(list(rows))
+
+
+#: A recording, its folder or file, or experiments.
+ExperimentsLike: TypeAlias = Recording | str | os.PathLike[str] | Iterable[Experiment]
+
+
+def measured(recording: ExperimentsLike, machine: MachineLike) -> tuple[Recording, Machine]:
+    """The experiments and the machine that are meant.
+
+    Raises:
+        ArgumentTypeError: something else, or the one in the other's place.
+        RecordingError, ExperimentError: as `read`; or no experiments at all.
+        MachineFileError: no such machine, or a file that cannot be used.
+    """
+    order = "first a recording (ldt.read), its folder, or experiments, then a machine"
+    if isinstance(recording, Experiment | Machine | Mapping) or isinstance(machine, Recording):
+        got = f"{described(recording)}, then {described(machine)}"
+        raise ArgumentTypeError("arguments", order, got)
+    known = Machine(machine)
+    if isinstance(recording, Recording):
+        return recording, known
+    if isinstance(recording, str | os.PathLike):
+        return read(recording), known
+    if not isinstance(recording, Iterable):
+        raise ArgumentTypeError("arguments", order, f"first {described(recording)}")
+    found = list(recording)
+    for place, one in enumerate(found):
+        if not isinstance(one, Experiment):
+            where = f"recording, item {place}"
+            raise ArgumentTypeError(where, "an ldt.Experiment", described(one))
+    return Recording(found), known
+
+
+def possible(recording: ExperimentsLike, machine: MachineLike) -> tuple[Recording, Machine]:
+    """As `measured`, of experiments that the machine can have made.
+
+    Raises:
+        ExperimentError: one that it cannot have made.
+    """
+    found, known = measured(recording, machine)
+    for experiment in found:
+        known.check(experiment)
+    return found, known

@@ -9,8 +9,13 @@ from ldt_core.base.experiment import Step
 from ldt_core.base.metrics import Summary
 from ldt_core.detectors.base import Detector
 from ldt_core.models.base import Model
-from ldt_core.notebook.arguments import ExperimentsLike, MachineLike, measured
-from ldt_core.notebook.recorded_experiments import described_step, frame
+from ldt_core.notebook.recorded_experiments import (
+    ExperimentsLike,
+    MachineLike,
+    described_step,
+    frame,
+    measured,
+)
 from ldt_core.runs.offline import run_unrecorded
 from ldt_core.twin.loop import Twin
 from ldt_core.views.figures.run_figure import plotted_run, run_figure

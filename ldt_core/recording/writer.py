@@ -29,12 +29,7 @@ from ldt_core.recording.experiment_numbers import ExperimentNumbers, number_of, 
 from ldt_core.recording.lock import FolderLock
 from ldt_core.recording.mcap_writer import McapWriter, describe_channel
 from ldt_core.recording.messages import declaration, schema, serialize
-from ldt_core.recording.metadata import (
-    TopicInformation,
-    bag_information,
-    text_of,
-    write_metadata,
-)
+from ldt_core.recording.metadata import TopicInformation, bag_information, text_of, write_metadata
 from ldt_core.recording.node_status import HEALTH_TOPIC
 from ldt_core.recording.repair import RECORDED
 from ldt_core.recording.resume import RecordedContents, resume_contents

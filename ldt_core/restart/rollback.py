@@ -16,8 +16,7 @@ from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.recording.messages import quoted
 from ldt_core.recording.writer import BagWriter
-from ldt_core.restart.recorded_run import last_in
-from ldt_core.restart.recorded_steps import complete_steps
+from ldt_core.restart.recorded_run import complete_steps, last_in
 from ldt_core.restart.run_key import check_key
 from ldt_core.twin.adaptor import FAULTY, ROLLED_BACK
 from ldt_core.twin.stage import RecordedStep

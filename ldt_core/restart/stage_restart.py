@@ -9,8 +9,7 @@ from typing import Any
 import msgs_config
 from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.base.experiment import Experiment
-from ldt_core.restart.checkpoint import Checkpoint, CheckpointFiles
-from ldt_core.restart.lookup import Lookup
+from ldt_core.restart.checkpoint import Checkpoint, CheckpointFiles, Lookup
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.run_key import key_text
 from ldt_core.twin.adaptor import ROLLED_BACK

@@ -1,12 +1,4 @@
-"""The diagnosis of a machine that runs: when to make one, and of which experiments.
-
-A positive says that the machine is not what the model takes it for. A diagnosis must not mix in
-experiments from before that change, nor do with fewer than there are, since one experiment alone
-tells amounts ten times worse than six. So it is made first of those that the signals let pass for
-the machine as it is now; then each recent experiment is compared with a free run of what was found,
-as `training_data` does for every model, and if that tells otherwise, it is made once more of those
-that are valid.
-"""
+"""The diagnosis of a machine that runs: when to make one, and of which experiments."""
 
 from __future__ import annotations
 
@@ -82,8 +74,8 @@ class Known:
 class Diagnoser:
     """Diagnoses at positives, from the last experiments of the machine as it is now.
 
-    Its answers follow from the experiments and signals that it is given, in their order, and from
-    nothing else: offline run, replay and node graph get the same.
+    A diagnosis must not mix in experiments from before a change, nor do with fewer than there are:
+    one experiment alone tells amounts ten times worse than six.
 
     A positive starts a diagnosis if none has been made, if the last verdict no longer explains the
     experiment, or if the last diagnosis is `diagnosis_every` experiments ago. It works on

@@ -14,7 +14,7 @@ from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.node_status import REFUSED
-from ldt_core.restart.lookup import Lookup
+from ldt_core.restart.checkpoint import Lookup
 from ldt_core.restart.recorded_run import END
 from ldt_core.twin.predictor import Predictor, out_of_order
 from ldt_core.twin.stage import WINDOW, RecordedStep

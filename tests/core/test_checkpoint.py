@@ -25,8 +25,7 @@ from ldt_core.detectors.lddm import LDDM
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.writer import BagWriter
-from ldt_core.restart.checkpoint import digest
-from ldt_core.restart.lookup import Lookup
+from ldt_core.restart.checkpoint import Lookup, digest
 from ldt_core.restart.recorded_run import END, RecordedRun
 from ldt_core.restart.stage_restart import StageRestart, TwinRestart
 from ldt_core.twin.adaptor import ROLLED_BACK

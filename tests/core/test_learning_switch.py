@@ -16,8 +16,7 @@ from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.learning_switch import NAME, LearningSwitch
-from ldt_core.restart.recorded_run import RecordedRun
-from ldt_core.restart.recorded_steps import complete_steps
+from ldt_core.restart.recorded_run import RecordedRun, complete_steps
 from ldt_core.restart.stage_restart import TwinRestart
 from ldt_core.runs.offline import run, write_step
 from ldt_core.twin.loop import Twin

@@ -15,8 +15,7 @@ from ldt_core.base.settings import resolve
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.sensor_check import fault, sound
 from ldt_core.recording.bag import read_bag
-from ldt_core.restart.recorded_run import RecordedRun
-from ldt_core.restart.recorded_steps import complete_steps
+from ldt_core.restart.recorded_run import RecordedRun, complete_steps
 from ldt_core.restart.stage_restart import TwinRestart
 from ldt_core.runs.offline import run
 from ldt_core.twin.adaptor import FAULTY

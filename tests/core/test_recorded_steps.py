@@ -17,9 +17,8 @@ from ldt_core.recording.bag import read_bag
 from ldt_core.recording.messages import standard
 from ldt_core.recording.step_search import StepSearch
 from ldt_core.recording.writer import BagWriter
-from ldt_core.restart.lookup import Lookup
-from ldt_core.restart.recorded_run import RecordedRun
-from ldt_core.restart.recorded_steps import complete_steps
+from ldt_core.restart.checkpoint import Lookup
+from ldt_core.restart.recorded_run import RecordedRun, complete_steps
 from ldt_core.restart.stage_restart import TwinRestart
 from ldt_core.runs.offline import run, write_step
 from ldt_core.twin.loop import Twin

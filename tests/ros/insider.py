@@ -13,7 +13,7 @@ import os
 import sys
 import time
 
-from ldt_core.restart.recorded_steps import LOOP
+from ldt_core.restart.recorded_run import LOOP
 from ldt_ros.graph.environment import prepare
 
 

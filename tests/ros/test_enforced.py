@@ -18,7 +18,7 @@ pytest.importorskip("cryptography")
 from disturbed import PATIENCE, RUN, differences, finished, killed
 
 from ldt_core.recording.bag import read_bag
-from ldt_core.restart.recorded_steps import LOOP
+from ldt_core.restart.recorded_run import LOOP
 from ldt_core.security.keystore import make_keystore
 from ldt_ros.graph import secure
 

@@ -9,15 +9,7 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.errors import ExperimentError
-from ldt_core.base.experiment import (
-    Experiment,
-    Level,
-    ModelRecord,
-    Prediction,
-    Signal,
-    Step,
-    rms,
-)
+from ldt_core.base.experiment import Experiment, Level, ModelRecord, Prediction, Signal, Step, rms
 from ldt_core.lab.study.region import region_rmse
 from ldt_core.lab.study.stream import Stream, stream
 from ldt_core.lab.study.study_case import RunResult, StudyCase

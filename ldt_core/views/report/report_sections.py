@@ -2,15 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import PurePath
+
 from markupsafe import Markup
 
+import msgs_config
 from ldt_core.base.experiment import Action, Level, ModelRecord, Signal
 from ldt_core.base.sentences import number, ranges, spans, spoken
+from ldt_core.base.settings import UNSET, as_options
 from ldt_core.doctor.check import Finding, Grade
 from ldt_core.doctor.recording_checks import findings
-from ldt_core.views.page.blocks import Answer, Block, Folded, Mark, Own, Section, Table, Text, Value
+from ldt_core.recording.run_settings import Setting
+from ldt_core.views.page.blocks import (
+    Answer,
+    Block,
+    Folded,
+    Mark,
+    Own,
+    Pairs,
+    Section,
+    Table,
+    Text,
+    Value,
+)
 from ldt_core.views.page.page_builder import fill
-from ldt_core.views.report import settings_section
 from ldt_core.views.report.reported_run import ReportedRun
 from ldt_core.views.step_view import DetectorStatistic
 
@@ -25,6 +42,10 @@ GRADES = {Grade.WARNING: "open", Grade.PROBLEM: "bad"}
 #: Rows of a table that stands open; a longer one would bury what follows it.
 OPEN_ROWS = 20
 MARKS = {Action.ADAPTED: Mark("adapted", "good"), Action.REFUSED: Mark("refused", "open")}
+
+NOTHING = "-"
+#: Settings that name files of the machine on which the run was.
+PATHS = ("machine", "model", "detector", "cause", "effect", "play")
 
 
 def lead(run: ReportedRun) -> str:
@@ -65,7 +86,7 @@ def sections(run: ReportedRun, compared: DetectorStatistic) -> list[Section]:
         _experiment(run),
         Section("learning", "What was learned", [*adaptations(run), *models(run)]),
         _diagnoses(run),
-        Section("setting", "Machine and settings", settings_section.blocks(run, compared)),
+        Section("setting", "Machine and settings", _settings(run, compared)),
         _health(run),
         _every(run),
     ]
@@ -138,7 +159,8 @@ def _health(run: ReportedRun) -> Section:
     if odd:
         head = ("what", "grade", "found", "what to do")
         rows = [
-            (f.name, Mark(f.grade, GRADES[f.grade]), _bare(f.message, run), f.remedy) for f in odd
+            (f.name, Mark(f.grade, GRADES[f.grade]), _without_place(f.message, run), f.remedy)
+            for f in odd
         ]
         found.blocks.append(Table("What is odd about the recording", head, rows, cards=True))
     else:
@@ -159,7 +181,7 @@ def _health(run: ReportedRun) -> Section:
     return found
 
 
-def _bare(sentence: str, run: ReportedRun) -> str:
+def _without_place(sentence: str, run: ReportedRun) -> str:
     """Without where the recording lay, no business of those to whom the page is sent."""
     path = str(run.health.path)
     for behind in (": ", ", ", "/"):
@@ -225,3 +247,100 @@ def _cause(model: ModelRecord) -> str:
         if isinstance(value, int | float)
     ]
     return f"{spoken(str(cause.get('effect', '')))}: {', '.join(amounts)}"
+
+
+def _settings(run: ReportedRun, compared: DetectorStatistic) -> list[Block]:
+    """Machine, experiments, model and detector."""
+    extents, numbers = run.extents, [step.number for step in run.steps]
+    begin, end = _moment(extents[0].start), _moment(extents[-1].end)
+    pairs = [
+        ("machine", run.bag.machine or "not recorded"),
+        ("topics", run.bag.namespace or "of no namespace"),
+        ("recording", f"{run.name}, from {begin} to {end}"),
+        ("experiments", f"{len(numbers)}, numbers {numbers[0]} to {numbers[-1]}"),
+        ("samples", f"{_span([e.length for e in extents])} in an experiment"),
+        ("sample period", f"{_span([1e3 * e.period for e in extents])} ms"),
+        ("duration", f"{_span([e.period * e.length for e in extents])} s"),
+        ("voltage", f"{_outer([e.voltage for e in extents])} V"),
+        ("speed", f"{_outer([e.speed for e in extents])} rad/s"),
+        ("model", ", ".join(dict.fromkeys(m.kind for m in run.models)) or "not recorded"),
+        ("detector", ", ".join(dict.fromkeys(s.detector for s in run.signals))),
+        ("it compares", compared.label),
+    ]
+    limits = {"warning_limit": "warns above", "drift_limit": "is positive above"}
+    for name, words in limits.items():
+        values = [s.statistics[name] for s in run.signals if name in s.statistics]
+        if values:
+            pairs.append((words, f"{_span(values)} {compared.unit}".strip()))
+    own = {n: v for n, v in run.signals[-1].statistics.items() if n not in limits}
+    if own:
+        text = ", ".join(f"{spoken(name)} {number(v)}" for name, v in own.items())
+        pairs.append(("last statistics", text))
+    parameters = run.models[0].parameters.get("machine") if run.models else None
+    if isinstance(parameters, dict):
+        told = ", ".join(f"{name}\u00a0=\u00a0{_value(v)}" for name, v in parameters.items())
+        pairs.insert(1, ("as its file has it", f"{told} (SI units)"))
+    kept = {name: _bare(name, value) for name, value in run.health.settings.items()}
+    if not kept:
+        return [Pairs(pairs), Text("The recording holds no settings of the run.", "missing")]
+    pairs.append(("run with", as_options(kept) or "the defaults alone"))
+    return [Pairs(pairs), Folded("All settings of the run", _table(kept))]
+
+
+def _table(settings: Mapping[str, Setting]) -> Table:
+    declared = msgs_config.parameters()
+    rows = []
+    for name, value in settings.items():
+        words = _words(value)
+        if words != NOTHING:
+            words = f"{words} {declared.get(name, {}).get('unit', '')}".rstrip()
+        rows.append((spoken(name), words, _default(name, value)))
+    head = ("setting", "value", "default")
+    return Table("What the run was started with", head, rows)
+
+
+def _default(name: str, value: Setting) -> str:
+    """What would hold today if it were not given."""
+    declared = msgs_config.parameters().get(name)
+    if declared is None:
+        return "unknown to this version"
+    return "the same" if value == declared["default"] else _words(declared["default"])
+
+
+def _words(value: Setting) -> str:
+    if value in UNSET:
+        return NOTHING
+    if isinstance(value, list):
+        return ", ".join(value)
+    return str(value).lower() if isinstance(value, bool) else _value(value)
+
+
+def _bare(name: str, value: Setting) -> Setting:
+    """Without where files lie, no business of those to whom the page is sent."""
+    if name not in PATHS:
+        return value
+    if isinstance(value, list):
+        return [PurePath(v).name for v in value]
+    return PurePath(str(value)).name
+
+
+def _value(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, int | float) else str(value)
+
+
+def _moment(seconds: float) -> str:
+    try:
+        moment = datetime.fromtimestamp(seconds, UTC)
+    except (OverflowError, ValueError, OSError):
+        return f"{seconds:.0f} s"
+    return f"{moment:%Y-%m-%d %H:%M:%S} UTC"
+
+
+def _span(values: list[float]) -> str:
+    low, high = f"{min(values):.4g}", f"{max(values):.4g}"
+    return low if low == high else f"{low} to {high}"
+
+
+def _outer(ranges: list[tuple[float, float]]) -> str:
+    low, high = min(r[0] for r in ranges), max(r[1] for r in ranges)
+    return f"{number(low)} to {number(high)}"
