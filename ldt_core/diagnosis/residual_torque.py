@@ -109,7 +109,8 @@ class ResidualTorque:
 
     def curve(self, quantity: str) -> TorqueCurve:
         """The mean torque over a quantity."""
-        values = self.speeds if quantity == "speed" else self._each(self.over[quantity])
+        split = np.split(self.over[quantity], np.cumsum(self.pieces)[:-1])
+        values = self.speeds if quantity == "speed" else split
         return torque_curve(
             self.left,
             values,
@@ -119,9 +120,6 @@ class ResidualTorque:
             self.residuals.memory,
             self.deviation,
         )
-
-    def _each(self, values: Array) -> list[Array]:
-        return np.split(values, np.cumsum(self.pieces)[:-1])
 
 
 def residual_torque(

@@ -79,14 +79,10 @@ def values(parameters: Mapping[str, ParameterAmount]) -> str:
             parts.append(f"{name} not determined")
             continue
         spread = max(a.ci95[1] - a.value, a.value - a.ci95[0]) * scale
-        digits = max(0, 1 - _exponent(spread)) if spread > 0 else 3
+        digits = max(0, 1 - int(f"{spread:e}".split("e")[1])) if spread > 0 else 3
         shown = f"{a.value * scale:.{min(digits, 9)}f}" if digits < 6 else f"{a.value * scale:.3g}"
         parts.append(f"{name} = {shown} ± {spread:.2g} {unit}".rstrip())
     return ", ".join(parts)
-
-
-def _exponent(value: float) -> int:
-    return int(f"{value:e}".split("e")[1])
 
 
 def _lies(where: Sequence[GapLocation]) -> str:

@@ -188,20 +188,17 @@ def check_keystore(folder: str | Path, names: list[str], domain: int) -> Path:
         if missing:
             got = f"none with the file {missing[0]}"
             raise BadInput(folder, f"a keystore with the enclave {name} {advice}", got)
-        _check_secret(place / "key.pem")
+        key = place / "key.pem"
+        mode = key.stat().st_mode & 0o777
+        if mode & 0o077:
+            expected = f"a key that its owner alone can read (chmod 600 {key})"
+            raise BadInput(key, expected, f"mode {mode:03o}")
         _check_dates(place / "cert.pem")
         with contextlib.suppress(OSError):
             if f"<id>{domain}</id>" not in (place / "permissions.xml").read_text(errors="replace"):
                 expected = f"permissions for the ROS domain {domain} {advice}"
                 raise BadInput(place / "permissions.xml", expected, "those for another one")
     return keystore
-
-
-def _check_secret(file: Path) -> None:
-    mode = file.stat().st_mode & 0o777
-    if mode & 0o077:
-        expected = f"a key that its owner alone can read (chmod 600 {file})"
-        raise BadInput(file, expected, f"mode {mode:03o}")
 
 
 def _check_dates(file: Path) -> None:

@@ -104,7 +104,8 @@ class Diagnoser:
     def __init__(
         self, machine: Machine, settings: Mapping[str, Any], make: Make = diagnose
     ) -> None:
-        given = resolve(own_settings(settings), "diagnosis")
+        own = {n: v for n, v in settings.items() if n in resolve({}, "diagnosis")}
+        given = resolve(own, "diagnosis")
         self.machine = machine
         self.every: int = given["diagnosis_every"]
         self.trouble = ""
@@ -176,13 +177,12 @@ class Diagnoser:
             self._recent.clear()
         self._recent.append((experiment, signal.level))
         self._since += 1
-        if signal.level is not Level.POSITIVE or not self._due(experiment):
+        if signal.level is not Level.POSITIVE:
+            return False
+        if self._explained(experiment) and self._since < self.every:
             return False
         self._since, self.trouble = 0, ""
         return True
-
-    def _due(self, experiment: Experiment) -> bool:
-        return not self._explained(experiment) or self._since >= self.every
 
     def _explained(self, experiment: Experiment) -> bool:
         return self._last is not None and self._valid(experiment, self._last)
@@ -233,11 +233,6 @@ class Diagnoser:
     def _tick(self, doing: str) -> None:
         if self.cancelled:
             raise LdtError(f"broken off while {doing}")
-
-
-def own_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of the group diagnosis, where they are given."""
-    return {n: v for n, v in settings.items() if n in resolve({}, "diagnosis")}
 
 
 def _known(found: DiagnosisRecord, error: float) -> Known | None:

@@ -69,10 +69,11 @@ def answer(run: ReportedRun) -> Answer:
     if original:
         share = number(100 * mean / original, 2)
         sentence += f", {share} % of the {number(original)} rad/s of the model that never learns"
-    worst = run.signals[run.worst_first[0]]
+    worst, count = run.signals[run.worst_first[0]], summary.positives
+    times = {0: "never", 1: "once", 2: "twice"}.get(count, f"{count} times")
     sentence += (
         f"; the worst was experiment {worst.experiment} with {number(worst.max_error)}. "
-        f"The detector was positive {_times(summary.positives)}, and "
+        f"The detector was positive {times}, and "
         f"{_count(summary.adaptations, 'new model')} came into force."
     )
     aside = f"the last signal, of experiment {last.experiment}"
@@ -81,8 +82,10 @@ def answer(run: ReportedRun) -> Answer:
 
 def sections(run: ReportedRun, compared: DetectorStatistic) -> list[Section]:
     """All of them."""
+    limits = "its limits" if any(compared.drift) else "no limits recorded"
+    course = _template("course.html", label=compared.label, limits=limits)
     return [
-        _course(compared),
+        Section("course", "Over the run", [course]),
         _experiment(run),
         Section("learning", "What was learned", [*adaptations(run), *models(run)]),
         _diagnoses(run),
@@ -90,13 +93,6 @@ def sections(run: ReportedRun, compared: DetectorStatistic) -> list[Section]:
         _health(run),
         _every(run),
     ]
-
-
-def _course(compared: DetectorStatistic) -> Section:
-    limits = "its limits" if any(compared.drift) else "no limits recorded"
-    return Section(
-        "course", "Over the run", [_template("course.html", label=compared.label, limits=limits)]
-    )
 
 
 def _experiment(run: ReportedRun) -> Section:
@@ -141,10 +137,6 @@ def _template(name: str, **values: object) -> Own:
 
 def _count(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
-
-
-def _times(count: int) -> str:
-    return {0: "never", 1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
 def remarks(run: ReportedRun) -> list[Finding]:

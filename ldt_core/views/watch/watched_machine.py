@@ -95,7 +95,9 @@ class Nodes:
                 continue
             level, machine = levels[status.name]
             self.machine = machine[:MOST_STATUS_CHARACTERS] or self.machine
-            self.told[role] = Told(_cut(status), bool(_number(level)), now)
+            # ROS has one byte, a recording a number.
+            warns = bool(level[0] if isinstance(level, bytes) else int(level))
+            self.told[role] = Told(_cut(status), warns, now)
             found = True
         return found
 
@@ -118,12 +120,9 @@ class Nodes:
             }
 
     def _gone(self, told: Told, now: float) -> bool:
-        return now - told.at > SILENT_AFTER and not self._ended
-
-    @property
-    def _ended(self) -> bool:
-        """Whether the source has said that it sends nothing more: then all may end."""
-        return any(told.status.ended for told in self.told.values())
+        # Once the source has said that it sends nothing more, all may end.
+        ended = any(t.status.ended for t in self.told.values())
+        return now - told.at > SILENT_AFTER and not ended
 
 
 @dataclass
@@ -277,8 +276,3 @@ def _cut(status: NodeStatus) -> NodeStatus:
         for k, v in list(status.values.items())[:MOST_NODES]
     }
     return NodeStatus(status.name, status.message[:MOST_STATUS_CHARACTERS], values)
-
-
-def _number(level: Any) -> int:
-    """ROS has one byte, a recording a number."""
-    return level[0] if isinstance(level, bytes) else int(level)
