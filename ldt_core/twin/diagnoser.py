@@ -43,7 +43,6 @@ class Found:
 
     Args:
         error: of a free run with them on that experiment [rad/s].
-        pool: experiments that it was made of, the last one last.
     """
 
     diagnosis: Diagnosis
@@ -63,7 +62,6 @@ class Known:
 
     Args:
         error: of a free run with them on the experiment that asked for it [rad/s].
-        unknown: it found a gap without a cause, so that its free run is no measure.
     """
 
     use: Sequence[Any]
@@ -91,11 +89,7 @@ class Diagnoser:
     answer counts unless it does worse on the present experiment.
 
     Args:
-        settings: parameters of the group diagnosis; those that are missing have their defaults.
         make: what makes a diagnosis; the arguments are those of `diagnosis.diagnose.diagnose`.
-
-    Attributes:
-        trouble: why the last diagnosis came to nothing; empty when it came to something.
 
     Raises:
         OptionError: a parameter outside its range.
