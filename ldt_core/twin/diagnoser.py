@@ -102,6 +102,7 @@ class Diagnoser:
         given = resolve(own, "diagnosis")
         self.machine = machine
         self.every: int = given["diagnosis_every"]
+        #: Why the last diagnosis came to nothing; empty when it came to something.
         self.trouble = ""
         self.make = make
         self._recent: deque[tuple[Experiment, Level]] = deque(maxlen=given["diagnosis_experiments"])

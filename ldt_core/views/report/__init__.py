@@ -11,7 +11,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ldt_core.views.packed_samples import PackedSamples
 from ldt_core.views.page.page_builder import Program, one_script, render, view_file
 from ldt_core.views.report import report_sections
 from ldt_core.views.report.reported_run import ReportedRun, read_run
@@ -66,15 +65,5 @@ def plotted_data(run: ReportedRun, compared: DetectorStatistic) -> dict[str, Any
             str(m.version): {"kind": m.kind, "learned": list(m.trained_on)} for m in run.models
         },
         "diagnoses": {str(d.experiment): d.sentence for d in run.diagnoses},
-        "samples": [_samples(step.packed) for step in run.steps],
-    }
-
-
-def _samples(packed: PackedSamples | None) -> dict[str, Any] | None:
-    if packed is None:
-        return None
-    return {
-        "channels": [[c.name, c.low, c.step] for c in packed.channels],
-        "data": packed.data,
-        "of": packed.of,
+        "samples": [step.packed and step.packed.as_dict() for step in run.steps],
     }
