@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import time
 import uuid
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ import psutil
 
 MARK = "LDT_TEST_PROGRAM"
 PATIENCE = 20  # s for what was killed to be gone
+MOMENT = 0.01  # s between looks at a process that only just begins its program
 
 
 class Programs:
@@ -63,6 +65,9 @@ class Programs:
         found = []
         for process in psutil.process_iter():
             try:
+                # Whoever started it may know of it before its arguments and environment are there.
+                while process.exe() and not process.cmdline():
+                    time.sleep(MOMENT)
                 if process.environ().get(MARK) == self._mark:
                     found.append(process)
             except (psutil.Error, OSError):  # ended just now, or is somebody else's
