@@ -1,7 +1,8 @@
 """Build description of LDT, and its first-time set-up.
 
 `python3 setup.py up [OPTIONS]` makes a virtual environment in `.venv`, installs LDT and ROS 2 into
-it, and runs `ldt up`. `python3 setup.py test [PYTEST OPTIONS]` does the same for the tests.
+it, and runs `ldt up`. `python3 setup.py test [PYTEST OPTIONS]` does the same for the tests;
+`python3 setup.py test --quick` runs the core's unit tests only, in less than a minute.
 Everything else is setuptools, as pip and colcon call it.
 """
 
@@ -207,6 +208,9 @@ if __name__ == "__main__" and sys.argv[1:2] == ["up"]:
 elif __name__ == "__main__" and sys.argv[1:2] == ["test"]:
     bootstrap("ros,plot,river,watch,test")
     # All tests take all cores; those of one file share what it sets up.
-    run("python", "-m", "pytest", *(sys.argv[2:] or ["-n", "auto", "--dist", "loadfile"]))
+    ALL = ["-n", "auto", "--dist", "loadfile", "--durations=15", "--durations-min=1"]
+    QUICK = ["tests/core", "tests/contract", "-m", "not slow", *ALL]
+    given = sys.argv[2:]
+    run("python", "-m", "pytest", *(QUICK if given == ["--quick"] else given or ALL))
 else:
     build()

@@ -288,6 +288,7 @@ def test_the_window_detector_trains_on_the_window():
     assert trained == [(1, 2, 3, 4), (5, 6, 7, 8), (9, 10, 11, 12)]
 
 
+@pytest.mark.slow
 @given(st.text(alphabet="-0+", max_size=12), st.integers(0, 12))
 def test_a_restart_changes_nothing(plan, cut):
     """State through JSON in the middle: the same adaptations and models follow."""

@@ -185,6 +185,7 @@ def test_a_speed_that_cannot_be_held_or_reached_is_refused(e, speed, words):
 # ---- what would teach most
 
 
+@pytest.mark.slow
 @given(e=st.floats(0.0, 0.012), reverse=st.booleans())
 @example(e=0.005929865435612752, reverse=False)  # a level next to a band
 @settings(max_examples=25)

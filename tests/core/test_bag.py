@@ -389,6 +389,7 @@ def test_an_unusable_recording_is_refused_in_a_sentence(tmp_path, fault):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["cut", "flipped"])
 def test_a_damaged_recording_gives_what_is_left_or_a_sentence(tmp_path, damage):
     """200 cuts or bit flips at random places of the file: never another exception.

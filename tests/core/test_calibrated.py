@@ -55,6 +55,7 @@ def test_examples_are_true(module):
     assert result.failed == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [10, 50, 1e6])
 def test_it_keeps_the_promises_at_other_rates(every):
     """The suite for detectors; `test_checks` runs it at the default."""
@@ -114,6 +115,7 @@ def test_unusual_is_standard_normal_for_a_lognormal_law():
     assert stats.norm.sf(2.0) * 0.5 < (z > 2.0).mean() < stats.norm.sf(2.0) * 1.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "sample"),
     [
@@ -157,6 +159,7 @@ def test_quantile_is_the_inverse_of_unusual(values, z, least):
 # ---- false alarms
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["white", "AR(0.9)", "scale lognormal 1"])
 def test_the_stated_rate_is_kept(kind):
     """One false alarm in 50 experiments, in 12 streams of 150; the study counts many more."""
@@ -166,6 +169,7 @@ def test_the_stated_rate_is_kept(kind):
     assert rate.observed_warnings < 2 * min(0.2, WARNINGS / 50)
 
 
+@pytest.mark.slow
 def test_a_wrong_model_whose_error_is_always_the_same_in_law_is_in_control():
     """Real rows: the rotor with e = 3 mm against e = 0, drawn again and again, one in 50."""
     rows = machine_rows(load_machine("rotor"), "unbalance:e=0.003", experiments=150)
@@ -256,6 +260,7 @@ def ideal_run(every, seed, experiments=200):
     return plant.schedule.changes, positives
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [200, 1000])
 def test_an_ideal_learner_is_told_of_nearly_every_drift(every):
     """Recall at least 0.9 and precision at least 0.8 on the wearing rotor, noise 0.1 rad/s."""
@@ -387,6 +392,7 @@ def test_it_is_positive_just_when_the_error_is_above_the_limit():
 # ---- what comes in, and the state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-300, 1e-5, 1e5, 1e300])
 def test_units_do_not_matter(scale):
     """With a yardstick, the signals are those of the same residuals in another unit."""
@@ -430,6 +436,7 @@ def test_scalars_are_judged_by_their_size():
     assert detector.drift_detected
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     st.lists(st.floats(0.0, 6.0), min_size=3, max_size=25),

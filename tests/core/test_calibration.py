@@ -114,6 +114,7 @@ def test_a_wrong_first_sample_does_not_bias_the_parameters():
     assert found(result)["K_t"].value == pytest.approx(found(clean)["K_t"].value, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "samples", "ar"), [(3, 300, 0.0), (3, 300, 0.9), (8, 150, 0.9)])
 def test_intervals_cover_the_truth(count, samples, ar):
     """Of 30 recordings, the 95 % intervals hold the truth in at least 24, white noise or AR(1).
@@ -132,6 +133,7 @@ def test_intervals_cover_the_truth(count, samples, ar):
     assert min(hits.values()) >= 24, hits
 
 
+@pytest.mark.slow
 def test_the_eccentricity_of_a_rotor_is_recovered():
     """From a file with e = 0, the free run of 2 experiments gives e = 4 mm within 0.5 %."""
     rotor = load_machine("rotor")
@@ -268,6 +270,7 @@ def test_noise_alone_is_no_motor():
         calibrate(MOTOR, noise)
 
 
+@pytest.mark.slow
 def test_a_healthy_rotor_has_no_eccentricity():
     """Freed on a rotor without it, e stays at 0 and is said not to show."""
     rotor = load_machine("rotor")

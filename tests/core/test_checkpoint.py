@@ -156,6 +156,7 @@ def run(runs, tmp_path):
     return Killed(tmp_path / "run", runs[COUNT].was)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", KILLS)
 def test_a_twin_goes_on_from_a_checkpoint_as_from_the_whole_recording(end, runs):
     """What it knows is the same to the last bit; it recalls what came since, and no more."""
@@ -219,6 +220,7 @@ def test_a_file_that_is_no_checkpoint_of_the_run_is_told_and_left_out(spoil, wor
     assert words in told[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -239,6 +241,7 @@ def test_a_step_that_the_recording_does_not_have_does_not_count(change, words, r
     assert returned(run.folder, told) == 0
 
 
+@pytest.mark.slow
 def test_without_a_checkpoint_that_counts_the_recording_alone_decides(runs, tmp_path):
     """All are newer than what was recorded: its recorder could not write, and the others could."""
     shutil.copytree(runs[330].folder, tmp_path / "run")
@@ -250,6 +253,7 @@ def test_without_a_checkpoint_that_counts_the_recording_alone_decides(runs, tmp_
     assert len(told) == len(killed.files())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stage", "change"),
     [
@@ -343,6 +347,7 @@ def numbers(steps):
     return [step.experiment.number for step in steps]
 
 
+@pytest.mark.slow
 @settings(max_examples=5, deadline=None)
 @given(around=strategies.integers(1, COUNT + 300))
 def test_the_steps_around_an_experiment_are_those_of_the_whole_recording(around, runs):
@@ -367,6 +372,7 @@ def test_the_end_is_read_in_a_time_that_does_not_grow(runs, monkeypatch):
     assert costs[640, 0] - costs[640, END] > 12 * WINDOW
 
 
+@pytest.mark.slow
 def test_disorder_gaps_and_strangers_do_not_mislead_it(tmp_path):
     """Blocks of one topic after the other, numbers far apart, an old and a future number."""
     with BagWriter(tmp_path / "run", "rotor") as writer:
@@ -432,6 +438,7 @@ def test_an_adaptor_that_diagnoses_knows_what_was_named_last(lookup):
     assert known["recent"][0][0] == step.number
 
 
+@pytest.mark.slow
 def test_damage_on_the_way_leaves_it_to_the_whole_recording(run):
     """Which is read behind the damage as ever."""
     for file in run.folder.glob("*.mcap"):

@@ -61,6 +61,7 @@ ALL = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "arguments"), ALL)
 def test_every_detector_keeps_its_promises(name, arguments, request):
     """The suite that users run on theirs."""
@@ -103,6 +104,7 @@ def test_examples_are_true(module):
     assert result.failed == 0
 
 
+@pytest.mark.slow
 @given(
     st.sampled_from(["threshold", "lddm", "window", "never"]),
     st.lists(st.lists(st.floats(-4, 4), min_size=1, max_size=8), max_size=20),
@@ -315,6 +317,7 @@ class LooksAtTheLast(Base):
         return super().judge(residual[-1:], deviation)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("culprit", "promise"),
     [

@@ -152,6 +152,7 @@ def example(number: int = 3, length: int = 4) -> Experiment:
     return Experiment(number, 1.7e9, 0.01, ramp, ramp + 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("topic", RECORDS)
 def test_every_record_comes_back_bit_equal_through_message_and_bytes(topic):
     """Encode → CDR → decode is the identity, for all records."""

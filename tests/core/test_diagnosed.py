@@ -101,6 +101,7 @@ def test_a_repaired_machine_is_found_again():
     assert abs(good["parameters"]["e"] - 0.001) < 4 * good["std"]["e"] < 0.002
 
 
+@pytest.mark.slow
 def test_an_experiment_in_which_next_to_nothing_decides_is_fitted_all_the_same():
     """5e-5 more unbalance moves this experiment by 1 rad/s, so that no scan can hit it."""
     e = worn(0.010, ROTOR, seed=1).experiment(181)
@@ -127,6 +128,7 @@ def test_the_start_angle_is_found():
     assert start["same_angle"] == pytest.approx(0.5)
 
 
+@pytest.mark.slow
 def test_a_machine_that_always_starts_alike_is_told_from_one_that_does_not():
     """From angles that two versions found one after the other."""
 
@@ -172,6 +174,7 @@ def test_the_noise_is_known_better_from_version_to_version_and_given_up_when_it_
     assert changed["noise_samples"] < 1.5 * len(one)
 
 
+@pytest.mark.slow
 def test_a_block_held_back_is_not_looked_at():
     """What stands in it does not move the result by more than a tenth of its deviation."""
     e = worn(0.006).experiment(1)
@@ -212,6 +215,7 @@ def test_what_the_effect_does_not_explain_is_in_the_deviation():
     assert found["std"]["e"] > 3 * learned(trained())["std"]["e"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("machine", "effect", "tolerance"),
     [
@@ -342,6 +346,7 @@ print(json.dumps([model.parameters, model.predict(e).speed_std.tobytes().hex()])
 """
 
 
+@pytest.mark.slow
 def test_another_process_learns_the_same_bits():
     """Training and prediction are bit-equal in a new process."""
     e = worn(0.006).experiment(1)
@@ -353,6 +358,7 @@ def test_another_process_learns_the_same_bits():
     assert std == trained().predict(e).speed_std.tobytes().hex()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("data", "cause", "words"),
     [

@@ -24,6 +24,8 @@ from ldt_core.views.diagnosis_page.signal_curves import binned, orders, spectrum
 from ldt_core.views.diagnosis_page.time_curves import corners, shown_free_runs
 from ldt_core.views.packed_samples import thinned
 
+pytestmark = pytest.mark.slow
+
 LARGEST = 2_000_000  # bytes of a page
 HOSTILE = "<b>x</b>\"' $y^2$ {{ 7*7 }}"
 VOID = {"meta", "br", "link", "img", "base", "input", "hr"}

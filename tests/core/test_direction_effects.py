@@ -120,6 +120,7 @@ def test_a_drive_without_regeneration_drives_and_reverses_as_others_do():
         np.testing.assert_allclose(ours[:, 1], plain[:, 1], atol=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "effect",
     [

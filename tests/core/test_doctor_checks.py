@@ -78,6 +78,7 @@ def test_a_library_that_is_missing_or_old_is_named(monkeypatch):
     one(computer_checks.libraries(), PROBLEM, *words)
 
 
+@pytest.mark.slow
 def test_kernels_that_cannot_be_loaded_are_a_problem(monkeypatch):
     """As numba refuses when it may keep what it compiles nowhere; and when it takes too long."""
     monkeypatch.setattr(computer_checks, "KERNELS_TIMEOUT", 300.0)  # s; the tests fill the machine

@@ -39,6 +39,7 @@ def held(level, seconds, period=PERIOD):
     return np.full(round(seconds / period) + 1, float(level))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EFFECTS.names())
 def test_every_effect_keeps_the_promises_of_the_generic_suite(name):
     """Neutral values change nothing, bounds hold, runs repeat, typical values are seen."""
@@ -181,6 +182,7 @@ def test_a_coupling_is_the_linear_two_mass_system():
     np.testing.assert_allclose(stiff[1], free_run(ROTOR, held(8, 1))[1], atol=0.02)
 
 
+@pytest.mark.slow
 @given(delay=st.floats(0, 0.3), level=st.floats(1, 20))
 def test_a_delay_shifts_the_response_off_the_grid_as_well(delay, level):
     """From rest, the speed at t with a delay is the speed at t - delay without."""
@@ -254,6 +256,7 @@ def test_effects_add_up_in_any_order():
     np.testing.assert_allclose(free_run(ROTOR, volts, *halves)[1], one, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_user_adds_an_effect_in_a_file_of_their_own(tmp_path):
     """Named as path/to/file.py:NAME, with parameters, it acts as ours do."""
     file = tmp_path / "mine.py"
@@ -274,6 +277,7 @@ def test_a_user_adds_an_effect_in_a_file_of_their_own(tmp_path):
     assert 0.3 * current == pytest.approx(0.01 * speed + 2e-5 * speed**3, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_a_file_of_ones_own_serves_one_command_after_the_other(tmp_path):
     """A second process reads the same file, and finds no compiled remains that it cannot use."""
     (tmp_path / "mine.py").write_text(

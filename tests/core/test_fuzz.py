@@ -6,6 +6,8 @@ import pytest
 
 from tests.fuzz import KINDS, fuzz
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_nothing_that_comes_from_outside_is_a_crash(kind):

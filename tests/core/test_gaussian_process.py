@@ -177,6 +177,7 @@ def test_the_table_is_the_function():
     assert np.abs(std - posterior.std(at[:, None])).max() < 1e-3 * 5
 
 
+@pytest.mark.slow
 def test_far_from_the_data_the_prior_returns():
     """Mean 0 and the prior's deviation, in the formula and beyond the ends of the table alike."""
     posterior = a_posterior()
@@ -189,6 +190,7 @@ def test_far_from_the_data_the_prior_returns():
     assert deviation[0] == 5.0
 
 
+@pytest.mark.slow
 def test_table_and_inducing_points_run_alike():
     """The two compiled forms of one function give one free run."""
     posterior = a_posterior()
@@ -207,6 +209,7 @@ def test_table_and_inducing_points_run_alike():
         np.testing.assert_allclose(a, b, atol=atol)
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(ratio=st.floats(0, 1e4), seed=st.integers(0, 100))
 def test_innovations_are_linear_in_the_acceleration(ratio, seed):
@@ -266,6 +269,7 @@ def test_an_unstable_stretch_does_not_overflow():
         assert variance.min() >= 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("inputs", [1, 2])
 def test_kernel_is_the_one_that_scikit_learn_finds(inputs):
     """The same data, bounds and starts give the same parameters, to 1e-3."""

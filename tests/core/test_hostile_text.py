@@ -66,6 +66,7 @@ def test_what_a_terminal_would_obey_is_shown_instead():
     assert "\n" not in one_line(HOSTILE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [

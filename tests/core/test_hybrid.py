@@ -129,6 +129,7 @@ def test_the_sensors_noise_is_estimated(noise):
     assert model.learned.noise_std == pytest.approx(noise, rel=0.1, abs=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [0.2, 1.0, 5.0])
 def test_a_coarse_encoder_is_no_obstacle(step):
     """Speeds rounded to so many rad/s, no other noise: the error is that of rounding."""
@@ -229,6 +230,7 @@ print(json.dumps([p.speed.tobytes().hex(), p.speed_std.tobytes().hex(), lazy, re
 """
 
 
+@pytest.mark.slow
 def test_another_process_gets_the_same_bits_without_scikit_learn():
     """Prediction and training are bit-equal in a new process, and load no scikit-learn: the import
     takes a second."""
@@ -316,6 +318,7 @@ def test_the_deviation_is_honest_where_the_class_is_wrong():
 STEADY = experiments(count=1, low=10.0, high=10.0)[0].part(500, 1000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("data", "inputs", "words"),
     [

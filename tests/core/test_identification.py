@@ -80,6 +80,7 @@ def learned(level: float, colour: float) -> list[tuple[Experiment, Identified]]:
     return pairs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("level", "colour", "least"), [(0.01, 0.0, 99.94), (0.1, 0.8, 98.33)])
 def test_motor_is_recovered_through_noise(level, colour, least):
     """1 % white noise leaves a fit above 99.94 %, 10 % coloured noise (AR 0.8) one above 98.33 %:
@@ -350,6 +351,7 @@ def fingerprint() -> str:
     return b"".join(a.tobytes() for a in (found.A, found.B, found.starts)).hex()
 
 
+@pytest.mark.slow
 def test_result_is_the_same_to_the_last_bit():
     """Another process, with more BLAS threads, finds the identical model."""
     program = f"from {__name__} import fingerprint; print(fingerprint())"

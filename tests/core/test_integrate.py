@@ -43,6 +43,7 @@ def test_the_order_is_four():
     assert errors[1] / errors[2] == pytest.approx(16, rel=0.15)
 
 
+@pytest.mark.slow
 def test_the_default_step_is_accurate_on_random_experiments():
     """Worst relative speed error below 5e-6 at 0.25 ms; the median at 1 ms is about 2e-7."""
     random, v = np.random.default_rng(3), {**VALUES, "e": 0.008336}

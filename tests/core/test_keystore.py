@@ -98,6 +98,7 @@ def test_every_role_of_every_machine_has_an_enclave(keystore):
         assert all((keystore / "enclaves" / name.strip("/") / f).is_file() for f in FILES)
 
 
+@pytest.mark.slow
 def test_openssl_follows_every_certificate_to_the_authority(keystore):
     """And not to another one; the subject is the enclave, the key is on P-256 and fits."""
     stranger = keystore.parent / "stranger"

@@ -44,6 +44,7 @@ def steps_of(twin, experiments):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [{}, {"gate": "none", "data": "warning-set"}])
 def test_the_twin_goes_on_as_if_the_time_had_never_been(given):
     """Model, warning set and what is learned later are those of a twin that never saw it."""
@@ -62,6 +63,7 @@ def test_the_twin_goes_on_as_if_the_time_had_never_been(given):
         assert step.adaptation == alone.adaptation
 
 
+@pytest.mark.slow
 def test_a_run_with_such_a_time_goes_on_from_its_recording(tmp_path):
     """Recalled to any step, the twin is the one that ran through."""
     given = settings(detector="calibrated")

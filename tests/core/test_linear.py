@@ -89,6 +89,7 @@ def normalised(model: LinearModel, es: list[Experiment]) -> float:
     return float(np.sqrt(np.mean([(p.residual(e) / p.speed_std) ** 2 for p, e in predictions])))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colour", [0.0, 0.9])
 @pytest.mark.parametrize("order", [0, 2])
 def test_stated_deviation_is_the_real_one(motor, colour, order):
@@ -108,6 +109,7 @@ def test_well_determined_it_deviates_by_the_noise(motor):
     assert std[200:] == pytest.approx(0.5, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_poor_data_are_owned_up_to(motor, order):
     """Learned around 8 V ± 0.1 V, the errors at 2 to 22 V are many times the noise: the deviation

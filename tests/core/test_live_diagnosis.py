@@ -29,6 +29,8 @@ from ldt_core.twin.diagnoser import Diagnoser
 from ldt_core.twin.loop import Twin, build_adaptor
 from ldt_core.twin.stage import RecordedStep
 
+pytestmark = pytest.mark.slow
+
 SHORT = replace(load_machine("rotor"), duration=4.0)
 LEVELS = {"-": Level.NEGATIVE, "0": Level.WARNING, "+": Level.POSITIVE}
 

@@ -39,6 +39,7 @@ records = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(records)
 def test_a_model_comes_back_as_it_was(record):
     """Through the text with its digest, bit for bit."""

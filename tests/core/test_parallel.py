@@ -25,6 +25,8 @@ from ldt_core.base.parallel import Workers
 from ldt_core.lab.study.run_case import run_case
 from ldt_core.lab.study.study_case import StudyCase
 
+pytestmark = pytest.mark.slow
+
 PATIENCE = 60  # s; a stalled machine is not what is tested
 
 

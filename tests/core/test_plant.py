@@ -34,6 +34,7 @@ def test_a_plant_that_is_restarted_goes_on_with_the_same_numbers(start):
         same(later.experiment(i), run[i - 1])
 
 
+@pytest.mark.slow
 def test_another_process_gives_the_same_numbers():
     """Bit by bit, compiled code and random streams included."""
     code = (

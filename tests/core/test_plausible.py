@@ -71,6 +71,7 @@ def test_a_constant_speed_under_a_constant_voltage_is_no_fault():
     assert fault(SHORT, steady) == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fails", "gate"),
     [*((f, "none") for f in FAULTS), (sensors.saturates, "holdout")],

@@ -62,6 +62,7 @@ def same(one, other):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "given",
     [
@@ -98,6 +99,7 @@ def test_a_twin_goes_on_from_any_step_as_if_nothing_had_happened(given, tmp_path
                 assert same(getattr(ran, part), getattr(step, part)), (end, part)
 
 
+@pytest.mark.slow
 def test_a_recording_in_the_disorder_of_a_restart_gives_the_same_steps(tmp_path):
     """Topics one after the other, and some messages twice, within what is sent again."""
     given = settings(model="linear", experiments=10)
@@ -114,6 +116,7 @@ def test_a_recording_in_the_disorder_of_a_restart_gives_the_same_steps(tmp_path)
         )
 
 
+@pytest.mark.slow
 def test_the_past_ends_with_the_last_complete_step(tmp_path):
     """A model or an adaptation that is missing at the end is made again; nothing is passed over."""
     given = settings(model="linear", gate="none")
@@ -147,6 +150,7 @@ def test_what_stays_incomplete_for_long_is_passed_over(tmp_path):
     assert numbers == [n for n in range(1, WINDOW + 11) if n != 5]
 
 
+@pytest.mark.slow
 def test_a_recording_of_another_detector_or_model_is_refused(tmp_path):
     """The answers would not be those of the run that is to go on."""
     given = settings(model="linear")
@@ -187,6 +191,7 @@ def unusable(topic):
     return make.DiagnosticArray(header=header, status=[])
 
 
+@pytest.mark.slow
 def test_what_nobody_could_use_does_not_keep_a_run_from_going_on(tmp_path):
     """The recorder writes what comes, and every node refused it: one that is started again, too."""
     given = settings(model="linear", gate="none")

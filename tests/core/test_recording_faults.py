@@ -35,8 +35,10 @@ from ldt_core.recording.repair import DAMAGED_SUFFIX, Repair, repair
 from ldt_core.recording.storage import RawMessage, Storage
 from ldt_core.recording.writer import BagWriter
 
+pytestmark = pytest.mark.slow
+
 NAME = "run_0.mcap"
-CUTS = FLIPS = 1000  # at random bytes
+CUTS = FLIPS = 250  # at random bytes
 MENDED = 10  # of so many damaged files one is mended too, for the time that it takes
 KILLS = 12
 FILE_STEPS = ("open", "os.mkdir", "os.link", "os.rename", "os.remove")  # as Python audits them
@@ -144,7 +146,7 @@ def cut_places(whole: Whole) -> list[int]:
 
 
 def test_a_file_cut_anywhere_gives_every_chunk_before_the_cut(whole, tmp_path, unsynced):
-    """At every record's and chunk's boundary and at 1000 random bytes, read; a part is mended."""
+    """At every record's and chunk's boundary and at 250 random bytes, read; a part is mended."""
     chunk_ends = [end for _, end, _ in whole.chunks]
     for turn, at in enumerate(cut_places(whole)):
         folder = copy(whole, tmp_path / "run", whole.data[:at])
@@ -161,7 +163,7 @@ def test_a_file_cut_anywhere_gives_every_chunk_before_the_cut(whole, tmp_path, u
 
 
 def test_a_flipped_bit_is_noticed_and_costs_its_chunk_at_most(whole, tmp_path, unsynced):
-    """At 1000 random bytes: always told, every other chunk is there; a part is mended."""
+    """At 250 random bytes: always told, every other chunk is there; a part is mended."""
     place = random.Random(3)
     lost = 0
     for turn in range(FLIPS):
@@ -420,9 +422,9 @@ def test_a_writer_killed_before_any_of_its_steps_can_be_followed(tmp_path, unsyn
     folder, start = tmp_path / "run", tmp_path / "start" / "run"
 
     def record() -> None:
-        run = {"settings": {"threshold": 2.5}, "split_size": 0.006}
+        run = {"settings": {"threshold": 2.5}, "split_size": 0.003}
         with BagWriter(folder, "rotor", resume=True, **run) as bag:
-            write(bag, range((bag.recorded("experiment").last or 0) + 1, 25), 40)
+            write(bag, range((bag.recorded("experiment").last or 0) + 1, 13), 40)
 
     def reset() -> None:
         shutil.rmtree(folder, ignore_errors=True)
@@ -440,7 +442,7 @@ def test_a_writer_killed_before_any_of_its_steps_can_be_followed(tmp_path, unsyn
     while killed_at_file_step(record, step):
         record()
         found = experiments(folder)
-        assert [e.number for e in found.experiments] == list(range(1, 25)), step
+        assert [e.number for e in found.experiments] == list(range(1, 13)), step
         assert found.notes == [], step
         assert repair(folder).sound, step
         assert read_bag(folder).settings() == {"threshold": 2.5}, step

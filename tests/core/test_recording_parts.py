@@ -177,6 +177,7 @@ def test_a_recording_is_taken_up_where_its_writer_was_killed(tmp_path, size):
     assert repair(folder).sound
 
 
+@pytest.mark.slow
 def test_the_end_that_a_killed_writer_left_out_is_what_it_would_have_written(tmp_path, monkeypatch):
     """Cut anywhere behind its last chunk, a file is given the very bytes that it had."""
     folder = tmp_path / "run"
@@ -413,6 +414,7 @@ def test_a_topic_of_another_type_or_quality_of_service_is_refused(tmp_path, monk
         BagWriter(folder, "rotor", topics=("signal",), resume=True)
 
 
+@pytest.mark.slow
 def test_metadata_of_any_kind_is_taken_or_refused_in_a_sentence(tmp_path, monkeypatch):
     """Lines of it lost, doubled or replaced: taken up, mended, or one of the project's errors."""
     monkeypatch.setattr(os, "fsync", lambda descriptor: None)

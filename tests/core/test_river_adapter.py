@@ -73,6 +73,7 @@ def test_forgetting_old_values_survives_a_restart(monkeypatch, most):
         assert parts._river.estimation == whole._river.estimation
 
 
+@pytest.mark.slow
 def test_detectors_that_draw_random_numbers_are_seeded():
     """KSWIN is random unless it has a seed; two runs must agree."""
     answers = []

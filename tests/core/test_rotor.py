@@ -89,6 +89,7 @@ def test_steady_voltage_holds_its_speed():
     assert states[-1000:, 1].mean() == pytest.approx(50, abs=0.01)
 
 
+@pytest.mark.slow
 def test_the_ideal_rotor_errs_as_the_square_of_the_eccentricity():
     """Mean maximum error of e = 0 against the truth over 40 random experiments of 20 s.
 

@@ -76,6 +76,7 @@ def hostile(tmp_path_factory) -> str:
     return page(read_run(fake_run(folder / "run", words=HOSTILE)))
 
 
+@pytest.mark.slow
 def test_the_page_needs_nothing_else(sample):
     """No address to load from, every element closed, each identifier once."""
     elements = Elements(sample)
@@ -197,6 +198,7 @@ def test_codes_reach_both_ends_whatever_the_range(row):
     assert np.abs(got / 2 - row / 2).max() <= half + tiny
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deviation", [True, False])
 def test_two_hundred_long_experiments_stay_below_five_megabytes(deviation, tmp_path):
     """200 of 2000 samples, with what they hold in random numbers, which is the worst case."""

@@ -160,6 +160,7 @@ def test_settings_that_cannot_be_read_concern_nothing_else(value, tmp_path):
     assert str(tmp_path) not in shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["predict", "replay", "run"])
 def test_another_machine_s_recording_is_said_to_be_that(command, tmp_path, capsys, short_rotor):
     """In a line on standard error, and the work is done; of its own machine nothing is said."""

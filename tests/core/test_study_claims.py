@@ -274,6 +274,7 @@ def one(found, name):
     return next(c for c in found if c.id == name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CLAIMS)
 @pytest.mark.parametrize("side", SIDES)
 def test_a_claim_is_judged_by_its_interval(name, side):

@@ -16,6 +16,8 @@ from ldt_core.lab.study.facts import stream_key
 from ldt_core.lab.study.study_plan import StudyPlan
 from ldt_core.machine.machine_file import load_machine
 
+pytestmark = pytest.mark.slow
+
 
 def plan(rotor: str, **other) -> StudyPlan:
     """12 runs on two streams, and their baselines."""

@@ -98,6 +98,7 @@ def test_a_case_and_its_plant_have_the_same_facts():
     assert found.floor == found.late
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [50, 2000])
 def test_the_energy_test_keeps_its_promise(samples):
     """Against simulation: one false alarm in 1000, nine in ten found, whatever the shape."""

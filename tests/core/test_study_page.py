@@ -20,6 +20,8 @@ from ldt_core.lab.study.study import Study
 from ldt_core.lab.study.study_page import lead, write_figures, write_page
 from ldt_core.views.page import style
 
+pytestmark = pytest.mark.slow
+
 HOSTILE = "</code><script>alert(1)</script>\"' $x^2 & {{ 7*7 }}.yaml"
 LARGEST = 5_000_000  # bytes of a page
 

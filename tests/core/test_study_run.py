@@ -103,6 +103,7 @@ def test_the_region_counts_where_the_speed_is_in_it(short_rotor):
     assert any(inside is not None for inside in result.region_rmse)
 
 
+@pytest.mark.slow
 def test_a_run_is_the_same_in_another_process(short_rotor):
     """Bit by bit."""
     result = run_case(case(short_rotor))

@@ -43,6 +43,8 @@ from ldt_core.lab.tuning.tune_files import (
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.twin.loop import Twin
 
+pytestmark = pytest.mark.slow
+
 FAKE = Path(__file__).with_name("fake_tuning.py")
 MACHINE = load_machine("dc_motor")
 #: Learning as in the paper: what the known answers below take for granted.

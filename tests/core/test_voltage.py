@@ -24,6 +24,7 @@ def volts(given, number=1, samples=2000):
     return given.voltage(samples, 0.01, np.random.SeedSequence([7, number]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @given(low=st.floats(-24, 24), span=st.floats(0, 1), samples=st.integers(1, 500))
 def test_every_kind_stays_within_its_levels(kind, low, span, samples):

@@ -25,6 +25,8 @@ from aiohttp import web  # noqa: E402
 
 from ldt_core.views.watch.server import Pages  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 PATIENCE = 60.0  # s; a stalled machine is not what is tested
 LENGTH = 600  # samples of 0.01 s: 6 s

@@ -18,6 +18,8 @@ from ldt_core.lab.challenge.simulation import Drive, simulate
 from ldt_core.lab.challenge.voltage_pattern import KINDS, draw_excitation
 from ldt_core.machine.machine_file import load_machine, machine_from_dict
 
+pytestmark = pytest.mark.slow
+
 ROTOR = load_machine("rotor")
 RANDOM = np.random.default_rng(0)
 PERIOD = 0.01

@@ -24,6 +24,8 @@ from ldt_core.lab.challenge.rig import ALIKE, OTHER, SHOWN, CaseBench
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import experiments, read_bag
 
+pytestmark = pytest.mark.slow
+
 CASES, SAMPLES = 6, 200
 
 

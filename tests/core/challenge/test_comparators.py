@@ -12,6 +12,8 @@ from ldt_core.lab.challenge.comparators.selection import block_errors, improves
 from ldt_core.lab.challenge.comparators.sparse_regression import TERMS
 from ldt_core.machine.machine_file import machine_from_dict
 
+pytestmark = pytest.mark.slow
+
 FEW = ("coulomb_friction", "inertia", "sensor_bias", "quadratic_drag")
 
 

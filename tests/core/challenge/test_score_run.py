@@ -22,6 +22,8 @@ from ldt_core.lab.challenge.score import score, sealed
 from ldt_core.lab.challenge.score.answer import Answers
 from ldt_core.lab.challenge.score.key import left_out, read_keys
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):

@@ -13,6 +13,8 @@ from ldt_core.lab.challenge.score.score_files import write_files
 from ldt_core.lab.challenge.score.score_table import ScoreTable
 from ldt_core.lab.study.statistics import proportion, resampled
 
+pytestmark = pytest.mark.slow
+
 
 def some(who="diagnosis"):
     """Four single effects, of which one is missed; one case of every other kind."""

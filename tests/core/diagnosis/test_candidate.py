@@ -102,6 +102,7 @@ def test_factors_are_told_from_increments():
     assert up == pytest.approx(-down)
 
 
+@pytest.mark.slow
 @given(st.floats(1e-3, 1e3), st.floats(1e-3, 1e3))
 def test_a_machine_that_is_larger_has_larger_effects(torque, speed):
     """Sizes follow from the machine's own units: those of drag from torque and speed."""

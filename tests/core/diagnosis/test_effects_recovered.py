@@ -46,6 +46,7 @@ def fitted():
     return of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EFFECTS.names())
 def test_an_effect_of_typical_size_is_recovered(fitted, name):
     """What the amounts call determined is within three of its intervals of the truth."""

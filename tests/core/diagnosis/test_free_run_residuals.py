@@ -245,6 +245,7 @@ def test_impossible_values_are_a_very_wrong_answer_not_an_error():
     assert float(rest @ rest) > 1e6 * residuals.size
 
 
+@pytest.mark.slow
 def test_a_torque_is_found_whatever_the_angles_at_which_the_machine_stood():
     """Angles are sought anew as the fit moves on: kept, they would hold it back."""
     random = np.random.default_rng(5)

@@ -73,6 +73,7 @@ def made(effect, **changed):
     return record(ROTOR, effect, **{"volts": (2.0, 16.0), "samples": 800, **changed})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("quantity", "torque", "begin", "end"),
     [
@@ -91,6 +92,7 @@ def test_the_range_in_which_an_effect_acts_is_found(quantity, torque, begin, end
     assert listed[0].quantity == quantity
 
 
+@pytest.mark.slow
 def test_the_experiments_in_which_it_acts_are_found():
     """The last three of eight."""
     right = record(ROTOR, count=5, volts=(2.0, 16.0))
@@ -101,6 +103,7 @@ def test_the_experiments_in_which_it_acts_are_found():
     assert place.share_of_data == pytest.approx(3 / 8)
 
 
+@pytest.mark.slow
 def test_the_frequency_at_which_it_acts_is_found():
     """1.5 Hz, where the speed itself hardly moves."""
     effect = confined("shaken", turning)
@@ -112,6 +115,7 @@ def test_the_frequency_at_which_it_acts_is_found():
     assert place.unit == "Hz"
 
 
+@pytest.mark.slow
 def test_a_gap_that_lies_everywhere_alike_has_one_place_that_is_everything():
     """A load pulls at every speed, voltage and time."""
     experiments = record(ROTOR, "constant_load:torque=0.3", volts=(2.0, 16.0), samples=800)
@@ -142,6 +146,7 @@ def both_ways(t, theta, omega, current, voltage, p):
     return -p[0] * (1.0 if omega > 0 else -1.0) if 12.0 < abs(omega) < 20.0 else 0.0
 
 
+@pytest.mark.slow
 def test_what_lies_at_the_same_speeds_in_both_directions_is_two_ranges():
     """One for each direction, and both right."""
     effect = confined("both_ways", both_ways)
@@ -154,6 +159,7 @@ def test_what_lies_at_the_same_speeds_in_both_directions_is_two_ranges():
         assert (min(high, 20.0) - max(low, 12.0)) / (max(high, 20.0) - min(low, 12.0)) >= 0.5
 
 
+@pytest.mark.slow
 def test_a_named_effect_lies_where_it_acts_not_where_the_recording_was():
     """Only a fortieth of the samples reach the limit of the supply; all of its place is there."""
     limit = {"limit": 13.0}
@@ -171,6 +177,7 @@ def resonant(t, theta, omega, current, voltage, p):
     return -p[0] * math.exp(-(((omega - 24.0) / 2.0) ** 2))
 
 
+@pytest.mark.slow
 def test_a_narrow_place_that_a_recording_runs_past_is_found_as_narrow_as_it_is():
     """A drag around 24 rad/s: not blurred by the time in which the motor answers."""
     listed = found(made(confined("resonant", resonant), count=6, hold=160))
@@ -183,6 +190,7 @@ def rippled(t, theta, omega, current, voltage, p):
     return p[0] * (math.sin(6.0 * theta) - (1.0 if 20.0 < omega < 26.0 else 0.0))
 
 
+@pytest.mark.slow
 def test_a_ripple_everywhere_hides_no_place():
     """As large as what acts there, it has no mean."""
     effect = confined("rippled", rippled)
@@ -196,6 +204,7 @@ def limited(t, theta, omega, current, voltage, p):
     return -4 * p[0] * max(0.0, omega - 34.0)
 
 
+@pytest.mark.slow
 def test_a_narrow_range_at_the_top_is_found_at_the_top():
     """Not over all the speeds that the machine passes through on its way there."""
     listed = found(made(confined("limited", limited), count=6, volts=(2.0, 18.0)))
@@ -203,6 +212,7 @@ def test_a_narrow_range_at_the_top_is_found_at_the_top():
     assert place.begin == pytest.approx(34.0, abs=1.0)
 
 
+@pytest.mark.slow
 def test_a_weak_range_is_not_narrowed_by_noise():
     """Half of what is there, at least, at a torque of a few deviations."""
     size = 0.05

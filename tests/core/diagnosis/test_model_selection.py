@@ -109,6 +109,7 @@ def test_a_fit_passes_from_one_end_of_a_turn_to_the_other():
     assert -math.pi <= phase <= math.pi
 
 
+@pytest.mark.slow
 def test_a_set_is_built_on_the_best_of_each_family():
     """Three frictions that fit alike do not take every place."""
     experiments = record(ROTOR, "coulomb_friction:torque=0.1", "constant_load:torque=0.1")
@@ -186,6 +187,7 @@ def test_a_simpler_law_is_no_answer_where_it_leaves_what_would_be_unknown():
         assert plainest(Noiseless(), [best], [best, plain], GAP)[0].names == (names,)
 
 
+@pytest.mark.slow
 def test_laws_of_one_family_that_hardly_differ_are_a_group():
     """A Coulomb friction with a little of Stribeck's peak is either; a large peak is Stribeck's."""
     found = {}

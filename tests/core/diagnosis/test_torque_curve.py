@@ -11,6 +11,8 @@ from scipy.signal import lfilter
 from ldt_core.diagnosis import torque_curve as module
 from ldt_core.diagnosis.torque_curve import KNOTS, torque_curve
 
+pytestmark = pytest.mark.slow
+
 INERTIA, MEMORY, PERIOD, LENGTH = 0.02, 0.3, 0.01, 1500
 NOISE = 0.05
 

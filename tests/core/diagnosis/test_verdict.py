@@ -93,6 +93,7 @@ def all_of_them(friction, pair, one_way, foreign, nothing):
 # ---- is there a gap
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("machine", "lead"), [(ROTOR, 0), (ROTOR, 200), (MOTOR, 0)], ids=["rest", "running", "motor"]
 )
@@ -148,6 +149,7 @@ def test_a_single_effect_is_named_with_its_amount(friction):
     assert not found.remainder.structured
 
 
+@pytest.mark.slow
 def test_two_effects_that_act_together_are_both_named(pair):
     found, _ = pair
     assert found.verdict.kind == "effect"
@@ -178,6 +180,7 @@ def test_a_winding_and_a_supply_are_never_told_apart():
         assert set(found.verdict.effects) == {"armature_resistance", "source_resistance"}
 
 
+@pytest.mark.slow
 def test_a_law_that_no_candidate_has_is_unknown(foreign):
     found, _ = foreign
     assert found.verdict.kind == "unknown"
@@ -188,12 +191,14 @@ def test_a_law_that_no_candidate_has_is_unknown(foreign):
     assert found.gap.after == found.gap.before
 
 
+@pytest.mark.slow
 def test_the_true_effect_left_out_of_the_candidates_is_not_replaced_by_another():
     """Commands come late, which is not among what is tried."""
     found, _ = verdict("input_delay:delay=0.1", names=[n for n in FEW if n != "inertia"])
     assert found.verdict.kind == "unknown"
 
 
+@pytest.mark.slow
 def test_nor_by_two_others_of_absurd_size():
     """A winding of a thirtieth and a shaft of fifty times the file's are no explanation."""
     found, _ = verdict("input_delay:delay=0.1")
