@@ -91,7 +91,7 @@ def _large() -> None:
         began = time.monotonic()
         publisher.publish(message)
         stranger.until(lambda: all(sum(n.rejected.values()) == 1 for n in nodes))
-        stranger.until(lambda: recorder.counts["experiment"] and not len(recorder._backlog))
+        stranger.until(lambda: recorder.counts["experiment"] and not len(recorder.backlog))
         took = time.monotonic() - began
         stranger.listen("adaptation")
         publisher.publish(to_message(experiment(2)))

@@ -2,23 +2,30 @@
 
 - A code block of another language than bash whose first line is a comment with a file name, as
   `# mine.py`, becomes that file.
-- A bash block is run in the same folder; it must end without an error.
+- A bash block is run in the same folder; it must end without an error. One of plain `ldt` commands
+  is run in this process, which saves each of them the seconds of its start.
 - A text block behind one is what it prints, line by line; `...` stands for anything.
 - `<!-- not run: REASON -->` before a block leaves it out; the reason is kept.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import re
+import shlex
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from programs import Programs
 
+from ldt_core.cli import invoke, ldt
+
 BLOCK = re.compile(r"(?:<!-- not run: ([^>]*?) -->\n+)?^```(\w+)\n(.*?)^```$", re.S | re.M)
 FILE = re.compile(r"(?:#|<!--|//) ([\w.@/-]+\.\w+)(?: -->)?$", re.M)
+PLAIN = re.compile(r"(?:ldt (?!up )[^|&;<>$`*#\\n]*\n)+")  # no shell needed, no nodes started
 PATIENCE = 900.0  # s; a stalled machine is not what is tested
 
 
@@ -66,12 +73,27 @@ def execute(text: str, folder: Path, programs: Programs) -> Done:
 
 def _run(block: str, folder: Path, programs: Programs) -> str:
     """Everything that the commands print."""
+    if PLAIN.fullmatch(block):
+        return "".join(_call(line, folder) for line in block.splitlines())
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "COLUMNS": "200"}
     command = ["bash", "-euo", "pipefail", "-c", block]
     code, printed = programs.run(command, PATIENCE, cwd=folder, env=environment)
     assert code == 0, f"{block}\nended with {code}:\n{printed}"
     return printed
+
+
+def _call(line: str, folder: Path) -> str:
+    """What a command of ours prints, run in this process."""
+    printed = io.StringIO()
+    with (
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(printed),
+        contextlib.redirect_stderr(printed),
+    ):
+        code = invoke(ldt, shlex.split(line)[1:])
+    assert code == 0, f"{line}\nended with {code}:\n{printed.getvalue()}"
+    return printed.getvalue()
 
 
 def _shows(printed: str, line: str) -> bool:

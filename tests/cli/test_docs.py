@@ -19,11 +19,12 @@ ON_THE_BUS = ("connect",)
 
 
 @pytest.mark.parametrize("name", docs.names())
-def test_a_page_works_by_copy_and_paste(name, tmp_path, programs, request):
+def test_a_page_works_by_copy_and_paste(name, tmp_path, programs, request, monkeypatch):
     """Every block, in order, in an empty folder; what it prints is what the page says."""
     if name in ON_THE_BUS:
         pytest.importorskip("rclpy")
         request.getfixturevalue("domain")
+    monkeypatch.setenv("COLUMNS", "200")
     done = execute(docs.text(name), tmp_path, programs)
     assert done.commands > 0
     assert len(done.left_out) == LEFT_OUT.get(name, 0), done.left_out

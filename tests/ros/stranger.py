@@ -61,7 +61,7 @@ class Stranger:
         self.heard: dict[str, list[Any]] = defaultdict(list)
         self.node = rclpy.create_node("stranger", context=self.context, namespace=namespace)
         self.executor.add_node(self.node)
-        self._publishers: dict[str, Any] = {}
+        self.publishers: dict[str, Any] = {}
 
     def start(self, kind: type, namespace: str = "", **parameters: Any) -> Any:
         """A node under test with these parameters."""
@@ -110,11 +110,11 @@ class Stranger:
         """Publish messages, or records."""
         from ldt_ros.nodes.interfaces import to_message
 
-        if topic not in self._publishers:
-            self._publishers[topic] = self.publisher(topic)
+        if topic not in self.publishers:
+            self.publishers[topic] = self.publisher(topic)
         for message in messages:
             ready = hasattr(message, "get_fields_and_field_types")
-            self._publishers[topic].publish(message if ready else to_message(message))
+            self.publishers[topic].publish(message if ready else to_message(message))
 
     def spin(self, seconds: float) -> None:
         """Let time pass."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 import signal
 from collections import Counter
 from pathlib import Path
@@ -74,14 +75,15 @@ def test_a_whole_stack_that_was_killed_goes_on(ldt, undisturbed, tmp_path):
 
 def test_a_run_without_the_graph_goes_on_as_well(ldt, undisturbed, tmp_path):
     """`ldt run` killed, and taken up by `ldt run --resume` and by `ldt up --resume`."""
-    for command in ("run", "up"):
-        process = ldt("run", *RUN, "--bag", command)
-        wait_for(tmp_path / command, 10)
-        process.kill()
-        process.communicate()
-        assert recorded(tmp_path / command) < 40
-        finished(ldt(command, "--resume", command, "--json"))
-        assert differences(undisturbed, tmp_path / command) == {}
+    process = ldt("run", *RUN, "--bag", "run")
+    wait_for(tmp_path / "run", 10)
+    process.kill()
+    process.communicate()
+    assert recorded(tmp_path / "run") < 40
+    shutil.copytree(tmp_path / "run", tmp_path / "up" / "run")
+    for command, bag in (("run", "run"), ("up", "up/run")):
+        finished(ldt(command, "--resume", bag, "--json"))
+        assert differences(undisturbed, tmp_path / bag) == {}
 
 
 def test_a_fleet_s_process_goes_on_with_all_its_machines(ldt, tmp_path):

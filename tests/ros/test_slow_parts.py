@@ -45,16 +45,16 @@ def test_a_listener_that_is_stopped_holds_nobody_up(domain, programs, tmp_path):
 
 def test_a_backlog_is_bounded_in_count_and_bytes_and_counts_what_it_leaves_out():
     """One item is at work; one that is too large alone waits all the same if none else does."""
-    gate, done = threading.Event(), []
+    begun, gate, done = threading.Event(), threading.Event(), []
 
     def work(item: int) -> None:
+        begun.set()
         gate.wait(20)
         done.append(item)
 
     backlog = Backlog(work, messages=3, most_bytes=100)
     backlog.put("small", 1, 0)
-    while backlog._waiting:  # until it is at work
-        pass
+    assert begun.wait(20)
     for item, (kind, size) in enumerate(
         [("large", 500), ("small", 1), ("large", 500), ("small", 1)], start=1
     ):
@@ -102,7 +102,7 @@ def test_a_recorder_slower_than_the_graph_counts_what_it_leaves_out(
     stranger.until(lambda: not len(node.backlog))
     stranger.send("experiment", experiment(31))
     stranger.until(lambda: 31 in node.writer.recorded("/experiment"))
-    stranger.node.destroy_publisher(stranger._publishers["experiment"])
+    stranger.node.destroy_publisher(stranger.publishers["experiment"])
     node.close()
     numbers = [e.number for e in read_bag(tmp_path / "bag").experiments()]
     assert numbers == [*range(1, len(numbers)), 31]
