@@ -258,6 +258,9 @@ class Signal(_AboutExperiment):
         model_version: of the model whose prediction was judged.
         max_error: max_k |y_k - ŷ_k| [rad/s].
         statistics: what the detector compared (its statistic and its limits), by name.
+        state: what is known of the machine and the model: learning, holds, changed, new_range or
+            inadequate; "" where the detector does not judge that.
+        adequacy: root mean square residual over the noise's; None while unknown.
     """
 
     experiment: int
@@ -266,6 +269,8 @@ class Signal(_AboutExperiment):
     model_version: int
     max_error: float
     statistics: Mapping[str, float] = field(default_factory=dict)
+    state: str = ""
+    adequacy: float | None = None
 
     def __repr__(self) -> str:
         error = f"max error {self.max_error:.4g} rad/s"

@@ -14,6 +14,7 @@ import msgs_config
 from ldt_core.base.errors import BadInput, OptionError, did_you_mean
 from ldt_core.base.settings import UNSET, check
 from ldt_core.cli.completion import among, known
+from ldt_core.models import AUTO, AUTO_DETECTOR
 
 _TYPES = {"integer": click.INT, "double": click.FLOAT, "string": click.STRING}
 # Headings in --help by the parameters' groups; those of other groups come first, under Options.
@@ -105,19 +106,31 @@ def parameters(*groups: str) -> Callable[..., Any]:
 
     The command receives the checked values of all of them, defaults included, in one mapping named
     `settings`.
+
+    Args:
+        groups: groups of `parameters.yaml`.
     """
     declared = msgs_config.parameters(*groups)
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(function)
         def call(**values: Any) -> Any:
-            return function(settings={name: values.pop(name) for name in declared}, **values)
+            settings = {name: values.pop(name) for name in declared}
+            if settings.get("model") == AUTO and _is_default("detector"):
+                settings["detector"] = AUTO_DETECTOR
+            return function(settings=settings, **values)
 
         for name, declaration in reversed(declared.items()):
             _option(name, declaration)(call)
         return _settings_option(call)
 
     return decorate
+
+
+def _is_default(name: str) -> bool:
+    """Whether the user has said nothing of an option."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source is click.core.ParameterSource.DEFAULT
 
 
 def declared_option(name: str) -> Callable[..., Any]:

@@ -42,6 +42,10 @@ class Detector(abc.ABC):
     resumable: ClassVar[bool] = False
     #: Answer to the last experiment.
     signal: Level
+    #: What is known of machine and model, and the residual over the noise, see `Signal`; for
+    #: detectors that judge them.
+    judged: str = ""
+    adequacy: float | None = None
 
     def reset(self) -> None:
         """Forget everything seen; a detector with a state of its own calls this from its own."""
@@ -87,6 +91,13 @@ class Detector(abc.ABC):
         if self.signal is Level.POSITIVE:
             self.restart()
         self.signal = Level(self.judge(row, spread))
+
+    def answered(self, adapted: bool) -> None:  # noqa: B027 - most detectors need not know
+        """Hear what came of a positive, before the next update.
+
+        Args:
+            adapted: a new model has come into force; else the old one stayed.
+        """
 
     @property
     def drift_detected(self) -> bool:

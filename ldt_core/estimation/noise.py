@@ -63,3 +63,14 @@ def common_correlation_time(residuals: Sequence[Array]) -> float:
 def _initial_positive_sum(pairs: Array) -> float:
     negative = np.flatnonzero(pairs <= 0)
     return max(1.0, 2 * float(pairs[: negative[0] if negative.size else None].sum()) - 1.0)
+
+
+def roughness(samples: Array) -> float:
+    """Standard deviation of the white part of (L,) samples, from differences of neighbours.
+
+    Half the mean squared difference: von Neumann, Annals of Mathematical Statistics 12 (1941).
+    What changes slowly against the sample period does not count; 0 for fewer than 2 samples.
+    """
+    if samples.size < 2:
+        return 0.0
+    return math.sqrt(0.5 * float(np.mean(np.diff(samples) ** 2)))

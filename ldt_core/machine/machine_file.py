@@ -98,6 +98,11 @@ class Machine:
         return PHYSICS.get(self.physics)
 
     @property
+    def tolerances(self) -> dict[str, float]:
+        """Relative standard deviation of each parameter; those that are missing are exact."""
+        return dict(self.model.tolerances)
+
+    @property
     def samples(self) -> int:
         """Samples of an experiment, L."""
         return round(self.duration / self.sample_period)

@@ -21,13 +21,14 @@ MODELS = Registry(
         "linear": "ldt_core.models.linear:LinearModel",
         "hybrid": "ldt_core.models.hybrid:HybridModel",
         "diagnosed": "ldt_core.models.diagnosed:DiagnosedModel",
-        "auto": "ldt_core.models.diagnosed:DiagnosedModel",
+        "grey_box": "ldt_core.models.grey_box:GreyBoxModel",
+        "auto": "ldt_core.models.grey_box:GreyBoxModel",
     },
     "ldt.model",
 )
-#: What `auto` stands for beside its class: of all models, the one that left the least error in the
-#: study (README) and is not told beforehand what will change.
-AUTO = {"cause": "auto"}
+#: Models of all kinds compete (`ldt_core.twin.contest`), beginning with the machine's physics; and
+#: the detector that goes with it unless another one is asked for.
+AUTO, AUTO_DETECTOR = "auto", "adequacy"
 
 
 def build_model(
@@ -48,24 +49,25 @@ def build_model(
     if isinstance(model, Model):
         return model
     kind = _kind(model)
-    return kind(machine, **_own(kind, model, settings))
+    return kind(machine, **_own(kind, settings))
 
 
 def learns_by_diagnosis(settings: Mapping[str, Any]) -> bool:
     """Whether the model that the settings name asks for diagnoses at a positive."""
-    return settings["model"] == "auto" or (
-        settings["model"] == "diagnosed" and settings["cause"] == "auto"
-    )
+    return bool(settings["model"] == "diagnosed" and settings["cause"] == "auto")
 
 
 def restore_model(record: ModelRecord, machine: Machine, settings: Mapping[str, Any]) -> Model:
     """The model that a record describes, of the kind that the settings name.
 
+    With `auto` models of several kinds compete, and the record names its own.
+
     Raises:
         ModelError: a record of another kind, or parameters that cannot be this model's.
     """
-    kind = _kind(settings["model"])
-    return kind.from_record(record, machine, **_own(kind, settings["model"], settings))
+    auto = settings["model"] == AUTO and record.kind in MODELS.builtin
+    kind = _kind(record.kind if auto else settings["model"])
+    return kind.from_record(record, machine, **_own(kind, settings))
 
 
 def _kind(model: str | type[Model]) -> type[Model]:
@@ -78,9 +80,6 @@ def _kind(model: str | type[Model]) -> type[Model]:
     return kind
 
 
-def _own(
-    kind: type[Model], model: str | type[Model], settings: Mapping[str, Any]
-) -> dict[str, Any]:
+def _own(kind: type[Model], settings: Mapping[str, Any]) -> dict[str, Any]:
     named = inspect.signature(kind).parameters
-    known = {**settings, **AUTO} if model == "auto" else settings
-    return {name: known[name] for name in named if name in known and name != "machine"}
+    return {name: settings[name] for name in named if name in settings and name != "machine"}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,6 +43,8 @@ class Physics(abc.ABC):
     name: str
     #: What a machine file must or may give (those with a default).
     parameters: tuple[Parameter, ...]
+    #: Relative standard deviation of parameters that nobody has measured; the others are exact.
+    tolerances: Mapping[str, float] = MappingProxyType({})
     #: State names; units in the module's docstring.
     states: tuple[str, ...]
 

@@ -18,7 +18,15 @@ import cmath
 from ldt_core.base.arrays import Array
 from ldt_core.physics.base import Values
 from ldt_core.physics.constants import Constants
-from ldt_core.physics.motor import MOTOR_PARAMETERS, fastest_root, motor_rate, motor_system
+from ldt_core.physics.motor import (
+    GUESSED,
+    MOTOR_PARAMETERS,
+    MOTOR_TOLERANCES,
+    STATED,
+    fastest_root,
+    motor_rate,
+    motor_system,
+)
 from ldt_core.physics.motor_driven import MotorDriven
 from ldt_core.physics.parameter import Parameter
 
@@ -41,6 +49,11 @@ class Rotor(MotorDriven):
         Parameter("g", "m/s^2", 0.0, default=0.0, description="gravity across the shaft"),
     )
     states = ("theta", "omega", "current", "x", "vx", "y", "vy")
+    tolerances = (
+        MOTOR_TOLERANCES
+        | dict.fromkeys(("m", "M", "K_x", "K_y"), STATED)
+        | dict.fromkeys(("R_x", "R_y"), GUESSED)
+    )
 
     def is_linear(self, values: Values) -> bool:
         """Without eccentricity the foundation does not feel the rotor, nor gravity."""

@@ -27,6 +27,8 @@ SIGNAL_LEVELS = {Level.NEGATIVE: OK, Level.WARNING: WARN, Level.POSITIVE: ERROR}
 # A machine whose new model was refused, or that gave a warning, deserves a look.
 ACTION_LEVELS = {Action.KEPT: OK, Action.STORED: WARN, Action.ADAPTED: OK, Action.REFUSED: WARN}
 SIGNAL_KEYS = ("experiment", "detector", "model_version", "max_error")
+#: In the signals of detectors that judge what is known.
+JUDGED_KEYS = ("state", "adequacy")
 ADAPTATION_KEYS = ("experiment", "model_version", "reason")
 DIAGNOSIS_KEYS = ("experiment", "model_version", "effects")
 ADVICE_KEYS = ("experiment", "model_version")
@@ -50,6 +52,10 @@ def encode_signal(record: Signal, make: Messages, machine: str, time: float) -> 
         "max_error": repr(float(record.max_error)),
     }
     more = {name: repr(float(number)) for name, number in record.statistics.items()}
+    if record.state:
+        known = record.adequacy is not None
+        values["state"] = record.state
+        values["adequacy"] = repr(float(record.adequacy or 0.0)) if known else ""
     where = f"signal of detector {record.detector!r}, statistics"
     level = SIGNAL_LEVELS[record.level]
     values = _joined(where, values, more)
@@ -149,7 +155,9 @@ def decode_signal(where: str, message: Any) -> Signal:
         values["detector"],
         _whole(f"{where}, model_version", values["model_version"], 0),
         max_error,
-        _numbers(values, SIGNAL_KEYS),
+        _numbers(values, (*SIGNAL_KEYS, *JUDGED_KEYS)),
+        values.get("state", ""),
+        _real(f"{where}, adequacy", values["adequacy"]) if values.get("adequacy") else None,
     )
 
 

@@ -46,6 +46,7 @@ class Enclave:
 
     Args:
         name: absolute, "/press/adaptor"; the subject of its certificate.
+        publishes: names or patterns of DDS topics.
     """
 
     name: str

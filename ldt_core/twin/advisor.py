@@ -27,6 +27,12 @@ class Advisor:
     At most one advice in `advice_every` experiments. It follows from the experiments, models and
     diagnoses that it is given, in their order, and from nothing else.
 
+    Args:
+        settings: parameters of the group advice; those that are missing have their defaults.
+
+    Attributes:
+        trouble: why the last advice came to nothing; empty when it came to something.
+
     Raises:
         OptionError: a parameter outside its range.
     """
@@ -36,7 +42,6 @@ class Advisor:
         given = resolve(own, "advice")
         self.machine = machine
         self.every: int = given["advice_every"]
-        #: Why the last advice came to nothing; empty when it came to something.
         self.trouble = ""
         self._recent: deque[Experiment] = deque(maxlen=RECENT_EXPERIMENTS)
         self._diagnosis: DiagnosisRecord | None = None

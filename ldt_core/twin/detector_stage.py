@@ -11,6 +11,9 @@ from ldt_core.detectors import as_detector, build_detector
 from ldt_core.detectors.base import Detector
 from ldt_core.twin.stage import Archive, RecordedStep
 
+#: In a state, beside the detector's own keys: version of the model judged last.
+VERSION = "judged_version"
+
 
 class DetectorStage:
     """Stage 2: the detector compares prediction and measurement.
@@ -23,6 +26,8 @@ class DetectorStage:
     def __init__(self, name: str, detector: Detector) -> None:
         self.name = name
         self.detector = detector
+        #: Version of the model whose prediction was judged last.
+        self._version: int | None = None
 
     def step(self, experiment: Experiment, prediction: Prediction) -> Signal:
         """The signal for one experiment.
@@ -40,6 +45,8 @@ class DetectorStage:
             prediction.model_version,
             prediction.max_error(experiment),
             statistics,
+            self.detector.judged,
+            self.detector.adequacy,
         )
 
     def recall(self, step: RecordedStep) -> None:
@@ -60,7 +67,7 @@ class DetectorStage:
     def state(self) -> dict[str, Any] | None:
         """The detector's state; None where that may not be all of it (`Detector.resumable`)."""
         own = vars(type(self.detector)).get("resumable", False)
-        return self.detector.state() if own else None
+        return {**self.detector.state(), VERSION: self._version} if own else None
 
     def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
         """Restore the detector.
@@ -68,9 +75,17 @@ class DetectorStage:
         Raises:
             OptionError: no state of this detector, which then has seen nothing.
         """
-        self.detector.restore(state)
+        own = dict(state)
+        version = own.pop(VERSION)
+        if version is not None and (type(version) is not int or version < 0):
+            raise ValueError(f"{VERSION} {version!r}")
+        self.detector.restore(own)
+        self._version = version
 
     def _update(self, experiment: Experiment, prediction: Prediction) -> None:
+        if self.detector.drift_detected and self._version is not None:
+            self.detector.answered(prediction.model_version != self._version)
+        self._version = prediction.model_version
         self.detector.update(prediction.residual(experiment), prediction.speed_std)
 
 

@@ -43,6 +43,7 @@ class Found:
 
     Args:
         error: of a free run with them on that experiment [rad/s].
+        pool: experiments that it was made of, the last one last.
     """
 
     diagnosis: Diagnosis
@@ -62,6 +63,7 @@ class Known:
 
     Args:
         error: of a free run with them on the experiment that asked for it [rad/s].
+        unknown: it found a gap without a cause, so that its free run is no measure.
     """
 
     use: Sequence[Any]
@@ -89,7 +91,11 @@ class Diagnoser:
     answer counts unless it does worse on the present experiment.
 
     Args:
+        settings: parameters of the group diagnosis; those that are missing have their defaults.
         make: what makes a diagnosis; the arguments are those of `diagnosis.diagnose.diagnose`.
+
+    Attributes:
+        trouble: why the last diagnosis came to nothing; empty when it came to something.
 
     Raises:
         OptionError: a parameter outside its range.
@@ -102,7 +108,6 @@ class Diagnoser:
         given = resolve(own, "diagnosis")
         self.machine = machine
         self.every: int = given["diagnosis_every"]
-        #: Why the last diagnosis came to nothing; empty when it came to something.
         self.trouble = ""
         self.make = make
         self._recent: deque[tuple[Experiment, Level]] = deque(maxlen=given["diagnosis_experiments"])

@@ -19,7 +19,12 @@ LEAST_BLOCK = 2
 
 @dataclass(frozen=True)
 class Offer:
-    """A model that may take the present one's place."""
+    """A model that may take the present one's place.
+
+    Args:
+        origin: where it comes from, for a person.
+        details: figures behind it.
+    """
 
     model: Model
     origin: str

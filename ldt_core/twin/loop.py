@@ -18,7 +18,7 @@ from ldt_core.base.experiment import Experiment, Step
 from ldt_core.base.settings import resolve
 from ldt_core.detectors.base import Detector
 from ldt_core.machine.machine_file import Machine
-from ldt_core.models import build_model, restore_model
+from ldt_core.models import AUTO, AUTO_DETECTOR, build_model, restore_model
 from ldt_core.models.base import Model
 from ldt_core.twin.adaptor import Adaptor
 from ldt_core.twin.detector_stage import DetectorStage, as_detector_stage
@@ -41,8 +41,8 @@ class Twin:
     Args:
         machine: the machine as it is known beforehand, its name or its file.
         model: name, `path/to/file.py:Name`, class, or a model to begin with. "auto" is the best
-            that there is: at present `diagnosed` with cause `auto`, which takes its time when the
-            machine changes, as it then diagnoses why.
+            that there is: causes, earlier versions and flexible models compete for every change
+            (`ldt_core.twin.contest`), with the detector `adequacy` unless another is asked for.
         detector: name, `path/to/file.py:Name`, class, or an object, of which a copy is used: a
             `Detector`, or one with river's `update(x)` and `drift_detected`, which is fed with the
             maximum error of each experiment [rad/s]. None takes the default of `ldt run`.
@@ -65,6 +65,8 @@ class Twin:
         known = Machine(machine)
         by_name = {"model": model, "detector": detector}
         named = {name: given for name, given in by_name.items() if isinstance(given, str)}
+        if model == AUTO and detector is None:
+            named["detector"] = AUTO_DETECTOR
         self.settings: Mapping[str, Any] = resolve({**settings, **named}, *GROUPS)
         first = build_model(model, known, self.settings)
         self.predictor = Predictor(known, first)
@@ -187,4 +189,8 @@ def build_adaptor(model: Model, settings: Mapping[str, Any]) -> Adaptor:
     how = {name: settings[name] for name in ("gate", "holdout", "data", "sensor_check")}
     diagnoser = build_diagnoser(model.machine, settings) if model.asks_for_diagnosis else None
     restore = partial(restore_model, machine=model.machine, settings=settings)
+    if settings["model"] == AUTO:
+        from ldt_core.twin.contest import ContestAdaptor  # few runs need it, as above
+
+        return ContestAdaptor(model, memory, settings, **how, restore=restore)
     return Adaptor(model, memory, **how, diagnoser=diagnoser, restore=restore)

@@ -40,7 +40,8 @@ from ldt_core.physics import PHYSICS
 from ldt_core.recording.messages import schema
 from ldt_core.twin.predictor import Predictor
 from ldt_ros.graph import process
-from ldt_ros.graph.linux_process import end_with, entitle
+from ldt_ros.graph.parentage import end_with
+from ldt_ros.graph.process_title import entitle
 
 REQUEST = 65536  # bytes of one request at most; parameters are in a file
 POLL = 0.0005  # s between two looks whether the process in between has ended
@@ -96,9 +97,12 @@ def preload() -> None:
 
 
 def warm_up(settings: dict[str, Any]) -> None:
-    """Load the code that the parts of a graph of this machine, model and detector begin with.
+    """Load the code that the parts of a graph of these settings begin with, compiled and other.
 
     A user's own parts are left to the nodes: whatever these do must not happen here.
+
+    Args:
+        settings: `machine`, `model` and `detector`.
     """
     with contextlib.suppress(LdtError):  # the node that comes by it says so
         resolved = resolve(settings)

@@ -26,7 +26,12 @@ CAPACITY = 200
 
 
 class Monitor(Node):
-    """Follows a machine's signals, adaptations and health."""
+    """Follows a machine's signals, adaptations and health.
+
+    Args:
+        namespace: of the machine.
+        on_step: called with the signal and the adaptation of each experiment.
+    """
 
     def __init__(
         self,

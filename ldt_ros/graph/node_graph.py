@@ -12,8 +12,9 @@ from ldt_core.base.stopping import INTERRUPTED
 from ldt_core.runs.fleet_members import SOURCES
 from ldt_core.runs.offline import recorded_summary
 from ldt_ros.graph.environment import spun_nodes
-from ldt_ros.graph.machine_run import MachineRun, host_processes
+from ldt_ros.graph.machine_run import MachineRun
 from ldt_ros.graph.monitor import Monitor
+from ldt_ros.graph.placement import host_processes
 from ldt_ros.graph.respawn import Respawner
 from ldt_ros.graph.supervisor import Child, Supervisor
 from ldt_ros.nodes.rivals import LEASE
@@ -35,7 +36,13 @@ OnStep = Callable[[str, Signal, Adaptation], None]
 
 
 class Graph:
-    """The processes and monitors of all runs."""
+    """The processes and monitors of all runs.
+
+    Args:
+        runs: one a machine.
+        supervisor: of the processes.
+        on_step: told of each machine's steps.
+    """
 
     def __init__(self, runs: list[MachineRun], supervisor: Supervisor, on_step: OnStep) -> None:
         self.runs = runs
@@ -145,7 +152,11 @@ class Graph:
         self._rivals_due = end + RIVAL_REST * (end - now)
 
     def _refuse_publishers(self, most: int, expected: str, counted: str) -> None:
-        """Refuse more publishers of a topic of a machine's own than there may be."""
+        """Refuse more publishers of a topic of a machine's own than there may be.
+
+        Raises:
+            BadInput: there are more.
+        """
         for run, monitor in zip(self.runs, self.monitors, strict=True):
             for topic in run.own_topics:
                 if (count := monitor.count_publishers(topic)) > most:

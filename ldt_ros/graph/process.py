@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NoReturn
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.stopping import SIGNALS
 from ldt_ros.graph.environment import prepare, require_ros, ros_message
-from ldt_ros.graph.linux_process import end_with
+from ldt_ros.graph.parentage import end_with
 
 if TYPE_CHECKING:
     from ldt_ros.nodes.node import LdtNode
@@ -154,7 +154,12 @@ def host(
 
 
 def machine_arguments(namespace: str, file: str) -> list[str]:
-    """ROS's arguments by which nodes are those of one machine."""
+    """ROS's arguments by which nodes are those of one machine.
+
+    Args:
+        namespace: of its topics, "" for the root.
+        file: of its parameters.
+    """
     return ["--ros-args", "--params-file", file, "-r", f"__ns:=/{namespace}"]
 
 

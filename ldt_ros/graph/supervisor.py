@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import Any, Self
 
 from ldt_core.base.errors import LdtError
-from ldt_ros.graph.linux_process import TITLE_BYTES, adopting
+from ldt_ros.graph.parentage import adopting
 from ldt_ros.graph.process import CRASHED
+from ldt_ros.graph.process_title import TITLE_BYTES
 
 POLL = 0.02  # s between two looks whether children have ended
 MAX_SERVER_RESTARTS = 5  # fork servers killed one after the other before one has forked
@@ -81,6 +82,10 @@ class Child:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.pid, number)
 
+    def last_line(self) -> str:
+        """The last line of its output that says something."""
+        return last_line(self.log)
+
 
 def last_line(log: Path) -> str:
     """The last line of a process's output that says something."""
@@ -93,7 +98,12 @@ def last_line(log: Path) -> str:
 class ForkServer:
     """Starts `ldt_ros.graph.fork_server`, whose forks become children of this process.
 
-    That is so within `ldt_ros.graph.linux_process.adopting`.
+    That is so within `ldt_ros.graph.parentage.adopting`.
+
+    Args:
+        log: file that its output goes to.
+        environment: of the server, and so of what it forks.
+        settings: what it prepares for, `PRELOADED`.
     """
 
     def __init__(
@@ -121,6 +131,10 @@ class ForkServer:
 
     def fork(self, log: Path, arguments: Sequence[str]) -> int:
         """Start a process in a group of its own that does what `ldt_ros.graph.process` does.
+
+        Args:
+            log: file that its output is added to.
+            arguments: of `ldt_ros.graph.process`.
 
         Returns:
             Its process id.
@@ -150,7 +164,13 @@ class ForkServer:
 
 
 class Supervisor:
-    """Starts, watches and ends the processes of a graph; a context, at whose end none is left."""
+    """Starts, watches and ends the processes of a graph; a context, at whose end none is left.
+
+    Args:
+        folder: where their output goes.
+        environment: of every child.
+        settings: of the graph, `PRELOADED` among them.
+    """
 
     def __init__(
         self, folder: Path, environment: Mapping[str, str], settings: Mapping[str, Any]

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import ldt_core as ldt
-from ldt_core.base.experiment import ModelRecord
 from ldt_core.cli import invoke
 from ldt_core.cli import ldt as command
 from ldt_core.detectors.threshold import Threshold
@@ -206,15 +205,13 @@ def test_a_twin_steps_by_hand(worn, run):
 
 
 def test_the_model_auto_is_there_for_commands_too(worn, tmp_path, capsys):
-    """It learns by the effect that a diagnosis names."""
+    """With the detector that goes with it, unless another is asked for."""
     twin = ldt.Twin("dc_motor")
-    assert (twin.model.kind, twin.model.asks_for_diagnosis) == ("diagnosed", True)
+    assert (twin.model.kind, twin.detector.name) == ("grey_box", "adequacy")
+    assert ldt.Twin("dc_motor", detector="never").detector.name == "never"
     options = ["--machine", "dc_motor", "--experiments", "1", "--model", "auto", "--no-bag"]
     assert invoke(command, ["run", *options]) == 0
-    sent = ModelRecord(1, "diagnosed", (1,), dict(twin.model.parameters))
-    from ldt_core.models import restore_model
-
-    assert restore_model(sent, ldt.Machine("dc_motor"), twin.settings).asks_for_diagnosis
+    assert "adequacy" in capsys.readouterr().out
 
 
 def test_what_is_printed_is_short(run, learned):

@@ -26,7 +26,11 @@ def changed(shown: Sequence[DrawnExperiment]) -> bool:
 
 @dataclass(frozen=True)
 class ShownFreeRuns(Panels):
-    """The experiments that are drawn."""
+    """The experiments that are drawn.
+
+    Attributes:
+        noise: deviation of the measured speed [rad/s].
+    """
 
     chosen: Sequence[tuple[DrawnExperiment, str]]
     noise: float

@@ -33,7 +33,12 @@ class ShownStep(NamedTuple):
 
 @dataclass
 class PlottedRun:
-    """What a picture of a run needs."""
+    """What a picture of a run needs.
+
+    Attributes:
+        steps: by number, without their samples.
+        shown: the one that is drawn over time.
+    """
 
     steps: list[StepView]
     shown: ShownStep

@@ -129,6 +129,7 @@ class Layout:
 
     Attributes:
         width: [inches].
+        narrow: on a phone; panels lie below each other.
     """
 
     name: str
@@ -142,7 +143,14 @@ NARROW = Layout("narrow", 358 / PIXELS, True)
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure and its words."""
+    """A figure and its words.
+
+    Attributes:
+        name: of the files.
+        caption: what it finds, in numbers.
+        alt: for those who cannot see it.
+        draw: makes it in a layout.
+    """
 
     name: str
     title: str
@@ -276,7 +284,12 @@ def check_picture(file: str | Path, option: str = "--out", who: str = "a picture
 def picture(
     width: float, height: float, draw: Callable[[Figure], None], who: str = "a picture"
 ) -> Figure:
-    """A figure that stands by itself, in the house style."""
+    """A figure that stands by itself, in the house style.
+
+    Args:
+        width: [inches].
+        height: [inches].
+    """
     require(who)
     import matplotlib
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ldt_core.views.packed_samples import PackedSamples
 from ldt_core.views.page.page_builder import Program, one_script, render, view_file
 from ldt_core.views.report import report_sections
 from ldt_core.views.report.reported_run import ReportedRun, read_run
@@ -25,7 +26,11 @@ __all__ = ["ReportedRun", "page", "read_run", "write_page"]
 
 
 def write_page(recording: str | Path, out: str | Path, namespace: str = "") -> ReportedRun:
-    """Write the page of a recorded run."""
+    """Write the page of a recorded run.
+
+    Args:
+        out: the HTML file; an old one is replaced.
+    """
     run = read_run(recording, namespace)
     Path(out).write_text(page(run), encoding="utf-8")
     return run
@@ -65,5 +70,15 @@ def plotted_data(run: ReportedRun, compared: DetectorStatistic) -> dict[str, Any
             str(m.version): {"kind": m.kind, "learned": list(m.trained_on)} for m in run.models
         },
         "diagnoses": {str(d.experiment): d.sentence for d in run.diagnoses},
-        "samples": [step.packed and step.packed.as_dict() for step in run.steps],
+        "samples": [_samples(step.packed) for step in run.steps],
+    }
+
+
+def _samples(packed: PackedSamples | None) -> dict[str, Any] | None:
+    if packed is None:
+        return None
+    return {
+        "channels": [[c.name, c.low, c.step] for c in packed.channels],
+        "data": packed.data,
+        "of": packed.of,
     }

@@ -1,0 +1,230 @@
+"""The grey-box model: the machine's physics with the effects and parameters that explain it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Experiment, Prediction
+from ldt_core.base.sentences import listed, spoken
+from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.effects.change_description import change_of
+from ldt_core.estimation.effect.start_angle import FoundAngle, believe, together
+from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, GreyBox, Prior
+from ldt_core.estimation.noise import roughness
+from ldt_core.estimation.structure_search import FittedStructure, Present, StructureSearch
+from ldt_core.models.base import Model
+
+Array = NDArray[np.float64]
+
+#: Directions in which the parameters are least known, along which a prediction is spread out.
+DIRECTIONS = 3
+#: Samples that a free run needs to tell anything about a machine.
+LEAST_SAMPLES = 20
+#: Noise [rad/s] as a part of the speed's root mean square, at least: the simulation's own error.
+NOISE_FLOOR = 1e-4
+
+
+class GreyBoxModel(Model):
+    """Free run of the machine's physics, with effects, and with its parameters within tolerance.
+
+    The untrained model is the machine file's physics. `fit` re-estimates the parameters of the
+    effects that act, and with them the machine's own, under a prior that begins with the file's
+    values and tolerances and shrinks with every version. `FittedStructure`s of a search become
+    models by `adopt`.
+
+    `parameters`: `machine`, the physics parameters; `effects`, name → parameter → value; `alike`,
+    names of effects that explain the same as well; `noise_std` [rad/s], null while untrained;
+    `start` with `turn` [rad], and `seen`, the start angles found (number, angle, std [rad] each);
+    `prior` with `mean` (k) and `precision` (k, k) of the machine's coordinates (`GreyBox`); and
+    `directions`, rows of coordinates by one standard deviation each.
+
+    Args:
+        machine: the machine as it is known beforehand.
+        parameters: all that makes the model, in JSON types; None for the untrained model.
+        version: 0 when untrained.
+        trained_on: numbers of the experiments it learned from.
+
+    Raises:
+        ModelError: parameters that cannot be this model's.
+    """
+
+    kind = "grey_box"
+
+    def untrained(self) -> dict[str, Any]:
+        """The machine file's physics."""
+        prior = Prior.of_file(len(GreyBox(self.machine, (), self.machine.tolerances).uncertain))
+        return {
+            "machine": dict(self.machine.parameters),
+            "effects": {},
+            "alike": [],
+            "noise_std": None,
+            "prior": {"mean": prior.mean.tolist(), "precision": prior.precision.tolist()},
+            "directions": [],
+            "start": {"turn": 0.0, "seen": []},
+        }
+
+    def build(self) -> None:
+        """Check the parameters."""
+        given = self.parameters["effects"]
+        unknown = [n for n in given if n not in EFFECTS.names()]
+        if unknown:
+            raise ValueError(f"effect {unknown[0]!r}, which is not known")
+        self.effects = tuple(get_effect(name) for name in given)
+        for effect in self.effects:
+            effect.require(self.machine.model)
+        self.given = {e.name: e.check(given[e.name]) for e in self.effects}
+        self.box = GreyBox(self.machine, self.effects, self.machine.tolerances)
+        k = len(self.box.uncertain)
+        mean = np.array(self.parameters["prior"]["mean"], dtype=np.float64)
+        precision = np.array(self.parameters["prior"]["precision"], dtype=np.float64)
+        if mean.shape != (k,) or precision.shape != (k, k):
+            raise ValueError(f"a prior of {mean.size} parameters where the machine has {k}")
+        if k and float(np.linalg.eigvalsh(precision).min()) <= 0:
+            raise ValueError("a prior that is no distribution")
+        self.prior = Prior(mean, precision)
+        known = self.machine.parameters
+        ratios = [self.parameters["machine"][n] / known[n] for n in self.box.uncertain]
+        own = np.array([math.log(r) for r in ratios]) / self.box.tolerance
+        self.q = self.box.coordinates(self.given, own)
+        self.directions = [np.array(d, dtype=np.float64) for d in self.parameters["directions"]]
+        if any(d.shape != self.q.shape for d in self.directions):
+            raise ValueError("directions of another number of coordinates")
+        start = self.parameters["start"]
+        self.turn = float(start["turn"])
+        self.seen = [FoundAngle(int(n), float(a), max(float(s), 1e-9)) for n, a, s in start["seen"]]
+        #: Whether the machine starts at the same angle every time, and at which.
+        self.angle = believe(self.seen, self.turn) if self.turn > 0 else None
+        noise = self.parameters["noise_std"]
+        self.noise_std = None if noise is None else float(noise)
+
+    @property
+    def present(self) -> Present:
+        """Where a search for further effects begins."""
+        return Present(self.effects, self.given, self.prior)
+
+    def predict(self, experiment: Experiment) -> Prediction:
+        """Free run; `speed_std` is the noise and what the least known directions make of it.
+
+        Raises:
+            LdtError: the simulated speed grows without bound.
+        """
+        about = (experiment.number, experiment.start, experiment.period, self.version)
+        noise = self.noise_std or 0.0
+        rest = self.box.at_rest(experiment, noise) if noise else False
+        start = np.zeros(3)
+        variance = np.full(len(experiment), noise**2)
+        if rest and self.angle is not None and self.angle.same < 0.5:
+            runs = [
+                self.box.speed(self.q, experiment, True, np.array([angle, 0.0, 0.0]), step=step)
+                for angle, step in ((self.turn * k / ANGLES, COARSE_STEP) for k in range(ANGLES))
+            ]
+            speed = np.median(runs, axis=0)
+            variance += np.mean((np.array(runs) - speed) ** 2, axis=0)
+            return Prediction(*about, speed, np.sqrt(variance))
+        if rest and self.angle is not None:
+            start[0] = self.angle.angle or 0.0
+        speed = self.box.speed(self.q, experiment, rest, start)
+        if self.noise_std is None:
+            return Prediction(*about, speed)
+        for direction in self.directions:
+            q = np.clip(self.q + direction, self.box.low, self.box.high)
+            moved = self.box.speed(q, experiment, rest, start, step=COARSE_STEP)
+            variance += (moved - speed) ** 2
+        return Prediction(*about, speed, np.sqrt(variance))
+
+    def fit(self, experiments: Sequence[Experiment]) -> Self:
+        """The same effects and the machine's parameters, re-estimated.
+
+        Raises:
+            LdtError: no or too few samples.
+        """
+        search = self.search_on(experiments)
+        return self.adopt(search.fitted(self.present, self.effects), experiments)
+
+    def search_on(self, experiments: Sequence[Experiment], workers: int = 1) -> StructureSearch:
+        """A search for what explains these experiments.
+
+        Raises:
+            LdtError: no or too few samples.
+        """
+        if not experiments or max(len(e) for e in experiments) < LEAST_SAMPLES:
+            expected = f"an experiment of {LEAST_SAMPLES} samples or more"
+            raise LdtError(f"grey-box model: expected {expected} to learn from, got none")
+        noise = max(self.noise_of(e) for e in experiments)
+        tolerances = self.machine.tolerances
+        return StructureSearch(self.machine, tolerances, experiments, noise, workers)
+
+    def noise_of(self, experiment: Experiment) -> float:
+        """Standard deviation of the noise [rad/s] that the residual's roughness shows."""
+        floor = NOISE_FLOOR * float(np.sqrt(np.mean(experiment.speed**2)))
+        residual = experiment.speed - self.predict(experiment).speed
+        return max(roughness(residual), floor, 1e-12)
+
+    def adopt(
+        self,
+        found: FittedStructure,
+        experiments: Sequence[Experiment],
+        alike: Sequence[str] = (),
+    ) -> Self:
+        """The next version, with a fitted structure.
+
+        Args:
+            found: effects and parameters.
+            experiments: that it was fitted to.
+            alike: names of effects that explain these as well in the place of the last one.
+        """
+        box, fit = found.box, found.fit
+        machine, use = box.values(fit.q)
+        rest = np.concatenate(fit.residuals)
+        noise = max(float(np.mean([roughness(r) for r in fit.residuals])), 1e-12)
+        # Residuals that the noise does not explain tell less than white noise would.
+        excess = max(1.0, float(np.mean(rest**2)) / noise**2)
+        k = len(box.uncertain)
+        told = fit.information.copy()
+        told[:k, :k] -= found.prior.precision
+        information = told / excess
+        information[:k, :k] += found.prior.precision
+        information[np.diag_indices(box.size)] += 1e-9
+        inner, cross = information[:k, :k], information[:k, k:]
+        precision = inner - cross @ np.linalg.solve(information[k:, k:], cross.T)
+        values, vectors = np.linalg.eigh(np.linalg.inv(information))
+        widest = [vectors[:, i] * math.sqrt(max(values[i], 0.0)) for i in range(box.size)]
+        angles = together(self.seen, found.fit.angles, fit.turn) if fit.turn > 0 else self.seen
+        start = {
+            "turn": fit.turn or self.turn,
+            "seen": [[a.number, a.angle, a.std] for a in angles],
+        }
+        record = {
+            "machine": machine,
+            "start": start,
+            "effects": {e.name: given for e, given in use},
+            "alike": list(alike),
+            "noise_std": noise,
+            "prior": {"mean": fit.q[:k].tolist(), "precision": _symmetric(precision).tolist()},
+            "directions": [np.clip(d, -1.0, 1.0).tolist() for d in widest[-DIRECTIONS:]],
+        }
+        return self.successor(record, experiments)
+
+    def change(self, before: Model) -> str:
+        """ "unbalance has grown to 6.1 mm"."""
+        old = before.given if isinstance(before, GreyBoxModel) else {}
+        said = []
+        for effect in self.effects:
+            was = old.get(effect.name, effect.neutral)
+            if self.given[effect.name] != was:
+                said.append(change_of(effect, was, self.given[effect.name]))
+        said += [f"{spoken(name)} has gone" for name in old if name not in self.given]
+        if said and self.parameters["alike"]:
+            others = listed([spoken(n) for n in self.parameters["alike"]], "or")
+            said[-1] += f" (or {others}: not told apart)"
+        return "; ".join(said)
+
+
+def _symmetric(matrix: Array) -> Array:
+    return np.asarray((matrix + matrix.T) / 2, dtype=np.float64)

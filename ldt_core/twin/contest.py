@@ -1,0 +1,289 @@
+"""The contest: whatever explains the machine comes into force, whichever kind of model it is."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ldt_core.base.errors import LdtError, ModelError
+from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, Signal, rms
+from ldt_core.base.threads import one_thread
+from ldt_core.detectors.adequacy import EXPLAINED, deviations
+from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.models import build_model
+from ldt_core.models.base import Model
+from ldt_core.models.grey_box import GreyBoxModel
+from ldt_core.physics.effect import Effect
+from ldt_core.twin.adaptor import Adaptor
+from ldt_core.twin.memory import Memory
+from ldt_core.twin.stage import Archive, RecordedStep
+
+#: A model comes into force on data that it has not learned from if its error is less than this part
+#: of the present one's: chance makes the errors of equally good models differ by less.
+BETTER = 0.95
+#: Experiments over which the twin is compared with the original, and the least of them.
+WATCHED, LEAST_WATCHED = 10, 5
+#: Sum of the twin's errors over the original's, above which the original comes back.
+WORSE = 1.1
+#: Structures that explain an experiment alike: posterior odds below 20 (Kass, Raftery, "Bayes
+#: factors", Journal of the American Statistical Association 90, 1995, "strong").
+ALIKE = 2 * float(np.log(20.0))
+#: Experiments learned from at most, the newest included.
+POOL = 3
+#: Flexible models that compete where no cause explains the machine.
+FLEXIBLE = ("hybrid", "linear")
+#: In the details of an adaptation: what learns from it competes at the next experiment.
+SEARCHING = "searching"
+#: In the details of an adaptation: the original has come into force again.
+ORIGINAL = "original_again"
+
+
+class ContestAdaptor(Adaptor):
+    """Lets every earlier version, causes old and new, and flexible models compete at a positive.
+
+    At a positive, in this order, until one explains the experiment:
+
+    1. an earlier version, the original included: a machine that goes back and forth gets its
+       version back at once, without training;
+    2. the causes known so far, re-estimated with the machine's parameters, under their priors;
+    3. one more effect of the library, or another one, that explains the experiment to the noise;
+    4. what comes nearest of these, and the flexible models. They compete at the next experiment,
+       from which none of them has learned.
+
+    Over ten experiments the twin's largest errors may sum to 1.1 times the original's; beyond, the
+    original comes into force again.
+
+    Args:
+        model: to begin with, of kind grey_box.
+        memory: S_w and the recent experiments.
+        settings: of the models that compete (`parameters.yaml`).
+        how: as for `Adaptor`.
+    """
+
+    def __init__(
+        self, model: Model, memory: Memory, settings: Mapping[str, Any], **how: Any
+    ) -> None:
+        super().__init__(model, memory, **how)
+        self._settings = settings
+        self.original = model
+        #: Largest errors of twin and original [rad/s] in the last experiments.
+        self.errors: deque[tuple[float, float]] = deque(maxlen=WATCHED)
+        #: Experiments to learn from, by what competes at the next one.
+        self.pending: list[Experiment] = []
+
+    def step(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
+        """Deal with one experiment; (what was done, the model that goes on)."""
+        self._compared(experiment, signal)
+        pool, self.pending = self.pending, []
+        if self._passed_over(experiment):
+            return super().step(experiment, signal)
+        found = self._trained(pool, experiment, signal)
+        details: dict[str, float] = {}
+        if found is None and self._worse():
+            found = self.original, "is the original again, which erred less over ten experiments"
+            details[ORIGINAL] = 1
+            self.errors.clear()
+        if found is None:
+            return super().step(experiment, signal)
+        model, origin = found
+        before = self.model
+        self._adopt(model.again(before.version + 1))
+        if signal.level is Level.WARNING:
+            self.memory.store(experiment)
+        elif signal.level is Level.POSITIVE:
+            self.memory.clear()
+        self.memory.remember(experiment)
+        details["warning_set"] = len(self.memory)
+        version, reason = self.model.version, self._reason(before, experiment, origin)
+        return Adaptation(experiment.number, Action.ADAPTED, version, reason, details), self.model
+
+    def _compared(self, experiment: Experiment, signal: Signal) -> None:
+        first = self.original.predict(experiment).max_error(experiment)
+        self.errors.append((signal.max_error, first))
+
+    def _worse(self) -> bool:
+        """Whether the original would have done better for long, and does now."""
+        if self.model.parameters == self.original.parameters or len(self.errors) < LEAST_WATCHED:
+            return False
+        (now, first), (twin, original) = self.errors[-1], map(sum, zip(*self.errors, strict=True))
+        return now > first and twin > WORSE * original
+
+    def _learn(self, experiment: Experiment) -> tuple[Action, str, dict[str, float]]:
+        self.memory.clear()
+        before = self.model
+        present = rms(before.predict(experiment).residual(experiment))
+        version = self._known(experiment)
+        if version is not None:
+            self._adopt(version.again(before.version + 1))
+            origin = f"is version {version.version} again"
+            return Action.ADAPTED, self._reason(before, experiment, origin), {}
+        best, origin = self._refitted(experiment), "re-estimated"
+        explained = best is not None and _explains(best, experiment)
+        if not explained and (cause := self._cause(experiment)) is not None:
+            best, origin, explained = cause, "with another cause", True
+        details: dict[str, float] = {}
+        if not explained:
+            self.pending = self._unexplained(experiment)
+            details[SEARCHING] = 1
+        if best is not None:
+            reached = rms(best.predict(experiment).residual(experiment))
+            details |= {"candidate_rmse": reached, "present_rmse": present}
+            if explained or reached < BETTER * present:
+                self._adopt(best.again(before.version + 1))
+                return Action.ADAPTED, self._reason(before, experiment, origin), details
+        stays = f"version {before.version} stays"
+        reason = f"no known cause explains it, other models compete at the next experiment; {stays}"
+        return Action.REFUSED, reason, details
+
+    def _reason(self, before: Model, experiment: Experiment, origin: str) -> str:
+        words = f"version {self.model.version} {origin}"
+        change = self.model.change(before)
+        return f"since experiment {experiment.number}: {change}; {words}" if change else words
+
+    def _known(self, experiment: Experiment) -> Model | None:
+        """The earlier version that explains the experiment best, if one does."""
+        best, least = None, np.inf
+        for version in self.earlier:
+            error = _error(version, experiment)
+            if error < least and _explains(version, experiment):
+                best, least = version, error
+        return best
+
+    def _refitted(self, experiment: Experiment) -> Model | None:
+        """The best of the causes known so far, re-estimated from the newest experiments."""
+        tried: dict[tuple[str, ...], GreyBoxModel] = {}
+        for model in (self.model, *reversed(self.earlier)):
+            if isinstance(model, GreyBoxModel):
+                tried.setdefault(tuple(sorted(model.given)), model)
+        found: list[Model] = []
+        for model in list(tried.values())[:POOL]:
+            try:
+                with one_thread():
+                    fitted = model.fit([experiment])
+                    valid = [e for e in self._recent(experiment) if _explains(fitted, e)]
+                    if valid and _explains(fitted, experiment):
+                        fitted = model.fit([*valid[-POOL + 1 :], experiment])
+                found.append(fitted)
+            except (LdtError, np.linalg.LinAlgError, ArithmeticError):
+                continue
+        return min(found, key=lambda m: _error(m, experiment), default=None)
+
+    def _cause(self, experiment: Experiment) -> Model | None:
+        """The cause that explains this experiment alone, if one does."""
+        start = self._grey()
+        if not isinstance(start, GreyBoxModel):
+            return None
+        with one_thread():
+            found = _structures(start, [experiment])
+        return next((m for m in found if _explains(m, experiment)), None)
+
+    def _unexplained(self, experiment: Experiment) -> list[Experiment]:
+        """The newest experiments that neither the present model nor the original explains."""
+        pool = [experiment]
+        for e in reversed(self._recent(experiment)):
+            if len(pool) == POOL or _explains(self.model, e) or _explains(self.original, e):
+                break
+            pool.insert(0, e)
+        return pool
+
+    def _trained(
+        self, pool: Sequence[Experiment], experiment: Experiment, signal: Signal
+    ) -> tuple[Model, str] | None:
+        """What learned from the experiments before, if it does better on this one."""
+        if not pool or signal.level is Level.NEGATIVE:
+            return None
+        candidates = self.candidates(pool)
+        best = min(candidates, key=lambda m: _error(m, experiment), default=None)
+        if best is None or not _error(best, experiment) < BETTER * _error(self.model, experiment):
+            return None
+        return best, f"learned from experiment {pool[-1].number} and does best in this one"
+
+    def candidates(self, pool: Sequence[Experiment]) -> list[Model]:
+        """New models that have learned from these experiments."""
+        found: list[Model] = []
+        with one_thread():
+            if isinstance(start := self._grey(), GreyBoxModel):
+                found += _structures(start, pool)
+            for kind in FLEXIBLE:
+                try:
+                    flexible = build_model(kind, start.machine, self._settings)
+                    found.append(flexible.fit(pool))
+                except (LdtError, np.linalg.LinAlgError, ArithmeticError):
+                    continue
+        return found
+
+    def _grey(self) -> Model:
+        """The model whose causes a search goes on from."""
+        models = (self.model, *reversed(self.earlier))
+        return next((m for m in models if isinstance(m, GreyBoxModel)), self.original)
+
+    def recall(self, step: RecordedStep) -> None:
+        """Take over what a recorded step says."""
+        self._compared(step.experiment, step.signal)
+        pool = self._unexplained(step.experiment)
+        super().recall(step)
+        told = step.adaptation.details
+        if told.get(ORIGINAL):
+            self.errors.clear()
+        self.pending = pool if told.get(SEARCHING) else []
+
+    def state(self) -> dict[str, Any]:
+        """Its state by the numbers of what is recorded; `return_to` takes it back."""
+        pending = [[e.number, e.start] for e in self.pending]
+        return {**super().state(), "errors": list(self.errors), "pending": pending}
+
+    def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
+        """Take back a state, before any step here."""
+        errors = [(float(twin), float(original)) for twin, original in state["errors"]]
+        pending = [archive.experiment(number, start) for number, start in state["pending"]]
+        super().return_to(state, archive)
+        self.errors, self.pending = deque(errors, WATCHED), pending
+
+
+def library(machine: Any) -> list[Effect]:
+    """The effects that a machine can have."""
+    found = []
+    for name in EFFECTS.names():
+        effect = get_effect(name)
+        try:
+            effect.require(machine.model)
+        except LdtError:
+            continue
+        found.append(effect)
+    return found
+
+
+def _structures(start: GreyBoxModel, pool: Sequence[Experiment]) -> list[Model]:
+    """Causes beside and in place of the present ones, the best of them."""
+    try:
+        search = start.search_on(pool)
+        ranked = search.search(start.present, library(start.machine))
+    except (LdtError, np.linalg.LinAlgError, ArithmeticError):
+        return []
+    if not ranked:
+        return []
+    alike = [s.names[-1] for s in ranked[1:] if s.score - ranked[0].score < ALIKE]
+    try:
+        return [start.adopt(ranked[0], pool, alike)]
+    except (ModelError, np.linalg.LinAlgError, ArithmeticError):
+        return []
+
+
+def _error(model: Model, experiment: Experiment) -> float:
+    """Root mean square error [rad/s]; infinite where the model cannot predict."""
+    try:
+        return rms(model.predict(experiment).residual(experiment))
+    except LdtError:
+        return float("inf")
+
+
+def _explains(model: Model, experiment: Experiment) -> bool:
+    try:
+        prediction = model.predict(experiment)
+    except LdtError:
+        return False
+    z, _, _ = deviations(prediction.residual(experiment), prediction.speed_std)
+    return z < EXPLAINED

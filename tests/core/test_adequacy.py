@@ -1,0 +1,124 @@
+"""The adequacy detector: what it calls explained, and how often it is wrong about that."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from ldt_core.base.experiment import Level
+from ldt_core.detectors.adequacy import Adequacy, deviations
+
+EVERY = 100
+
+
+def white(random, length):
+    return random.normal(size=length)
+
+
+def student(random, length):
+    return random.standard_t(3, size=length)
+
+
+def other_scale(random, length):
+    return random.normal(size=length) * np.exp(random.normal())
+
+
+def with_memory(random, length, persistence=0.9):
+    drive = random.normal(size=length + 500)
+    return lfilter([1.0], [1.0, -persistence], drive)[500:]
+
+
+@pytest.mark.parametrize("length", [50, 1000])
+@pytest.mark.parametrize("noise", [white, student, other_scale])
+def test_false_alarms_are_no_more_than_stated(noise, length):
+    """One in `false_alarm_every`, for white noise of any law and scale."""
+    random, detector, count = np.random.default_rng(1), Adequacy(EVERY), 1000
+    positives = 0
+    for _ in range(count):
+        detector.update(noise(random, length))
+        positives += detector.drift_detected
+    assert positives <= count / EVERY
+
+
+def test_noise_with_a_memory_is_tried_ever_more_rarely():
+    """Learning does not help, is tried after 1, 2, 4, ... experiments, and nothing is explained."""
+    random, detector, positives, states = np.random.default_rng(2), Adequacy(), 0, set()
+    for i in range(300):
+        detector.update(with_memory(random, 500))
+        states.add(detector.judged)
+        if detector.drift_detected:
+            positives += 1
+            detector.answered(False)
+        assert detector.adequacy > 1.5, i
+    assert positives <= 10
+    assert "holds" not in states
+
+
+@given(
+    seed=st.integers(0, 1000),
+    size=st.floats(10.0, 1e6),
+    rate=st.floats(0.001, 0.05),
+    length=st.integers(100, 1000),
+)
+def test_an_error_far_above_the_noise_is_never_explained(seed, size, rate, length):
+    """Whatever came before, and however slowly it grows."""
+    random, detector = np.random.default_rng(seed), Adequacy()
+    for _ in range(seed % 5):
+        detector.update(random.normal(size=length))
+    wave = size * np.sin(rate * np.arange(length) + seed)
+    for _ in range(5):
+        detector.update(random.normal(size=length) + wave)
+        if np.sqrt(np.mean(wave**2)) > 3:
+            assert detector.judged != "holds"
+            assert detector.signal is not Level.NEGATIVE
+        if detector.drift_detected:
+            detector.answered(bool(seed % 2))
+
+
+def test_a_change_while_inadequate_is_positive_out_of_turn():
+    """Against the experiments since the last trial, not against the noise."""
+    random, detector = np.random.default_rng(3), Adequacy(20)
+    wave = np.sin(np.arange(500) / 30)
+    for _ in range(64):
+        detector.update(random.normal(size=500) + wave * random.uniform(0.9, 1.1))
+        if detector.drift_detected:
+            detector.answered(False)
+    waited = detector.wait
+    assert waited > 10
+    states = []
+    while not detector.drift_detected:
+        detector.update(random.normal(size=500) + 3 * wave)
+        states.append(detector.judged)
+    assert states[-1] == "changed"
+    assert len(states) < waited
+
+
+def test_a_new_model_that_explains_ends_the_waiting():
+    """And a later error is positive at once again."""
+    random, detector = np.random.default_rng(4), Adequacy()
+    wave = 5 * np.sin(np.arange(500) / 30)
+    for error in (wave, wave, 0, wave):
+        if detector.drift_detected:
+            detector.answered(False)
+        detector.update(random.normal(size=500) + error)
+    assert (detector.judged, detector.signal) == ("changed", Level.POSITIVE)
+
+
+def test_what_the_model_claims_not_to_know_is_no_misfit():
+    """A deviation beyond the noise is taken off the misfit, and not off the adequacy."""
+    random = np.random.default_rng(5)
+    wave = 3 * np.sin(np.arange(1000) / 50)
+    residual, claim = random.normal(size=1000) + wave, np.sqrt(1 + wave**2)
+    plain, claimed = deviations(residual, None), deviations(residual, claim)
+    assert plain[0] > 10 > claimed[0]
+    assert plain[2] == claimed[2]
+
+
+def test_too_few_samples_tell_nothing():
+    """Said as `learning`, with no adequacy."""
+    detector = Adequacy()
+    detector.update(np.ones(5))
+    assert (detector.judged, detector.adequacy, detector.signal) == ("learning", None, -1)

@@ -1,0 +1,95 @@
+"""The contest: what explains the machine comes into force, and what does worse goes."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import ldt_core as ldt
+from ldt_core.base.settings import resolve
+from ldt_core.effects.base import Effect
+from ldt_core.machine.plant import Plant
+from ldt_core.physics.parameter import Parameter
+from ldt_core.restart.recorded_run import RecordedRun
+from ldt_core.restart.stage_restart import TwinRestart
+from ldt_core.runs.offline import run
+from ldt_core.twin.loop import Twin
+
+ROTOR = ldt.Machine("rotor")
+
+
+def wearing(effect, parameter, to, kind="abrupt", begin=0.0, steps=3):
+    keys = {"kind": kind, "effect": effect, "parameter": parameter}
+    worn = {**keys, "from": begin, "to": to, "steps": steps}
+    return dataclasses.replace(ROTOR, simulation={**ROTOR.simulation, "degradation": worn})
+
+
+def steps_of(machine, count, seed=3, **how):
+    """(plant, steps) of the twin that is told nothing, beside a machine that changes."""
+    plant = Plant(machine, experiments=count, seed=seed, **how)
+    twin = ldt.Twin("rotor", model="auto")
+    return plant, [twin.step(plant.experiment(i)) for i in range(1, count + 1)]
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter", "to"),
+    [("unbalance", "e", 0.012), ("quadratic_drag", "c", 4e-4), ("constant_load", "torque", 0.2)],
+)
+def test_a_change_is_explained_by_the_next_experiment(effect, parameter, to):
+    """Whatever it is, by one adaptation, and nothing is learned where nothing has changed."""
+    plant, steps = steps_of(wearing(effect, parameter, to), 8)
+    (change,) = plant.schedule.changes
+    adapted = [s.number for s in steps if s.adaptation.action == "adapted"]
+    assert adapted == [change]
+    after = [s for s in steps if s.number > change]
+    assert all(s.signal.level is ldt.Level.NEGATIVE and s.signal.adequacy < 3 for s in after)
+    assert steps[change - 1].signal.state == "changed"
+
+
+def test_a_machine_that_goes_back_and_forth_gets_its_versions_back():
+    """In the very next experiment, without training."""
+    machine = wearing("quadratic_drag", "c", 4e-4, kind="recurring")
+    plant, steps = steps_of(machine, 12)
+    first, second, third = plant.schedule.changes
+    assert "version 0 again" in steps[second - 1].adaptation.reason
+    assert "version 1 again" in steps[third - 1].adaptation.reason
+    assert all(s.signal.state == "holds" for s in steps if s.number not in (first, second, third))
+
+
+def test_a_law_that_no_effect_has_never_makes_the_twin_worse_for_long():
+    """At most 1.1 times the original's error, and it is not called explained."""
+
+    def torque(t, theta, omega, current, voltage, p):
+        return -p[0] * omega * (1.0 + (1.0 if (t % 1.7) < 0.6 else 0.0))
+
+    gain = Parameter("c", "N m s", 0.0, default=0.0, description="gain", scale=1e-3)
+    odd = Effect(
+        "odd", "a load that comes and goes", "c omega", (gain,), {"c": 5e-3}, torque=torque
+    )
+    short = dataclasses.replace(ROTOR, duration=4.0)  # s
+    plant = Plant(short, experiments=3, seed=4, degradation="none", effects=[(odd, {"c": 5e-3})])
+    twin = ldt.Twin(short, model="auto")
+    steps = [twin.step(plant.experiment(i)) for i in range(1, 4)]
+    own = sum(s.signal.max_error for s in steps)
+    assert own <= 1.1 * sum(s.original.max_error(s.experiment) for s in steps)
+    for s in steps:
+        assert s.signal.state != "holds" or s.signal.adequacy < 1.5
+
+
+def test_a_twin_goes_on_from_its_state_as_if_it_had_never_ended(tmp_path):
+    """Versions, errors, what is still to compete: the recording and the checkpoint have it all."""
+    plant = Plant(wearing("quadratic_drag", "c", 4e-4, "recurring"), experiments=8, seed=3)
+    stream = [plant.experiment(i) for i in range(1, 9)]
+    settings = {**resolve({}), "model": "auto", "detector": "adequacy"}
+    machine = plant.machine
+    whole = list(Twin.from_settings(machine, settings).steps(stream))
+    run(machine, settings, stream[:5], tmp_path / "bag")
+    again = Twin.from_settings(machine, settings)
+    recorded = RecordedRun(str(tmp_path / "bag"), "", machine)
+    assert TwinRestart(again, recorded, print).resume() == 5
+    for step, other in zip(again.steps(stream[5:]), whole[5:], strict=True):
+        assert step.signal == other.signal
+        assert step.adaptation == other.adaptation
+        assert np.array_equal(step.prediction.speed, other.prediction.speed)
