@@ -14,7 +14,7 @@ SHOWING = frozenset(
     (
         *("checks", "cli", "docs", "doctor", "recording", "security", "views"),
         *(f"lab/study/{part}" for part in ("claims", "figures", "sections", "study_page.py")),
-        *(f"lab/challenge/score/{part}" for part in ("score_files.py", "pictures.py")),
+        "lab/challenge/score/score_files.py",
     )
 )
 DIGITS = 12  # of a fingerprint

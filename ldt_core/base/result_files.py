@@ -138,7 +138,6 @@ class ResultFolder:
         out: the folder.
         format: of the files.
         origin: all that decides the results and is not in their names, in JSON types.
-        any_origin: take what came from elsewhere as well.
     """
 
     def __init__(
@@ -146,10 +145,8 @@ class ResultFolder:
         out: Path | str,
         format: str,
         origin: Mapping[str, Any],
-        any_origin: bool = False,
     ) -> None:
         self.out, self.format, self.origin = Path(out), format, dict(origin)
-        self.any_origin = any_origin
         #: Results met that came from elsewhere, and files met that cannot be read.
         self.foreign, self.damaged = 0, list[str]()
 
@@ -166,7 +163,7 @@ class ResultFolder:
             if (record["format"], record["key"]) != (self.format, path.stem):
                 raise ValueError("another file's content")
             foreign = record["origin"] != self.origin
-            found = None if foreign and not self.any_origin else parse(record["content"])
+            found = None if foreign else parse(record["content"])
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):

@@ -125,7 +125,7 @@ def score(
 
     The keys' SHA-256 is printed first. Of a key nothing but names of cases, and of effects that the
     diagnosis has to do without, is read before every answer is on disk. Writes each case's
-    diagnosis.json, score.json, score.md and pictures.
+    diagnosis.json, score.json, score.md and a picture.
 
     Example: ldt challenge score cases cases.key.json --out score
     """
@@ -161,26 +161,17 @@ def _print(score: ChallengeScore, files: Sequence[Path], as_json: bool) -> None:
     from rich.table import Table
 
     from ldt_core.cli.console import Console
-    from ldt_core.lab.challenge.score.score_files import as_dict, cell, headline, quality, versus
+    from ldt_core.lab.challenge.score.score_files import as_dict, side_by_side
 
     if as_json:
         echo_json(as_dict(score))
         return
     console = Console(wide=True)
-    table = Table("cases", "right is", "right", box=SIMPLE, title="the diagnosis, 95 % intervals")
-    for words, what, estimate in headline(score):
-        table.add_row(words, what, cell(estimate, "right"))
+    head, rows = side_by_side(score)
+    table = Table(*head, box=SIMPLE, title="95 % intervals")
+    for row in rows:
+        table.add_row(*row)
     console.print(table)
-    table = Table("how good the answers are", "", box=SIMPLE)
-    for figure, estimate in quality(score):
-        table.add_row(figure, cell(estimate, figure))
-    console.print(table)
-    if len(score.judged) > 1:
-        head, rows = versus(score)
-        table = Table(*head, box=SIMPLE, title="side by side")
-        for row in rows:
-            table.add_row(*(part.partition(" of ")[0] for part in row))
-        console.print(table)
     for note in score.notes:
         console.print(note)
     listed = ", ".join(str(f) for f in files)

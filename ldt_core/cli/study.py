@@ -58,8 +58,6 @@ FIGURES = {
     + ".",
 )
 @compute_options
-@click.option("--fresh", is_flag=True, help="Compute anew what an earlier study has left there.")
-@click.option("--page-only", is_flag=True, help="Write tables and page from what is there.")
 @json_option
 @click.pass_context
 def command(
@@ -72,8 +70,6 @@ def command(
     only: tuple[str, ...],
     jobs: int,
     scheduler: str,
-    fresh: bool,
-    page_only: bool,
     as_json: bool,
 ) -> None:
     """Test the paper's claims and what goes beyond them, over many random streams.
@@ -84,26 +80,22 @@ def command(
     Example: ldt study --seeds 20 --out study
     """
     from ldt_core.cli.progress import ResumableProgress
-    from ldt_core.lab.study.engine import conduct, load_study
+    from ldt_core.lab.study.engine import conduct
     from ldt_core.lab.study.study_page import write_figures, write_page
     from ldt_core.lab.study.study_plan import StudyPlan
     from ldt_core.lab.study.study_tables import write_tables
     from ldt_core.views.page import style
 
     style.require()
-    if page_only:
-        study = load_study(out)
-    else:
-        asked = {"seeds": seeds, "experiments": settings["experiments"]}
-        if quick:
-            for name, few in QUICK.items():
-                if context.get_parameter_source(name) is click.core.ParameterSource.DEFAULT:
-                    asked[name] = few
-        groups = tuple(name for name in GROUPS if not only or name in only)
-        plan = StudyPlan(**asked, machine=settings["machine"], groups=groups, first_seed=first_seed)
-        with ResumableProgress("study", "results", out) as progress:
-            options: dict[str, Any] = {"jobs": jobs, "scheduler": scheduler, "fresh": fresh}
-            study = conduct(plan, out, **options, progress=progress.show)
+    asked = {"seeds": seeds, "experiments": settings["experiments"]}
+    if quick:
+        for name, few in QUICK.items():
+            if context.get_parameter_source(name) is click.core.ParameterSource.DEFAULT:
+                asked[name] = few
+    groups = tuple(name for name in GROUPS if not only or name in only)
+    plan = StudyPlan(**asked, machine=settings["machine"], groups=groups, first_seed=first_seed)
+    with ResumableProgress("study", "results", out) as progress:
+        study = conduct(plan, out, jobs=jobs, scheduler=scheduler, progress=progress.show)
     write_tables(out, study)
     write_figures(study, out)
     _print(study, write_page(study, out), as_json)
@@ -120,7 +112,7 @@ def _print(study: Study, page: Path, as_json: bool) -> None:
     rows = summary(study)
     if as_json:
         record = {"settings": study.settings, "runs": len(study.entries), "notes": study.notes}
-        record |= {"missing": study.missing, "summary": rows, "table": table_rows(study)}
+        record |= {"summary": rows, "table": table_rows(study)}
         echo_json({**record, "page": str(page)})
         return
     table = Table("model", "detector", box=SIMPLE, title="mean over seeds ± its 95 % interval")
@@ -135,8 +127,7 @@ def _print(study: Study, page: Path, as_json: bool) -> None:
         table.add_section()
     console = Console(wide=True)
     console.print(table)
-    missing = [f"{study.missing} runs are missing"] if study.missing else []
-    for note in (*missing, *study.notes):
+    for note in study.notes:
         console.print(note)
     console.print(f"page: {page}")
 

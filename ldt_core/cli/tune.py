@@ -46,13 +46,6 @@ DETECTORS = ("threshold", "lddm", "window", "calibrated")
     help="Detector to choose from; may be given several times; without, all of them.",
 )
 @click.option(
-    "--try",
-    "tries",
-    multiple=True,
-    metavar="DETECTOR:PARAMETER=VALUE,…",
-    help="Settings to try beside them, of any detector, yours included.",
-)
-@click.option(
     "--values",
     type=click.IntRange(2, 1000),
     default=8,
@@ -63,7 +56,6 @@ DETECTORS = ("threshold", "lddm", "window", "calibrated")
     "-o", "--out", required=True, help="Folder of the result; an earlier one goes on there."
 )
 @compute_options
-@click.option("--fresh", is_flag=True, help="Try anew what an earlier call has left there.")
 @namespace_option
 @json_option
 @parameters("machine", "model", "adaptor")
@@ -74,12 +66,10 @@ def command(
     false_alarms_every: float | None,
     in_control: str,
     detectors: tuple[str, ...],
-    tries: tuple[str, ...],
     values: int,
     out: str,
     jobs: int,
     scheduler: str,
-    fresh: bool,
     namespace: str,
     as_json: bool,
 ) -> None:
@@ -95,7 +85,6 @@ def command(
     from ldt_core.base.errors import LdtError
     from ldt_core.base.settings import resolve
     from ldt_core.cli.progress import ResumableProgress
-    from ldt_core.lab.tuning.candidates import parse_try
     from ldt_core.lab.tuning.choice import Budget
     from ldt_core.lab.tuning.tune import tune
     from ldt_core.lab.tuning.tune_files import as_dict, sentence, write_results
@@ -106,7 +95,6 @@ def command(
 
     style.require()
     budget = Budget(adaptations, false_alarms_every)
-    extra = [setting for entry in tries for setting in parse_try(entry)]
     bag = read_bag(recording, namespace)
     with ResumableProgress("tuning", "settings", out) as progress:
         found = tune(
@@ -117,11 +105,9 @@ def command(
             out,
             in_control=in_control,
             detectors=detectors or DETECTORS,
-            extra=extra,
             values=values,
             jobs=jobs,
             scheduler=scheduler,
-            fresh=fresh,
             source=recording,
             progress=progress.show,
         )

@@ -52,11 +52,13 @@ def quick_page(monkeypatch):
     undrawn(monkeypatch)
 
 
-def test_the_table_the_page_and_the_figures_are_made_without_computing_again(done, monkeypatch):
+def test_the_table_the_page_and_the_figures_are_made_without_computing_again(
+    done, short_rotor, monkeypatch
+):
     """One row a run; a page that needs no other file; figures as PNG and SVG."""
     monkeypatch.setattr(engine, "work", None)
     (done / "table.csv").unlink()
-    assert invoke(ldt, ["study", "--out", str(done), "--page-only"]) == 0
+    assert invoke(ldt, small(short_rotor, done)) == 0
     text = (done / "table.csv").read_text()
     assert text.splitlines()[0] == COLUMNS
     rows = list(csv.DictReader(text.splitlines()))
@@ -91,7 +93,7 @@ def test_json_is_all_that_is_printed(done, short_rotor, capsys, quick_page):
     assert len(record["table"]) == record["runs"] == 12
     assert [list(r) for r in record["table"]] == [COLUMNS.split(",")] * 12
     assert record["summary"][0]["mme"]["count"] == 2
-    assert (record["missing"], record["page"]) == (0, str(done / "study.html"))
+    assert record["page"] == str(done / "study.html")
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
@@ -155,7 +157,6 @@ def test_quick_is_for_trying_out(monkeypatch, tmp_path, quick_page, given, seeds
         ("--only baseline", "paper or better"),
         ("--jobs -1", "--jobs"),
         ("--machine roter", "roter"),
-        ("--page-only", "study.json"),
         ("--quick --scheduler nonsense", "nonsense"),
     ],
 )

@@ -40,16 +40,12 @@ def fake_result(case: StudyCase) -> RunResult:
         truth=truth.tolist(),
         max_error=error.tolist(),
         original=original.tolist(),
-        rmse=(error / 3).tolist(),
-        rmse_original=(original / 3).tolist(),
         level=[int(v) for v in level],
         action=[str(a) for a in action],
-        learned_from=[3 if p else 0 for p in positive],
         region_rmse=inside,
         region_rmse_original=outside,
         kept={n: _kept(n, SHARE[case.model]) for n in case.keep},
         seconds=1.5,
-        estimate=[truth[max(0, n - 2)] for n in range(count)] if case.model == "diagnosed" else [],
     )
 
 
@@ -64,7 +60,7 @@ def _truth(case: StudyCase, count: int) -> np.ndarray:
     return np.roll(steps, 0) if case.seed == 0 else np.sort(random.choice(steps, count))
 
 
-def _kept(number: int, share: float) -> dict[str, list[float] | None]:
+def _kept(number: int, share: float) -> dict[str, list[float]]:
     time = np.arange(400) * 0.05
     voltage = np.repeat(np.random.default_rng(number).uniform(6, 16, 20), 20)
     original = 3 * np.convolve(np.r_[np.zeros(10), voltage], np.ones(11) / 11, mode="valid")
@@ -75,7 +71,6 @@ def _kept(number: int, share: float) -> dict[str, list[float] | None]:
         "speed": speed.tolist(),
         "prediction": (speed + share * (original - speed)).tolist(),
         "original": original.tolist(),
-        "speed_std": None,
     }
 
 
@@ -121,9 +116,9 @@ def fake_facts(result: RunResult) -> Facts:
         before, after = result.truth[number - 2], result.truth[number - 1]
         energy = 2e16 * (after**2 - before**2) ** 2
         seen = energy > energy_needed(2000)
-        drift = Drift(number, number + 4, before, after, energy, 1.0, seen, energy > 19, seen)
+        drift = Drift(number, number + 4, before, after, energy, 1.0, seen, seen)
         drifts.append(drift)
     floor = [0.35 + 40 * t for t in result.truth]
     late = [f * 3 if n in numbers else f for n, f in enumerate(floor, start=1)]
     rows = (tuple(result.truth), tuple(floor), tuple(late))
-    return Facts(result.case.seed, 0.1, *rows, 0.35, tuple(drifts))
+    return Facts(result.case.seed, 0.1, *rows, tuple(drifts))

@@ -22,7 +22,7 @@ from programs import Programs
 from ldt_core.base.code_version import SHOWING, code_version
 from ldt_core.base.errors import BadInput, OptionError
 from ldt_core.base.parallel import Workers
-from ldt_core.lab.study.run_case import run_case
+from ldt_core.lab.study.engine import run_case
 from ldt_core.lab.study.study_case import StudyCase
 
 pytestmark = pytest.mark.slow

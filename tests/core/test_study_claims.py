@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import doctest
-import json
 
 import pytest
 from study_results import made_up
 
 from ldt_core.lab.study import claims as examined
 from ldt_core.lab.study.claims import claim, threshold_claims
-from ldt_core.lab.study.evidence import Evidence
 from ldt_core.lab.study.facts import Drift, Facts, stream_key
-from ldt_core.lab.study.study import Entry, Study
+from ldt_core.lab.study.study import Entry, Evidence, Study
 
 SEEDS = range(6)
 ROWS = 40
@@ -34,10 +32,10 @@ def swing(side, seed):
 def facts(seed, largest=(1.0, 1.0, 1.0), floor=1.0, late=1.2):
     """All drifts can be found, and are twice as large as need be."""
     drifts = tuple(
-        Drift(n, n + 4, i, i + 1.0, 1e3, change, True, True, True)
+        Drift(n, n + 4, i, i + 1.0, 1e3, change, True, True)
         for i, (n, change) in enumerate(zip((11, 21, 31), largest, strict=True))
     )
-    return Facts(seed, 0.1, tuple(TRUTH), (floor,) * ROWS, (late,) * ROWS, 0.3, drifts)
+    return Facts(seed, 0.1, tuple(TRUTH), (floor,) * ROWS, (late,) * ROWS, drifts)
 
 
 def study(side, make, group="paper", truths=None, baseline=None):
@@ -281,8 +279,7 @@ def test_a_claim_is_judged_by_its_interval(name, side):
     """Confirmed, not confirmed or undecided, whatever the figure it stands on."""
     claim = one(claims(CLAIMS[name](SIDES[side])), name)
     assert claim.verdict == WORDS[side], claim.evidence
-    assert claim.numbers
-    json.dumps(claim.as_dict(), allow_nan=False)
+    assert claim.evidence
 
 
 @pytest.mark.parametrize("name", AIMS)
@@ -318,12 +315,10 @@ def test_one_seed_decides_nothing():
 
 
 def test_the_evidence_has_figures_and_interval():
-    """A reader can judge alone; the paper's own figures stand beside."""
+    """A reader can judge alone."""
     claim = one(claims(study(1, lower_for("hybrid"))), "hybrid-mme-below-linear")
     assert "threshold 0.795 [0.791, 0.799] (3.97 rad/s and 5.00 rad/s)" in claim.evidence
     assert "6 streams" in claim.evidence
-    assert claim.paper == {"linear": 8.86, "hybrid": 6.86}
-    assert claim.numbers["threshold"]["value"] == pytest.approx(3.975 / 5, rel=1e-3)
 
 
 def test_one_detector_against_it_is_enough():
@@ -366,7 +361,7 @@ def test_stated_and_observed_false_alarms(alarms, verdict):
         entries.append(Entry(run, ("kinds",)))
     aim = one(aims(Study({}, tuple(entries))), "false-alarms-as-stated")
     assert aim.verdict == verdict, aim.evidence
-    assert aim.numbers["experiments"] == 240
+    assert "in 240 experiments" in aim.evidence
 
 
 def test_an_aim_that_nobody_can_reach_says_so():

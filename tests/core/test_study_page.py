@@ -13,10 +13,9 @@ import pytest
 from fake_study import fake_study
 
 from ldt_core.base.errors import LdtError
-from ldt_core.lab.study.evidence import Evidence
 from ldt_core.lab.study.figures import FIGURES, drawings
 from ldt_core.lab.study.sections.summary import what_was_run
-from ldt_core.lab.study.study import Study
+from ldt_core.lab.study.study import Evidence, Study
 from ldt_core.lab.study.study_page import lead, write_figures, write_page
 from ldt_core.views.page import style
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.lab.study import region
-from ldt_core.lab.study.region import in_region, intervals, region_rmse, speed_bands
+from ldt_core.lab.study import stream
+from ldt_core.lab.study.stream import in_region, intervals, region_rmse, speed_bands
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics.steady_state import bands, folds, steady_voltage
 
@@ -108,5 +108,5 @@ def test_the_error_in_the_region_by_hand():
 
 def test_examples_are_true():
     """The docstrings' examples run as printed."""
-    result = doctest.testmod(region)
+    result = doctest.testmod(stream)
     assert (result.attempted > 0, result.failed) == (True, 0)

@@ -14,7 +14,7 @@ from study_results import made_up
 from ldt_core.lab.study import scores
 from ldt_core.lab.study.drift_detection import delays, detection
 from ldt_core.lab.study.facts import Drift, Facts
-from ldt_core.lab.study.scores import chance, in_windows, score, stale_alarms
+from ldt_core.lab.study.scores import chance, in_windows, score
 
 # Twenty experiments; the value changes at 6 and at 16.
 TRUTH = [0.0] * 5 + [1.0] * 10 + [2.0] * 5
@@ -23,10 +23,10 @@ TRUTH = [0.0] * 5 + [1.0] * 10 + [2.0] * 5
 def facts(detectable):
     """Facts of TRUTH in which only these drifts can be found; floor 0.5, one late 1."""
     drifts = tuple(
-        Drift(n, n + 4, before, after, 1.0, 1.0, n in detectable, True, False)
+        Drift(n, n + 4, before, after, 1.0, 1.0, n in detectable, False)
         for n, before, after in ((6, 0.0, 1.0), (16, 1.0, 2.0))
     )
-    return Facts(0, 0.1, tuple(TRUTH), (0.5,) * 20, (1.0,) * 20, 0.3, drifts)
+    return Facts(0, 0.1, tuple(TRUTH), (0.5,) * 20, (1.0,) * 20, drifts)
 
 
 def test_a_run_by_hand():
@@ -40,7 +40,6 @@ def test_a_run_by_hand():
     assert (found.detectable, found.detected_detectable, found.recall_detectable) == (1, 1, 1.0)
     assert found.delay == 2.0
     assert (found.false_alarms, found.outside, found.false_alarm_rate) == (2, 10, 0.2)
-    assert found.stale_alarms == 0
     assert (found.over_floor, found.over_late) == (6.0, 3.0)
     assert set(found.as_dict()) >= {"mme", "chance_recall", "chance_precision"}
 
@@ -53,13 +52,6 @@ def test_what_is_undefined_is_none():
     undefined += ("over_floor", "over_late")
     assert {name: getattr(found, name) for name in undefined} == dict.fromkeys(undefined)
     assert (found.false_alarms, found.outside, found.false_alarm_rate) == (0, 4, 0.0)
-
-
-def test_an_alarm_outside_the_window_has_a_cause_while_the_model_is_old():
-    """The drift of 6 is missed; 12 is late but true; after learning from 12, 14 is false."""
-    run = made_up(TRUTH, [2, 12, 14], adapted=[12])
-    assert stale_alarms(run) == [12]
-    assert (score(run).false_alarms, score(run).stale_alarms) == (3, 1)
 
 
 def test_an_alarm_in_a_window_is_no_false_alarm_although_it_reveals_nothing():

@@ -11,8 +11,7 @@ import yaml
 import msgs_config
 from ldt_core.base.errors import OptionError, did_you_mean
 from ldt_core.lab.challenge.law import Law
-from ldt_core.lab.challenge.rig import STARTS, CaseSetting
-from ldt_core.lab.challenge.voltage_pattern import KINDS, REVERSING, draw_excitation
+from ldt_core.lab.challenge.rig import KINDS, REVERSING, STARTS, CaseSetting, draw_excitation
 
 ROTOR, MOTOR = "dc_motor_rotor", "dc_motor"
 MOTORS = 0.2  # share of machines without a foundation

@@ -21,14 +21,11 @@ def never(result: RunResult) -> RunResult:
         result,
         case=replace(result.case, detector="never", alarms=()),
         max_error=result.original,
-        rmse=result.rmse_original,
         level=[int(Level.NEGATIVE)] * count,
         action=[str(Action.KEPT)] * count,
-        learned_from=[0] * count,
         region_rmse=result.region_rmse_original,
         kept={},
         seconds=0.0,
-        estimate=[],
     )
 
 

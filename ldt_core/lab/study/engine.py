@@ -1,28 +1,117 @@
-"""A whole study: what is not there yet is computed, in parallel, and all of it put together."""
+"""A whole study: what is not there yet is computed, in parallel, and kept in its folder.
+
+`OUT/runs/KEY.json`, KEY naming the run (`StudyCase.key`), and `OUT/facts/KEY.json`, KEY naming the
+stream. A file counts only if it was computed by this version of LDT and of the libraries that
+decide its numbers, on the same machine file; anything else is computed anew.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ldt_core.base.code_version import code_version
-from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.base.errors import BadInput, ExperimentError, LdtError
+from ldt_core.base.experiment import (
+    Experiment,
+    Level,
+    Prediction,
+    Signal,
+    Step,
+)
 from ldt_core.base.parallel import Workers
-from ldt_core.base.result_files import write
+from ldt_core.base.result_files import ResultFolder, write
 from ldt_core.detectors import build_detector
 from ldt_core.lab.study import GROUPS
 from ldt_core.lab.study.facts import Facts, facts_of, stream_key
-from ldt_core.lab.study.run_case import run_case
+from ldt_core.lab.study.stream import Stream, region_rmse, stream
 from ldt_core.lab.study.study import Entry, Study
 from ldt_core.lab.study.study_case import RunResult, StudyCase
 from ldt_core.lab.study.study_plan import Planned, StudyPlan
-from ldt_core.lab.study.study_store import FORMAT, StudyStore
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.models import build_model
+from ldt_core.twin.detector_stage import DetectorStage
+from ldt_core.twin.loop import Twin
+
+FORMAT = "ldt-study-1"
+
+
+class StudyStore:
+    """What of a study has been computed, in memory and in its folder.
+
+    Args:
+        out: folder of the study.
+        stamp: what computes now, see `code_version`.
+        machine: on which it computes.
+    """
+
+    def __init__(self, out: Path | str, stamp: Mapping[str, str], machine: Machine) -> None:
+        plain = json.dumps(machine.as_dict(), sort_keys=True)
+        origin = {**stamp, "machine": hashlib.sha256(plain.encode()).hexdigest()[:12]}
+        self.folder = ResultFolder(out, FORMAT, origin)
+        self.results: dict[str, RunResult] = {}
+        self.facts: dict[str, Facts] = {}
+
+    def result(self, case: StudyCase) -> RunResult | None:
+        """The result of a case; None when it has to be computed."""
+        return self.folder.read(f"runs/{case.key}", lambda p: RunResult.from_dict(case, p))
+
+    def recall(self, cases: Iterable[StudyCase]) -> list[tuple[str, StudyCase]]:
+        """Take what is there of these runs and their streams; the rest is returned, in order."""
+        missing, streams = [], set(self.facts)
+        for case in cases:
+            if (key := stream_key(case)) not in streams:
+                streams.add(key)
+                facts = self.folder.read(f"facts/{key}", Facts.from_dict)
+                if facts is not None:
+                    self.facts[key] = facts
+                else:
+                    missing.append(("facts", case))
+            if (result := self.result(case)) is not None:
+                self.results[case.key] = result
+            else:
+                missing.append(("run", case))
+        return missing
+
+    def keep(self, case: StudyCase, answer: RunResult | Facts) -> None:
+        """Write down what was computed; a reader sees all of it or nothing."""
+        about = {"case": dataclasses.asdict(case)}
+        if isinstance(answer, Facts):
+            key = stream_key(case)
+            self.facts[key] = answer
+            self.folder.write(f"facts/{key}", answer.to_dict(), about)
+        else:
+            self.results[case.key] = answer
+            self.folder.write(f"runs/{case.key}", answer.to_dict(), about)
+
+    @property
+    def notes(self) -> list[str]:
+        """What in the folder is not as it should be, a sentence each."""
+        notes, folder = [], self.folder
+        if folder.damaged:
+            notes.append(
+                f"{_files(len(folder.damaged))} could not be read and were computed anew, "
+                f"the first being {folder.damaged[0]}"
+            )
+        if folder.foreign:
+            notes.append(
+                f"{_files(folder.foreign)} came from another version of LDT, of its libraries or "
+                "of the machine file and were computed anew"
+            )
+        return notes
+
+
+def _files(count: int) -> str:
+    return "1 result" if count == 1 else f"{count} results"
+
 
 FILE = "study.json"
 #: Told of progress: results that are there, results that there will be as far as is known.
@@ -37,7 +126,6 @@ def conduct(
     *,
     jobs: int = 0,
     scheduler: str = "",
-    fresh: bool = False,
     progress: Progress = lambda done, total: None,
 ) -> Study:
     """Run a study, or what is missing of it.
@@ -48,7 +136,6 @@ def conduct(
             of the same runs.
         jobs: processes; 0 takes one a core.
         scheduler: address of a Dask scheduler to compute on instead.
-        fresh: compute everything anew.
         progress: told before the first and after each result.
 
     Raises:
@@ -60,28 +147,10 @@ def conduct(
     check(plan, runs, machine)
     with Workers(jobs, scheduler, code_version) as workers:
         _open(Path(out), plan)
-        store = StudyStore(out, code_version(), machine, fresh=fresh)
+        store = StudyStore(out, code_version(), machine)
         _complete(store, runs, workers, machine, progress)
         baselines = plan.baselines((p, store.results[p.case.key]) for p in runs)
         _complete(store, baselines, workers, machine, progress)
-    return _study(plan, [*runs, *baselines], store)
-
-
-def load_study(out: Path | str) -> Study:
-    """The study in a folder as far as it has got; nothing is computed.
-
-    Raises:
-        BadInput: the folder is not a study's.
-    """
-    plan = _read(Path(out))
-    if plan is None:
-        raise BadInput(out, f"the folder of a study, with {FILE}", "none")
-    store = StudyStore(out, code_version(), load_machine(plan.machine), any_origin=True)
-    runs = plan.runs()
-    store.recall(_ordered(runs))
-    there = [p for p in runs if p.case.key in store.results]
-    baselines = plan.baselines((p, store.results[p.case.key]) for p in there)
-    store.recall(_ordered(baselines))
     return _study(plan, [*runs, *baselines], store)
 
 
@@ -145,10 +214,8 @@ def _ordered(planned: Iterable[Planned]) -> list[StudyCase]:
 
 
 def _study(plan: StudyPlan, planned: list[Planned], store: StudyStore) -> Study:
-    there = [p for p in planned if p.case.key in store.results]
-    entries = tuple(Entry(store.results[p.case.key], p.groups, p.beside) for p in there)
-    missing = len(planned) - len(there)
-    return Study(dataclasses.asdict(plan), entries, store.facts, missing, tuple(store.notes))
+    entries = tuple(Entry(store.results[p.case.key], p.groups, p.beside) for p in planned)
+    return Study(dataclasses.asdict(plan), entries, store.facts, tuple(store.notes))
 
 
 def _open(out: Path, plan: StudyPlan) -> None:
@@ -156,20 +223,92 @@ def _open(out: Path, plan: StudyPlan) -> None:
     expected = "a new folder, or that of an earlier study"
     if out.exists() and not out.is_dir():
         raise BadInput(out, expected, "a file")
-    if out.exists() and any(out.iterdir()) and _read(out) is None:
+    if out.exists() and any(out.iterdir()) and not _is_study(out):
         raise BadInput(out, expected, "a folder with other files")
     out.mkdir(parents=True, exist_ok=True)
     record = {"format": FORMAT, "plan": dataclasses.asdict(plan)}
     write(out / FILE, json.dumps(record, indent=1))
 
 
-def _read(out: Path) -> StudyPlan | None:
-    """The plan of the study in a folder; None when it is not a study's."""
+def _is_study(out: Path) -> bool:
     try:
         record: Any = json.loads((out / FILE).read_text(encoding="utf-8"))
-        if record["format"] != FORMAT:
-            return None
-        given = record["plan"]
-        return StudyPlan(**{**given, "groups": tuple(given["groups"])})
+        return record["format"] == FORMAT and "groups" in record["plan"]
     except (OSError, ValueError, KeyError, TypeError):
-        return None
+        return False
+
+
+DIGITS = 4  # of the series kept for a figure, which shows 0.1 mrad/s at the very best
+
+
+class Scripted(DetectorStage):
+    """Stage 2 by a list: positive in these experiments and negative in all others.
+
+    Args:
+        name: in the signal.
+        alarms: numbers of experiments.
+    """
+
+    def __init__(self, name: str, alarms: Collection[int]) -> None:
+        self.name = name
+        self.alarms = frozenset(alarms)
+
+    def step(self, experiment: Experiment, prediction: Prediction) -> Signal:
+        """The signal for one experiment; only its number is looked at."""
+        level = Level.POSITIVE if experiment.number in self.alarms else Level.NEGATIVE
+        error = prediction.max_error(experiment)
+        return Signal(experiment.number, level, self.name, prediction.model_version, error)
+
+
+def run_case(case: StudyCase, machine: Machine | None = None) -> RunResult:
+    """Take the stream of a case through a twin.
+
+    Args:
+        case: what to run.
+        machine: that of the case, for a process that may not have the file.
+
+    Raises:
+        BadInput: a machine, model, detector or parameters that cannot be used.
+    """
+    machine = machine or load_machine(case.machine)
+    given = stream(case, machine)
+    detector = None if case.alarms is None else Scripted(case.detector, case.alarms)
+    begin = time.thread_time()
+    twin = Twin.from_settings(machine, case.resolved, detector)
+    steps = list(twin.steps(given.experiments, _refuse))
+    return _result(case, given, steps, time.thread_time() - begin)
+
+
+def _refuse(error: ExperimentError) -> None:
+    raise error
+
+
+def _result(case: StudyCase, given: Stream, steps: list[Step], seconds: float) -> RunResult:
+    learning = [s.prediction.residual(s.experiment) for s in steps]
+    original = [s.original.residual(s.experiment) for s in steps]
+    return RunResult(
+        case=case,
+        number=[s.experiment.number for s in steps],
+        truth=list(given.truth),
+        max_error=[s.signal.max_error for s in steps],
+        original=[s.original.max_error(s.experiment) for s in steps],
+        level=[int(s.signal.level) for s in steps],
+        action=[str(s.adaptation.action) for s in steps],
+        region_rmse=[region_rmse(r, m) for r, m in zip(learning, given.region, strict=True)],
+        region_rmse_original=[
+            region_rmse(r, m) for r, m in zip(original, given.region, strict=True)
+        ],
+        kept={s.experiment.number: _series(s) for s in steps if s.experiment.number in case.keep},
+        seconds=round(seconds, 3),
+    )
+
+
+def _series(step: Step) -> dict[str, list[float]]:
+    rows = {
+        "time": step.experiment.time,
+        "voltage": step.experiment.voltage,
+        "speed": step.experiment.speed,
+        "prediction": step.prediction.speed,
+        "original": step.original.speed,
+    }
+    return {n: np.round(row, DIGITS).tolist() for n, row in rows.items()}

@@ -7,9 +7,8 @@ sigma, and nothing known of the shape of Dy, the energy of the residual is the t
     |r|^2 / sigma^2 > c,   c the 1 - 1/N quantile of chi^2 with L degrees of freedom
 
 is a false alarm once in N experiments, and finds the drift with the probability that a noncentral
-chi^2 with |Dy|^2 / sigma^2 lies above c. An observer who knew the shape (the matched filter) would
-need less: |Dy| / sigma = z(1 - 1/N) + z(power). S. M. Kay, "Fundamentals of Statistical Signal
-Processing: Detection Theory", 1998, chapters 4 and 7.
+chi^2 with |Dy|^2 / sigma^2 lies above c. S. M. Kay, "Fundamentals of Statistical Signal Processing:
+Detection Theory", 1998, chapter 7.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy import integrate, optimize, stats
+from scipy import optimize, stats
 
 import msgs_config
 from ldt_core.base.experiment import Experiment, Samples
@@ -52,7 +51,6 @@ class Drift:
         energy: largest |Dy|^2 / sigma^2 of an experiment in the window; infinite without noise.
         largest: largest |Dy| in the window [rad/s], what a threshold would see of it.
         detectable: whether the energy test finds it in at least one experiment of the window.
-        ideal: whether an observer who knows the shape of Dy would.
         twice: whether half of it were still detectable in one of its first two experiments.
     """
 
@@ -63,7 +61,6 @@ class Drift:
     energy: float
     largest: float
     detectable: bool
-    ideal: bool
     twice: bool
 
 
@@ -80,8 +77,6 @@ class Facts:
         late: the same one experiment late: with what was true in the experiment before, the best
             that can be reached by who knows everything after the fact; the machine file in the
             first.
-        noise_floor: mean maximum of the noise alone [rad/s]; the floor above it is what the
-            unknown start makes of a sensitive machine.
         drifts: all of them.
     """
 
@@ -90,7 +85,6 @@ class Facts:
     truth: tuple[float, ...]
     floor: tuple[float, ...]
     late: tuple[float, ...]
-    noise_floor: float
     drifts: tuple[Drift, ...]
 
     @property
@@ -192,14 +186,12 @@ def examine(plant: Plant, experiments: Sequence[Experiment], seed: int) -> Facts
                 energy=energy,
                 largest=max(float(np.abs(change).max()) for change in changes),
                 detectable=detectable,
-                ideal=energy >= energy_needed_knowing_the_shape(),
                 twice=detectable
                 and any(_energy(h, plant.noise) >= energy_needed(samples) for h in halves),
             )
         )
-    peak = noise_peak(plant.noise, len(experiments[0]))
     rows = (tuple(truth), tuple(floor), tuple(late))
-    return Facts(seed, plant.noise, *rows, peak, tuple(drifts))
+    return Facts(seed, plant.noise, *rows, tuple(drifts))
 
 
 def free_run(plant: Plant, experiment: Experiment, effects: Sequence[EffectUse]) -> Samples:
@@ -222,30 +214,6 @@ def energy_needed(samples: int, false_alarm: float = FALSE_ALARM, power: float =
     return float(
         optimize.brentq(lambda nc: stats.ncx2.sf(limit, samples, nc) - power, 1e-6, 100 * limit)
     )
-
-
-def energy_needed_knowing_the_shape(
-    false_alarm: float = FALSE_ALARM, power: float = POWER
-) -> float:
-    """|Dy|^2 / sigma^2 from which a matched filter finds a change of known shape.
-
-    >>> round(energy_needed_knowing_the_shape(), 1)
-    19.1
-    """
-    return float((stats.norm.isf(false_alarm) + stats.norm.isf(1 - power)) ** 2)
-
-
-def noise_peak(noise: float, samples: int) -> float:
-    """Mean of max_k |n_k| over `samples` values of normal noise.
-
-    >>> round(noise_peak(0.1, 2000), 3)
-    0.362
-    """
-
-    def above(z: float) -> float:
-        return float(-np.expm1(samples * np.log1p(-2 * stats.norm.sf(z)))) if z else 1.0
-
-    return noise * float(integrate.quad(above, 0.0, 12.0, points=[1.0, 3.0, 5.0])[0])
 
 
 def _with_value(plant: Plant, number: int, value: float) -> list[EffectUse]:

@@ -42,8 +42,6 @@ class RunScore:
         detected_detectable: those of them that were.
         recall_detectable: their share.
         false_alarms: positives in no drift's window.
-        stale_alarms: those among them that came while the machine was not what the model last
-            learned from: outside the window, but not without cause.
         outside: experiments in no drift's window.
         false_alarm_rate: false_alarms / outside.
         over_floor: mme / MME of the true model.
@@ -71,7 +69,6 @@ class RunScore:
     detected_detectable: int | None
     recall_detectable: float | None
     false_alarms: int
-    stale_alarms: int
     outside: int
     false_alarm_rate: float | None
     over_floor: float | None
@@ -94,7 +91,6 @@ def score(result: RunResult, facts: Facts | None = None) -> RunScore:
     after = delays(drifts, positives)
     covered = in_windows(drifts, result.number)
     outside = [p for p in positives if p not in covered]
-    stale = set(stale_alarms(result))
     expected = chance(drifts, len(positives), result.number)
     mme, original = float(np.mean(result.max_error)), float(np.mean(result.original))
     visible = found_visible = None
@@ -124,7 +120,6 @@ def score(result: RunResult, facts: Facts | None = None) -> RunScore:
         detected_detectable=found_visible,
         recall_detectable=_ratio(found_visible, visible),
         false_alarms=len(outside),
-        stale_alarms=len(stale.intersection(outside)),
         outside=quiet,
         false_alarm_rate=_ratio(len(outside), quiet),
         over_floor=_ratio(mme, facts.mme_floor) if facts else None,
@@ -141,21 +136,6 @@ def in_windows(
     [3, 4, 9, 10]
     """
     return {n for d in drifts for n in range(d, d + window)}.intersection(numbers)
-
-
-def stale_alarms(result: RunResult) -> list[int]:
-    """Positives while the machine was not as it was in the experiment of the last adaptation.
-
-    Before the first adaptation: not as it was in the first experiment.
-    """
-    believed, stale = result.truth[0], []
-    adapted = set(result.adaptations)
-    for number, truth, level in zip(result.number, result.truth, result.level, strict=True):
-        if level == 1 and truth != believed:
-            stale.append(number)
-        if number in adapted:
-            believed = truth
-    return stale
 
 
 def chance(

@@ -66,19 +66,14 @@ class RunResult:
         truth: value of what wears in it (the rotor: e [m]).
         max_error: of the learning twin [rad/s].
         original: maximum error of the original model [rad/s].
-        rmse: root mean square error of the learning twin [rad/s].
-        rmse_original: of the original model [rad/s].
         level: of the signal, 1, 0 or -1.
         action: of the adaptor.
-        learned_from: experiments that the model adopted here was trained on; 0 without a new model.
         region_rmse: of the learning twin inside the Sommerfeld region [rad/s]; None where the
             experiment does not touch it.
         region_rmse_original: the same of the original model.
-        kept: number → {"time", "voltage", "speed", "prediction", "original", "speed_std"}, each
-            (L,) or None, for the experiments to keep.
+        kept: number → {"time", "voltage", "speed", "prediction", "original"}, each (L,), for the
+            experiments to keep.
         seconds: of processor time that the loop took, without the simulation of the machine.
-        estimate: what the model that predicted the experiment took `truth` to be; None where it has
-            no opinion. An empty row means that it never has.
     """
 
     case: StudyCase
@@ -86,20 +81,12 @@ class RunResult:
     truth: list[float]
     max_error: list[float]
     original: list[float]
-    rmse: list[float]
-    rmse_original: list[float]
     level: list[int]
     action: list[str]
-    learned_from: list[int]
     region_rmse: list[float | None]
     region_rmse_original: list[float | None]
-    kept: dict[int, dict[str, list[float] | None]]
+    kept: dict[int, dict[str, list[float]]]
     seconds: float
-    estimate: list[float | None] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        if not self.estimate:
-            object.__setattr__(self, "estimate", [None] * len(self.number))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values without the case, for JSON."""

@@ -6,12 +6,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ldt_core.base.code_version import code_version
-from ldt_core.lab.study.evidence import Evidence
 from ldt_core.lab.study.figures import drawings
-from ldt_core.lab.study.sections.findings import beyond, chance, reproduction, runs
-from ldt_core.lab.study.sections.methods import deviations, methods
+from ldt_core.lab.study.sections.findings import beyond, methods, reproduction
 from ldt_core.lab.study.sections.summary import streams, summary
-from ldt_core.lab.study.study import Study
+from ldt_core.lab.study.study import Evidence, Study
 from ldt_core.views.page import style
 from ldt_core.views.page.blocks import Section
 from ldt_core.views.page.page_builder import render
@@ -25,11 +23,8 @@ Drawings = Mapping[str, style.Drawing | None]
 SECTIONS: tuple[Callable[[Evidence, Drawings], Section], ...] = (
     summary,
     reproduction,
-    chance,
     beyond,
-    deviations,
     methods,
-    runs,
 )
 
 

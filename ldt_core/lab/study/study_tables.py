@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ldt_core.base.result_files import write
-from ldt_core.lab.study.evidence import Evidence
 from ldt_core.lab.study.scores import score
-from ldt_core.lab.study.study import Study
+from ldt_core.lab.study.study import Evidence, Study
 
 TABLE = "table.csv"
 RUNS = "runs.csv"

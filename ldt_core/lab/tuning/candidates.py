@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +10,6 @@ from typing import Any
 import numpy as np
 
 import msgs_config
-from ldt_core.base.errors import OptionError
 
 #: Detector → the parameter by which it is tuned.
 TUNED = {
@@ -34,9 +32,8 @@ class DetectorSetting:
     """A detector with one value.
 
     Args:
-        detector: its name, or `file.py:Name`.
-        parameter: declared in `parameters.yaml`, or an argument of the detector's constructor; ""
-            for a detector that has none.
+        detector: its name.
+        parameter: declared in `parameters.yaml`; "" for a detector that has none.
         value: of the parameter.
     """
 
@@ -49,32 +46,30 @@ class DetectorSetting:
         """Parameters of the group detector that differ from their defaults."""
         if not self.parameter:
             return {"detector": self.detector}
-        if self.parameter in msgs_config.parameters("detector"):
-            return {"detector": self.detector, self.parameter: self._plain}
-        argument = f"{self.parameter}={self._plain!r}"
-        return {"detector": self.detector, "detector_argument": [argument]}
+        return {"detector": self.detector, self.parameter: self._plain}
 
     @property
     def options(self) -> str:
         """As it is typed after a command."""
         words = []
         for name, value in self.settings.items():
-            for one in value if isinstance(value, list) else [value]:
-                text = f"{one:g}" if isinstance(one, float) else str(one)
-                words.append(f"--{name.replace('_', '-')} {text}")
+            text = f"{value:g}" if isinstance(value, float) else str(value)
+            words.append(f"--{name.replace('_', '-')} {text}")
         return " ".join(words)
 
     @property
     def _plain(self) -> int | float:
-        declared = msgs_config.parameters("detector").get(self.parameter, {})
-        whole = declared.get("type") == "integer"
-        return int(self.value) if whole else float(self.value)
+        return int(self.value) if _is_whole(self.parameter) else float(self.value)
 
     def __str__(self) -> str:
         return f"{self.detector}{f' with {self.parameter} {self.value:g}' * bool(self.parameter)}"
 
 
 NEVER = DetectorSetting("never")
+
+
+def _is_whole(parameter: str) -> bool:
+    return msgs_config.parameters("detector")[parameter]["type"] == "integer"
 
 
 def first_round(
@@ -110,8 +105,7 @@ def first_round(
 
 def settings_of(detector: str, parameter: str, values: Iterable[float]) -> list[DetectorSetting]:
     """One setting a value, rounded, in order and without repetitions."""
-    declared = msgs_config.parameters("detector").get(parameter, {})
-    whole = declared.get("type") == "integer"
+    whole = _is_whole(parameter)
     rounded = {float(round(v)) if whole else float(f"{v:.{DIGITS}g}") for v in values}
     return [DetectorSetting(detector, parameter, v) for v in sorted(rounded)]
 
@@ -127,21 +121,3 @@ def second_round(best: DetectorSetting, tried: Iterable[DetectorSetting]) -> lis
     between = [np.geomspace(a, b, BETWEEN + 2) for a, b in itertools.pairwise(near)]
     fresh = settings_of(best.detector, best.parameter, [float(v) for row in between for v in row])
     return [s for s in fresh if s.value not in values]
-
-
-def parse_try(entry: str) -> list[DetectorSetting]:
-    """The settings that a user names: "DETECTOR:PARAMETER=VALUE,VALUE,…".
-
-    >>> [str(s) for s in parse_try("mine.py:Rms:limit=0.5,2")]
-    ['mine.py:Rms with limit 0.5', 'mine.py:Rms with limit 2']
-    """
-    head, equals, listed = entry.rpartition("=")
-    detector, colon, parameter = head.rpartition(":")
-    try:
-        values = [float(v) for v in listed.split(",")]
-    except ValueError:
-        values = []
-    fine = equals and colon and detector and parameter.isidentifier() and values
-    if not fine or not all(map(math.isfinite, values)):
-        raise OptionError("try", "DETECTOR:PARAMETER=VALUE,VALUE,…", repr(entry))
-    return settings_of(detector, parameter, values)

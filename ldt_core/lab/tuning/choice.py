@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,7 +81,6 @@ class TuningChoice:
         tied: those of them whose error is the same as the least.
         checked: MME when each part of the recording is predicted with the setting that the other
             parts choose [rad/s]; None when nothing was chosen.
-        agreed: parts whose others choose the same setting, or one within `SAME_ERROR` of its error.
     """
 
     chosen: Tried | None
@@ -89,7 +88,6 @@ class TuningChoice:
     kept: tuple[Tried, ...]
     tied: tuple[Tried, ...]
     checked: float | None
-    agreed: int
 
 
 def choose(tried: Sequence[Tried], budget: Budget) -> TuningChoice:
@@ -101,23 +99,20 @@ def choose(tried: Sequence[Tried], budget: Budget) -> TuningChoice:
     kept = tuple(t for t in acting if budget.kept(t))
     if not kept:
         nearest = min(acting, key=lambda t: (budget.excess(t), t.mme))
-        return TuningChoice(None, nearest, (), (), None, 0)
+        return TuningChoice(None, nearest, (), (), None)
     every = np.ones(len(kept[0].max_error), dtype=bool)
     chosen, tied = _least(kept, every)
-    parts = np.array_split(np.arange(every.size), PARTS)
-    held, agreed = [], 0
-    for part in parts:
+    held: list[float] = []
+    for part in np.array_split(np.arange(every.size), PARTS):
         rest = every.copy()
         rest[part] = False
         other, _ = _least(kept, rest)
         held += [other.max_error[i] for i in part]
-        agreed += other in tied
-    return TuningChoice(chosen, None, kept, tied, float(np.mean(held)), agreed)
+    return TuningChoice(chosen, None, kept, tied, float(np.mean(held)))
 
 
-def best_of(tried: Sequence[Tried], where: Callable[[Tried], bool]) -> Tried | None:
-    """The one that would be chosen of those for which `where` holds; None of none."""
-    some = [t for t in tried if where(t)]
+def best_of(some: Sequence[Tried]) -> Tried | None:
+    """The one that would be chosen of these; None of none."""
     return _least(some, np.ones(len(some[0].max_error), dtype=bool))[0] if some else None
 
 

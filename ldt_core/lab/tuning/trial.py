@@ -16,9 +16,8 @@ from ldt_core.base.code_version import code_version
 from ldt_core.base.errors import BadInput, ExperimentError, LdtError
 from ldt_core.base.experiment import Action, Experiment, Level
 from ldt_core.detectors import build_detector
-from ldt_core.lab.tuning.alarms import FalseAlarms, false_alarms
 from ldt_core.lab.tuning.candidates import DetectorSetting
-from ldt_core.lab.tuning.control import Row
+from ldt_core.lab.tuning.control import FalseAlarms, Row, false_alarms
 from ldt_core.machine.machine_file import Machine
 from ldt_core.twin.loop import Twin
 
@@ -147,9 +146,8 @@ def job_key(job: Job) -> str:
 
 
 def setting_key(setting: DetectorSetting) -> str:
-    """Name of a setting's result, which changes with the user's code."""
-    text = json.dumps([setting.settings, _code(setting.detector)])
-    return hashlib.sha256(text.encode()).hexdigest()[:20]
+    """Name of a setting's result."""
+    return hashlib.sha256(json.dumps(setting.settings).encode()).hexdigest()[:20]
 
 
 def _code(name: str) -> str:

@@ -22,8 +22,6 @@ from ldt_core.base.errors import (
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.parallel import Workers
 from ldt_core.base.result_files import ResultFolder
-from ldt_core.detectors import build_detector
-from ldt_core.lab.tuning.alarms import limit_of
 from ldt_core.lab.tuning.candidates import (
     DIGITS,
     NEVER,
@@ -41,6 +39,7 @@ from ldt_core.lab.tuning.control import (
     chosen,
     control,
     judged,
+    limit_of,
     parse_ranges,
     row,
 )
@@ -96,11 +95,9 @@ def tune(
     *,
     in_control: str = "",
     detectors: Sequence[str] = tuple(TUNED),
-    extra: Sequence[DetectorSetting] = (),
     values: int = 8,
     jobs: int = 0,
     scheduler: str = "",
-    fresh: bool = False,
     source: str = "recording",
     progress: Progress = lambda done, total: None,
 ) -> Tuning:
@@ -115,11 +112,9 @@ def tune(
         in_control: numbers of the experiments in which the machine had not changed, as
             "1:20,60:80"; "" judges which they are.
         detectors: to try, each of `TUNED`.
-        extra: settings to try beside them.
         values: of each detector in the first round.
         jobs: processes; 0 takes one a core.
         scheduler: address of a Dask scheduler to compute on instead.
-        fresh: try everything anew.
         source: what the recording is called in messages.
         progress: told before the first and after each setting.
 
@@ -130,8 +125,6 @@ def tune(
     for name in detectors:
         if name not in TUNED:
             raise OptionError("detector to tune", did_you_mean(name, TUNED), repr(name))
-    for setting in extra:
-        build_detector(setting.detector, {**settings, **setting.settings})
     check_folder(Path(out))
     wanted = parse_ranges(in_control)
     model = build_model(settings["model"], machine, settings)
@@ -148,10 +141,10 @@ def tune(
     known = control(usable, rows, indices, model, bool(wanted)) if indices else None
     job = Job(machine, settings, usable, known.rows if known else ())
     errors = [float(np.abs(residual).max()) for residual, _ in rows]
-    first = [*first_round(detectors, errors, noise_reach(rows), values), *extra]
+    first = first_round(detectors, errors, noise_reach(rows), values)
     first += _by_budget(detectors, budget, known, len(usable))
     with Workers(jobs, scheduler, code_version) as workers:
-        trials = _Trials(workers, Path(out), job, fresh, progress)
+        trials = _Trials(workers, Path(out), job, progress)
         trials.try_all([NEVER, *first])
         trials.try_all(_refined(trials.tried, detectors, budget))
     tried = sorted(trials.tried.values(), key=lambda t: _order(t.setting, detectors))
@@ -192,10 +185,8 @@ def check_folder(out: Path) -> None:
 class _Trials:
     """Tries settings, each once, and keeps what came of them in `OUT/runs/JOB/SETTING.json`."""
 
-    def __init__(
-        self, workers: Workers, out: Path, job: Job, fresh: bool, progress: Progress
-    ) -> None:
-        self.workers, self.job, self.fresh, self.progress = workers, job, fresh, progress
+    def __init__(self, workers: Workers, out: Path, job: Job, progress: Progress) -> None:
+        self.workers, self.job, self.progress = workers, job, progress
         self.folder = ResultFolder(out / RUNS / job_key(job)[:20], FORMAT, {})
         self.tried: dict[DetectorSetting, Tried] = {}
 
@@ -204,7 +195,7 @@ class _Trials:
         missing = []
         for setting in dict.fromkeys(s for s in settings if s not in self.tried):
             parse = partial(Tried.from_dict, setting=setting)
-            known = None if self.fresh else self.folder.read(setting_key(setting), parse)
+            known = self.folder.read(setting_key(setting), parse)
             if known is not None:
                 self.tried[setting] = known
             else:
@@ -269,7 +260,7 @@ def _refined(
     found = []
     for name in detectors:
         own = [t for s, t in tried.items() if s.detector == name and s.parameter == TUNED[name]]
-        best = best_of(own, budget.kept)
+        best = best_of([t for t in own if budget.kept(t)])
         best = best or min(own, key=lambda t: (budget.excess(t), t.mme))
         found += second_round(best.setting, tried)
     return found

@@ -6,21 +6,17 @@ import csv
 import io
 import json
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import msgs_config
 from ldt_core.base.result_files import write
 from ldt_core.base.sentences import number
-from ldt_core.lab.tuning.alarms import LENGTH, STREAMS, most, needed
 from ldt_core.lab.tuning.candidates import NEVER
 from ldt_core.lab.tuning.choice import PARTS, SAME_ERROR, best_of, count, pareto
+from ldt_core.lab.tuning.control import most
 from ldt_core.lab.tuning.trial import Tried
 from ldt_core.lab.tuning.tune import Tuning
-
-#: The next values of the same parameter have an error larger by so much: the choice is a lucky one.
-PLATEAU_TOLERANCE = 0.05
 
 
 def sentence(found: Tuning) -> str:
@@ -50,42 +46,26 @@ def sentence(found: Tuning) -> str:
 
 def why(found: Tuning) -> list[str]:
     """What else there is to know of the choice, a sentence each."""
-    return [s for part in (_rivals, _never, _alarms, _checked, _neighbours) for s in part(found)]
+    return [*_rivals(found), *_alarms(found), *_checked(found)]
 
 
 def _rivals(found: Tuning) -> Iterator[str]:
-    """The other detectors, and what the budget costs."""
-    chosen = found.choice.chosen
+    """The other detectors, what the budget costs, and the untrained model."""
+    chosen, never = found.choice.chosen, found.never.mme
     own = chosen.setting.detector if chosen else ""
     names = dict.fromkeys(t.setting.detector for t in found.tried if t.setting != NEVER)
     for name in (n for n in names if n != own):
-        best = best_of(found.choice.kept, partial(_is_of, name))
+        best = best_of([t for t in found.choice.kept if t.setting.detector == name])
         if best is not None:
             yield f"{name}: at best {_figures(best)} ({_value(best)})"
         elif chosen is not None:
-            yield f"{name}: no setting keeps to the budget{_unproven(found, name)}"
-    free = best_of(found.tried, lambda t: t.setting != NEVER)
+            yield f"{name}: no setting keeps to the budget"
+    free = best_of([t for t in found.tried if t.setting != NEVER])
     if chosen is not None and free is not None and free.mme < chosen.mme * (1 - SAME_ERROR):
         yield f"without the budget: {free.setting}, {_figures(free)}{_rate(free)}"
-
-
-def _unproven(found: Tuning, name: str) -> str:
-    """Whether a rate of false alarms is too low for the experiments to show, and has no law."""
-    runs = [t.false_alarms for t in found.tried if t.setting.detector == name and t.false_alarms]
-    if found.budget.every is None or not any(a.rate == 0 and a.law is None for a in runs):
-        return ""
-    return " (it has no law by which to extrapolate what the experiments in control cannot show)"
-
-
-def _never(found: Tuning) -> Iterator[str]:
-    best, never = found.choice.chosen, found.never.mme
-    if best is None:
-        return
-    left = f"without learning the MME is {number(never)} rad/s"
-    if best.mme < never * (1 - SAME_ERROR):
-        yield f"{left}: {100 * best.mme / never:.0f} % of it is left"
-    else:
-        yield f"{left}: on this recording learning gained nothing, so that any choice is as good"
+    if chosen is not None:
+        left = f"{100 * chosen.mme / never:.0f} % of it is left" if never else "nothing to learn"
+        yield f"without learning the MME is {number(never)} rad/s: {left}"
 
 
 def _alarms(found: Tuning) -> Iterator[str]:
@@ -95,64 +75,25 @@ def _alarms(found: Tuning) -> Iterator[str]:
         return
     size = len(control.numbers)
     source = "as given" if control.given else "as the calibrated detector judges"
-    model = "models of the other half" if control.learned else "the untrained model"
     yield (
-        f"in control: {count(size, 'experiment')} ({control.text}, {source}), predicted by "
-        f"{model}; they alone can show at most one false alarm in {1 / most(0.0, size):.3g}"
+        f"in control: {count(size, 'experiment')} ({control.text}, {source}); they alone can show "
+        f"at most one false alarm in {1 / most(0.0, size):.3g}"
     )
-    if not control.given:
-        yield (
-            "a stretch that was judged to be in control may hold drifts too small to find, which "
-            "make false alarms look more frequent: --in-control says which experiments it truly are"
-        )
-    if best is None or best.false_alarms is None:
-        return
-    alarms, every = best.false_alarms, found.budget.every
-    drawn = f"in {STREAMS} streams of {LENGTH} experiments drawn from these"
-    interval = f"95 % interval {_per(alarms.low)} to {_per(alarms.high)}"
-    if alarms.low == alarms.high == alarms.law:
-        yield f"false alarms of the choice: {_per(alarms.rate)}, {alarms.how}"
-    else:
-        yield f"false alarms of the choice {drawn}: {_per(alarms.rate)} ({interval})"
-        if every is not None and not alarms.shown(every):
-            yield (
-                f"one in {every:g} is more than they can show: it is extrapolated {alarms.how}; "
-                f"{needed(every)} experiments in control without an alarm would show it"
-            )
+    if best is not None and best.false_alarms is not None:
+        alarms, every = best.false_alarms, found.budget.every
+        interval = f"95 % interval {_per(alarms.low)} to {_per(alarms.high)}"
+        law = every is not None and alarms.high * every > 1
+        more = f"; one in {every:g} is extrapolated" if law else ""
+        yield f"false alarms of the choice: {_per(alarms.rate)} ({interval}){more}"
 
 
 def _checked(found: Tuning) -> Iterator[str]:
     choice = found.choice
-    if choice.chosen is None or choice.checked is None:
-        return
-    gap = choice.checked - choice.chosen.mme
-    more = f"{number(abs(gap))} rad/s {'more' if gap > 0 else 'less'}" if gap else "the same"
-    yield (
-        f"an MME on the recording that it was chosen from flatters: with each of {PARTS} parts of "
-        f"it judged by what the other parts choose, it is {number(choice.checked)} rad/s ({more}); "
-        f"{choice.agreed} of {PARTS} times that is this setting, or one as good"
-    )
-
-
-def _neighbours(found: Tuning) -> Iterator[str]:
-    """Whether the choice stands on a plateau, and whether it is the last value tried."""
-    best = found.choice.chosen
-    if best is None:
-        return
-    own = (best.setting.detector, best.setting.parameter)
-    runs = [t for t in found.tried if (t.setting.detector, t.setting.parameter) == own]
-    runs.sort(key=lambda t: t.setting.value)
-    at = runs.index(best)
-    near = [t for t in runs[max(0, at - 1) : at + 2] if t is not best]
-    if near and min(t.mme for t in near) > best.mme * (1 + PLATEAU_TOLERANCE):
-        beside = " and ".join(f"{number(t.mme)} rad/s at {t.setting.value:g}" for t in near)
+    if choice.checked is not None:
         yield (
-            f"beside it the MME is {beside}: part of its own is luck in when it adapted, which no "
-            "part of one recording can take out; a longer recording, or several, would"
+            f"with each of {PARTS} parts of the recording judged by what the others choose, the "
+            f"MME is {number(choice.checked)} rad/s"
         )
-    if len(runs) > 1 and at in (0, len(runs) - 1):
-        end = "largest" if at else "least"
-        yield f"{best.setting.value:g} is the {end} {best.setting.parameter} that was tried"
 
 
 def _figures(tried: Tried) -> str:
@@ -176,10 +117,6 @@ def _per(rate: float) -> str:
     ('none', 'one in 1000', 'one in 1')
     """
     return f"one in {1 / rate:.3g}" if rate > 0 else "none"
-
-
-def _is_of(detector: str, tried: Tried) -> bool:
-    return tried.setting.detector == detector
 
 
 FILE, TABLE = "tune.json", "tune.csv"

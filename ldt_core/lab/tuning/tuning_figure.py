@@ -1,4 +1,4 @@
-"""The trade-off as a picture: error against adaptations, false alarms, and thresholds."""
+"""The trade-off as a picture: error against adaptations, and against false alarms."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import msgs_config
 from ldt_core.lab.tuning.candidates import NEVER
 from ldt_core.lab.tuning.choice import pareto
 from ldt_core.lab.tuning.trial import Tried
@@ -24,14 +23,12 @@ NAME = "tradeoff"
 HEIGHT = 2.7  # of a row [inches]
 MARGIN = 0.08  # of the range of the error, above and below it
 LINEAR_ADAPTATIONS = 1.0  # adaptations up to which the axis is linear
-LINEAR_FALSE_ALARMS = (
-    1.0  # false alarms in 100 experiments below which the axis is linear, to reach none
-)
+#: False alarms in 100 experiments below which the axis is linear, to reach none.
+LINEAR_FALSE_ALARMS = 1.0
 
 Quantity = Callable[[Tried], float]
 mme: Quantity = attrgetter("mme")
 adaptations: Quantity = attrgetter("adaptations")
-value: Quantity = attrgetter("setting.value")
 
 
 def write_figure(found: Tuning, out: Path | str) -> list[Path]:
@@ -44,23 +41,19 @@ def write_figure(found: Tuning, out: Path | str) -> list[Path]:
 
 
 def drawing(found: Tuning) -> Drawing:
-    """The figure and its words."""
+    """The figure and its words; the second panel where a rate of false alarms was asked for."""
+    every = found.budget.every
 
     def draw(layout: Layout) -> Figure:
-        figure, axes = style.panels(layout, HEIGHT, columns=2, count=6)
+        figure, axes = style.panels(layout, HEIGHT, columns=2, count=1 if every is None else 2)
         _tradeoff(axes[0], found)
-        _false_alarms(axes[1], found)
-        for column, unit in enumerate(("rad/s", "experiments")):
-            _against(axes[2 + column], found, unit, mme)
-            _against(axes[4 + column], found, unit, adaptations)
-        for letter, one in zip("abcdef", axes, strict=True):
-            one.set_title(f"({letter}) {one.get_title(loc='left')}")
+        if every is not None:
+            _false_alarms(axes[1], found, every)
         style.legend(figure, axes, layout, columns=4)
         return figure
 
-    alt = (
-        "Six panels: mean maximum error against adaptations and against the rate of false alarms, "
-        "then error and adaptations against the limit and against the rarity of each detector."
+    alt = "Mean maximum error against adaptations" + (
+        "" if every is None else ", and against the rate of false alarms"
     )
     return Drawing(NAME, "The choice and what else was tried", sentence(found), alt, draw)
 
@@ -108,18 +101,11 @@ def _tradeoff(axes: Axes, found: Tuning) -> None:
         _budget(axes, allowed + 0.5)
 
 
-def _false_alarms(axes: Axes, found: Tuning) -> None:
+def _false_alarms(axes: Axes, found: Tuning, every: float) -> None:
     axes.set_xlabel("false alarms in 100 experiments in control")
     axes.set_title("error against false alarms (bars: 95 %)")
     _error_axis(axes, found)
-    if found.control is None:
-        words = "no experiments are known to be in control"
-        axes.text(0.5, 0.5, words, ha="center", va="center", transform=axes.transAxes)
-        return
-    every = found.budget.every
-    _crowded(
-        axes, LINEAR_FALSE_ALARMS if every is None else min(LINEAR_FALSE_ALARMS, 100 / every), 120
-    )
+    _crowded(axes, min(LINEAR_FALSE_ALARMS, 100 / every), 120)
     for name, runs in _families(found).items():
         for t in runs:
             assert t.false_alarms is not None
@@ -127,42 +113,7 @@ def _false_alarms(axes: Axes, found: Tuning) -> None:
             axes.plot([low, high], [t.mme] * 2, color=look(name).color, lw=0.8, alpha=0.25)
         _runs(axes, found, name, runs, _rate, mme)
     _mark(axes, found, _rate, mme)
-    if every is not None:
-        _budget(axes, 100 / every)
-
-
-def _against(axes: Axes, found: Tuning, unit: str, of: Quantity) -> None:
-    """One quantity against the tuned parameter, of the detectors for which it has this unit."""
-    from matplotlib.ticker import MaxNLocator
-
-    chosen, labels = found.choice.chosen, []
-    for name, runs in _families(found).items():
-        if line := [t for t in runs if _unit(t) == unit]:
-            labels.append(line[0].setting.parameter)
-            _runs(axes, found, name, line, value, of, line=line)
-    if chosen is not None and _unit(chosen) == unit:
-        _mark(axes, found, value, of)
-    axes.set_xlabel(f"{', '.join(dict.fromkeys(labels))} [{unit}]" if labels else "not tried")
-    if labels:
-        _logarithmic(axes)
-    if of is mme:
-        axes.set_title("error against the setting")
-        _error_axis(axes, found)
-        return
-    axes.set_title("adaptations against the setting")
-    axes.set_ylabel("adaptations")
-    axes.set_ylim(bottom=0)
-    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    if found.budget.adaptations is not None:
-        axes.axhline(found.budget.adaptations, color=style.INK, lw=1, ls=(0, (2, 2)))
-
-
-def _unit(tried: Tried) -> str:
-    """Of the tuned parameter; "" of one that nobody has declared."""
-    if tried.setting.parameter == "window":
-        return "experiments"
-    declared = msgs_config.parameters("detector").get(tried.setting.parameter, {})
-    return declared.get("unit", "")
+    _budget(axes, 100 / every)
 
 
 def _runs(
@@ -215,17 +166,6 @@ def _crowded(axes: Axes, linear: float, right: float) -> None:
     axes.set_xticks([0, *ticks], [f"{tick:g}" for tick in (0, *ticks)])
     axes.set_xticks([], minor=True)
     axes.set_xlim(-0.1 * linear, right)
-
-
-def _logarithmic(axes: Axes) -> None:
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    axes.set_xscale("log")
-    low, high = axes.get_xlim()
-    few = (1.0, 2.0, 5.0) if high < 50 * low else (1.0,)
-    axes.xaxis.set_major_locator(LogLocator(subs=few))
-    axes.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
-    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _budget(axes: Axes, at: float) -> None:

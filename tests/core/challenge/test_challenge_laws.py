@@ -13,9 +13,8 @@ from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.lab.challenge.case_plan import LEAST_EXPLAINED_SHARE, plan_case
 from ldt_core.lab.challenge.case_plant import STATES, ideal
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
-from ldt_core.lab.challenge.rig import CaseBench
+from ldt_core.lab.challenge.rig import KINDS, CaseBench, draw_excitation
 from ldt_core.lab.challenge.simulation import Drive, simulate
-from ldt_core.lab.challenge.voltage_pattern import KINDS, draw_excitation
 from ldt_core.machine.machine_file import load_machine, machine_from_dict
 
 pytestmark = pytest.mark.slow

@@ -7,7 +7,7 @@ import pytest
 from made_case import make_case
 
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.lab.challenge.comparators import COMPARATORS, WORDS, compare
+from ldt_core.lab.challenge.comparators import COMPARATORS, compare
 from ldt_core.lab.challenge.comparators.selection import block_errors, improves
 from ldt_core.lab.challenge.comparators.sparse_regression import TERMS
 from ldt_core.machine.machine_file import machine_from_dict
@@ -93,7 +93,6 @@ def test_errors_that_fall_in_one_block_only_are_no_improvement():
     assert not improves(calm, wild)
 
 
-def test_terms_stand_for_effects_of_the_library_and_comparators_are_described():
+def test_terms_stand_for_effects_of_the_library():
     """So that a name in a table is a name of the contract."""
     assert {t.effect for t in TERMS} <= set(EFFECTS.names())
-    assert set(WORDS) == set(COMPARATORS)

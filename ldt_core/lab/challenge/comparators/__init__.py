@@ -12,7 +12,6 @@ from ldt_core.lab.challenge.comparators.gaussian_process import gaussian_process
 from ldt_core.lab.challenge.comparators.selection import akaike, bayes, greedy
 from ldt_core.lab.challenge.comparators.sparse_regression import sparse_regression
 
-#: Comparators by name, and what they are.
 COMPARATORS: dict[str, Comparator] = {
     "greedy": greedy,
     "aic": akaike,
@@ -20,12 +19,5 @@ COMPARATORS: dict[str, Comparator] = {
     "sparse_regression": sparse_regression,
     "gaussian_process": gaussian_process,
 }
-WORDS = {
-    "greedy": "adds one effect at a time as long as the held-out error falls (one-error rule)",
-    "aic": "single effects and pairs fitted in free run, the least AIC of white residuals",
-    "bic": "the same, the least BIC",
-    "sparse_regression": "PySINDy's STLSQ on the residual torque, threshold by cross-validation",
-    "gaussian_process": "the hybrid model's Gaussian process learns the gap and names nothing",
-}
 
-__all__ = ["COMPARATORS", "WORDS", "compare"]
+__all__ = ["COMPARATORS", "compare"]

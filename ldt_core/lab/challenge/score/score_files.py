@@ -1,57 +1,59 @@
-"""What a score leaves in its folder: numbers, words and tables, pictures."""
+"""What a score leaves in its folder: numbers, a table, a picture of which truth was called what."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ldt_core.base.result_files import write
-from ldt_core.base.sentences import number
-from ldt_core.lab.challenge.comparators import WORDS
+from ldt_core.base.sentences import number, spoken
+from ldt_core.effects import EFFECTS
 from ldt_core.lab.challenge.score.answer import DIAGNOSIS
 from ldt_core.lab.challenge.score.judge import Judged
-from ldt_core.lab.challenge.score.pictures import write_pictures
 from ldt_core.lab.challenge.score.score import SAME_CASES, ChallengeScore
-from ldt_core.lab.challenge.score.score_table import BINS, EVERY, OUTCOMES
+from ldt_core.lab.challenge.score.score_table import EVERY
 from ldt_core.lab.study.statistics import Interval
+from ldt_core.views.page import style
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+#: Kind of cases → in words, and what is right of them.
 KINDS = {
-    "single": "single effects",
-    "pair": "pairs",
-    "triple": "triples",
-    "named": "all of these",
-    "none": "no gap",
-    "outside": "outside the library",
-    "left_out": "left out of the library",
+    "single": ("single effects", "named, or in its group"),
+    "pair": ("pairs", "both named or in their groups"),
+    "triple": ("triples", "all named or in their groups"),
+    "named": ("all of these", "named or in their groups"),
+    "none": ("no gap", "called none"),
+    "outside": ("outside the library", "called unknown"),
+    "left_out": ("left out of the library", "called unknown, or what closes 95 % of the gap"),
 }
-#: What is right, by kind.
-RIGHT = {
-    "none": "called none",
-    "outside": "called unknown",
-    "left_out": "called unknown, or by what closes 95 % of the gap",
-}
-NAMED = "truth named or in its group"
-#: Figures of the diagnosis beside the shares of outcomes: (figure, kind of cases), unit of shares.
+#: Figures over all cases, below what is right and what is named wrongly.
 QUALITY = (
     "names in a group",
     "amounts: relative error",
     "amounts: error of a factor",
     "amounts: error of an angle [rad]",
-    "amounts: with an interval",
     "amounts: 95 % interval covers",
     "amounts: 90 % interval covers",
     "place right",
     "closure within 5 points, same excitation",
     "closure within 5 points, another excitation",
-    "closure off by, same excitation",
-    "closure off by, another excitation",
+    "closure realised, same excitation",
+    "closure realised, another excitation",
+    "failed",
     "CPU seconds, median",
     "CPU seconds, most",
 )
-SHARES = ("right", *OUTCOMES, "place", "amounts: with", "amounts: 9", "amounts: rel", "closure")
+SHARES = ("right", "wrong", "failed", "place", "amounts: 9", "amounts: rel", "closure")
 
 
 def cell(estimate: Interval | None, figure: str) -> str:
@@ -59,131 +61,44 @@ def cell(estimate: Interval | None, figure: str) -> str:
     if estimate is None or estimate.value is None:
         return ""
     percent = figure.startswith(SHARES)
-    scale, digits = (100.0, 3) if percent else (1.0, 3)
-    low, high = (number(scale * bound, digits) for bound in (estimate.low, estimate.high))
+    scale = 100.0 if percent else 1.0
+    low, high = (number(scale * bound) for bound in (estimate.low, estimate.high))
     unit = " %" if percent else ""
     spread = "" if estimate.low == -estimate.high else f" [{low}, {high}]"
-    return f"{number(scale * estimate.value, digits)}{unit}{spread} of {estimate.count}"
+    return f"{number(scale * estimate.value)}{unit}{spread} of {estimate.count}"
 
 
-def headline(score: ChallengeScore) -> list[tuple[str, str, Interval | None]]:
-    """(cases, what is right, share) of the diagnosis, for a short table."""
-    return [
-        (words, RIGHT.get(kind, NAMED), score.table.get(DIAGNOSIS, "right", kind))
-        for kind, words in KINDS.items()
-        if score.table.get(DIAGNOSIS, "right", kind) is not None
-    ]
-
-
-def quality(score: ChallengeScore) -> list[tuple[str, Interval | None]]:
-    """(figure, value) of the diagnosis over all cases."""
-    found = [(figure, score.table.get(DIAGNOSIS, figure)) for figure in QUALITY]
-    return [(figure, estimate) for figure, estimate in found if estimate is not None]
-
-
-def versus(score: ChallengeScore) -> tuple[list[str], list[list[str]]]:
-    """Head and rows of the table that sets everybody side by side."""
-    kinds = [k for k in KINDS if score.table.get(DIAGNOSIS, "right", k) is not None]
-    figures = [("right", k, KINDS[k]) for k in kinds]
-    figures += [
-        ("wrong name", k, f"wrong name, {KINDS[k]}") for k in ("named", "outside") if k in kinds
-    ]
-    figures += [
-        (f"closure realised, {e} excitation", EVERY, f"gap closed, {e} excitation")
-        for e in ("same", "another")
-    ]
-    figures.append(("CPU seconds, median", EVERY, "CPU seconds, median"))
-    who = [w for w in score.judged if w != DIAGNOSIS or SAME_CASES not in score.judged]
-    who.sort(key=lambda w: w != SAME_CASES)
-    rows = [
-        [words, *(cell(score.table.get(w, figure, kind), figure) for w in who)]
-        for figure, kind, words in figures
-    ]
+def side_by_side(score: ChallengeScore) -> tuple[list[str], list[list[str]]]:
+    """Head and rows of the one table: every figure, of the diagnosis and who else answered."""
+    wanted = [("right", k, f"{words}: {right}") for k, (words, right) in KINDS.items()]
+    wanted += [("wrong name", k, f"{KINDS[k][0]}: a wrong name") for k in ("named", "outside")]
+    wanted += [(figure, EVERY, figure) for figure in QUALITY]
+    who = list(score.judged)
+    rows = []
+    for figure, kind, words in wanted:
+        if score.table.get(DIAGNOSIS, figure, kind) is not None:
+            rows.append([words, *(cell(score.table.get(w, figure, kind), figure) for w in who)])
     return ["", *who], rows
 
 
-def markdown(score: ChallengeScore, pictures: Sequence[str] = ()) -> str:
+def markdown(score: ChallengeScore, picture: str = "") -> str:
     """The whole of `score.md`.
 
     Args:
         score: what came out.
-        pictures: names of the files beside it.
+        picture: name of the file beside it; "" for none.
     """
-    table, lines = score.table, ["# Score of a challenge", ""]
+    versions = ", ".join(f"{name} {value}" for name, value in score.stamp.items())
+    head, rows = side_by_side(score)
+    lines = ["# Score of a challenge", ""]
     lines += [f"- SHA-256 of {file}: `{digest}`" for file, digest in score.keys.items()]
-    lines += [f"- {len(score.judged[DIAGNOSIS])} cases; answers by {_versions(score.stamp)}"]
+    lines += [f"- {len(score.judged[DIAGNOSIS])} cases; answers by {versions}"]
     lines += ["- in brackets 95 % intervals: Wilson's of shares, else by draws of cases"]
-    lines += [f"- {note}" for note in score.notes]
-    lines += ["", "## The diagnosis", ""]
-    rows = [[words, what, cell(e, "right")] for words, what, e in headline(score)]
-    lines += _table(["cases", "right is", "right"], rows)
-    lines += ["", "What was answered:", ""]
-    kinds = [k for k in KINDS if table.get(DIAGNOSIS, "right", k) is not None]
-    outcomes = [[f, *(cell(table.get(DIAGNOSIS, f, k), f) for k in kinds)] for f in OUTCOMES]
-    lines += _table(["", *(KINDS[k] for k in kinds)], outcomes)
-    lines += [
-        "",
-        "*Named in part* names true effects only, but not all; *wrong name* also counts a name too "
-        "many; *failed* is a crash.",
-        "",
-        "Right, by signal to noise (root mean square of the gap over the noise):",
-        "",
-    ]
-    rows = [
-        [KINDS[k], *(cell(table.get(DIAGNOSIS, "right", k, b), "right") for b in BINS)]
-        for k in kinds
-        if k != "none"
-    ]
-    lines += _table(["cases", *BINS], rows)
-    lines += ["", "How good the answers are:", ""]
-    rows = [
-        [f, cell(e, f), *(cell(table.get(DIAGNOSIS, f, EVERY, b), f) for b in BINS)]
-        for f, e in quality(score)
-    ]
-    lines += _table(["", "all", *BINS], rows)
-    lines += [
-        "",
-        "Amounts are those of truths named outright, their number that of cases for errors and of "
-        "parameters for shares; of a factor the relative error is that of its distance from 1. "
-        "Closure promised on held-out experiments is compared with that realised on further ones, "
-        "noise subtracted from both, on these as it fell out if the key has it; else, with a gap "
-        "below the noise, their difference is itself known to several points only.",
-    ]
-    for name in pictures:
-        lines += ["", f"![{name.rpartition('.')[0]}]({name})"]
-    if len(score.judged) > 1:
-        lines += ["", "## Comparators", "", "On the same cases, with the same library.", ""]
-        lines += [f"- {who}: {WORDS[who]}" for who in score.judged if who in WORDS]
-        lines += ["", *_table(*versus(score))]
-    lines += ["", "## Where the diagnosis was wrong", ""]
-    wrong = [j for j in score.judged[DIAGNOSIS] if not j.right]
-    lines += _table(["case", "signal to noise", "truth", "answer"], map(_case, wrong))
+    lines += ["- amounts are those of truths named outright; score.json has every case"]
+    lines += [*(f"- {note}" for note in score.notes), ""]
+    lines += [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
+    lines += ["", f"![What was called what]({picture})"] if picture else []
     return "\n".join(lines) + "\n"
-
-
-def said(judged: Judged) -> str:
-    """An answer in words."""
-    if not judged.answer.acting:
-        return judged.answer.kind + (f": {judged.answer.error}" if judged.answer.error else "")
-    return " + ".join(" or ".join(group) for group in judged.answer.acting)
-
-
-def _case(j: Judged) -> list[str]:
-    ratio = j.truth.signal_to_noise
-    left = " (left out)" if j.truth.left_out else ""
-    return [j.truth.case, "" if ratio is None else number(ratio), j.truth.name + left, said(j)]
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    def line(cells: Sequence[str]) -> str:
-        safe = (c.replace("|", "\\|").replace("\n", " ") for c in cells)
-        return f"| {' | '.join(safe)} |"
-
-    return [line(head), line(["---"] * len(head)), *(line(r) for r in rows)]
-
-
-def _versions(stamp: dict[str, str]) -> str:
-    return ", ".join(f"{name} {value}" for name, value in stamp.items())
 
 
 def write_files(score: ChallengeScore, folder: str | Path) -> list[Path]:
@@ -197,9 +112,9 @@ def write_files(score: ChallengeScore, folder: str | Path) -> list[Path]:
     """
     out = Path(folder)
     write(out / "score.json", json.dumps(as_dict(score), allow_nan=False, indent=1) + "\n")
-    pictures = write_pictures(score.judged[DIAGNOSIS], out)
-    write(out / "score.md", markdown(score, pictures))
-    return [out / "score.md", out / "score.json", *(out / name for name in pictures)]
+    picture = write_picture(score.judged[DIAGNOSIS], out)
+    write(out / "score.md", markdown(score, picture))
+    return [out / "score.md", out / "score.json", *([out / picture] if picture else [])]
 
 
 def as_dict(score: ChallengeScore) -> dict[str, Any]:
@@ -239,3 +154,107 @@ def _plain(j: Judged) -> dict[str, Any]:
         "seconds": answer.seconds,
         "error": answer.error,
     }
+
+
+LEFT, ABOVE, AROUND = 2.2, 1.9, 0.1  # inches, for names and about a matrix
+CELL = 0.26  # inches
+SHOWN = 0.095  # share from which a cell has its number
+DARK = 0.55  # share from which that number is white
+NO_NAME = ("none", "unknown", "failed")  # answers that name nothing
+
+
+def write_picture(judged: Sequence[Judged], folder: Path) -> str:
+    """Write the matrix as PNG and SVG.
+
+    Returns:
+        name of the PNG file; "" without cases to show.
+
+    Raises:
+        LdtError: matplotlib is not installed.
+    """
+    style.require("a score")
+    chosen = [j for j in judged if j.truth.kind in ("single", "none", "outside")]
+    return style.save(_drawing(chosen), folder)[0].name if chosen else ""
+
+
+def confusion(
+    judged: Sequence[Judged],
+) -> tuple[list[str], list[str], NDArray[np.float64], list[int]]:
+    """(truths, answers, shares of each truth's cases, cases of each truth).
+
+    An answer counts once: shared evenly among the effects that are said to act, and each of these
+    among the names of its group.
+    """
+    library = EFFECTS.names()
+    cases = Counter(_row(j) for j in judged)
+    order = {name: k for k, name in enumerate([*library, "none"])}
+    rows = sorted(cases, key=lambda name: (order.get(name, len(order)), name))
+    said = {name for j in judged for group in j.answer.acting for name in group}
+    columns = [*library, *sorted(said - set(library)), *NO_NAME[:2]]
+    if any(j.outcome == "failed" for j in judged):
+        columns.append(NO_NAME[2])
+    counts = np.zeros((len(rows), len(columns)))
+    for j in judged:
+        row, acting = rows.index(_row(j)), j.answer.acting
+        if not acting and j.answer.kind in columns:
+            counts[row, columns.index(j.answer.kind)] += 1
+        for group in acting:
+            for name in group:
+                counts[row, columns.index(name)] += 1 / len(acting) / len(group)
+    numbers = [cases[name] for name in rows]
+    return rows, columns, counts / np.array(numbers)[:, None], numbers
+
+
+def _row(j: Judged) -> str:
+    return j.truth.outside or "outside" if j.truth.kind == "outside" else j.truth.name
+
+
+def _drawing(judged: Sequence[Judged]) -> style.Drawing:
+    rows, columns, shares, numbers = confusion(judged)
+    library = EFFECTS.names()
+
+    def draw(layout: style.Layout) -> Figure:
+        wide, high = CELL * len(columns), CELL * len(rows)
+        width, height = LEFT + wide + AROUND, ABOVE + high + AROUND
+        figure = style.blank(style.Layout(layout.name, width, False), height)
+        figure.set_layout_engine("none")
+        place = (LEFT / width, AROUND / height, wide / width, high / height)
+        axes = figure.add_axes(place)
+        axes.imshow(shares, cmap="Blues", vmin=0, vmax=1, aspect="equal")
+        axes.set_xticks(range(len(columns)), _words(columns), rotation=90)
+        axes.set_yticks(
+            range(len(rows)),
+            [f"{w}  ({n})" for w, n in zip(_words(rows), numbers, strict=True)],
+        )
+        axes.xaxis.tick_top()
+        axes.xaxis.set_label_position("top")
+        axes.tick_params(length=0)
+        axes.grid(False)
+        axes.set_xticks(np.arange(-0.5, len(columns)), minor=True)
+        axes.set_yticks(np.arange(-0.5, len(rows)), minor=True)
+        axes.grid(which="minor", color=style.FAINT, linewidth=0.5)
+        axes.tick_params(which="minor", length=0)
+        axes.set_xlabel("answer (groups shared among their names)")
+        axes.set_ylabel("truth (cases)")
+        named = sum(r in library for r in rows)
+        for at in {named, named + ("none" in rows)} - {0, len(rows)}:
+            axes.axhline(at - 0.5, color=style.INK, linewidth=1.0)
+        axes.axvline(columns.index("none") - 0.5, color=style.INK, linewidth=1.0)
+        for (r, c), share in np.ndenumerate(shares):
+            if share >= SHOWN:
+                color = style.PAPER if share > DARK else style.INK
+                middle: dict[str, Any] = {"ha": "center", "va": "center"}
+                axes.text(c, r, f"{100 * share:.0f}", color=color, fontsize=6.5, **middle)
+        return figure
+
+    return style.Drawing(
+        "confusion",
+        "what was called what",
+        "in per cent of the cases of a truth",
+        "matrix of true causes against answers",
+        draw,
+    )
+
+
+def _words(names: Sequence[str]) -> list[str]:
+    return [spoken(name) for name in names]

@@ -13,12 +13,6 @@ from ldt_core.lab.challenge.score.judge import INSIDE, Judged
 from ldt_core.lab.study.statistics import Interval, proportion, resampled
 
 POINTS = 0.05  # of a closed fraction
-BINS = {  # signal to noise ratio: from, to
-    "< 1": (0.0, 1.0),
-    "1-3": (1.0, 3.0),
-    "3-10": (3.0, 10.0),
-    "> 10": (10.0, math.inf),
-}
 EVERY = "all"
 #: Kinds of cases as a score tells them apart; `named` is all whose truth has a name.
 KINDS = (*INSIDE, "named", "none", "outside", "left_out", EVERY)
@@ -33,15 +27,6 @@ OUTCOMES = {
     "equivalent": "equivalent",
     "failed": "failed",
 }
-UNNAMED = ("wrong name", "called unknown", "called none", "failed")
-#: Outcomes that cases of a kind can have; all but `equivalent` where the truth has a name.
-POSSIBLE = {
-    "none": UNNAMED,
-    "outside": UNNAMED,
-    "left_out": ("equivalent", *UNNAMED),
-    EVERY: ("failed",),
-}
-NAMED = tuple(name for name in OUTCOMES if name != "equivalent")
 
 
 @dataclass(frozen=True)
@@ -52,20 +37,17 @@ class ScoreRow:
         who: the diagnosis or a comparator.
         figure: its name.
         kind: of the cases, see KINDS.
-        signal_to_noise: one of BINS, or all.
         estimate: value, interval and how many (cases, or parameters) it is from.
     """
 
     who: str
     figure: str
     kind: str
-    signal_to_noise: str
     estimate: Interval
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        about = {"who": self.who, "figure": self.figure, "kind": self.kind}
-        return {**about, "signal_to_noise": self.signal_to_noise, **_plain(self.estimate)}
+        return {"who": self.who, "figure": self.figure, "kind": self.kind, **_plain(self.estimate)}
 
 
 class ScoreTable:
@@ -78,24 +60,20 @@ class ScoreTable:
     def __init__(self, judged: Mapping[str, Sequence[Judged]]) -> None:
         self.judged = judged
         self.rows = [row for who, found in judged.items() for row in _rows(who, found)]
-        self._known = {(r.who, r.figure, r.kind, r.signal_to_noise): r.estimate for r in self.rows}
+        self._known = {(r.who, r.figure, r.kind): r.estimate for r in self.rows}
 
-    def get(self, who: str, figure: str, kind: str = EVERY, bin: str = EVERY) -> Interval | None:
+    def get(self, who: str, figure: str, kind: str = EVERY) -> Interval | None:
         """A figure; None where no case has it."""
-        return self._known.get((who, figure, kind, bin))
+        return self._known.get((who, figure, kind))
 
 
 def _rows(who: str, judged: Sequence[Judged]) -> list[ScoreRow]:
     found = []
     for kind in KINDS:
-        of_kind = [j for j in judged if _is(j, kind)]
-        for name in (EVERY, *BINS):
-            chosen = [j for j in of_kind if name == EVERY or _within(j, name)]
-            if not chosen or (kind == "none" and name != EVERY):
-                continue
-            for figure, estimate in _figures(chosen, kind).items():
+        if chosen := [j for j in judged if _is(j, kind)]:
+            for figure, estimate in _figures(chosen).items():
                 if estimate.count:
-                    found.append(ScoreRow(who, figure, kind, name, estimate))
+                    found.append(ScoreRow(who, figure, kind, estimate))
     return found
 
 
@@ -103,18 +81,13 @@ def _is(j: Judged, kind: str) -> bool:
     return kind in (EVERY, j.truth.kind) or (kind == "named" and j.truth.kind in INSIDE)
 
 
-def _within(j: Judged, name: str) -> bool:
-    ratio = j.truth.signal_to_noise
-    return ratio is not None and BINS[name][0] <= ratio < BINS[name][1] and j.truth.kind != "none"
-
-
-def _figures(judged: Sequence[Judged], kind: str) -> dict[str, Interval]:
+def _figures(judged: Sequence[Judged]) -> dict[str, Interval]:
     figures = {}
     if any(j.outcome != "unnamed" for j in judged):
         figures["right"] = _share([j.right for j in judged])
         figures |= {
-            figure: _share([j.outcome == OUTCOMES[figure] for j in judged])
-            for figure in POSSIBLE.get(kind, NAMED)
+            figure: _share([j.outcome == outcome for j in judged])
+            for figure, outcome in OUTCOMES.items()
         }
     groups = [[j.group] for j in judged if j.group is not None]
     figures["names in a group"] = resampled(groups, _mean)

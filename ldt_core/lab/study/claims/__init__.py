@@ -7,7 +7,7 @@ from ldt_core.lab.study.claims.claim import Claim, ClaimVerdict, Statement, perc
 from ldt_core.lab.study.claims.detector_claims import DETECTOR_CLAIMS
 from ldt_core.lab.study.claims.model_claims import MODEL_CLAIMS
 from ldt_core.lab.study.claims.threshold_claims import THRESHOLD_CLAIMS
-from ldt_core.lab.study.evidence import Evidence
+from ldt_core.lab.study.study import Evidence
 
 __all__ = ["Claim", "ClaimVerdict", "aims", "claims", "percent"]
 

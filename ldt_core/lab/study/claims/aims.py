@@ -9,9 +9,9 @@ from operator import attrgetter
 from ldt_core.base.sentences import number
 from ldt_core.lab.study.claims.claim import Claim, ClaimPart, ClaimVerdict, Statement, percent
 from ldt_core.lab.study.drift_detection import delays, drifts_of
-from ldt_core.lab.study.evidence import BySeed, Evidence, ScoredRun, over
 from ldt_core.lab.study.facts import PROMPT_WINDOW
 from ldt_core.lab.study.statistics import mean, proportion, rate
+from ldt_core.lab.study.study import BySeed, Evidence, ScoredRun, over
 
 AIM = "an aim of this project"
 MODEL, DETECTOR = "diagnosed", "calibrated"  # the learner that the aims are about
@@ -81,11 +81,7 @@ def precision(evidence: Evidence) -> Parts:
     yield _part(runs, "precision", low=PRECISION)
     if runs:
         alarms = sum(r.score.false_alarms for r in runs.values())
-        stale = sum(r.score.stale_alarms for r in runs.values())
-        yield (
-            f"Outside all windows {alarms} positives in {len(runs)} streams, {stale} of them while "
-            "the machine was not as the model had last seen it."
-        )
+        yield f"Outside all windows {alarms} positives in {len(runs)} streams."
 
 
 def false_alarms_as_stated(evidence: Evidence) -> Claim:
@@ -116,8 +112,7 @@ def false_alarms_as_stated(evidence: Evidence) -> Claim:
         f"{len(results)} streams; stated {number(stated)}."
     )
     verdict = ClaimVerdict.MET if found.low <= stated <= found.high else ClaimVerdict.MISSED
-    numbers = {"observed": found.as_dict(), "stated": stated, "experiments": exposure}
-    return Claim(statement.id, statement.text, statement.where, verdict, text, numbers)
+    return Claim(statement.id, statement.text, statement.where, verdict, text)
 
 
 def _runs(evidence: Evidence) -> BySeed:
@@ -172,7 +167,6 @@ AIMS: tuple[Statement | Callable[[Evidence], Claim], ...] = (
         AIM,
         "MME as a share of the original's",
         share_of_the_original,
-        {"hybrid": 0.68, "linear": 0.88},
         aim=True,
     ),
     Statement(
@@ -199,7 +193,6 @@ AIMS: tuple[Statement | Callable[[Evidence], Claim], ...] = (
         AIM,
         "Recall",
         detectable_recall,
-        {"hybrid": 0.33},
         aim=True,
     ),
     Statement(
@@ -208,7 +201,6 @@ AIMS: tuple[Statement | Callable[[Evidence], Claim], ...] = (
         AIM,
         "Precision",
         precision,
-        {"hybrid": 0.12},
         aim=True,
     ),
 )

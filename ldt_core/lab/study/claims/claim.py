@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
 
 from ldt_core.base.sentences import number
-from ldt_core.lab.study.evidence import Evidence
 from ldt_core.lab.study.statistics import Interval
+from ldt_core.lab.study.study import BySeed, Evidence, Figure, ScoredRun, over
 
 MOST_LISTED = 6  # parts that a sentence can still list one by one
 
@@ -94,8 +94,6 @@ class Claim:
         where: in the paper, or whose aim it is.
         verdict: see `ClaimVerdict`.
         evidence: a sentence with the figures and their intervals.
-        numbers: the same figures by name, for a machine: each `Interval.as_dict` and more.
-        paper: the paper's own figures, where it prints some.
     """
 
     id: str
@@ -103,14 +101,6 @@ class Claim:
     where: str
     verdict: ClaimVerdict
     evidence: str
-    numbers: Mapping[str, Any] = field(default_factory=dict)
-    paper: Mapping[str, float] = field(default_factory=dict)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        plain = {n: getattr(self, n) for n in ("id", "text", "where", "evidence")}
-        rest = {"numbers": dict(self.numbers), "paper": dict(self.paper)}
-        return {**plain, "verdict": str(self.verdict), **rest}
 
 
 #: What a claim stands on: figures that all have to be on its side, and sentences behind them.
@@ -127,7 +117,6 @@ class Statement:
         where: in the paper, or whose aim it is.
         measure: what the figures are of which the evidence speaks.
         examine: gives the figures of a study, and sentences for the reader behind them.
-        paper: the paper's own figures.
         aim: an aim is met or missed, not confirmed.
     """
 
@@ -136,7 +125,6 @@ class Statement:
     where: str
     measure: str
     examine: Examine
-    paper: Mapping[str, float] = field(default_factory=dict)
     aim: bool = False
 
     def examined(self, evidence: Evidence) -> Claim:
@@ -145,7 +133,6 @@ class Statement:
         parts = [p for p in given if isinstance(p, ClaimPart) and p.estimate.value is not None]
         verdict = combined([p.verdict for p in parts])
         verdict = AS_AIM.get(verdict, verdict) if self.aim else verdict
-        numbers = {p.label or "mean": {**p.estimate.as_dict(), "unit": p.unit} for p in parts}
         if parts:
             seeds = sorted({p.estimate.count for p in parts})
             few = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
@@ -153,7 +140,7 @@ class Statement:
         else:
             figures = "The study has no runs for it."
         words = " ".join([figures, *(s for s in given if isinstance(s, str))]).strip()
-        return Claim(self.id, self.text, self.where, verdict, words, numbers, dict(self.paper))
+        return Claim(self.id, self.text, self.where, verdict, words)
 
 
 def combined(verdicts: Sequence[ClaimVerdict]) -> ClaimVerdict:
@@ -188,3 +175,79 @@ def percent(value: float | None) -> str:
     ('9.53 %', 'unknown')
     """
     return "unknown" if value is None else f"{number(100 * value)} %"
+
+
+ACTIVE = ("threshold", "lddm")
+PASSIVE = "window"
+PAPER_DETECTORS = (*ACTIVE, PASSIVE)
+PAPER_MODELS = ("linear", "hybrid")
+
+
+NO_TREND = 0.3  # a rank correlation within this is commonly called none or weak
+
+mme: Callable[[ScoredRun], float] = attrgetter("score.mme")
+mme_original: Figure = attrgetter("score.mme_original")
+left: Figure = attrgetter("score.share")
+adaptations: Callable[[ScoredRun], float] = attrgetter("score.adaptations")
+recall: Figure = attrgetter("score.recall")
+
+
+@dataclass(frozen=True)
+class ModelUnderDetector:
+    """A model under a detector, in a study."""
+
+    evidence: Evidence
+    model: str
+    detector: str
+
+    @property
+    def runs(self) -> BySeed:
+        """Its runs in the paper's group."""
+        return self.evidence.runs(self.model, self.detector)
+
+    def beside(self, model: str = "", detector: str = "") -> BySeed:
+        """The runs of another model under this detector, or of this one under another."""
+        return self.evidence.runs(model or self.model, detector or self.detector)
+
+
+def of_each(
+    detectors: Sequence[str],
+    models: Sequence[str],
+    estimate: Callable[[ModelUnderDetector], Interval],
+    note: Callable[[ModelUnderDetector], str] = lambda at: "",
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+    unit: str = "",
+) -> Callable[[Evidence], Iterator[ClaimPart]]:
+    """One figure for each model under each detector, named by what differs.
+
+    Args:
+        detectors: names.
+        models: names.
+        estimate: the figure.
+        note: further figures in words.
+        low: the claim says the figure lies above this.
+        high: and below this.
+        unit: of the figure.
+    """
+
+    def examine(evidence: Evidence) -> Iterator[ClaimPart]:
+        for model in models:
+            for detector in detectors:
+                at = ModelUnderDetector(evidence, model, detector)
+                label = f"{model}, {detector}" if len(models) > 1 else detector
+                yield ClaimPart(label, estimate(at), low, high, unit, note=note(at))
+
+    return examine
+
+
+def means_of(figures: Sequence[tuple[BySeed, Figure]], unit: str = "") -> str:
+    """Means of figures over runs, in words."""
+    means = [over(runs, figure).value for runs, figure in figures]
+    return " and ".join(f"{number(m)}{unit}" for m in means if m is not None)
+
+
+def text_of(value: float | None, digits: int = 3) -> str:
+    """A figure in words."""
+    return "unknown" if value is None else number(value, digits)

@@ -8,22 +8,24 @@ from operator import attrgetter
 import numpy as np
 
 from ldt_core.base.experiment import Level
-from ldt_core.lab.study.claims.claim import ClaimPart, Examine, Statement
-from ldt_core.lab.study.claims.learners import (
+from ldt_core.lab.study.claims.claim import (
     ACTIVE,
     NO_TREND,
     PAPER_DETECTORS,
     PAPER_MODELS,
     PASSIVE,
+    ClaimPart,
+    Examine,
     ModelUnderDetector,
+    Statement,
     adaptations,
     left,
     mme,
     of_each,
     text_of,
 )
-from ldt_core.lab.study.evidence import Evidence, ScoredRun, difference, over, ratio, shares
 from ldt_core.lab.study.statistics import mean, proportion, rank_correlation
+from ldt_core.lab.study.study import Evidence, ScoredRun, difference, over, ratio, shares
 
 ERROR_FIGURE = "figure of MME against e"
 COUNT_FIGURE = "figure of adaptations against e"

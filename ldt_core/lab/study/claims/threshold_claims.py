@@ -8,10 +8,17 @@ from itertools import product
 import numpy as np
 
 from ldt_core.base.sentences import number
-from ldt_core.lab.study.claims.claim import ClaimPart, Statement
-from ldt_core.lab.study.claims.learners import ACTIVE, NO_TREND, PAPER_MODELS, adaptations, mme
-from ldt_core.lab.study.evidence import BySeed, Evidence, ScoredRun, ratio
+from ldt_core.lab.study.claims.claim import (
+    ACTIVE,
+    NO_TREND,
+    PAPER_MODELS,
+    ClaimPart,
+    Statement,
+    adaptations,
+    mme,
+)
 from ldt_core.lab.study.statistics import geometric_mean, mean, trend
+from ldt_core.lab.study.study import BySeed, Evidence, ScoredRun, ratio
 
 FIGURE = "figure of the threshold"
 MUCH_LESS_SHARE = 0.5  # "much smaller": less than half

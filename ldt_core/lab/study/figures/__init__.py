@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ldt_core.lab.study.evidence import Evidence
 from ldt_core.lab.study.figures import curve_figures, dot_figures, stream_figures
-from ldt_core.lab.study.figures.drift_figure import detectable
 from ldt_core.lab.study.figures.region_figure import sommerfeld
+from ldt_core.lab.study.study import Evidence
 from ldt_core.views.page.style import Drawing
 
 #: Name → what makes it; None where the study has no runs for it.
@@ -18,13 +17,10 @@ FIGURES: dict[str, Callable[[Evidence], Drawing | None]] = {
     "mme_by_level": curve_figures.mme_by_level,
     "adaptations_by_level": curve_figures.adaptations_by_level,
     "thresholds": curve_figures.thresholds,
-    "detectors": dot_figures.detectors,
     "shares": dot_figures.shares,
     "over_stream": stream_figures.over_stream,
-    "estimate": stream_figures.estimate,
-    "detectable": detectable,
+    "detectable": stream_figures.detectable,
     "false_alarms": dot_figures.false_alarms,
-    "kinds": dot_figures.kinds,
 }
 
 

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.lab.study.evidence import Evidence
-from ldt_core.lab.study.figures.dots import ROOM
 from ldt_core.lab.study.figures.wear import wear
 from ldt_core.lab.study.statistics import mean
+from ldt_core.lab.study.study import Evidence
 from ldt_core.lab.study.study_case import RunResult
 from ldt_core.views.page.style import Drawing, Layout, legend, look, panels
 
@@ -25,6 +24,7 @@ DETECTORS = ("window", "threshold", "lddm")
 SWEPT = {"threshold": ("threshold detector", r"$\theta_c$"), "lddm": ("LDDM", r"$\theta_d$")}
 MODELS = ("linear", "hybrid")
 TICKS = 8  # labels at most on a panel
+ROOM = 1.5  # times the largest mean, at most, is the end of an axis
 
 Row = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -1,50 +1,52 @@
-"""Rows of dots, one for each model and detector: shares, chance, false alarms, kinds of drift."""
+"""Rows of dots with intervals, one for each model and detector: shares and false alarms."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
-
-import numpy as np
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from ldt_core.base.sentences import number
-from ldt_core.lab.study.evidence import Evidence
-from ldt_core.lab.study.figures.dots import Dots, Panel, dot_plot, key_to_marks
 from ldt_core.lab.study.statistics import Interval, mean, rate
-from ldt_core.lab.study.study import Study
-from ldt_core.lab.study.study_case import RunResult
-from ldt_core.lab.study.study_tables import PAPER
-from ldt_core.views.page.style import Drawing, Layout, pair
+from ldt_core.lab.study.study import Evidence
+from ldt_core.lab.study.study_tables import PAPER as PRINTED
+from ldt_core.views.page.style import INK, PAPER, Drawing, Layout, look, pair, panels
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Figure of `RunScore` → panel.
-CHANCE_PANELS = (
-    Panel("mme", "MME [rad/s]"),
-    Panel("recall", "recall", (0, 1)),
-    Panel("precision", "precision", (0, 1)),
-    Panel("recall_detectable", "recall of detectable drifts", (0, 1)),
-    Panel("delay", "experiments to detection", (1, 5)),
-    Panel("false_alarm_rate", "false alarms an experiment", (0, 1)),
-)
-KINDS_PANELS = (
-    Panel("share", "share of the original's MME"),
-    Panel("recall", "recall", (0, 1)),
-    Panel("precision", "precision", (0, 1)),
-)
 STATED = "false_alarm_every"  # parameter of a detector that states its rate
+ROW = 0.27  # inches
+FRAME = 0.75  # inches that title and labels of a panel take
+DASHES = ((0, (1, 1.5)), (0, (5, 2)), (0, (6, 1.5, 1.2, 1.5)))  # of lines across
 
-Best = tuple[float, str] | None
+
+@dataclass(frozen=True)
+class Dots:
+    """A row.
+
+    Attributes:
+        label: at the left.
+        key: model or detector whose colour it has; "" for a heading.
+        estimate: of the run.
+        hollow: a figure that others measured.
+    """
+
+    label: str
+    key: str = ""
+    estimate: Interval | None = None
+    hollow: bool = False
 
 
 def shares(evidence: Evidence) -> Drawing | None:
     """MME as a share of the original's; None without runs."""
     rows = [Dots("the paper, on its rotor")]
-    for model, printed in PAPER.items():
-        exact = {"share": Interval(100 * printed["share"], -np.inf, np.inf, 1)}
+    for model, printed in PRINTED.items():
+        exact = Interval(100 * printed["share"], -math.inf, math.inf, 1)
         rows.append(Dots(model, model, exact, hollow=True))
-    best: Best = None
+    best: list[tuple[float, str]] = []
     for group, heading in (("paper", "here, as in the paper"), ("better", "here, beyond it")):
         pairs = evidence.study.pairs(group)
         rows += [Dots(heading)] if pairs else []
@@ -53,59 +55,24 @@ def shares(evidence: Evidence) -> Drawing | None:
             value = None if found.value is None else 100 * found.value
             estimate = Interval(value, 100 * found.low, 100 * found.high, found.count)
             name = pair(model, detector)
-            rows.append(Dots(name, model, {"share": estimate}))
-            best = _less(best, estimate, f"{name}: {estimate.text('%')}")
-    if best is None:
+            rows.append(Dots(name, model, estimate))
+            if value is not None:
+                best.append((value, f"{name}: {estimate.text('%')}"))
+    if not best:
         return None
     floors = _floors(evidence)
     words = "".join(f"; {label}: {value:.1f} %" for label, value in floors)
 
     def draw(layout: Layout) -> Figure:
-        panel = Panel("share", "MME [% of the original model's]", (0, 105), floors)
-        figure = dot_plot(layout, rows, [panel], columns=1)
-        key_to_marks(figure, layout, hollow="the paper's figure")
-        return figure
+        label = "MME [% of the original model's]"
+        return dot_plot(layout, rows, label, 105, floors, hollow="the paper's figure")
 
     return Drawing(
         "shares",
         "What is left of the original model's error",
-        f"The least is left by {best[1]}{words}. The paper's hybrid model left 68 %.",
+        f"The least is left by {min(best)[1]}{words}. The paper's hybrid model left 68 %.",
         "Rows of dots: mean maximum error of each learner in per cent of the original model's, "
         "with lines for the floors.",
-        draw,
-    )
-
-
-def detectors(evidence: Evidence) -> Drawing | None:
-    """All pairs of model and detector beside chance; None without runs of them."""
-    rows = []
-    for group, heading in (("paper", "as in the paper"), ("better", "beyond the paper")):
-        pairs = evidence.study.pairs(group)
-        rows += [Dots(heading)] if pairs else []
-        for (model, detector), results in pairs.items():
-            values = _known(evidence, results, (p.key for p in CHANCE_PANELS))
-            beside: dict[str, dict[str, Interval]] = {}
-            for key in values:
-                for name, found in evidence.beside(results, key).items():
-                    if name != "never" or key == "mme":
-                        beside.setdefault(name, {})[key] = found
-            rows.append(Dots(pair(model, detector), model, values, dict(sorted(beside.items()))))
-    shown = [p for p in CHANCE_PANELS if any(p.key in row.values for row in rows)]
-    if not shown:
-        return None
-
-    def draw(layout: Layout) -> Figure:
-        figure = dot_plot(layout, rows, shown, columns=3)
-        key_to_marks(figure, layout, baselines=True)
-        return figure
-
-    return Drawing(
-        "detectors",
-        "Each detector beside chance",
-        f"{_beside_chance(rows)} Delay and false alarms: a positive within five experiments of a "
-        "drift counts for it (1: in its first), any other is a false alarm.",
-        "Rows of dots with intervals for every pair of model and detector, beside hollow marks "
-        "for never, periodic and random alarms.",
         draw,
     )
 
@@ -120,7 +87,7 @@ def false_alarms(evidence: Evidence) -> Drawing | None:
         events = sum(len(r.positives) for r in results)
         exposure = sum(len(r.number) for r in results)
         found = rate(events, exposure)
-        rows.append(Dots(pair(model, detector), model, {"rate": found}))
+        rows.append(Dots(pair(model, detector), model, found))
         if detector == "calibrated":
             every = float(results[0].case.resolved[STATED])
             stated.add(1 / every)
@@ -134,13 +101,11 @@ def false_alarms(evidence: Evidence) -> Drawing | None:
     if not rows:
         return None
     lines = [("stated", value) for value in sorted(stated)]
-    highest = max([r.values["rate"].high for r in rows] + [value for _, value in lines])
+    highest = max([e.high for r in rows if (e := r.estimate)] + [value for _, value in lines])
 
     def draw(layout: Layout) -> Figure:
-        panel = Panel("rate", "false alarms an experiment", (0, 1.05 * highest), lines)
-        figure = dot_plot(layout, rows, [panel], columns=1)
-        key_to_marks(figure, layout, "rate, exact 95 % interval")
-        return figure
+        label = "false alarms an experiment"
+        return dot_plot(layout, rows, label, 1.05 * highest, lines, "rate, exact 95 % interval")
 
     caption = " ".join(words) or "None of the detectors here states a rate."
     return Drawing(
@@ -153,52 +118,65 @@ def false_alarms(evidence: Evidence) -> Drawing | None:
     )
 
 
-def kinds(evidence: Evidence) -> Drawing | None:
-    """What is left of the error, recall and precision for each kind of drift."""
-    rows: list[Dots] = []
-    least: list[str] = []
-    for label, pairs in _by_kind(evidence.study).items():
-        rows.append(Dots(label))
-        best: Best = None
-        for (model, detector), results in pairs.items():
-            values = _known(evidence, results, (p.key for p in KINDS_PANELS))
-            rows.append(Dots(pair(model, detector), model, values))
-            share = values.get("share")
-            if share is not None and share.value is not None:
-                best = _less(best, share, f"{label}: {model} {100 * share.value:.0f} %")
-        least += [best[1]] if best else []
-    if not rows:
-        return None
+def dot_plot(
+    layout: Layout,
+    rows: Sequence[Dots],
+    label: str,
+    highest: float,
+    lines: Sequence[tuple[str, float]],
+    dot: str = "mean over seeds, 95 % interval",
+    hollow: str = "",
+) -> Figure:
+    """One row a run on an axis from 0, with a legend of the marks and of the lines across.
 
-    def draw(layout: Layout) -> Figure:
-        figure = dot_plot(layout, rows, KINDS_PANELS, columns=3)
-        key_to_marks(figure, layout)
-        return figure
+    Args:
+        layout: room that the figure has.
+        rows: from top to bottom.
+        label: of the axis, with its unit.
+        highest: end of the axis; what lies beyond is an arrow at the edge.
+        lines: (label, value) to draw across.
+        dot: what a dot is.
+        hollow: what a hollow dot is; "" without any.
+    """
+    from matplotlib.lines import Line2D
 
-    return Drawing(
-        "kinds",
-        "Other kinds of drift",
-        f"Least left of the original's MME, by kind: {'; '.join(least)}. A ramp drifts in every "
-        "experiment, so that its recall and precision are those of any alarm.",
-        "Rows of dots for each kind of drift and pair of model and detector: share of the "
-        "original's error, recall, precision.",
-        draw,
-    )
+    figure, (axes,) = panels(layout, FRAME + ROW * len(rows))
+    for place, row in enumerate(rows):
+        if row.estimate is not None and row.estimate.value is not None:
+            _dot(axes, place, row, row.estimate, row.estimate.value, highest)
+    for (words, value), dashes in zip(lines, DASHES, strict=False):
+        axes.axvline(value, color=INK, lw=1.2, ls=dashes, zorder=1, label=words)
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.set_yticks(range(len(rows)), [row.label for row in rows])
+    for text, row in zip(axes.get_yticklabels(), rows, strict=True):
+        text.set_fontweight("normal" if row.key else "bold")
+    axes.grid(axis="y", visible=False)
+    axes.spines["left"].set_visible(False)
+    axes.tick_params(left=False)
+    axes.set_xlabel(label)
+    axes.set_xlim(0, highest)
+    marks = [Line2D([], [], ls="", label=dot, marker="o", color=INK)]
+    if hollow:
+        marks.append(Line2D([], [], ls="", label=hollow, marker="o", mec=INK, mfc=PAPER))
+    handles = [*marks, *axes.get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside upper left", ncols=1 if layout.narrow else 4)
+    return figure
 
 
-def _known(
-    evidence: Evidence, results: list[RunResult], figures: Iterable[str]
-) -> dict[str, Interval]:
-    """The figures that these runs have, with their intervals."""
-    values = {name: evidence.of(results, name) for name in figures}
-    return {name: v for name, v in values.items() if v.value is not None}
-
-
-def _less(best: Best, found: Interval, text: str) -> Best:
-    """The lesser of two figures, the first of equal ones, with its words."""
-    if found.value is None or (best is not None and found.value >= best[0]):
-        return best
-    return found.value, text
+def _dot(
+    axes: Axes, place: int, row: Dots, estimate: Interval, value: float, highest: float
+) -> None:
+    style = look(row.key)
+    if value > highest:  # an arrow there, with its figure
+        axes.plot(highest, place, ">", color=style.color, ms=5, clip_on=False)
+        shift: dict[str, Any] = {"xytext": (-7, 0), "textcoords": "offset points"}
+        axes.annotate(f"{value:.3g}", (highest, place), **shift, ha="right", va="center")
+        return
+    if math.isfinite(estimate.low) and math.isfinite(estimate.high):
+        axes.plot([estimate.low, estimate.high], [place, place], color=style.color, lw=1.4)
+    face = PAPER if row.hollow else style.color
+    marker = style.marker or "o"
+    axes.plot(value, place, marker, color=style.color, mfc=face, ms=6, clip_on=False)
 
 
 def _floors(evidence: Evidence) -> list[tuple[str, float]]:
@@ -211,34 +189,6 @@ def _floors(evidence: Evidence) -> list[tuple[str, float]]:
             late.append(100 * run.facts.mme_late / run.score.mme_original)
     found = (("floor: true e", mean(true).value), ("floor: true e, one late", mean(late).value))
     return [(label, value) for label, value in found if value is not None]
-
-
-def _beside_chance(rows: Iterable[Dots]) -> str:
-    better, compared = 0, 0
-    for row in rows:
-        chance = [row.beside[n] for n in ("periodic", "random") if n in row.beside]
-        others = [c["mme"].low for c in chance if "mme" in c]
-        if others:
-            compared += 1
-            better += row.values["mme"].high < min(others)
-    if not compared:
-        return "No baselines were run, so these figures say nothing of what chance would reach."
-    return (
-        f"Of {compared} pairs of model and detector, {better} have an MME whose interval lies "
-        "below that of periodic and of random alarms with as many adaptations."
-    )
-
-
-def _by_kind(study: Study) -> Mapping[str, dict[tuple[str, str], list[RunResult]]]:
-    """The group `kinds`, by what wears how and from which start, by model and detector."""
-    found: dict[str, dict[tuple[str, str], list[RunResult]]] = {}
-    for result in study.results("kinds"):
-        case, resolved = result.case, result.case.resolved
-        kind, start = resolved["degradation"] or "staircase", resolved["start"]
-        label = f"{kind}, start {start}" if start else kind
-        pairs = found.setdefault(label, {})
-        pairs.setdefault((case.model, case.detector), []).append(result)
-    return found
 
 
 def _every(per_experiment: float) -> str:

@@ -1,4 +1,4 @@
-"""One stream over its experiments: how the machine wears, the error, the cause as it is seen."""
+"""Streams over their experiments: voltage and speed, wear, error, which drifts were found."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ldt_core.base.sentences import number
-from ldt_core.lab.study.drift_detection import drifts_of
-from ldt_core.lab.study.evidence import Evidence
-from ldt_core.lab.study.figures.wear import WearQuantity, wear
-from ldt_core.lab.study.statistics import mean
+from ldt_core.lab.study.drift_detection import detection, drifts_of
+from ldt_core.lab.study.facts import Drift, energy_needed
+from ldt_core.lab.study.figures.wear import wear
+from ldt_core.lab.study.study import Evidence
 from ldt_core.lab.study.study_case import RunResult
 from ldt_core.views.page.style import (
     FAINT,
+    GREEN,
     GREY,
     INK,
     VERMILION,
@@ -29,6 +30,11 @@ from ldt_core.views.page.style import (
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+#: Samples an experiment has when the study kept none to count.
+SAMPLES = 2000
+#: Shown; a drift that does less, or more, to the speed lies on the edge.
+LEAST_ENERGY, MOST_ENERGY = 1e-2, 1e12
 
 
 def input_output(evidence: Evidence) -> Drawing | None:
@@ -152,43 +158,52 @@ def over_stream(evidence: Evidence) -> Drawing | None:
     )
 
 
-def estimate(evidence: Evidence) -> Drawing | None:
-    """Estimate and truth over one stream; None without the diagnosed model."""
-    best = evidence.best("diagnosed")
-    alike = evidence.study.pairs("better")[best] if best else []
-    if best is None or not any(e is not None for r in alike for e in r.estimate):
+def detectable(evidence: Evidence) -> Drawing | None:
+    """Energy of each drift against what wears; None without facts or runs beyond the paper."""
+    best = evidence.best()
+    if best is None:
         return None
-    shown, quantity = _first(alike), wear(alike[0])
-    truth = quantity.scaled(shown.truth)
-    seen = quantity.scaled(_estimates(shown))
+    results = evidence.study.pairs("better")[best]
+    points: list[tuple[Drift, bool]] = []
+    for result in results:
+        facts = evidence.study.facts_of(result)
+        for drift in facts.drifts if facts else ():
+            points.append((drift, bool(detection([drift.number], result.positives).detected)))
+    if not points:
+        return None
+    quantity = wear(results[0])
+    kept = [len(rows["time"]) for r in results for rows in r.kept.values()]
+    needed = energy_needed(kept[0] if kept else SAMPLES)
+    visible = [found for drift, found in points if drift.detectable]
+    hidden = [found for drift, found in points if not drift.detectable]
 
     def draw(layout: Layout) -> Figure:
-        figure, (upper, lower) = panels(
-            layout, 1.0, count=2, sharex=True, gridspec_kw={"height_ratios": (2, 1)}
-        )
-        figure.set_figheight(4.4)
-        style = look("measured").plot(lw=2.4, label="true")
-        upper.step(shown.number, truth, where="mid", **style)
-        style = look(best[0]).plot(label=f"estimate, {best[0]} model")
-        upper.step(shown.number, seen, where="mid", **style)
-        upper.set_ylabel(quantity.label)
-        style.pop("label")
-        lower.step(shown.number, seen - truth, where="mid", **style)
-        lower.set_ylabel(f"estimate − true\n[{quantity.unit}]")
-        lower.set_xlabel("experiment")
-        lower.set_xlim(shown.number[0], shown.number[-1])
-        legend(figure, [upper], layout)
-        figure.align_ylabels()
+        figure, (axes,) = panels(layout, 3.6)
+        for found, label, color, marker in (
+            (True, f"detected ({sum(f for _, f in points)})", GREEN, "o"),
+            (False, f"missed ({sum(not f for _, f in points)})", VERMILION, "x"),
+        ):
+            chosen = [d for d, f in points if f is found]
+            x = quantity.scaled([d.after for d in chosen])
+            y = [min(max(d.energy, LEAST_ENERGY), MOST_ENERGY) for d in chosen]
+            axes.plot(x, y, marker, color=color, mfc="none", label=label, mew=1.3)
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(power)
+        axes.axhline(needed, color=INK, lw=1.2, ls=(0, (5, 2)), label="detectable from here on")
+        axes.set_xlabel(quantity.label)
+        axes.set_ylabel("energy of the drift |Δy|² / σ²")
+        legend(figure, [axes], layout, 4)
         return figure
 
     return Drawing(
-        "estimate",
-        "The cause as the twin sees it",
-        f"{pair(*best)} detector, seed {shown.case.seed}: the value of {quantity.symbol} "
-        "in the model that predicts each experiment, beside the true one. "
-        f"{_errors_of_estimates(alike, quantity)}",
-        "Two staircases over the experiments, the true eccentricity and the estimated one, and "
-        "their difference below.",
+        "detectable",
+        "Which drifts can be found, and which were",
+        f"{pair(*best)} detector: {sum(visible)} of {len(visible)} "
+        f"detectable drifts detected, and {sum(hidden)} of the {len(hidden)} that one experiment "
+        "of a drift does not show above the noise (by chance, or over several experiments). "
+        f"Each drift stands at the value of {quantity.symbol} that it leads to.",
+        "Energy of each drift on a logarithmic scale against the eccentricity after it, marked by "
+        "whether it was detected, with the limit above which it is detectable.",
         draw,
     )
 
@@ -196,25 +211,3 @@ def estimate(evidence: Evidence) -> Drawing | None:
 def _first(results: Sequence[RunResult]) -> RunResult:
     """The first of the smallest seed, which a figure of a single stream shows."""
     return min(results, key=lambda r: r.case.seed)
-
-
-def _estimates(result: RunResult) -> list[float]:
-    return [np.nan if e is None else e for e in result.estimate]
-
-
-def _errors_of_estimates(results: Sequence[RunResult], quantity: WearQuantity) -> str:
-    """Over all seeds: everywhere, and where the machine is as in the experiment before."""
-    everywhere, settled = [], []
-    for result in results:
-        truth = np.array(result.truth)
-        error = quantity.scale * np.abs(np.array(_estimates(result)) - truth)
-        known = np.isfinite(error)
-        same = np.r_[False, truth[1:] == truth[:-1]]
-        everywhere.append(float(np.median(error[known])))
-        if np.any(known & same):
-            settled.append(float(np.mean(error[known & same])))
-    return (
-        f"Median error {number(float(np.median(everywhere)))} {quantity.unit} (median over "
-        f"{len(results)} seeds); mean error in experiments in which nothing has changed since the "
-        f"one before: {mean(settled).text(quantity.unit)}."
-    )

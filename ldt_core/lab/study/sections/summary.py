@@ -7,9 +7,7 @@ from collections.abc import Mapping, Sequence
 from ldt_core.base.code_version import code_version
 from ldt_core.base.sentences import number
 from ldt_core.lab.study.claims import Claim, ClaimVerdict, aims, claims, percent
-from ldt_core.lab.study.evidence import Evidence
-from ldt_core.lab.study.sections.methods import in_words
-from ldt_core.lab.study.study import Study
+from ldt_core.lab.study.study import Evidence, Study
 from ldt_core.views.page.blocks import Item, Items, Mark, Pairs, Section, Table, Text
 from ldt_core.views.page.style import Drawing
 
@@ -49,32 +47,19 @@ def what_was_run(evidence: Evidence) -> list[tuple[str, str]]:
     study = evidence.study
     results = study.results()
     seeds = streams(study)
-    missing = f", {study.missing} planned are missing" if study.missing else ""
-    pairs = [
+    return [
         ("seeds", f"{len(seeds)} ({seeds[0]} to {seeds[-1]})" if seeds else "0"),
         ("experiments a run", ", ".join(map(str, sorted({r.case.experiments for r in results})))),
         ("machine", ", ".join(sorted({r.case.machine for r in results}))),
-        ("runs", f"{len(results)}{missing}"),
-        ("computing time", duration(sum(r.seconds for r in results))),
+        ("runs", f"{len(results)}"),
         ("version", ", ".join(f"{name} {version}" for name, version in code_version().items())),
     ]
-    known = {"seeds", "experiments", "machine", "groups", "first_seed"}
-    return pairs + [(n, in_words(v)) for n, v in study.settings.items() if n not in known]
 
 
 def streams(study: Study) -> list[int]:
     """Seeds of the streams that wear; those of the machine in control are others, and more."""
     worn = {e.result.case.seed for e in study.entries if set(e.groups) != {"control"}}
     return sorted(worn or {e.result.case.seed for e in study.entries})
-
-
-def duration(seconds: float) -> str:
-    """Of the loops alone, over all processes.
-
-    >>> duration(7384)
-    '123 min'
-    """
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
 def _lines(evidence: Evidence, of_paper: Sequence[Claim], of_ours: Sequence[Claim]) -> list[str]:
