@@ -76,7 +76,7 @@ class DetectorStage:
             OptionError: no state of this detector, which then has seen nothing.
         """
         own = dict(state)
-        version = own.pop(VERSION)
+        version = own.pop(VERSION, None)
         if version is not None and (type(version) is not int or version < 0):
             raise ValueError(f"{VERSION} {version!r}")
         self.detector.restore(own)
