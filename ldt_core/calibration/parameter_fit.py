@@ -1,17 +1,14 @@
 """Bounded nonlinear least squares of free runs, with their unknown start states eliminated.
 
-What speed and current (and, with an eccentric rotor, what angle and motion of the foundation) the
-machine had at an experiment's first sample is known only through noise, or not at all. These start
-states are projected out of every residual and sensitivity (`estimation.variable_projection`), so
-that they cost the parameters the information that they should. Start states and the channels' noise
-are estimated anew between rounds of the fit, until nothing moves.
+What state the machine had at an experiment's first sample is known only through noise, or not at
+all. Start states are projected out of every residual and sensitivity
+(`estimation.variable_projection`), so that they cost the parameters the information that they
+should. They and the channels' noise are estimated anew between rounds, until nothing moves.
 
 Where the machine is not linear the sum of squares can have several minima: near a critical speed
 the free run is either captured or not, and turns from one to the other within a per cent of e. So
 an optional parameter (e, g) that is freed is first scanned over two decades, and the fit starts
-from the best few values. Other parameters of a nonlinear machine start from the file's values
-alone: a foundation's stiffness must be near enough that its critical speed is passed about when it
-is.
+from the best few values. Other parameters start from the file's values alone.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ import numpy as np
 from ldt_core.base.errors import BadInput, OptionError
 from ldt_core.effects.base import Values
 from ldt_core.machine.machine_file import Machine, load_machine
-from ldt_core.physics.constants import MAX_STEP
+from ldt_core.physics.base import MAX_STEP
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import MAX_STEP_RATE
 from ldt_core.physics.motor_driven import MotorDriven

@@ -32,8 +32,7 @@ from ldt_core.diagnosis.start_states import (
 from ldt_core.estimation.noise import white_noise
 from ldt_core.estimation.variable_projection import basis_of, project_out
 from ldt_core.machine.machine_file import Machine
-from ldt_core.physics.base import ANGLE, CURRENT, SPEED
-from ldt_core.physics.constants import NOT_TRACKED
+from ldt_core.physics.base import ANGLE, CURRENT, NOT_TRACKED, SPEED
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import propagate
 from ldt_core.physics.motor import MOTOR, memory

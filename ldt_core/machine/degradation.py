@@ -93,14 +93,9 @@ def _stairs(levels: np.ndarray, n: int, random: np.random.Generator) -> tuple[fl
 def schedule(
     machine: Machine, experiments: int, seed: int, kind: str = "", end: float | None = None
 ) -> Schedule:
-    """The schedule that a machine file asks for.
+    """The schedule that a machine file asks for in `simulation.degradation`.
 
-    Args:
-        machine: whose `simulation.degradation` to read; without it nothing wears.
-        experiments: of the run.
-        seed: of the run.
-        kind: another kind than the file's; "" for the file's own.
-        end: another last value than the file's.
+    `kind` and `end` are others than the file's, if given.
 
     Raises:
         MachineFileError: an unknown key, kind, effect or parameter, or a value out of its bounds.

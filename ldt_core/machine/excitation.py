@@ -75,11 +75,9 @@ class Given:
 
 
 def excitation(machine: Machine, kind: str = "") -> Excitation:
-    """The excitation that a machine file asks for.
+    """The excitation that a machine file asks for in `simulation.voltage`.
 
-    Args:
-        machine: whose `simulation.voltage` to read.
-        kind: another kind than the file's, with the file's levels; "" for the file's own.
+    `kind` is another than the file's, with the file's levels.
 
     Raises:
         MachineFileError: an unknown key or kind, or a level outside the machine's limits.

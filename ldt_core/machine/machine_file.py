@@ -117,11 +117,7 @@ class Machine:
         return replace(self, parameters=_parameters(self.source, self.model, merged))
 
     def check(self, experiment: Experiment) -> None:
-        """Refuse an experiment that this machine cannot have made.
-
-        Raises:
-            ExperimentError: voltage outside the machine's limits.
-        """
+        """Refuse (ExperimentError) a voltage outside the machine's limits."""
         low, high = self.voltage_limits
         slack = VOLTAGE_SLACK * (high - low)
         outside = (experiment.voltage < low - slack) | (experiment.voltage > high + slack)

@@ -59,9 +59,5 @@ class PhysicsModel(Model):
         )
 
     def fit(self, experiments: Sequence[Experiment]) -> Self:
-        """Refused: this model stays what the machine file says.
-
-        Raises:
-            LdtError: always.
-        """
+        """Refused with an LdtError: this model stays what the machine file says."""
         raise LdtError("the model 'physics' does not learn: it is the machine file's equations")

@@ -15,18 +15,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ldt_core.base.arrays import Array
-from ldt_core.physics.constants import MAX_STEP, NOT_TRACKED, Tracked
 from ldt_core.physics.parameter import Parameter
 
 if TYPE_CHECKING:
     from ldt_core.physics.effect import Effect
 
 Values = Mapping[str, float]
+#: Speeds to follow (L,) [rad/s] or none (0,), and the part of the difference taken at a sample.
+Tracked = tuple[Array, float]
+NOT_TRACKED: Tracked = (np.zeros(0), 0.0)
 #: Effects that act, each with all its parameters' values, in the order in which they act.
 Effects = Sequence[tuple["Effect", Values]]
 
 #: Places of the states that every physics has: angle [rad], speed [rad/s], current [A].
 ANGLE, SPEED, CURRENT = range(3)
+MAX_STEP = 0.25e-3  # s; worst relative speed error 5e-6 over 300 random experiments of the rotor
 #: Rounds of the fixed point that looks through the sensor. More would blow up the noise that a slow
 #: sensor has smoothed away.
 SENSOR_ROUNDS = 4

@@ -12,25 +12,16 @@ it would fail with, takes seconds to compile.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from ldt_core.base.arrays import Array
-from ldt_core.base.errors import BadInput, LdtError
-from ldt_core.physics.constants import MAX_STEP, NOT_TRACKED, Constants, Equations, Tracked
-from ldt_core.physics.effect import Effect, gather
 from ldt_core.physics.terms import evaluate, forget, is_quiet
 
 MAX_STEP_RATE = 1.0  # step times fastest rate: RK4 is stable to 2.8, and accurate well below
-MAX_STEPS = 2_000_000_000  # of one simulation: some minutes of computing; more is a mistake
 STATES = 7  # of a machine: motor and foundation
 RIGID_STATES = 3  # of one that shakes no foundation
 LONGEST_PAUSE = 16  # intervals with short steps, at most, before long ones are tried again
-QUIET_CHANGE = 1e-3  # of stall torque and voltage: a term that changes less needs no short steps
 SMALL_TURN = 0.1  # rad; below, the series of `turned` is exact to rounding
 
 
@@ -54,42 +45,6 @@ def propagate(ad, bd, volts, initial, seen, gain):  # pragma: no cover - compile
                 moved[i] += ad[i, j] * x[j]
         x, moved = moved, x
     return states
-
-
-class Coefficients(NamedTuple):
-    """The constants as the equations use them: divisions done once, not in each stage."""
-
-    pull: float
-    drag: float
-    ease: float
-    weight: float
-    coupling: float
-    supply: float
-    loss: float
-    emf: float
-    lever: float
-    stiffness_x: float
-    stiffness_y: float
-    damping_x: float
-    damping_y: float
-
-
-def _coefficients(c: Constants) -> Coefficients:
-    return Coefficients(
-        pull=c.torque_constant / c.inertia,
-        drag=c.friction / c.inertia,
-        ease=1.0 / c.inertia,
-        weight=c.weight_torque / c.inertia,
-        coupling=c.unbalance / c.inertia,
-        supply=1.0 / c.inductance,
-        loss=c.resistance / c.inductance,
-        emf=c.torque_constant / c.inductance,
-        lever=c.unbalance / c.mass,
-        stiffness_x=c.stiffness_x / c.mass,
-        stiffness_y=c.stiffness_y / c.mass,
-        damping_x=c.damping_x / c.mass,
-        damping_y=c.damping_y / c.mass,
-    )
 
 
 @njit(cache=True, nogil=True)
@@ -194,17 +149,14 @@ def runge_kutta(
     rarely where the machine is. If it turns out to be, the interval is run again.
 
     Args:
-        edges: (K + 1,) ends of the intervals of constant voltage [s].
-        volts: (K,) [V].
-        steps: (K,) steps in each interval.
-        long: (K,) fewer steps to try first.
+        edges, volts: (K + 1,) ends of the intervals of constant voltage [s], (K,) the voltage [V].
+        steps, long: (K,) steps in each interval, fewer to try first.
         samples: (K + 1,) sample at each edge, or -1.
-        first: machine's state at the first edge, three or seven numbers.
-        own: (own,) states of the effects there; it is overwritten.
-        c: `Coefficients`.
+        first, own: at the first edge the machine's state, three or seven numbers, and the effects'
+            (own,), which is overwritten.
+        c: `motor_driven.Coefficients`.
         states: (L, 7 + own), first row given.
-        seen: (L,) speeds to follow [rad/s], or empty.
-        gain: part of the difference to them that is taken at a sample.
+        seen, gain: (L,) speeds to follow [rad/s] or empty, and the part taken at a sample.
         terms: `Terms` of the effects, or None.
     """
     y, z = first, own
@@ -274,89 +226,3 @@ def runge_kutta(
             if seen.size > 0:
                 y = _corrected(y, gain * (seen[at] - y[1]))
     return -1
-
-
-def integrate(
-    physics: Equations,
-    values: Mapping[str, float],
-    times: Array,
-    switches: tuple[Array, Array],
-    initial: Array,
-    terms: Sequence[tuple[Effect, Mapping[str, float]]] = (),
-    max_step: float = MAX_STEP,
-    tracked: Tracked = NOT_TRACKED,
-    least_step: float = 0.0,
-) -> Array:
-    """States at the sample times by Runge-Kutta steps aligned with the voltage switches.
-
-    Args:
-        physics: whose constants and rates to take.
-        values: the machine's parameters, effects on them included.
-        times: (L,) sample times from 0 [s].
-        switches: (S,) increasing times [s], the first at most 0 (-inf for a level that held before
-            the experiment), and (S,) levels [V]: each level holds from its time to the next.
-        initial: (n,) state at time 0, effects' states behind it or left out (then 0).
-        terms: effects with a torque or terminal term.
-        max_step, tracked, least_step: as for `Physics.simulate`.
-
-    Returns:
-        (L, n) states, effects' states in further columns.
-
-    Raises:
-        BadInput: so stiff that it would take more than MAX_STEPS steps.
-        LdtError: the state grows without bound.
-    """
-    at, levels = switches
-    c = physics.constants(values)
-    most = float(np.abs(levels).max())
-    own_rate = physics.rate(values, most)
-    rates = [effect.rate(values, most, given) for effect, given in terms]
-    rate = max(own_rate, *rates) if rates else own_rate
-    step = max(min(max_step, MAX_STEP_RATE / rate), least_step)
-    if times[-1] / step > MAX_STEPS:
-        raise BadInput(
-            "machine parameters",
-            f"a fastest rate of at most {MAX_STEPS / times[-1]:.3g} 1/s (R/L, for instance)",
-            f"{rate:.3g} 1/s, which takes steps of {step:.3g} s",
-        )
-    edges, volts, samples = _edges(times, at, levels)
-    steps = np.maximum(1, np.ceil(np.diff(edges) / step - 1e-9)).astype(np.int64)
-    long, watched = steps, [False] * len(terms)
-    if least_step > 0 and terms:  # a search, which can do with less
-        calm = max(min(max_step, MAX_STEP_RATE / own_rate), least_step)
-        watched = [min(MAX_STEP_RATE / r, calm) < calm if r > 0 else False for r in rates]
-        long = np.maximum(1, np.ceil(np.diff(edges) / calm - 1e-9)).astype(np.int64)
-    n = len(physics.states)
-    own = initial[n:]
-    if own.size == 0:
-        first = (effect.first_states(initial, given) for effect, given in terms)
-        own = np.array([state for states in first for state in states])
-    start = np.zeros(STATES + own.size)
-    start[:n], start[STATES:] = initial[:n], own
-    rigid = bool(c.unbalance == 0 and not start[3:STATES].any())
-    states = np.zeros((times.size, STATES + own.size))
-    states[0] = start
-    quiet = QUIET_CHANGE * values["K_t"] * most / values["R"], QUIET_CHANGE * most
-    begin = tuple(start[: RIGID_STATES if rigid else STATES].tolist())
-    failed = runge_kutta(
-        *(edges, volts, steps, long, samples, begin, start[STATES:], _coefficients(c)),
-        *(states, *tracked, gather(terms, values, watched, quiet) if terms else None),
-    )
-    if failed >= 0:
-        raise LdtError(
-            f"the simulation of {physics.name} diverged: its state is not finite "
-            f"{times[failed]:g} s after the start"
-        )
-    return np.concatenate([states[:, :n], states[:, STATES:]], axis=1)
-
-
-def _edges(times: Array, at: Array, levels: Array) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Edges of the intervals of constant voltage, their levels, the sample at each edge or -1."""
-    if np.array_equal(at, times):
-        return times, levels[:-1], np.arange(times.size, dtype=np.int64)
-    inside = at[(at > 0) & (at < times[-1])]
-    edges = np.union1d(times, inside)
-    volts = levels[np.searchsorted(at, edges[:-1], side="right") - 1]
-    samples = np.full(edges.size, -1, dtype=np.int64)
-    samples[np.searchsorted(edges, times)] = np.arange(times.size)
-    return edges, np.ascontiguousarray(volts, dtype=np.float64), samples

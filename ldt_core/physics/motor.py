@@ -14,8 +14,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.physics.base import Values
-from ldt_core.physics.constants import Constants
-from ldt_core.physics.motor_driven import MotorDriven
+from ldt_core.physics.motor_driven import Constants, MotorDriven
 from ldt_core.physics.parameter import Parameter
 
 #: Relative standard deviation of what a data sheet states: makers of small motors promise 10 %,

@@ -4,16 +4,63 @@ from __future__ import annotations
 
 import abc
 import functools
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ldt_core.base.arrays import Array
-from ldt_core.physics.base import CURRENT, SPEED, Effects, Physics, Values
-from ldt_core.physics.constants import MAX_STEP, NOT_TRACKED, Constants, Tracked
+from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.physics.base import (
+    CURRENT,
+    MAX_STEP,
+    NOT_TRACKED,
+    SPEED,
+    Effects,
+    Physics,
+    Tracked,
+    Values,
+)
 from ldt_core.physics.zero_order_hold import zero_order_hold
 
 DISCRETISATIONS_REMEMBERED = 256  # machines at a sample period; each is some 100 numbers
+MAX_STEPS = 2_000_000_000  # of one simulation: some minutes of computing; more is a mistake
+QUIET_CHANGE = 1e-3  # of stall torque and voltage: a term that changes less needs no short steps
+
+
+class Constants(NamedTuple):
+    """Numbers of the equations, in SI units."""
+
+    torque_constant: float
+    friction: float
+    resistance: float
+    inductance: float
+    inertia: float  # J + m e^2 - (m e)^2 / (M + m): what is left after solving for theta''
+    unbalance: float  # m e
+    mass: float  # M + m
+    stiffness_x: float
+    stiffness_y: float
+    damping_x: float
+    damping_y: float
+    weight_torque: float  # m g e
+
+
+class Coefficients(NamedTuple):
+    """The constants as the equations use them: divisions done once, not in each stage."""
+
+    pull: float
+    drag: float
+    ease: float
+    weight: float
+    coupling: float
+    supply: float
+    loss: float
+    emf: float
+    lever: float
+    stiffness_x: float
+    stiffness_y: float
+    damping_x: float
+    damping_y: float
 
 
 class MotorDriven(Physics):
@@ -56,8 +103,7 @@ class MotorDriven(Physics):
         least_step: float = 0.0,
     ) -> Array:
         """Exact (matrix exponential) where everything is linear, else by Runge-Kutta steps."""
-        # With its compiler it takes longer to import than all else that loads a machine.
-        from ldt_core.physics.integrate import integrate, propagate
+        from ldt_core.physics.integrate import propagate  # see `integrate`
 
         # A record's arrays are read-only: kernels would be compiled once more for them.
         volts = np.require(voltage, np.float64, ["C", "W"])
@@ -74,7 +120,83 @@ class MotorDriven(Physics):
         if on_grid and not terms and self.is_linear(values):
             ad, bd = self.discretised(values, period)
             return propagate(ad, bd, switches[1], state[: len(self.states)], *tracked)
-        return integrate(self, values, times, switches, state, terms, max_step, tracked, least_step)
+        return self.integrate(values, times, switches, state, terms, max_step, tracked, least_step)
+
+    def integrate(
+        self,
+        values: Values,
+        times: Array,
+        switches: tuple[Array, Array],
+        initial: Array,
+        terms: Effects = (),
+        max_step: float = MAX_STEP,
+        tracked: Tracked = NOT_TRACKED,
+        least_step: float = 0.0,
+    ) -> Array:
+        """States at the sample times by Runge-Kutta steps aligned with the voltage switches.
+
+        Args:
+            values: the machine's parameters, effects on them included.
+            times: (L,) sample times from 0 [s].
+            switches: (S,) increasing times [s], the first at most 0 (-inf for a level that held
+                before the experiment), and (S,) levels [V], each until the next time.
+            initial: (n,) state at time 0, effects' states behind it or left out (then 0).
+            terms: effects with a torque or terminal term.
+            max_step, tracked, least_step: as for `simulate`.
+
+        Returns:
+            (L, n) states, effects' states in further columns.
+
+        Raises:
+            BadInput: so stiff that it would take more than MAX_STEPS steps.
+            LdtError: the state grows without bound.
+        """
+        # With its compiler it takes longer to import than all else that loads a machine.
+        from ldt_core.physics.effect import gather
+        from ldt_core.physics.integrate import MAX_STEP_RATE, RIGID_STATES, STATES, runge_kutta
+
+        at, levels = switches
+        c = self.constants(values)
+        most = float(np.abs(levels).max())
+        own_rate = self.rate(values, most)
+        rates = [effect.rate(values, most, given) for effect, given in terms]
+        rate = max(own_rate, *rates) if rates else own_rate
+        step = max(min(max_step, MAX_STEP_RATE / rate), least_step)
+        if times[-1] / step > MAX_STEPS:
+            raise BadInput(
+                "machine parameters",
+                f"a fastest rate of at most {MAX_STEPS / times[-1]:.3g} 1/s (R/L, for instance)",
+                f"{rate:.3g} 1/s, which takes steps of {step:.3g} s",
+            )
+        edges, volts, samples = _edges(times, at, levels)
+        steps = np.maximum(1, np.ceil(np.diff(edges) / step - 1e-9)).astype(np.int64)
+        long, watched = steps, [False] * len(terms)
+        if least_step > 0 and terms:  # a search, which can do with less
+            calm = max(min(max_step, MAX_STEP_RATE / own_rate), least_step)
+            watched = [min(MAX_STEP_RATE / r, calm) < calm if r > 0 else False for r in rates]
+            long = np.maximum(1, np.ceil(np.diff(edges) / calm - 1e-9)).astype(np.int64)
+        n = len(self.states)
+        own = initial[n:]
+        if own.size == 0:
+            first = (effect.first_states(initial, given) for effect, given in terms)
+            own = np.array([state for states in first for state in states])
+        start = np.zeros(STATES + own.size)
+        start[:n], start[STATES:] = initial[:n], own
+        rigid = bool(c.unbalance == 0 and not start[3:STATES].any())
+        states = np.zeros((times.size, STATES + own.size))
+        states[0] = start
+        quiet = QUIET_CHANGE * values["K_t"] * most / values["R"], QUIET_CHANGE * most
+        begin = tuple(start[: RIGID_STATES if rigid else STATES].tolist())
+        failed = runge_kutta(
+            *(edges, volts, steps, long, samples, begin, start[STATES:], _coefficients(c)),
+            *(states, *tracked, gather(terms, values, watched, quiet) if terms else None),
+        )
+        if failed >= 0:
+            raise LdtError(
+                f"the simulation of {self.name} diverged: its state is not finite "
+                f"{times[failed]:g} s after the start"
+            )
+        return np.concatenate([states[:, :n], states[:, STATES:]], axis=1)
 
     def discretised(self, values: Values, period: float) -> tuple[Array, Array]:
         """Ad (n, n), Bd (n,) of the linear system over a sample period [s], exactly."""
@@ -104,3 +226,33 @@ def _discretised(
 ) -> tuple[Array, Array]:
     names = (p.name for p in physics.parameters)
     return zero_order_hold(*physics.system(dict(zip(names, numbers, strict=True))), period)
+
+
+def _coefficients(c: Constants) -> Coefficients:
+    return Coefficients(
+        pull=c.torque_constant / c.inertia,
+        drag=c.friction / c.inertia,
+        ease=1.0 / c.inertia,
+        weight=c.weight_torque / c.inertia,
+        coupling=c.unbalance / c.inertia,
+        supply=1.0 / c.inductance,
+        loss=c.resistance / c.inductance,
+        emf=c.torque_constant / c.inductance,
+        lever=c.unbalance / c.mass,
+        stiffness_x=c.stiffness_x / c.mass,
+        stiffness_y=c.stiffness_y / c.mass,
+        damping_x=c.damping_x / c.mass,
+        damping_y=c.damping_y / c.mass,
+    )
+
+
+def _edges(times: Array, at: Array, levels: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Edges of the intervals of constant voltage, their levels, the sample at each edge or -1."""
+    if np.array_equal(at, times):
+        return times, levels[:-1], np.arange(times.size, dtype=np.int64)
+    inside = at[(at > 0) & (at < times[-1])]
+    edges = np.union1d(times, inside)
+    volts = levels[np.searchsorted(at, edges[:-1], side="right") - 1]
+    samples = np.full(edges.size, -1, dtype=np.int64)
+    samples[np.searchsorted(edges, times)] = np.arange(times.size)
+    return edges, np.ascontiguousarray(volts, dtype=np.float64), samples

@@ -17,7 +17,6 @@ import cmath
 
 from ldt_core.base.arrays import Array
 from ldt_core.physics.base import Values
-from ldt_core.physics.constants import Constants
 from ldt_core.physics.motor import (
     GUESSED,
     MOTOR_PARAMETERS,
@@ -27,7 +26,7 @@ from ldt_core.physics.motor import (
     motor_rate,
     motor_system,
 )
-from ldt_core.physics.motor_driven import MotorDriven
+from ldt_core.physics.motor_driven import Constants, MotorDriven
 from ldt_core.physics.parameter import Parameter
 
 STEPS_PER_RADIAN = 4  # the unbalance force turns with the shaft: 25 steps a turn, error below 1e-4

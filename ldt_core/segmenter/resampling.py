@@ -37,11 +37,7 @@ class Series(NamedTuple):
 
 
 def check_times(where: str, series: Series) -> None:
-    """Refuse times that do not increase.
-
-    Raises:
-        RecordingError: unsorted or repeated times; names the first.
-    """
+    """Refuse (RecordingError) times that do not increase; names the first."""
     bad = np.flatnonzero(np.diff(series.time) <= 0)
     if bad.size:
         at = int(bad[0]) + 1
@@ -52,11 +48,7 @@ def check_times(where: str, series: Series) -> None:
 
 
 def find_period(time: Samples) -> float:
-    """The sample period behind measured times, gaps left aside [s].
-
-    Args:
-        time: (n,) increasing, two or more [s].
-    """
+    """The sample period [s] behind two or more measured times (n,), gaps left aside."""
     steps = np.diff(time)
     period = float(steps[steps <= LOST_STEPS * np.median(steps)].mean())
     rounded = float(f"{period:.{PERIOD_DIGITS}g}")
@@ -85,13 +77,9 @@ def _grid_index(time: Samples, period: float) -> np.ndarray | None:
 
 
 def resample(series: Series, grid: Samples, period: float, held: bool) -> Samples:
-    """(L,) values on the grid; see the module's text for the rule.
+    """(L,) values on the grid (L,) [s] of that period [s]; see the module's text for the rule.
 
-    Args:
-        series: n samples at increasing times.
-        grid: (L,) [s], within the samples' times (a held channel's last value goes on).
-        period: of the grid [s].
-        held: a voltage, constant from one sample to the next.
+    `held` channels, a voltage, are constant from one sample to the next.
     """
     time, values = series.time, series.values
     old = float(np.median(np.diff(time))) if time.size > 1 else period

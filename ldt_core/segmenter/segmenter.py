@@ -87,10 +87,8 @@ class StreamAligner:
         self._released, self._guessed = -math.inf, False
 
     def next_row(self, hurry: bool = False) -> Row | None:
-        """The next row that is complete; None when there is none.
-
-        Args:
-            hurry: do not wait for a voltage or current that may still come.
+        """The next row that is complete, None when there is none; `hurry` waits for nothing to
+        come.
 
         Raises:
             Clash: a pause of the current; the row is left out.

@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from row import Row, best_of
 
 from ldt_core.machine.machine_file import load_machine
-from ldt_core.physics.integrate import MAX_STEP, integrate
+from ldt_core.physics.base import MAX_STEP
 
 SECONDS, RATE = 20, 100
 METHODS = ("DOP853", "LSODA")  # RK45, RK23, BDF and Radau take longer at this accuracy
@@ -95,7 +95,7 @@ def run() -> list[Row]:
     volts = np.repeat(levels, RATE)
     times = np.arange(volts.size) / RATE
     rest = np.zeros(7)
-    truth = integrate(physics, values, times, (times, volts), rest, (), MAX_STEP / 16)[:, 1]
+    truth = physics.integrate(values, times, (times, volts), rest, (), MAX_STEP / 16)[:, 1]
 
     def ours() -> np.ndarray:
         return physics.simulate(values, volts, 1 / RATE, rest)[:, 1]

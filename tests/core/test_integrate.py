@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.effects import parse_effect
 from ldt_core.machine.machine_file import load_machine
-from ldt_core.physics.integrate import MAX_STEP, NOT_TRACKED, SMALL_TURN, integrate, turned
+from ldt_core.physics.base import MAX_STEP, NOT_TRACKED
+from ldt_core.physics.integrate import SMALL_TURN, turned
 from ldt_core.physics.motor import MOTOR
 from ldt_core.physics.rotor import ROTOR
 
@@ -30,7 +31,7 @@ def steps(random, seconds=20, low=6.0, high=16.0):
 
 def run(values, times, volts, step, physics=ROTOR):
     start = np.zeros(len(physics.states))
-    return integrate(physics, values, times, (times, volts), start, (), step)
+    return physics.integrate(values, times, (times, volts), start, (), step)
 
 
 def test_the_order_is_four():
@@ -71,7 +72,7 @@ def test_it_agrees_with_the_exact_solution_where_there_is_one(seed, foundation):
     times, volts = steps(np.random.default_rng(seed), 3, -24, 24)
     start = np.array([0.3, -5, 1, foundation, 0.1, 0, -foundation])
     exact = ROTOR.simulate(VALUES, volts, PERIOD, start)
-    ours = integrate(ROTOR, VALUES, times, (times, volts), start)
+    ours = ROTOR.integrate(VALUES, times, (times, volts), start)
     np.testing.assert_allclose(ours[:, :2], exact[:, :2], atol=1e-6)
     np.testing.assert_allclose(ours[:, 3:], exact[:, 3:], atol=1e-6)
 
@@ -82,7 +83,7 @@ def test_steps_are_aligned_with_switches_between_the_samples():
     times = np.array([0.0, 0.5])
     for switch in (0.1, 0.123456789, 0.49999):
         at, levels = np.array([0.0, switch]), np.array([10.0, -10.0])
-        ours = integrate(MOTOR, v, times, (at, levels), np.zeros(3))[-1]
+        ours = MOTOR.integrate(v, times, (at, levels), np.zeros(3))[-1]
         middle = MOTOR.simulate(v, [10.0, 10.0], switch, np.zeros(3))[-1]
         exact = MOTOR.simulate(v, [-10.0, -10.0], 0.5 - switch, middle)[-1]
         np.testing.assert_allclose(ours, exact, atol=1e-6)
@@ -110,7 +111,7 @@ def test_divergence_is_an_error_not_a_number():
     start = REST.copy()
     start[1] = 1e200
     with pytest.raises(LdtError, match=r"diverged: its state is not finite .* s after the start"):
-        integrate(ROTOR, {**VALUES, "e": 0.01}, times, (times, volts), start)
+        ROTOR.integrate({**VALUES, "e": 0.01}, times, (times, volts), start)
 
 
 def test_a_simulation_goes_on_where_an_earlier_one_ended():

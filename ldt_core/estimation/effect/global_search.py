@@ -177,11 +177,7 @@ class EffectSearch:
     """The effect's parameters and the start state that explain one experiment.
 
     The scan is made once; the fit to a part of the experiment is chosen from the same free runs.
-
-    Args:
-        cause: machine and effect.
-        experiment: measured.
-        seeds: coordinates and start angles to try beside the scan's own.
+    `seeds` are coordinates and start angles to try beside the scan's own.
 
     Raises:
         LdtError: the effect does not show in this experiment.

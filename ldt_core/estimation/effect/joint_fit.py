@@ -32,7 +32,7 @@ WEAK_PRIOR = 2.0  # scales: width of the prior that stands in where the data say
 
 @dataclass(frozen=True, eq=False)
 class FittedExperiment:
-    """An experiment to fit: what was measured, what is known of its start, which samples count."""
+    """What was measured, what is known of its start, which samples count."""
 
     experiment: Experiment
     start: UncertainStart

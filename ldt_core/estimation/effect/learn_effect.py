@@ -108,10 +108,8 @@ class LearnedEffect:
     Attributes:
         z: (d,) the effect's coordinates.
         members: the same with what is uncertain about it; the best first.
-        noise: standard deviation of what is left [rad/s].
-        memory: samples in which it forgets itself, 1 for white noise.
-        angles: start angles found, those of earlier experiments included.
-        belief: whether the machine always starts at the same angle.
+        noise, memory: deviation of what is left [rad/s]; samples in which it forgets itself.
+        angles, belief: start angles found so far; whether the machine always starts at the same.
         used: experiments that it is learned from.
     """
 
@@ -128,12 +126,8 @@ class EffectLearner:
     """Learns one cause from the same experiments, whole or with blocks held back.
 
     The newest experiment is the machine's present: the effect is searched for in that one alone. Of
-    the older ones those join which the same machine can have made.
-
-    Args:
-        search: of the newest experiment.
-        experiments: to learn from, in any order, the newest among them.
-        angles: start angles found in earlier experiments.
+    the older ones those join which the same machine can have made. `angles` are the start angles
+    found in earlier experiments.
     """
 
     def __init__(

@@ -46,15 +46,11 @@ def _first_pass(step, drive, first, u, y, begins, cuts, feedthrough, offset):
     """(segments, m, m) products of the columns w, x, u, 1, y; the upper triangle.
 
     Args:
-        step: A_d (n, n).
-        drive: b_d (n,).
-        first: b (n,).
-        u: (samples,) input of all experiments, one after the other.
-        y: (samples,) output.
+        step, drive, first: A_d (n, n), b_d (n,), b (n,).
+        u, y: (samples,) input and output of all experiments, one after the other.
         begins: (experiments + 1,) where each begins, and the end.
         cuts: (segments + 1,) where each segment begins, the experiments' begins among them.
-        feedthrough: whether there is a column u.
-        offset: whether there is a column 1.
+        feedthrough, offset: whether there are columns u and 1.
     """
     n = drive.size
     m = 2 * n + feedthrough + offset + 1

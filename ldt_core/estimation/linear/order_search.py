@@ -1,25 +1,19 @@
 """The best minimum of each order, and the smallest order that is not worse on held-out samples.
 
 Start values are the poles of subspace identification (PO-MOESP) at several time scales, and the
-order below with one more real pole, fast, middling or slow. Past inputs and outputs serve as
-instruments, so that noise does not bias the poles, and a constant is projected out with the future
-input, so that an offset does not become a pole at 0. A rate far above the dynamics squeezes all
-discrete poles to 1, so the data are averaged over blocks of 1, 4, 16 … samples as well. The best
-starts run a few steps each and the winner runs on. A pole that is a drift rather than a decay must
-be worth it, or gives way to the best minimum without one.
+order below with one more real pole. Past inputs and outputs serve as instruments, so that noise
+does not bias the poles, and a constant is projected out with the future input, so that an offset
+does not become a pole at 0. A rate far above the dynamics squeezes all discrete poles to 1, so the
+data are averaged over blocks of 1, 4, 16 … samples as well. The best starts run a few steps each
+and the winner runs on. A pole that is a drift rather than a decay must be worth it.
 
-To choose the order, every experiment is cut into blocks of equal length. One fold leaves out every
-third block, fits the rest, and scores the free run, which goes through the gaps since it needs the
-voltage alone. The first block of an experiment is never left out: it fixes the start state. A fold
-begins at the minimum of all samples, so one Gauss-Newton step leads to its own; where that step
-does not lower the error, the fold stays where it begins.
-
-With mean square errors per block, the smallest order wins whose mean excess over the best order is
-within two standard errors of that excess, and whose root mean square error is at most 1.2 times the
-best. The excess is paired by block, so that blocks that are hard for every order do not count. The
-second condition is for data with a single transient: its block alone makes the standard error
-large. Orders are tried upwards, until the two last ones have not paid: a pair of complex poles may
-need both of its states to show.
+To choose the order, every experiment is cut into blocks. One fold leaves out every third block,
+fits the rest by one Gauss-Newton step from the minimum of all samples, and scores the free run. The
+first block of an experiment is never left out: it fixes the start state. The smallest order wins
+whose mean excess over the best order, paired by block, is within two standard errors, and whose
+root mean square error is at most 1.2 times the best. The second condition is for data with a single
+transient: its block alone makes the standard error large. Orders are tried upwards, until the two
+last ones have not paid: a pair of complex poles may need both of its states to show.
 
 References: M. Verhaegen, "Subspace model identification, part 3", Int. J. Control 61 (1995)
 555–586; L. Breiman et al., "Classification and Regression Trees" (1984), whose rule has one

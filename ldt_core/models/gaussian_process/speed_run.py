@@ -64,11 +64,7 @@ class SpeedTable:
 
 
 def tabulate(posterior: SparsePosterior) -> SpeedTable:
-    """The table of a posterior with one input.
-
-    Raises:
-        ValueError: length scale and range of the inputs differ absurdly.
-    """
+    """The table of a posterior with one input; a ValueError where its length is absurd."""
     (length,) = posterior.kernel.length_scales
     z = posterior.inducing[:, 0]
     low, high = float(z.min()) - MARGIN * length, float(z.max()) + MARGIN * length
@@ -88,11 +84,7 @@ def tabulate(posterior: SparsePosterior) -> SpeedTable:
 
 
 def compile_run(posterior: SparsePosterior | None, inputs: Sequence[str]) -> FreeRun:
-    """The free run of a motor that this function drives.
-
-    Args:
-        posterior: the function; None for f = 0.
-        inputs: its inputs, names of `INPUTS`.
+    """The free run of a motor that this function of `inputs` drives (None for f = 0).
 
     Raises:
         ValueError: as `tabulate`.
