@@ -47,8 +47,7 @@ def estimate_machine(
         if amounts:
             return _with(machine, amounts, f"model {model.version}")
     if diagnosis is not None and diagnosis.effects:
-        found = _with(machine, diagnosis.amounts, f"the diagnosis at {diagnosis.experiment}")
-        return found
+        return _with(machine, diagnosis.amounts, f"the diagnosis at {diagnosis.experiment}")
     return MachineEstimate(machine.parameters, "the machine file")
 
 

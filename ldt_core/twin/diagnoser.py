@@ -38,37 +38,26 @@ COMPOUND = ("gap.closed_fraction_ci95", "next_experiment")
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """A diagnosis, and how well it explains the experiment that asked for it.
-
-    Args:
-        error: of a free run with them on that experiment [rad/s].
-        pool: experiments that it was made of, the last one last.
-    """
-
-    diagnosis: Diagnosis
-    use: Sequence[Any]
-    error: float
-    pool: Sequence[Experiment]
-
-    @property
-    def known(self) -> Known:
-        """What later experiments are compared with."""
-        return Known(self.use, self.error, self.diagnosis.verdict.kind == "unknown")
-
-
-@dataclass(frozen=True, eq=False)
 class Known:
-    """What a diagnosis says of the machine.
+    """What a diagnosis says of the machine, and with which later experiments are compared.
 
     Args:
-        error: of a free run with them on the experiment that asked for it [rad/s].
+        error: of a free run with the verdict's effects, on the experiment that asked [rad/s].
         unknown: it found a gap without a cause, so that its free run is no measure.
     """
 
     use: Sequence[Any]
     error: float
     unknown: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A diagnosis, what it says, and the experiments that it was made of, the last one last."""
+
+    diagnosis: Diagnosis
+    known: Known
+    pool: Sequence[Experiment]
 
 
 class Diagnoser:
@@ -211,7 +200,8 @@ class Diagnoser:
     def _diagnosed(self, pool: Sequence[Experiment]) -> Found:
         diagnosis = self.make(self.machine, pool, workers=1, tick=self._tick)
         use = [(get_effect(e["effect"]), e["parameters"]) for e in diagnosis.effects]
-        return Found(diagnosis, use, self._error(pool[-1], use), pool)
+        unknown = diagnosis.verdict.kind == "unknown"
+        return Found(diagnosis, Known(use, self._error(pool[-1], use), unknown), pool)
 
     def _first(self, pool: Sequence[Experiment]) -> Found:
         found = self._diagnosed(pool)
@@ -228,7 +218,7 @@ class Diagnoser:
         if found.known.unknown or [id(e) for e in valid] == [id(e) for e in found.pool]:
             return found
         again = self._diagnosed(valid)
-        return again if again.error <= JOINT_ERROR_RATIO * found.error else found
+        return again if again.known.error <= JOINT_ERROR_RATIO * found.known.error else found
 
     def _tick(self, doing: str) -> None:
         if self.cancelled:
@@ -249,7 +239,7 @@ def _record(found: Found, signal: Signal) -> DiagnosisRecord:
     values["since"] = found.pool[0].number
     if cause := _cause(found.diagnosis):
         values["cause"] = cause
-    for effect, given in found.use:
+    for effect, given in found.known.use:
         values |= {f"{AMOUNT_PREFIX}{effect.name}.{name}": float(v) for name, v in given.items()}
     return DiagnosisRecord(
         signal.experiment, signal.model_version, verdict.sentence, tuple(verdict.effects), values

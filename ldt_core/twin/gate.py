@@ -37,15 +37,12 @@ class Trial:
     Every experiment is cut into 1 / `holdout` blocks. Candidates are trained without some of the
     blocks and predict them, and so do the models that are there already. It is a fair test, since
 
-    - no model has learned from the samples it is judged by (those there already were trained
-      before), and a candidate is judged with less data than it will have, which errs on the side
-      of what is proven;
+    - no model has learned from the samples it is judged by, and a candidate is judged with less
+      data than it will have, which errs on the side of what is proven;
     - predictions are free runs from the experiment's first sample, exactly the twin's use, of which
       only the block held back counts;
     - the block's place rotates from experiment to experiment, and with fewer experiments than
-      blocks the training is repeated until each place in time has been held back once. So there
-      are as many trainings as necessary (four with one experiment at a share of 0.25, one with four
-      or more), and their cost stays about that of the final one.
+      blocks the training is repeated until each place in time has been held back once.
 
     Args:
         judged: the experiments that blocks are held back from.
