@@ -21,6 +21,8 @@ import msgs_config
 REPOSITORY = Path(__file__).resolve().parents[1]
 MEASURED = REPOSITORY.parent / "shared" / "data"
 DOMAINS = 100  # which domain_coordinator reserves
+#: Files of the most processor time, above 20 s each: begun late, one of them would be last alone.
+LONGEST = {"test_docs.py", "test_crashes.py", "test_up.py", "test_diagnose.py"}
 
 # Compiling takes seconds at the first call and shared machines stall: time is not what is tested.
 settings.register_profile("ldt", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -50,7 +52,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Side by side, files of few tests first: these run whole programs, and none is to be last.
+    """Side by side, the longest files first, then those of few tests, which run whole programs.
 
     Those of the node graph are spread out among the others: each fills all cores by itself.
     """
@@ -61,6 +63,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             files = [f for f in size if (f.parent.name == "ros") is graph]
             files.sort(key=lambda f: size[f])
             place |= {file: index / len(files) for index, file in enumerate(files)}
+        place |= {file: -1.0 for file in size if file.name in LONGEST}
         items.sort(key=lambda item: place[item.path])
 
 
