@@ -17,6 +17,8 @@ from ldt_core.restart.stage_restart import TwinRestart
 from ldt_core.runs.offline import run
 from ldt_core.twin.loop import Twin
 
+pytestmark = pytest.mark.slow
+
 ROTOR = ldt.Machine("rotor")
 
 

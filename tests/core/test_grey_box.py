@@ -15,6 +15,8 @@ from ldt_core.models import build_model, restore_model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.physics import PhysicsModel
 
+pytestmark = pytest.mark.slow
+
 ROTOR = load_machine("rotor")
 #: The foundation as it really is: 4 to 5 % off in mass and stiffness, 20 % in damping.
 OTHER = ROTOR.with_parameters(m=5.1, M=2.33, K_x=2100, K_y=5760, R_x=6, R_y=8)
