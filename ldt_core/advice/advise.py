@@ -37,7 +37,6 @@ def advise(
     """Bands, margins, and the next experiment.
 
     Args:
-        belief: its parameters as they are taken to be.
         experiments: recent ones, the last one last; it is judged.
 
     Returns:

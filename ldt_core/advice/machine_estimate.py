@@ -18,7 +18,6 @@ class MachineEstimate:
 
     Args:
         values: of the machine's physics, with the effects that change parameters.
-        source: where they come from, for people.
         left_out: effects that act as well, on something else than parameters.
     """
 

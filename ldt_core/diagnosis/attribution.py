@@ -1,11 +1,8 @@
 """What each member of a set contributes: its amounts with confidence intervals, its Shapley share.
 
-Noise alone would give the covariance (J'J)^-1. But no candidate's law is exactly the machine's: a
-structured remainder R, in the same units, shows how far off they are where the parameters cannot
-follow. What is off where they can follow is as likely of the same size in each direction. So a
-remainder of `REMAINDER_SHAPES` independent shapes adds its share of R to the variance of each.
-Where nothing structured is left, the law may still be off in just the way that its parameters can
-follow: `TRACELESS_ERROR` of the gap's power is taken to be so.
+Noise alone would give the covariance (J'J)^-1. A structured remainder R shows how far off the laws
+are where the parameters cannot follow; of `REMAINDER_SHAPES` independent shapes, it adds its share
+of R to the variance of each. Where the parameters can follow, `TRACELESS_ERROR` stands for it.
 """
 
 from __future__ import annotations

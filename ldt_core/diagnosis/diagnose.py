@@ -75,15 +75,9 @@ def diagnose(
     sensor shows is no effect of the machine.
 
     Args:
-        machine: as its file knows it.
-        experiments: measured.
-        recordings: where they are from, for the record.
         effects: candidates; None takes the library.
         refit: parameters of the machine to fit with every set, see `library.refitted_effects`.
-        holdout: share of the experiments that closure is measured on.
-        seed: of what is drawn at random.
         workers: threads; None takes one for each processor.
-        tick: called with what is being done.
 
     Raises:
         BadInput: too little to go by.
@@ -141,12 +135,7 @@ class _Report:
         self.use = self.named.use if self.named else []
 
     def diagnosis(self, silent: list[str], groups: list[list[str]]) -> Diagnosis:
-        """All of it.
-
-        Args:
-            silent: effects that the recording could not have shown.
-            groups: those that it cannot tell apart, by its input alone.
-        """
+        """All of it."""
         d = self.decision
         self.tick("measuring what is left")
         before = [free_run(self.machine, e) for e in self.held]

@@ -85,7 +85,6 @@ class Verdict:
     """The answer.
 
     Attributes:
-        kind: none, effect, ambiguous or unknown.
         effects: all that act together (effect), or all names that are possible (ambiguous).
         acting: one list for each effect that acts: the names it may have, the best first.
     """
@@ -133,13 +132,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What is left after the best set.
-
-    Attributes:
-        share_of_gap: part of the gap's power.
-        structured: whether it is more than noise.
-        depends_on: what it can be predicted from.
-    """
+    """What is left after the best set."""
 
     share_of_gap: float | None
     structured: bool
@@ -190,12 +183,7 @@ class Diagnosis:
 
     Attributes:
         experiments: numbers under `fit` and `held_out`.
-        where: its places, the clearest first.
-        candidates: all effects that were tried, best first.
-        undetectable: effects that this recording could not have shown.
-        ambiguities: groups of effects that this recording cannot tell apart.
         effects: the verdict's effects as `ldt predict --with` adds them: name or file, parameters.
-        shown: for the page.
     """
 
     machine: str

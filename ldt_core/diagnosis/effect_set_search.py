@@ -164,11 +164,7 @@ class EffectSetSearch:
     def additions(
         self, base: EffectFit, count: int, close: float = 0.0
     ) -> list[tuple[Candidate, Array]]:
-        """Effects that promise most beside a set, with the values to begin with.
-
-        Args:
-            close: part of the best promise that each must reach.
-        """
+        """Effects that promise most beside a set, with the values to begin with."""
         enough = max(self.band.excess(base.residual), 0.0)
         start = self.found.scouted[frozenset()].loss
         promise = WORTH_A_FIT * enough if enough > FAR_OFF * start else 0.0

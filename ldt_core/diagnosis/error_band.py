@@ -72,11 +72,7 @@ class ErrorBand:
         return count if np.count_nonzero(count) >= THRESHOLDS.noise_frequencies else 0.0 * count
 
     def power(self, rest: Array, speed: bool = False) -> Array:
-        """(experiments,) power of (size,) residuals in the band, noise included.
-
-        Args:
-            speed: count the speed alone.
-        """
+        """(experiments,) power of (size,) residuals in the band, noise included."""
         found = np.zeros(len(self.residuals.pieces))
         for i, channel, rows in self._rows:
             if speed and channel:

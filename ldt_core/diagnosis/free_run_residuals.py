@@ -53,8 +53,6 @@ class PreparedExperiment:
     """One experiment, prepared for its residuals.
 
     Attributes:
-        at_rest: whether the machine stood still at the first sample.
-        rows: where its residuals lie in the row of all.
         columns: (rows, s) change of the residuals per unknown first speed and current.
     """
 
@@ -72,7 +70,6 @@ class FreeRunResiduals:
             the measured signals.
         tolerance: part of each channel's gap, as root mean square, that counts as noise as well: no
             law is exactly a machine's, and a channel measured very well must not count for more.
-        workers: threads among which the experiments are spread.
     """
 
     def __init__(

@@ -33,9 +33,6 @@ def split(
 ) -> tuple[list[Experiment], list[Experiment]]:
     """(to fit, held out); a few experiments are cut into parts first.
 
-    Args:
-        holdout: share of them to hold out, in 0..1.
-
     Raises:
         BadInput: too few samples, or a share outside 0..1.
     """

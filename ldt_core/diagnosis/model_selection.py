@@ -1,10 +1,7 @@
-"""What a further effect must explain to be named.
+"""What a further effect must explain to be named, among the sets that were fitted.
 
-No law is exactly the machine's, so that something is always left, and further effects can always
-take away some of it. One is named if it explains a stated part of the gap; also a smaller part, if
-that is nearly all that was left, which the shape of a law that is only a little off hardly ever is.
-The exception are effects of the same family as one that is named already: they are what such a
-shape looks like.
+No law is exactly the machine's, so further effects can always take away some of what is left. One
+is named if it explains a stated part of the gap, or a smaller part, if nearly nothing else is left.
 """
 
 from __future__ import annotations
@@ -37,10 +34,6 @@ def plain_enough(simpler: EffectFit, best: EffectFit, behind: float, gap: float)
 
     Sets that differ only in the laws of their families are told apart by no less than a second
     effect of such a family must explain.
-
-    Args:
-        behind: power that the one leaves in addition.
-        gap: power of the whole gap.
     """
     mine, its = (sorted(c.effect.family or c.name for c in f.effects) for f in (simpler, best))
     limits = THRESHOLDS
@@ -74,9 +67,6 @@ class FittedSets:
 
     Attributes:
         base: (size,) residuals without any effect.
-        responses: of all candidates, on a few experiments.
-        fits: every set that was fitted on all experiments.
-        scouted: every set that the scout has fitted.
     """
 
     residuals: FreeRunResiduals

@@ -151,7 +151,6 @@ def simulate_all(
 
     Args:
         own: the machine's own parameters as fitted, whose directions are projected out.
-        workers: threads among which the candidates are spread.
     """
     given = own.use if own else []
     base = residuals.of(given)

@@ -23,8 +23,6 @@ def sentence(
     """One or two sentences for a person.
 
     Args:
-        acting: for each effect that acts, the names that it may have.
-        where: places, the clearest first.
         left: part of the gap that the best set leaves.
     """
     if kind == "none":

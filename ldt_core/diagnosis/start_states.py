@@ -87,7 +87,6 @@ def start_states_for(
     Args:
         free: seek the angle of machines at rest as well; else it is 0.
         step: longest integration step [s].
-        near: starts for nearly the same effects, beside whose angles these are sought.
     """
     values = residuals.changed(use)
     if values is None:

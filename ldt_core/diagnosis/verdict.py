@@ -81,7 +81,6 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     """The verdict: none, effect, ambiguous or unknown.
 
     Args:
-        search: that has not run yet.
         faulty: a sensor is faulty, so nothing is sought and the verdict is unknown.
     """
     found = search.found
@@ -198,10 +197,6 @@ def plainest(
     A law with more parameters follows a machine better even where a simpler one is right. So where
     a simpler set leaves hardly more, it is the answer, and the other is named beside it if it does
     fit better.
-
-    Args:
-        alike: sets that are as good as each other, the best first.
-        pool: all sets of that size.
     """
     best = alike[0]
     hopeless = _unexplained(band, band.speed_excess(best.residual), gap)

@@ -29,7 +29,6 @@ class Finding:
     """One line of the report.
 
     Args:
-        name: what was looked at ("clock").
         grade: a problem keeps `ldt up` from running, or makes a recording incomplete.
         remedy: what to do about it, in one sentence; "" when all is well.
     """
@@ -64,7 +63,6 @@ class Probe:
     """Something to look at.
 
     Args:
-        name: for a probe that fails or does not end.
         look: gives the findings; what it raises becomes one.
     """
 

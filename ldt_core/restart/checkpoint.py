@@ -1,9 +1,8 @@
 """What a stage has come to know, kept beside the recording for a faster restart.
 
-The recording stays the truth. A checkpoint says what the recorded steps up to one of them make of a
-stage: numbers, and which experiments, models and diagnoses it keeps, which are read from the
-recording again. It counts only if it is whole, under the run's key, and the recording has that very
-step complete; else the recording alone decides, and what comes out is the same.
+The recording stays the truth. A checkpoint holds numbers, and names the experiments, models and
+diagnoses that are read from the recording again. It counts only if it is whole, under the run's
+key, and the recording has that very step complete; else the recording alone decides.
 """
 
 from __future__ import annotations
@@ -54,13 +53,7 @@ class Checkpoint(NamedTuple):
 
 
 class CheckpointFiles:
-    """The files of one stage.
-
-    Args:
-        folder: of the recording; nothing is written while there is none.
-        stage: role of its node.
-        key: in JSON types, of what the state follows from beside the recording.
-    """
+    """The files of one stage."""
 
     def __init__(
         self, folder: str | Path, stage: str, key: Any, log: Callable[[str], None]
@@ -127,11 +120,7 @@ def digest(content: Any) -> str:
 
 
 class Lookup:
-    """Finds experiments, models and diagnoses of a run.
-
-    Args:
-        steps: the last ones up to the checkpoint's, in which most of it is.
-    """
+    """Finds experiments, models and diagnoses of a run."""
 
     def __init__(
         self, bag: Bag, machine: Machine, settings: Mapping[str, Any], steps: Iterable[RecordedStep]

@@ -43,7 +43,6 @@ class RecordedRun:
     """The run of one machine in a recording that may not exist yet, or be written at this moment.
 
     Args:
-        path: folder of the recording.
         namespace: of the machine, "/" for the root.
         machine: what it cannot have made was refused, whatever its number.
     """

@@ -32,10 +32,7 @@ class ModelTerm:
     """A model version, and the time in which it was in force.
 
     Args:
-        adopted: at which experiment, 0 for the one to begin with.
-        learned_from: experiments.
         before: error of the model before it on data held back [rad/s]; None where not compared.
-        after: its own.
         mean_max_error: of those [rad/s]; None without any.
         faulty: of those, which were refused for a faulty sensor.
     """
@@ -57,8 +54,6 @@ class History:
 
     Args:
         terms: the first one first; the last one is in force.
-        models: version → as recorded.
-        last: the last complete step.
     """
 
     path: Path
@@ -115,9 +110,6 @@ def history(path: str | Path, namespace: str = "", machine: str = "") -> History
 
 def roll_back(found: History, version: int) -> Adaptation:
     """Record that the run goes on with an earlier model.
-
-    Args:
-        version: of the model to go on with.
 
     Returns:
         What was recorded.

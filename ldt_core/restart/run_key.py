@@ -106,11 +106,7 @@ def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def begin_of(path: str | Path, start_time: float) -> float:
-    """When a simulated machine's first experiment began [s since the epoch].
-
-    Args:
-        start_time: that it was told, which holds where the first experiment is not recorded.
-    """
+    """When a simulated machine's first experiment began [s since the epoch]."""
     first = next(read_bag(path, listed=True).records("experiment"), None)
     return first.start if first is not None and first.number == 1 else start_time
 

@@ -31,12 +31,7 @@ CRASHED = 1
 
 @dataclass(frozen=True)
 class Options:
-    """How to diagnose, as `diagnose` and `library` take it.
-
-    Attributes:
-        more: further effects, by name or `path/to/file.py:NAME`.
-        refit: parameters to fit along; None takes those that the machine file says.
-    """
+    """How to diagnose, as `diagnose` and `library` take it."""
 
     namespace: str = ""
     more: tuple[str, ...] = ()
@@ -48,12 +43,7 @@ class Options:
 
 @dataclass(frozen=True)
 class RecordingTask:
-    """One recording to diagnose.
-
-    Attributes:
-        name: of its folder, below that of all.
-        recording: folder or file, as the workers see it.
-    """
+    """One recording to diagnose."""
 
     name: str
     recording: str
@@ -66,10 +56,7 @@ class RecordingAnswer:
     """What came out for one recording.
 
     Attributes:
-        recording: as the user named it.
         found: the keys of `diagnosis.json`; None of a failure.
-        notes: on what is odd in the recording.
-        error: why there is no diagnosis, in a sentence.
         exit_code: 0, or that of the error.
     """
 
@@ -106,10 +93,7 @@ def diagnose_each(
     """Diagnose every recording by itself; one that fails does not stop the others.
 
     Args:
-        jobs: processes; 0 takes one for each core.
         scheduler: address of a Dask scheduler, whose workers must see the same recordings.
-        say: is told each answer that was made, as it comes.
-        progress: is told the recordings that are done and how many there are.
 
     Returns:
         Their answers, in the order of the recordings.

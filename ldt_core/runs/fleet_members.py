@@ -52,8 +52,6 @@ class Member:
 
     Args:
         namespace: of its topics, "" for the root.
-        settings: its own: seed, recording.
-        bag: folder of its recording.
     """
 
     name: str

@@ -32,7 +32,6 @@ def run(
     Args:
         settings: parameters of the groups model, detector, adaptor, diagnosis and advice; with a
             `resume` that is not empty the run goes on where the recording in `bag` ends.
-        experiments: in the order of their numbers, from the run's first on.
         bag: folder of the recording, which must not exist unless the run goes on; None records
             nothing.
         namespace: of the machine's topics in the recording.

@@ -51,7 +51,6 @@ class Authority:
     """Who signs everything in a keystore.
 
     Args:
-        identity: its key, and the certificate that it has signed itself.
         begin: from when on all is valid [UTC].
         end: until when [UTC].
     """
@@ -77,12 +76,7 @@ class Authority:
 
 
 def new_authority(name: str, begin: datetime.datetime, end: datetime.datetime) -> Authority:
-    """An authority with a new key.
-
-    Args:
-        begin: from when on it and all that it signs is valid [UTC].
-        end: until when [UTC].
-    """
+    """An authority with a new key."""
     key = ec.generate_private_key(ec.SECP256R1())
     subject = _subject(name)
     builder = _certificate(subject, subject, key, begin, end)

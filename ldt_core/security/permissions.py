@@ -46,7 +46,6 @@ class Enclave:
 
     Args:
         name: absolute, "/press/adaptor"; the subject of its certificate.
-        publishes: names or patterns of DDS topics.
     """
 
     name: str

@@ -27,11 +27,6 @@ class Advisor:
     At most one advice in `advice_every` experiments. It follows from the experiments, models and
     diagnoses that it is given, in their order, and from nothing else.
 
-    Args:
-        settings: parameters of the group advice; those that are missing have their defaults.
-
-    Attributes:
-        trouble: why the last advice came to nothing; empty when it came to something.
 
     Raises:
         OptionError: a parameter outside its range.

@@ -19,12 +19,7 @@ LEAST_BLOCK = 2
 
 @dataclass(frozen=True)
 class Offer:
-    """A model that may take the present one's place.
-
-    Args:
-        origin: where it comes from, for a person.
-        details: figures behind it.
-    """
+    """A model that may take the present one's place."""
 
     model: Model
     origin: str

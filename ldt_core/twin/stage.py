@@ -28,8 +28,6 @@ class RecordedStep:
     Args:
         adaptation: what was done; after a rollback, that.
         model: adopted in this step, or by a rollback; None where the model stayed.
-        diagnosis: made at this experiment, or None.
-        advice: given at this experiment, or None.
         original: by the model that never learns, or None where it was not read.
     """
 

@@ -1,11 +1,8 @@
 """Which experiments to learn from: what is still valid, and enough of it.
 
-The paper learns from the warning set and the present experiment. That can be one experiment which
-hardly moved, or experiments from before the change. Here old experiments are forgotten by evidence:
-each recent one is kept as long as a model of the present machine explains it as well as it explains
-the present experiment, whatever its signal was. (Compare the window chosen by the error on the
-newest data: Klinkenberg, Joachims, "Detecting concept drift with support vector machines", ICML
-2000.)
+The paper learns from the warning set and the present experiment. Here each recent experiment counts
+as long as a model of the present machine explains it as well as the present one (compare
+Klinkenberg, Joachims, "Detecting concept drift with support vector machines", ICML 2000).
 """
 
 from __future__ import annotations

@@ -35,7 +35,6 @@ class StepView:
         experiment: measured; None before it has come, and once its samples are packed.
         original: prediction of the model that never learns.
         original_error: maximum error of `original` [rad/s].
-        packed: the samples for a browser, once no more is expected.
     """
 
     number: int

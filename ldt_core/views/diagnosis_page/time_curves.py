@@ -26,11 +26,7 @@ def changed(shown: Sequence[DrawnExperiment]) -> bool:
 
 @dataclass(frozen=True)
 class ShownFreeRuns(Panels):
-    """The experiments that are drawn.
-
-    Attributes:
-        noise: deviation of the measured speed [rad/s].
-    """
+    """The experiments that are drawn."""
 
     chosen: Sequence[tuple[DrawnExperiment, str]]
     noise: float

@@ -33,12 +33,7 @@ class ShownStep(NamedTuple):
 
 @dataclass
 class PlottedRun:
-    """What a picture of a run needs.
-
-    Attributes:
-        steps: by number, without their samples.
-        shown: the one that is drawn over time.
-    """
+    """What a picture of a run needs."""
 
     steps: list[StepView]
     shown: ShownStep

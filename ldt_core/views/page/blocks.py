@@ -63,7 +63,6 @@ class Table:
 
     Args:
         rows: of cells, the first naming the row.
-        numbers: columns that are figures.
         cards: on a phone each row becomes a card (for cells of whole sentences).
         named: columns that say nothing without their name, which a card then repeats; figures
             are always named.

@@ -25,7 +25,6 @@ class Program:
 
     Args:
         scripts: of our own or of a library, in the order in which they run.
-        style: sheet for what they make.
         data: in JSON types; the scripts find it as text in the element `data`.
     """
 

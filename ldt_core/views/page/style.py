@@ -129,7 +129,6 @@ class Layout:
 
     Attributes:
         width: [inches].
-        narrow: on a phone; panels lie below each other.
     """
 
     name: str
@@ -143,14 +142,7 @@ NARROW = Layout("narrow", 358 / PIXELS, True)
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure and its words.
-
-    Attributes:
-        name: of the files.
-        caption: what it finds, in numbers.
-        alt: for those who cannot see it.
-        draw: makes it in a layout.
-    """
+    """A figure and its words."""
 
     name: str
     title: str
@@ -284,12 +276,7 @@ def check_picture(file: str | Path, option: str = "--out", who: str = "a picture
 def picture(
     width: float, height: float, draw: Callable[[Figure], None], who: str = "a picture"
 ) -> Figure:
-    """A figure that stands by itself, in the house style.
-
-    Args:
-        width: [inches].
-        height: [inches].
-    """
+    """A figure that stands by itself, in the house style."""
     require(who)
     import matplotlib
 

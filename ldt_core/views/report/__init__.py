@@ -26,11 +26,7 @@ __all__ = ["ReportedRun", "page", "read_run", "write_page"]
 
 
 def write_page(recording: str | Path, out: str | Path, namespace: str = "") -> ReportedRun:
-    """Write the page of a recorded run.
-
-    Args:
-        out: the HTML file; an old one is replaced.
-    """
+    """Write the page of a recorded run."""
     run = read_run(recording, namespace)
     Path(out).write_text(page(run), encoding="utf-8")
     return run

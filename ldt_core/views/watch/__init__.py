@@ -4,13 +4,7 @@
 source (graph or recording) ── records ──▶ Fleet ── figures ──▶ server ── events ──▶ browsers
 ```
 
-`watched_machine.WatchedMachine` and `fleet.Fleet` are what a page shows: plain figures and words in
-bounded memory, without web and without ROS. `server.serve` sends them; `browser_files.assets` is
-what a browser gets, with the plots of `ldt_core.views.report`. The records come from a
-`record_source.RecordSource`: its `Playback`, or the running graph by the entry points
-of the group `ldt.watch`.
-
-The server is aiohttp with server-sent events: of the three that were tried with the same task it
-draws soonest and loads least (README, "Live in the browser"), and its page is ours to escape, to
-secure, and to use without a mouse.
+`watched_machine.WatchedMachine` and `fleet.Fleet` are what a page shows, in bounded memory.
+`server.serve` sends it; `browser_files.assets` is what a browser gets. The records come from a
+`record_source.RecordSource`: its `Playback`, or the running graph by the entry point `ldt.watch`.
 """

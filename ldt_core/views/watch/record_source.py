@@ -38,7 +38,6 @@ class RecordSource(Protocol):
 
         Args:
             stop: set when it is to end.
-            begun: called once nothing keeps it from feeding any more.
         """
 
 
@@ -64,10 +63,6 @@ class Playback:
 
     The first experiment is shown at once, each later one when a machine would have finished it;
     what was recorded of an experiment follows it without delay.
-
-    Args:
-        namespace: the one machine to show; "" for all.
-        rate: relative to real time, or "max".
 
     Raises:
         RecordingError: no recording, or no such machine in it.

@@ -45,7 +45,6 @@ class WatchedStep(StepView):
     """A step as it comes, message by message.
 
     Attributes:
-        changed: count of the fleet when it changed last.
         drawn: count of the fleet when its samples changed last, 0 when there are none.
     """
 
@@ -130,7 +129,6 @@ class WatchedMachine:
     """All that is known of a machine.
 
     Attributes:
-        steps: by number, in the order in which they came.
         events: (count, time [s since the epoch] or None, experiment or None, kind, words).
         models: version → (count, kind, learned from).
         began: count of the fleet when its run began.
