@@ -19,13 +19,7 @@ import numpy as np
 
 from ldt_core.base.code_version import code_version
 from ldt_core.base.errors import BadInput, ExperimentError, LdtError
-from ldt_core.base.experiment import (
-    Experiment,
-    Level,
-    Prediction,
-    Signal,
-    Step,
-)
+from ldt_core.base.experiment import Experiment, Level, Prediction, Signal, Step
 from ldt_core.base.parallel import Workers
 from ldt_core.base.result_files import ResultFolder, write
 from ldt_core.detectors import build_detector

@@ -61,7 +61,7 @@ class Interval:
 UNKNOWN = Interval(None, -math.inf, math.inf, 0)
 
 
-def mean(values: Iterable[float | None], confidence: float = CONFIDENCE) -> Interval:
+def mean(values: Iterable[float | None]) -> Interval:
     """Mean with Student's t interval, of the values that are not None.
 
     Values that are all the same have an interval of no width: they say nothing of their spread.
@@ -75,17 +75,17 @@ def mean(values: Iterable[float | None], confidence: float = CONFIDENCE) -> Inte
     error = float(known.std(ddof=1)) / math.sqrt(known.size)
     if error <= np.finfo(float).eps * abs(middle):
         return Interval(middle, middle, middle, known.size)
-    low, high = stats.t.interval(confidence, known.size - 1, middle, error)
+    low, high = stats.t.interval(CONFIDENCE, known.size - 1, middle, error)
     return Interval(middle, float(low), float(high), known.size)
 
 
-def geometric_mean(values: Iterable[float | None], confidence: float = CONFIDENCE) -> Interval:
+def geometric_mean(values: Iterable[float | None]) -> Interval:
     """Geometric mean of ratios with the t interval of their logarithm; those above 0 alone.
 
     >>> geometric_mean([0.5, 2.0]).value
     1.0
     """
-    logs = mean((math.log(v) for v in values if v is not None and v > 0), confidence)
+    logs = mean(math.log(v) for v in values if v is not None and v > 0)
     if logs.value is None:
         return UNKNOWN
     low, high = (_exp(bound) for bound in (logs.low, logs.high))
@@ -97,12 +97,7 @@ def _exp(bound: float) -> float:
     return math.exp(bound) if bound < MOST_LOG else math.inf
 
 
-def proportion(
-    part: int,
-    whole: int,
-    confidence: float = CONFIDENCE,
-    method: Literal["exact", "wilson"] = "exact",
-) -> Interval:
+def proportion(part: int, whole: int, method: Literal["exact", "wilson"] = "exact") -> Interval:
     """Share with an interval: the exact one of Clopper and Pearson, or Wilson's.
 
     >>> proportion(2, 4, method="wilson").value
@@ -110,29 +105,27 @@ def proportion(
     """
     if whole == 0:
         return UNKNOWN
-    interval = stats.binomtest(part, whole).proportion_ci(confidence, method)
+    interval = stats.binomtest(part, whole).proportion_ci(CONFIDENCE, method)
     return Interval(part / whole, float(interval.low), float(interval.high), whole)
 
 
-def rate(events: int, exposure: float, confidence: float = CONFIDENCE) -> Interval:
+def rate(events: int, exposure: float) -> Interval:
     """Events per unit of exposure with the exact interval of a Poisson count (Garwood, 1936)."""
     if exposure <= 0:
         return UNKNOWN
-    tail = (1 - confidence) / 2
+    tail = (1 - CONFIDENCE) / 2
     low = float(stats.chi2.ppf(tail, 2 * events)) / 2 if events else 0.0
     high = float(stats.chi2.isf(tail, 2 * events + 2)) / 2
     return Interval(events / exposure, low / exposure, high / exposure, events)
 
 
-def trend(
-    rows: Iterable[tuple[Sequence[float], Sequence[float | None]]], confidence: float = CONFIDENCE
-) -> Interval:
+def trend(rows: Iterable[tuple[Sequence[float], Sequence[float | None]]]) -> Interval:
     """Mean over rows (seeds) of Spearman's rank correlation of y with x.
 
     A row in which y is constant has no trend, 0. Points whose y is None are left out, and rows of
     fewer than three points.
     """
-    return mean((rank_correlation(x, y) for x, y in rows), confidence)
+    return mean((rank_correlation(x, y) for x, y in rows))
 
 
 def rank_correlation(x: Sequence[float], y: Sequence[float | None]) -> float | None:

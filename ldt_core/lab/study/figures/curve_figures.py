@@ -92,16 +92,11 @@ def adaptations_by_level(evidence: Evidence) -> Drawing | None:
     curves = _of_hybrid(evidence, adaptations)
     if not curves:
         return None
-    halves = []
-    for name, curve in curves.items():
-        middle = len(curve.x) // 2
-        low, high = curve.mean[:middle].sum(), curve.mean[middle:].sum()
-        halves.append(f"{look(name).label} {low:.1f} and {high:.1f}")
     return _against_wear(
         evidence,
         "adaptations_by_level",
         "Adaptations against the wear, by detector (hybrid model)",
-        f"Adaptations a run in the lower and in the upper half of the levels: {'; '.join(halves)}.",
+        "Adaptations of a run while the machine is at each level.",
         "adaptations in a level",
         curves,
     )
