@@ -257,6 +257,7 @@ def test_a_run_is_drawn(run, tmp_path):
         run.plot(experiment=7)
 
 
+@pytest.mark.slow
 def test_a_diagnosis_is_that_of_the_command(folder, worn, tmp_path, capsys):
     """Key by key; drawn and saved."""
     pytest.importorskip("matplotlib")
@@ -351,6 +352,7 @@ def test_swapped_arguments_are_a_type_error(worn):
         ldt.run(ldt.Machine("dc_motor"), worn)
 
 
+@pytest.mark.slow
 def test_types_hold_in_a_user_s_script(tmp_path):
     """The names have types, for mypy and for editors."""
     mypy = Path(sys.executable).parent / "mypy"
