@@ -27,7 +27,7 @@ from ldt_core.doctor.check import Finding, Probe, ok, problem, warning
 from ldt_ros.graph.environment import MODULES, require_ros, ros_message
 from ldt_ros.graph.leftovers import SHARED, leftovers, shared_memory_cleared
 from ldt_ros.graph.secure import has_security
-from ldt_ros.graph.trial_process import trial
+from ldt_ros.graph.trials import trial
 
 MIB = 1024**2
 DISTRIBUTION = "jazzy"
@@ -104,7 +104,7 @@ def profile() -> list[Finding]:
 
 
 def exchange(patience: float = EXCHANGE_TIMEOUT) -> dict[str, Any]:
-    """What the ear of two processes met (see `ldt_ros.graph.probe`).
+    """What the ear of two processes met (see `ldt_ros.graph.trials`).
 
     Raises:
         BadInput: they did not start or did not end; `got` says what happened.
@@ -112,7 +112,7 @@ def exchange(patience: float = EXCHANGE_TIMEOUT) -> dict[str, Any]:
     with shared_memory_cleared(), tempfile.TemporaryDirectory(prefix="ldt-") as logs:
         environment = {**os.environ, "ROS_LOG_DIR": logs}
         topic = f"/ldt_doctor_{os.getpid()}"
-        begun = partial(trial, "ldt_ros.graph.probe", environment=environment)
+        begun = partial(trial, environment=environment)
         with begun("voice", topic), begun("ear", topic) as ear:
             try:
                 output, errors = ear.communicate(timeout=patience)

@@ -40,8 +40,7 @@ from ldt_core.physics import PHYSICS
 from ldt_core.recording.messages import schema
 from ldt_core.twin.predictor import Predictor
 from ldt_ros.graph import process
-from ldt_ros.graph.parentage import end_with
-from ldt_ros.graph.process_title import entitle
+from ldt_ros.graph.linux_process import end_with, entitle
 
 REQUEST = 65536  # bytes of one request at most; parameters are in a file
 POLL = 0.0005  # s between two looks whether the process in between has ended

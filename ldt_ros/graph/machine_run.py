@@ -1,11 +1,15 @@
-"""One machine of a graph, and the machines that a graph's settings ask for."""
+"""The machines that a graph's settings ask for, and the processes that host their nodes."""
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
+
+import yaml
 
 import msgs_config
 from ldt_core.base.errors import BadInput
@@ -21,9 +25,14 @@ from ldt_core.recording.run_settings import settings_text
 from ldt_core.restart.run_key import begin_of, check_key
 from ldt_core.runs.fleet_members import Member, fleet, roles, source_of
 from ldt_core.security.permissions import check_namespace
+from ldt_ros.graph.process import machine_arguments
+from ldt_ros.graph.secure import enclave_arguments
 
 #: Counts in a node's health that are worth a note unless they are 0.
 NOTED_COUNTS = ("dropped", "adaptation time-outs", "unpaired", "missing", "overdue")
+
+
+MIN_FLEET_PROCESSES = 8  # that a fleet may have, however few cores there are
 
 
 @dataclass(frozen=True)
@@ -109,3 +118,72 @@ def machine_runs(settings: Mapping[str, Any]) -> list[MachineRun]:
             # A plant that is started again must not take another moment for the present.
             own["start_time"] = time.time()
     return runs
+
+
+@dataclass(frozen=True)
+class HostProcess:
+    """A process that hosts nodes.
+
+    Args:
+        name: for messages and for the file of its output.
+        runs: of the machines whose nodes it hosts.
+        role: of its only node, "" where it hosts all nodes of its machines.
+        arguments: of `ldt_ros.graph.process`.
+    """
+
+    name: str
+    runs: Sequence[MachineRun]
+    role: str
+    arguments: Sequence[str]
+
+    @property
+    def records(self) -> bool:
+        """Whether a recorder is in it."""
+        return self.role in ("", "recorder")
+
+
+def host_processes(runs: Sequence[MachineRun], folder: Path) -> list[HostProcess]:
+    """A process a node; of a fleet, all nodes of one machine or of several in a process.
+
+    A process more holds 60 MB, and has to get to know all topics of all others, as they have to get
+    to know its own.
+
+    Args:
+        runs: one a machine, of the same settings but for names and seeds.
+        folder: gets the files of the nodes' parameters.
+    """
+    first = runs[0]
+    roles = first.settings["graph"]
+    if len(runs) == 1:
+        ros = machine_arguments(first.namespace, write_parameters(first, folder))
+        return [
+            HostProcess(
+                role,
+                runs,
+                role,
+                ["--node", role, *ros, *enclave_arguments(first.settings, first.namespace, role)],
+            )
+            for role in roles
+        ]
+    count = first.settings["processes"] or max(MIN_FLEET_PROCESSES, 2 * (os.cpu_count() or 1))
+    # An enclave is one machine's, and a process is in one enclave.
+    most = 1 if first.settings["secure"] else -(-len(runs) // count)
+    nodes = [word for role in roles for word in ("--node", role)]
+    found = []
+    for begin in range(0, len(runs), most):
+        group = runs[begin : begin + most]
+        name = "-".join(dict.fromkeys((group[0].name, group[-1].name)))
+        files = ((run.namespace, write_parameters(run, folder)) for run in group)
+        machines = [word for one in files for word in ("--machine", *one)]
+        ros = ["--ros-args", *enclave_arguments(first.settings, group[0].namespace, roles[0])]
+        found.append(HostProcess(name, group, "", [*nodes, *machines, *ros]))
+    return found
+
+
+def write_parameters(run: MachineRun, folder: Path, **others: str) -> str:
+    """Write what a machine's nodes are told, those that start from now on; the file's name."""
+    defaults = {n: d["default"] for n, d in msgs_config.parameters().items()}
+    values = {n: v for n, v in run.settings.items() if v != defaults[n]}
+    file = folder / f"{run.name}.yaml"
+    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": {**values, **others}}}))
+    return str(file)

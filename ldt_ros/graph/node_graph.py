@@ -12,9 +12,8 @@ from ldt_core.base.stopping import INTERRUPTED
 from ldt_core.runs.fleet_members import SOURCES
 from ldt_core.runs.offline import recorded_summary
 from ldt_ros.graph.environment import spun_nodes
-from ldt_ros.graph.machine_run import MachineRun
+from ldt_ros.graph.machine_run import MachineRun, host_processes
 from ldt_ros.graph.monitor import Monitor
-from ldt_ros.graph.placement import host_processes
 from ldt_ros.graph.respawn import Respawner
 from ldt_ros.graph.supervisor import Child, Supervisor
 from ldt_ros.nodes.rivals import LEASE

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NoReturn
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.stopping import SIGNALS
 from ldt_ros.graph.environment import prepare, require_ros, ros_message
-from ldt_ros.graph.parentage import end_with
+from ldt_ros.graph.linux_process import end_with
 
 if TYPE_CHECKING:
     from ldt_ros.nodes.node import LdtNode

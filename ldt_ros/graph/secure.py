@@ -17,7 +17,7 @@ from ldt_core.base.errors import BadInput
 from ldt_core.security.keystore import check_keystore
 from ldt_core.security.permissions import enclave_name
 from ldt_ros.graph.environment import ros_message
-from ldt_ros.graph.trial_process import trial
+from ldt_ros.graph.trials import trial
 
 ENABLE, STRATEGY = "ROS_SECURITY_ENABLE", "ROS_SECURITY_STRATEGY"
 KEYSTORE, OVERRIDE = "ROS_SECURITY_KEYSTORE", "ROS_SECURITY_ENCLAVE_OVERRIDE"
@@ -71,7 +71,7 @@ def unable(environment: Mapping[str, str], patience: float = TRIAL_TIMEOUT) -> s
     It is tried, in a process of its own: one participant in the enclave, and one without security,
     which must not see the first.
     """
-    with trial("ldt_ros.graph.secure_trial", environment=environment) as done:
+    with trial("enclave", environment=environment) as done:
         try:
             output, _ = done.communicate(timeout=patience)
         except subprocess.TimeoutExpired:
@@ -95,15 +95,6 @@ def _refuse_permissive(environment: Mapping[str, str]) -> None:
         expected = f"{STRATEGY}=Enforce with it, ldt up --secure, or that it is not set"
         got = "the strategy Permissive, under which what has no enclave runs open"
         raise BadInput(ENABLE, expected, got)
-
-
-def dds_library() -> str | None:
-    """The file of the DDS library that this process has loaded."""
-    for line in Path("/proc/self/maps").read_text().splitlines():
-        path = line.rpartition(" ")[2]
-        if Path(path).name.startswith(("libfastrtps.", "libfastdds.")):
-            return path
-    return None
 
 
 def has_security(library: Path | str | None) -> bool:

@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Any, Self
 
 from ldt_core.base.errors import LdtError
-from ldt_ros.graph.parentage import adopting
+from ldt_ros.graph.linux_process import TITLE_BYTES, adopting
 from ldt_ros.graph.process import CRASHED
-from ldt_ros.graph.process_title import TITLE_BYTES
 
 POLL = 0.02  # s between two looks whether children have ended
 MAX_SERVER_RESTARTS = 5  # fork servers killed one after the other before one has forked
@@ -98,7 +97,7 @@ def last_line(log: Path) -> str:
 class ForkServer:
     """Starts `ldt_ros.graph.fork_server`, whose forks become children of this process.
 
-    That is so within `ldt_ros.graph.parentage.adopting`.
+    That is so within `ldt_ros.graph.linux_process.adopting`.
 
     Args:
         log: file that its output goes to.

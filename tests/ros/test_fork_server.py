@@ -16,7 +16,7 @@ from ldt_core.base.errors import LdtError
 pytest.importorskip("rclpy")
 
 from ldt_ros.graph.environment import prepare
-from ldt_ros.graph.parentage import adopting
+from ldt_ros.graph.linux_process import adopting
 from ldt_ros.graph.supervisor import Supervisor
 
 SETTINGS = {"machine": "rotor", "model": "physics", "detector": "threshold"}

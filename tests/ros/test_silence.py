@@ -6,8 +6,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from ldt_ros.graph import silence
-from ldt_ros.graph.silence import Silence
+from ldt_ros.graph import respawn
+from ldt_ros.graph.respawn import Silence
 from ldt_ros.nodes.statements import concerns
 
 AFTER = 4.0  # s
@@ -17,7 +17,7 @@ AFTER = 4.0  # s
 def clock(monkeypatch):
     """Time as it is told."""
     now = [0.0]
-    monkeypatch.setattr(silence.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(respawn.time, "monotonic", lambda: now[0])
     return now
 
 
