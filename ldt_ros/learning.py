@@ -98,11 +98,6 @@ def _of_graph(namespace: str, wanted: str | None) -> str:
 
 
 def _answer(node: Node, executor: Executor, kind: Any, service: str, request: Any) -> Any:
-    """What a service says.
-
-    Raises:
-        BadInput: nobody answers.
-    """
     client = node.create_client(kind, service)
     if client.wait_for_service(timeout_sec=ANSWER_TIMEOUT):
         future = client.call_async(request)

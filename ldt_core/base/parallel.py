@@ -113,10 +113,6 @@ class _Guarded(Generic[Item, Answer]):
     """The function as a worker calls it: in one thread, its failure an answer like any other.
 
     (joblib's Dask backend tells nobody of an exception when results are taken as they come.)
-
-    Args:
-        function: to call.
-        parent: process that the worker must not outlive; None for a worker of its own.
     """
 
     def __init__(self, function: Callable[[Item], Answer], parent: int | None) -> None:

@@ -32,11 +32,6 @@ class StoredResult(NamedTuple):
 def check_target(file: str | Path, option: str = "--out", endings: Sequence[str] = ()) -> None:
     """Refuse a file that cannot be made, before any work is done.
 
-    Args:
-        file: to be written.
-        option: by which the user named it.
-        endings: of which it must have one.
-
     Raises:
         OptionError: it is a folder, in none, or has another ending.
     """

@@ -1,11 +1,4 @@
-"""Generic suites for whoever writes a part of their own.
-
-    from ldt_core.checks import check_detector
-    check_detector(MyDetector(limit=3.0))
-
-raises AssertionError with a sentence at the first promise that is not kept. The detectors that ship
-with LDT go through the same suite.
-"""
+"""Generic suite for whoever writes a detector of their own."""
 
 from __future__ import annotations
 

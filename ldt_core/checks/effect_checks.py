@@ -1,23 +1,16 @@
-"""Generic suite for whoever writes an effect of their own.
-
-    from ldt_core.checks import check_effect
-    check_effect(MY_EFFECT)
-
-raises AssertionError with a sentence at the first promise that is not kept, and returns what it
-checked. On the command line: `ldt effects my_file.py:MY_EFFECT`. The effects that ship with LDT go
-through the same suite.
-"""
+"""Generic suite for whoever writes an effect: `ldt effects my_file.py:MY_EFFECT` runs it."""
 
 from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from ldt_core.base.errors import BadInput, OptionError
+from ldt_core.checks.physics_checks import trial_speed
 from ldt_core.effects.base import Values
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.physics.base import MAX_STEP
@@ -35,9 +28,6 @@ STEP_TOLERANCE = 0.02
 LEAST_CHANGE = 1e-3  # rad/s: values that change the speed less on every machine are not typical
 ECCENTRICITY = 0.004  # m; enough that an effect on the foundation can be seen
 DURATION = 6.0  # s, of a trial run
-HOLD = 1.0  # s, for which each level of its voltage is held
-PERIOD = 0.01  # s, between its samples
-SEED = 20240604
 BEYOND = 8  # numbers behind the parameters that a term must not read
 # (t [s], theta [rad], omega [rad/s], current [A], voltage [V]) at which a term is called by itself.
 PLACES = ((0.0, 0.0, 0.0, 0.0, 0.0), (1.5, 2.0, 30.0, 3.0, 10.0), (0.5, -4.0, -9.0, -2.0, -6.0))
@@ -200,19 +190,5 @@ def _speed(
     given: Values | None = None,
     max_step: float = MAX_STEP,
 ) -> np.ndarray:
-    """Measured speed [rad/s] under steps of voltage, both signs of it, from rest."""
-    low, high = machine.voltage_limits
-    levels = np.random.default_rng(SEED).uniform(low, high, round(DURATION / HOLD))
-    volts = np.repeat(levels, round(HOLD / PERIOD))
-    physics, values = machine.model, machine.parameters
-    effects: list[tuple[Effect, Mapping[str, float]]] = []
-    if effect is not None and given is not None:
-        effects = [(effect, given)]
-    initial = physics.initial_state(values, 0.0)
-    states = physics.simulate(values, volts, PERIOD, initial, effects, max_step)
-    speed = np.asarray(physics.measure(states, PERIOD, effects))
-    assert speed.shape == volts.shape, (
-        f"{effect.name if effect else machine.name}: expected {volts.size} measured speeds, got "
-        f"shape {speed.shape}"
-    )
-    return speed
+    effects = [(effect, given)] if effect is not None and given is not None else []
+    return trial_speed(machine, DURATION, effects, max_step)

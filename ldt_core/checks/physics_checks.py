@@ -1,15 +1,9 @@
-"""Suite for whoever writes a physics of their own.
-
-    from ldt_core.checks import check_physics
-    check_physics(load_machine("my_machine.yaml"))
-
-raises AssertionError with a sentence at the first promise that is not kept, and returns what it
-checked. The physics that ship with LDT go through the same suite.
-"""
+"""Suite for whoever writes a physics of their own."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -17,6 +11,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import MachineFileError
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import SPEED
+from ldt_core.physics.constants import MAX_STEP
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import STATES
 from ldt_core.physics.motor_driven import MotorDriven
@@ -63,7 +58,7 @@ def check_physics(machine: Machine) -> list[str]:
     assert state[SPEED] == 10.0, (
         f"{name}: the first state does not have the speed that was measured"
     )
-    first, again = _speed(machine), _speed(machine)
+    first, again = trial_speed(machine, DURATION), trial_speed(machine, DURATION)
     assert np.array_equal(first, again), f"{name}: two runs differ"
     assert np.isfinite(first).all(), f"{name}: speeds that are not finite"
     done.append("two runs are the same to the last bit, and finite")
@@ -82,7 +77,8 @@ def check_physics(machine: Machine) -> list[str]:
         a, b = physics.system(values)
         assert a.shape == (count, count), f"{name}: system gives A of shape {a.shape}"
         assert b.shape == (count,), f"{name}: system gives B of shape {b.shape}"
-        off = float(np.abs(_speed(machine, NEUTRAL) - first).max())
+        neutral = trial_speed(machine, DURATION, [(NEUTRAL, NEUTRAL.neutral)])
+        off = float(np.abs(neutral - first).max())
         assert off <= TOLERANCE, (
             f"{name}: `system` and `constants` tell of different machines, by up to {off:.3g} rad/s"
         )
@@ -122,12 +118,29 @@ NEUTRAL = Effect(
 )
 
 
-def _speed(machine: Machine, *effects: Effect) -> Array:
-    """(L,) speed [rad/s] under steps of voltage, from rest."""
+def trial_speed(
+    machine: Machine,
+    duration: float,
+    effects: Sequence[tuple[Effect, Mapping[str, float]]] = (),
+    max_step: float = MAX_STEP,
+) -> Array:
+    """(L,) measured speed [rad/s] under steps of voltage, both signs of it, from rest.
+
+    Args:
+        machine: to simulate.
+        duration: of the trial run [s].
+        effects: that act on it, with their parameters.
+        max_step: of the integrator [s].
+    """
     low, high = machine.voltage_limits
-    levels = np.random.default_rng(SEED).uniform(low, high, round(DURATION / HOLD))
+    levels = np.random.default_rng(SEED).uniform(low, high, round(duration / HOLD))
     volts = np.repeat(levels, round(HOLD / PERIOD))
     physics, values = machine.model, machine.parameters
     initial = physics.initial_state(values, 0.0)
-    states = physics.simulate(values, volts, PERIOD, initial, [(e, e.neutral) for e in effects])
-    return states[:, SPEED]
+    states = physics.simulate(values, volts, PERIOD, initial, effects, max_step)
+    speed = np.asarray(physics.measure(states, PERIOD, effects))
+    assert speed.shape == volts.shape, (
+        f"{effects[0][0].name if effects else machine.name}: expected {volts.size} measured "
+        f"speeds, got shape {speed.shape}"
+    )
+    return speed

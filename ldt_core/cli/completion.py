@@ -39,11 +39,7 @@ Completer = Callable[[click.Context, click.Parameter, str], list[str]]
 
 
 def known(kind: str) -> Completer | None:
-    """A completer for the values of an option, None when nothing is known of them.
-
-    Args:
-        kind: name of the parameter: machine, model, detector, effect or page.
-    """
+    """A completer for the values of an option, None when nothing is known of them."""
     if kind not in _KNOWN:
         return None
     return _completer(lambda: pkgutil.resolve_name(_KNOWN[kind])())

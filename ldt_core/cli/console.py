@@ -15,12 +15,7 @@ WIDTH = 110  # characters of a wide table in a file or pipe
 
 
 class Console(rich.console.Console):
-    """Prints tables, sentences and progress; square brackets are no markup.
-
-    Args:
-        wide: whether tables on a pipe may take `WIDTH` characters.
-        options: of rich.
-    """
+    """Prints tables, sentences and progress; square brackets are no markup."""
 
     def __init__(self, wide: bool = False, **options: Any) -> None:
         super().__init__(**{"markup": False, "highlight": False, "soft_wrap": True, **options})

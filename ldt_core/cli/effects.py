@@ -55,11 +55,6 @@ def _known() -> list[Effect]:
 
 
 def _check(effect: Effect) -> list[str]:
-    """What the suite checked.
-
-    Raises:
-        click.ClickException: a promise is not kept; the sentence says which.
-    """
     from ldt_core.base.errors import LdtError
     from ldt_core.checks import check_effect
 

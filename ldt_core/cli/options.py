@@ -106,9 +106,6 @@ def parameters(*groups: str) -> Callable[..., Any]:
 
     The command receives the checked values of all of them, defaults included, in one mapping named
     `settings`.
-
-    Args:
-        groups: groups of `parameters.yaml`.
     """
     declared = msgs_config.parameters(*groups)
 

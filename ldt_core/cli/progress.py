@@ -75,13 +75,7 @@ class RunProgress:
 
 
 class ResumableProgress:
-    """The progress of work that the same command continues where it was interrupted.
-
-    Args:
-        work: what goes on, in a word.
-        items: what is counted, in the plural.
-        out: folder of the results, named when the work is interrupted.
-    """
+    """The progress of work that the same command continues where it was interrupted."""
 
     def __init__(self, work: str, items: str, out: str) -> None:
         self._items, self._out, self._done, self._total = items, out, 0, 0

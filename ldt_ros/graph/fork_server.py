@@ -96,12 +96,9 @@ def preload() -> None:
 
 
 def warm_up(settings: dict[str, Any]) -> None:
-    """Load the code that the parts of a graph of these settings begin with, compiled and other.
+    """Load the code that the parts of a graph of this machine, model and detector begin with.
 
     A user's own parts are left to the nodes: whatever these do must not happen here.
-
-    Args:
-        settings: `machine`, `model` and `detector`.
     """
     with contextlib.suppress(LdtError):  # the node that comes by it says so
         resolved = resolve(settings)

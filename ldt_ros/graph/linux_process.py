@@ -17,12 +17,7 @@ _PR_GET_CHILD_SUBREAPER = 37
 
 
 def end_with(parent: int, number: signal.Signals) -> bool:
-    """Have this process sent a signal when its parent ends; False if it has ended already.
-
-    Args:
-        parent: process id of the parent.
-        number: the signal.
-    """
+    """Have this process sent a signal when its parent ends; False if it has ended already."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)
     return os.getppid() == parent
 

@@ -37,12 +37,7 @@ MIN_FLEET_PROCESSES = 8  # that a fleet may have, however few cores there are
 
 @dataclass(frozen=True)
 class MachineRun(Member):
-    """One machine of a graph, and what happened with it.
-
-    Args:
-        machine: as its twin knows it.
-        summary: of its steps.
-    """
+    """One machine of a graph, and what happened with it."""
 
     machine: Machine
     summary: Summary = field(default_factory=Summary)
@@ -60,11 +55,7 @@ class MachineRun(Member):
         return [topic for topic in wanted if not topic.startswith("/")]
 
     def note_health(self, health: Mapping[str, NodeStatus]) -> None:
-        """Note in the summary what the nodes counted, and how many experiments are missing.
-
-        Args:
-            health: role → what its node told of itself last.
-        """
+        """Note in the summary what the nodes counted, and how many experiments are missing."""
         summary = self.summary
         for role, told in health.items():
             for key, count in told.values.items():
@@ -147,23 +138,14 @@ def host_processes(runs: Sequence[MachineRun], folder: Path) -> list[HostProcess
 
     A process more holds 60 MB, and has to get to know all topics of all others, as they have to get
     to know its own.
-
-    Args:
-        runs: one a machine, of the same settings but for names and seeds.
-        folder: gets the files of the nodes' parameters.
     """
     first = runs[0]
     roles = first.settings["graph"]
     if len(runs) == 1:
         ros = machine_arguments(first.namespace, write_parameters(first, folder))
+        enclaves = {r: enclave_arguments(first.settings, first.namespace, r) for r in roles}
         return [
-            HostProcess(
-                role,
-                runs,
-                role,
-                ["--node", role, *ros, *enclave_arguments(first.settings, first.namespace, role)],
-            )
-            for role in roles
+            HostProcess(role, runs, role, ["--node", role, *ros, *enclaves[role]]) for role in roles
         ]
     count = first.settings["processes"] or max(MIN_FLEET_PROCESSES, 2 * (os.cpu_count() or 1))
     # An enclave is one machine's, and a process is in one enclave.

@@ -26,12 +26,7 @@ CAPACITY = 200
 
 
 class Monitor(Node):
-    """Follows a machine's signals, adaptations and health.
-
-    Args:
-        namespace: of the machine.
-        on_step: called with the signal and the adaptation of each experiment.
-    """
+    """Follows a machine's signals, adaptations and health."""
 
     def __init__(
         self,

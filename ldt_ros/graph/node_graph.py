@@ -35,13 +35,7 @@ OnStep = Callable[[str, Signal, Adaptation], None]
 
 
 class Graph:
-    """The processes and monitors of all runs.
-
-    Args:
-        runs: one a machine.
-        supervisor: of the processes.
-        on_step: told of each machine's steps.
-    """
+    """The processes and monitors of all runs."""
 
     def __init__(self, runs: list[MachineRun], supervisor: Supervisor, on_step: OnStep) -> None:
         self.runs = runs
@@ -151,11 +145,7 @@ class Graph:
         self._rivals_due = end + RIVAL_REST * (end - now)
 
     def _refuse_publishers(self, most: int, expected: str, counted: str) -> None:
-        """Refuse more publishers of a topic of a machine's own than there may be.
-
-        Raises:
-            BadInput: there are more.
-        """
+        """Refuse more publishers of a topic of a machine's own than there may be."""
         for run, monitor in zip(self.runs, self.monitors, strict=True):
             for topic in run.own_topics:
                 if (count := monitor.count_publishers(topic)) > most:

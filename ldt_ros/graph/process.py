@@ -154,12 +154,7 @@ def host(
 
 
 def machine_arguments(namespace: str, file: str) -> list[str]:
-    """ROS's arguments by which nodes are those of one machine.
-
-    Args:
-        namespace: of its topics, "" for the root.
-        file: of its parameters.
-    """
+    """ROS's arguments by which nodes are those of one machine."""
     return ["--ros-args", "--params-file", file, "-r", f"__ns:=/{namespace}"]
 
 

@@ -13,7 +13,7 @@ from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.runs.fleet_members import SOURCES
 from ldt_ros.graph.machine_run import HostProcess, write_parameters
 from ldt_ros.graph.monitor import Monitor
-from ldt_ros.graph.supervisor import Child, Supervisor
+from ldt_ros.graph.supervisor import Child, Supervisor, last_line
 
 #: Longest time between two looks that counts [s]; beyond that this process has slept itself.
 MAX_LOOK_INTERVAL = 0.5
@@ -47,10 +47,6 @@ class Silence:
 
         Where all are silent, the machine has more to do than it can, and to start one of them again
         would make it worse.
-
-        Args:
-            name: of the process.
-            after: silence that is too long [s].
         """
         others = [silence for n, (_, silence) in self._of.items() if n != name]
         usual = statistics.median(others) if others else 0.0
@@ -90,10 +86,6 @@ class Respawner:
 
     Supervisors of services (systemd, supervisord) count restarts in a time; here a process is given
     up that crashes again before the run has got any further.
-
-    Args:
-        supervisor: of the processes.
-        monitors: machine's name → what hears its nodes.
     """
 
     def __init__(self, supervisor: Supervisor, monitors: dict[str, Monitor]) -> None:
@@ -120,7 +112,7 @@ class Respawner:
         for child in self.supervisor.dead():
             if child.ended_well and child.name in SOURCES:
                 continue  # a source ends by itself after its last experiment
-            code, told = child.returncode, child.last_line()
+            code, told = child.returncode, last_line(child.log)
             if code == BadInput.exit_code:
                 _, _, sentence = told.partition(": ")
                 raise _Refused(sentence or told)

@@ -32,11 +32,6 @@ def secured(
 ) -> dict[str, str]:
     """The environment of a graph's processes; this process's own is brought to the same.
 
-    Args:
-        settings: `secure`, `namespace` and `machines`.
-        roles: of the graph.
-        environment: of the processes, without security.
-
     Raises:
         BadInput: secured it cannot run, or open it would although the environment asks for more;
             one sentence that says why.

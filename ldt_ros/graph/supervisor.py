@@ -81,10 +81,6 @@ class Child:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.pid, number)
 
-    def last_line(self) -> str:
-        """The last line of its output that says something."""
-        return last_line(self.log)
-
 
 def last_line(log: Path) -> str:
     """The last line of a process's output that says something."""
@@ -98,11 +94,6 @@ class ForkServer:
     """Starts `ldt_ros.graph.fork_server`, whose forks become children of this process.
 
     That is so within `ldt_ros.graph.linux_process.adopting`.
-
-    Args:
-        log: file that its output goes to.
-        environment: of the server, and so of what it forks.
-        settings: what it prepares for, `PRELOADED`.
     """
 
     def __init__(
@@ -130,10 +121,6 @@ class ForkServer:
 
     def fork(self, log: Path, arguments: Sequence[str]) -> int:
         """Start a process in a group of its own that does what `ldt_ros.graph.process` does.
-
-        Args:
-            log: file that its output is added to.
-            arguments: of `ldt_ros.graph.process`.
 
         Returns:
             Its process id.
@@ -163,13 +150,7 @@ class ForkServer:
 
 
 class Supervisor:
-    """Starts, watches and ends the processes of a graph; a context, at whose end none is left.
-
-    Args:
-        folder: where their output goes.
-        environment: of every child.
-        settings: of the graph, `PRELOADED` among them.
-    """
+    """Starts, watches and ends the processes of a graph; a context, at whose end none is left."""
 
     def __init__(
         self, folder: Path, environment: Mapping[str, str], settings: Mapping[str, Any]

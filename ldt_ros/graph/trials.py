@@ -38,13 +38,7 @@ UNKNOWN = "_NODE_NAME_UNKNOWN_"  # of a publisher that is met before its node
 def trial(
     name: str, *arguments: str, environment: Mapping[str, str]
 ) -> Iterator[subprocess.Popen[str]]:
-    """The process of a trial; it is ended with the context.
-
-    Args:
-        name: in `TRIALS`.
-        arguments: of the function that conducts it.
-        environment: of the process.
-    """
+    """The process of a trial; it is ended with the context."""
     process = subprocess.Popen(
         # -P: nothing in the user's folder may stand in for a module of ours.
         [sys.executable, "-P", "-m", __name__, name, *arguments, str(os.getpid())],
@@ -168,12 +162,7 @@ def _meets_monitor(node: Node, known: set[bytes]) -> bool:
 
 
 def _conduct(name: str, *arguments: str) -> NoReturn:
-    """Do what this process is for, print what was found as JSON, and end.
-
-    Args:
-        name: of the trial.
-        arguments: of its function, and the process's parent.
-    """
+    """Do what this process is for, print what was found as JSON, and end."""
     *own, parent = arguments
     if not end_with(int(parent), signal.SIGKILL):
         leave(1)

@@ -13,11 +13,7 @@ KEPT_VERSIONS = 12
 
 
 class ModelVersions(Generic[T]):
-    """Models by version, bounded.
-
-    Args:
-        first: the model of version 0, which stays known.
-    """
+    """Models by version, bounded; `first`, that of version 0, stays known."""
 
     def __init__(self, first: T) -> None:
         self.first = first

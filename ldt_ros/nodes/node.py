@@ -173,12 +173,7 @@ class HealthReport:
 
 
 class LdtNode(Node):
-    """A node of the twin.
-
-    Args:
-        role: name of the node (`plant`, `twin`, …).
-        groups: parameter groups that it declares.
-    """
+    """A node of the twin."""
 
     def __init__(self, role: str, *groups: str, **node_arguments: Any) -> None:
         super().__init__(role, **node_arguments)

@@ -67,13 +67,7 @@ class Backlog:
             return len(self._waiting) + self._busy
 
     def put(self, kind: str, size: int, *item: Any) -> None:
-        """Let an item wait its turn, or leave it out and count it.
-
-        Args:
-            kind: under which it is counted.
-            size: in bytes.
-            item: arguments of the work.
-        """
+        """Let an item wait its turn, or leave it out and count it."""
         with self._news:
             full = len(self._waiting) >= self._messages or self._size + size > self._most
             if self._closed or (self._waiting and full):

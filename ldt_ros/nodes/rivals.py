@@ -5,13 +5,12 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from rclpy.node import Node
 
 from ldt_core.base.printable import one_line
 from ldt_core.recording.node_status import SECOND_PUBLISHER
-
-if TYPE_CHECKING:
-    from rclpy.node import Node
 
 #: Time after which a killed node's topics are gone [s]; its lease is 5 (msgs_config/fastdds.xml).
 LEASE = 6.0
@@ -26,11 +25,6 @@ class Rivals:
 
     Two of `experiment` or `model` are an alarm: at once where their nodes have different names,
     else once the one can no longer be what a killed node has left while it starts again.
-
-    Args:
-        node: asked for the graph.
-        outputs: its publishers by topic.
-        inputs: its subscriptions by topic.
     """
 
     def __init__(self, node: Node, outputs: Mapping[str, Any], inputs: Mapping[str, Any]) -> None:

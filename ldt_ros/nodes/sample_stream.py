@@ -16,12 +16,7 @@ BURST = 10
 
 
 class SampleStream:
-    """Publishes the samples of one experiment after the other, as far as they are due.
-
-    Args:
-        publish: gives the publisher of a declared topic.
-        joint: name of the machine's joint.
-    """
+    """Publishes the samples of one experiment after the other, as far as they are due."""
 
     def __init__(self, publish: Callable[[str], Publisher], joint: str) -> None:
         self.joint = joint

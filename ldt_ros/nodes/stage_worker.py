@@ -130,12 +130,7 @@ class StageWorker(NodePart):
         self._thread.submit(work, *arguments)
 
     def end(self, wait: bool, cancel: bool) -> None:
-        """End the thread.
-
-        Args:
-            wait: for what is under way.
-            cancel: what waits.
-        """
+        """End the thread."""
         self._thread.shutdown(wait=wait, cancel_futures=cancel)
 
     def _take_over(self, step: RecordedStep, again: Callable[[RecordedStep], None] | None) -> None:

@@ -31,9 +31,6 @@ class TopicLinks:
     lease; one whose Python hangs is not, but its health no longer comes. A listener hears of it
     only where it asks for a lease itself, and is then not matched by publishers that promise none:
     only nodes of one graph ask each other for it.
-
-    Args:
-        node: whose log tells of it.
     """
 
     def __init__(self, node: Node) -> None:
@@ -99,10 +96,6 @@ class Topics:
     """Declared topics of a node.
 
     A message that cannot be used is counted and logged once per kind, and the node goes on.
-
-    Args:
-        node: that publishes and listens.
-        graph: roles of the nodes of its graph.
     """
 
     def __init__(self, node: Node, graph: Iterable[str]) -> None:

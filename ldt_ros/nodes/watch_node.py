@@ -31,7 +31,7 @@ class WatchNode(Node):
     | anything malformed | counted, and the last one told on the page |
 
     Args:
-        fleet: is fed.
+        fleet: is fed with what comes.
         namespace: of the one machine to watch; "" for all.
     """
 
