@@ -140,7 +140,7 @@ def host(
         for node in nodes:
             node.report.others = [other.report for other in nodes if other is not node]
         # EventsExecutor.spin() does not return on these wheels; spin_once does.
-        while not (stopped() or all(node.done for node in nodes)):
+        while not (stopped() or all(node.report.end_is_told for node in nodes)):
             executor.spin_once(timeout_sec=SPIN)
             for node in nodes:
                 if node.failure is not None:

@@ -109,7 +109,7 @@ class Respawner:
             LdtError: a process refused its input, ended otherwise, or crashes again and again.
         """
         self._kill_hung()
-        for child in self.supervisor.dead():
+        for child in [c for c in self.supervisor.children if not c.running]:
             if child.ended_well and child.name in SOURCES:
                 continue  # a source ends by itself after its last experiment
             code, told = child.returncode, last_line(child.log)

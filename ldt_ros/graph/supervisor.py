@@ -202,10 +202,6 @@ class Supervisor:
                 self._server = self._new_server()
         raise LdtError(f"no process of a node can be started: {told}")
 
-    def dead(self) -> list[Child]:
-        """Children that have ended."""
-        return [c for c in self.children if not c.running]
-
     def stop(self, *children: Child, grace: float = GRACE) -> None:
         """End children, all at once: INT, then TERM, then KILL, each with its grace."""
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):

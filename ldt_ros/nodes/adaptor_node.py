@@ -81,7 +81,7 @@ class AdaptorNode(LdtNode, LifecycleNodeMixin):
         """Let a training finish, and say what became of it while somebody may listen."""
         if self.adaptor.diagnoser is not None:
             self.adaptor.diagnoser.cancel()  # it may take longer than anybody waits
-        self.worker.end(wait=True, cancel=False)
+        self.worker.thread.shutdown(wait=True)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Learn from the next experiment on."""

@@ -61,7 +61,7 @@ class AdvisorNode(LdtNode):
 
     def close(self) -> None:
         """Begin nothing more; what is under way takes a second."""
-        self.worker.end(wait=True, cancel=True)
+        self.worker.thread.shutdown(wait=True, cancel_futures=True)
 
     def recall(self, step: RecordedStep) -> None:
         """Take over what a recorded step says."""
@@ -84,7 +84,7 @@ class AdvisorNode(LdtNode):
 
     def _again(self, step: RecordedStep) -> None:
         if step.diagnosis is not None:
-            self.worker.submit(self.advisor.informed, step.diagnosis)
+            self.worker.thread.submit(self.advisor.informed, step.diagnosis)
         self._pair(step.experiment, step.adaptation)
 
     def _pair(self, experiment: Experiment, beside: Adaptation) -> None:
@@ -101,7 +101,7 @@ class AdvisorNode(LdtNode):
         self._go_on()
 
     def _on_diagnosis(self, message: Any) -> None:
-        self.worker.submit(self.advisor.informed, from_message("diagnosis", message))
+        self.worker.thread.submit(self.advisor.informed, from_message("diagnosis", message))
 
     def _go_on(self) -> None:
         while self._waiting:

@@ -58,7 +58,7 @@ class DiagnoserNode(LdtNode):
     def close(self) -> None:
         """Begin nothing more."""
         self.diagnoser.cancel()
-        self.worker.end(wait=False, cancel=True)
+        self.worker.thread.shutdown(wait=False, cancel_futures=True)
 
     def _pair(self, experiment: Experiment, beside: Signal) -> None:
         work = partial(self._diagnose, experiment, beside)

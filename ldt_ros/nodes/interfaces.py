@@ -56,13 +56,6 @@ MESSAGES = Messages(
 LISTENER_DEPTH = 1000
 #: Profile whose past every listener wants.
 LATCHED = "latched"
-_TYPES = {
-    "bool": ParameterType.PARAMETER_BOOL,
-    "integer": ParameterType.PARAMETER_INTEGER,
-    "double": ParameterType.PARAMETER_DOUBLE,
-    "string": ParameterType.PARAMETER_STRING,
-    "string_array": ParameterType.PARAMETER_STRING_ARRAY,
-}
 
 
 def to_message(record: Record, time: float = 0.0, machine: str = "") -> Any:
@@ -181,7 +174,7 @@ def _descriptor(declaration: dict[str, Any]) -> ParameterDescriptor:
     unit = declaration.get("unit", "")
     descriptor = ParameterDescriptor(
         description=declaration["description"] + (f" [{unit}]" if unit else ""),
-        type=_TYPES[declaration["type"]],
+        type=getattr(ParameterType, f"PARAMETER_{declaration['type'].upper()}"),
         read_only=True,
         # ROS would refuse an integer where a double is declared, in words that name no parameter.
         dynamic_typing=True,

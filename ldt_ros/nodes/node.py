@@ -223,11 +223,6 @@ class LdtNode(Node):
         return all(part.quiet for part in self.parts)
 
     @property
-    def done(self) -> bool:
-        """Whether the node has finished, and others have had time to hear it."""
-        return self.report.end_is_told
-
-    @property
     def ended(self) -> bool:
         """Whether it begins nothing more: it has finished, or was stopped before."""
         return self.finished or self.stopped

@@ -35,6 +35,7 @@ class StageWorker(NodePart):
         last: number of the last experiment begun with.
         finished_with: number of the last one that nothing is left to do about.
         left_out: experiments that were left out.
+        thread: on which the work is done.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class StageWorker(NodePart):
         self.waiting = waiting
         self.last = self.finished_with = self.left_out = 0
         self._make_up: Callable[[RecordedStep], None] | None = None
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix=node.role)
+        self.thread = ThreadPoolExecutor(1, thread_name_prefix=node.role)
         # One thread writes each, so that neither needs a lock.
         self._begun = self._ended = 0
         self._told_last = 0
@@ -120,18 +121,10 @@ class StageWorker(NodePart):
             self.left_out += 1
         elif long or self.busy:
             self._begun += 1
-            self._thread.submit(self._on_thread, experiment, work)
+            self.thread.submit(self._on_thread, experiment, work)
         else:
             self._in_turn(experiment, work)
             self.finished_with = experiment.number
-
-    def submit(self, work: Callable[..., None], *arguments: Any) -> None:
-        """Do something on the thread that is about no experiment."""
-        self._thread.submit(work, *arguments)
-
-    def end(self, wait: bool, cancel: bool) -> None:
-        """End the thread."""
-        self._thread.shutdown(wait=wait, cancel_futures=cancel)
 
     def _take_over(self, step: RecordedStep, again: Callable[[RecordedStep], None] | None) -> None:
         if again is None or step.number <= self.answered:

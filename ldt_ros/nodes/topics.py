@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -33,14 +33,13 @@ class TopicLinks:
     only nodes of one graph ask each other for it.
     """
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, node: Node, inputs: Mapping[str, Subscription]) -> None:
+        self._node, self._inputs = node, inputs
         #: What happened → how often.
         self.counts: Counter[str] = Counter()
         #: Topic → whether somebody who publishes it lives, once one has said so.
         self.alive: dict[str, bool] = {}
         self._policies: dict[str, str] = {}  # of publishers that are there and cannot be heard
-        self._inputs: dict[str, Any] = {}
 
     def of_input(self, topic: str) -> SubscriptionEventCallbacks:
         """What a subscription calls."""
@@ -73,10 +72,6 @@ class TopicLinks:
 
         return PublisherEventCallbacks(incompatible_qos=incompatible)
 
-    def add(self, topic: str, subscription: Any) -> None:
-        """Take in the subscription whose events these are."""
-        self._inputs[topic] = subscription
-
     def heard(self, topic: str) -> None:
         """A message is a sign of life too; that of the middleware does not come back each time."""
         if not self.alive.get(topic, True):
@@ -108,7 +103,7 @@ class Topics:
         self._outputs: dict[str, Publisher] = {}
         self._inputs: dict[str, Subscription] = {}
         self.rivals = Rivals(node, self._outputs, self._inputs)
-        self.links = TopicLinks(node)
+        self.links = TopicLinks(node, self._inputs)
 
     def publishes(self, topic: str) -> Publisher:
         """A publisher of a declared topic."""
@@ -143,7 +138,6 @@ class Topics:
             raw=raw,
             event_callbacks=self.links.of_input(topic),
         )
-        self.links.add(topic, self._inputs[topic])
 
     def _listener_qos(self, topic: str, depth: int) -> QoSProfile:
         """What was missed, and signs of life, are asked for alone of nodes of this graph.

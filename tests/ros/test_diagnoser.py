@@ -111,7 +111,7 @@ def test_told_to_stop_it_ends_at_once(slow):
     slow.halt()
     slow.close()
     assert time.monotonic() - began < 0.5
-    slow.worker.end(wait=True, cancel=False)
+    slow.worker.thread.shutdown(wait=True)
     assert time.monotonic() - began < 2
     assert slow.failure is None
 
