@@ -16,8 +16,8 @@ from ldt_ros.graph.machine_run import MachineRun, host_processes
 from ldt_ros.graph.monitor import Monitor
 from ldt_ros.graph.respawn import Respawner
 from ldt_ros.graph.supervisor import Child, Supervisor
-from ldt_ros.nodes.rivals import LEASE
 from ldt_ros.nodes.statements import hear
+from ldt_ros.nodes.topics import LEASE
 
 if TYPE_CHECKING:
     from rclpy.context import Context

@@ -36,6 +36,7 @@ from std_msgs.msg import (
 import msgs_config
 from ldt_core.base.settings import check
 from ldt_core.recording.codec import Record, decode, encode
+from ldt_core.recording.message_fields import seconds
 from ldt_core.recording.messages import Messages
 
 MESSAGES = Messages(
@@ -76,6 +77,12 @@ def from_message(topic: str, message: Any) -> Any:
         BadInput: no such record; the sentence names the topic, what was expected and what came.
     """
     return decode(topic, message)
+
+
+def stamp_of(message: Any) -> float | None:
+    """Seconds in its header; None where there is none, or nobody has set it."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    return None if stamp is None or (stamp.sec, stamp.nanosec) == (0, 0) else seconds(stamp)
 
 
 def message_class(kind: str) -> Any:

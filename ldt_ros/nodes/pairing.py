@@ -9,8 +9,7 @@ from ldt_core.base.bounded import forget_oldest
 from ldt_core.base.errors import ExperimentError
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.twin.stage import RecordedStep
-from ldt_ros.nodes.feed import stamp_of
-from ldt_ros.nodes.interfaces import from_message
+from ldt_ros.nodes.interfaces import from_message, stamp_of
 from ldt_ros.nodes.node import LdtNode, NodePart
 
 Left = TypeVar("Left")
@@ -130,8 +129,7 @@ class ExperimentPairs(NodePart):
 
     def _on_beside(self, message: Any) -> None:
         record = from_message(self._beside, message)
-        number = getattr(record, "experiment", None) or record.number
-        self.pairing.right(number, (record, stamp_of(message)))
+        self.pairing.right(record.number, (record, stamp_of(message)))
 
     def _together(self, experiment: Experiment, beside: tuple[Any, float | None]) -> None:
         """Deal with the two, unless they are of two machines that count alike."""

@@ -16,7 +16,7 @@ from ldt_core.base.settings import resolve  # noqa: E402
 from ldt_core.machine.machine_file import load_machine  # noqa: E402
 from ldt_core.recording.model_json import model_text  # noqa: E402
 from ldt_ros.graph.machine_run import MachineRun  # noqa: E402
-from ldt_ros.nodes import rivals as module  # noqa: E402
+from ldt_ros.nodes import topics as module  # noqa: E402
 from ldt_ros.nodes.interfaces import message_type, qos  # noqa: E402
 from ldt_ros.nodes.twin_node import TwinNode  # noqa: E402
 

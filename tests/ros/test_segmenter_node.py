@@ -25,10 +25,8 @@ from std_msgs.msg import Float64, String  # noqa: E402
 from stranger import adaptation, log_of, written  # noqa: E402
 
 from ldt_core.base.errors import OptionError  # noqa: E402
-from ldt_ros.nodes.experiment_source import PlantNode, PlayerNode  # noqa: E402
-from ldt_ros.nodes.feed import Feed  # noqa: E402
-from ldt_ros.nodes.sample_stream import exact_stamp  # noqa: E402
-from ldt_ros.nodes.segmenter_node import SegmenterNode  # noqa: E402
+from ldt_ros.nodes.experiment_source import PlantNode, PlayerNode, exact_stamp  # noqa: E402
+from ldt_ros.nodes.segmenter_node import Feed, SegmenterNode  # noqa: E402
 
 PERIOD, SIZE = 0.02, 25  # s, samples: half a second of a machine in real time
 START = 1.7e9 + 0.123456789  # s
