@@ -129,8 +129,7 @@ def command(settings: dict[str, Any], as_json: bool) -> None:
     settings = _resumed(settings)
     given = resolve(settings)
     with stop_on_signals(insist=False) as stop, _supervised(given) as supervisor:
-        from ldt_core.cli.progress import RunProgress
-        from ldt_core.cli.run_summary import print_summaries
+        from ldt_core.cli.progress import RunProgress, print_summaries
         from ldt_core.machine.machine_file import load_machine
 
         machine = load_machine(settings["machine"]).name

@@ -8,8 +8,7 @@ from typing import Any
 import click
 
 from ldt_core.cli.options import Command, json_option, parameters
-from ldt_core.cli.progress import RunProgress
-from ldt_core.cli.run_summary import print_summaries
+from ldt_core.cli.progress import RunProgress, print_summaries
 
 
 @click.command(

@@ -6,7 +6,7 @@ import pytest
 
 from ldt_core.base.experiment import Level, Signal
 from ldt_core.base.metrics import Summary
-from ldt_core.cli.run_summary import print_summaries
+from ldt_core.cli.progress import print_summaries
 
 SETTINGS = {"model": "physics", "detector": "lddm"}
 COUNT = 1234  # experiments of each machine

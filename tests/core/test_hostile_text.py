@@ -22,8 +22,7 @@ from ldt_core.base.metrics import Summary
 from ldt_core.base.printable import one_line, printable
 from ldt_core.cli import invoke, ldt
 from ldt_core.cli.console import Console
-from ldt_core.cli.progress import RunProgress
-from ldt_core.cli.run_summary import print_summaries
+from ldt_core.cli.progress import RunProgress, print_summaries
 from ldt_core.cli.terminal import echo
 from ldt_core.recording.writer import BagWriter
 
