@@ -10,8 +10,7 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import MachineFileError
 from ldt_core.machine.machine_file import Machine
-from ldt_core.physics.base import SPEED
-from ldt_core.physics.constants import MAX_STEP
+from ldt_core.physics.base import MAX_STEP, SPEED
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import STATES
 from ldt_core.physics.motor_driven import MotorDriven
