@@ -106,8 +106,8 @@ def command(
     from ldt_core.diagnosis.library import library, refitted_effects
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.runs.each_recording import Options
-    from ldt_core.views.diagnosis_page import as_json as in_json
-    from ldt_core.views.diagnosis_page import picture, write_files
+    from ldt_core.views.diagnosis_page.diagnosis_page import as_json as in_json
+    from ldt_core.views.diagnosis_page.diagnosis_page import picture, write_files
     from ldt_core.views.page import style
 
     machine = load_machine(settings["machine"])
@@ -218,7 +218,7 @@ def _folder(out: str) -> Path:
 
 def _print(found: Diagnosis, folder: Path) -> None:
     from ldt_core.diagnosis.sentence import values
-    from ldt_core.views.diagnosis_page import JSON, PAGE
+    from ldt_core.views.diagnosis_page.diagnosis_page import JSON, PAGE
 
     console = Console()
     console.print(found.verdict.sentence)

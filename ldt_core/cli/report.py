@@ -25,7 +25,7 @@ def command(recording: str, out: str, namespace: str, as_json: bool) -> None:
     from pathlib import Path
 
     from ldt_core.base.result_files import check_target
-    from ldt_core.views.report import write_page
+    from ldt_core.views.report.report_page import write_page
 
     check_target(out, endings=(".html", ".htm"))
     run = write_page(recording, out, namespace)

@@ -4,14 +4,7 @@ A grey box has coordinates: the machine's uncertain parameters, each as the loga
 to the file's value in units of its tolerance, under a Gaussian prior; and the effects' parameters,
 each as its distance from neutral in units of its scale, within its bounds. What is unknown of an
 experiment's first state joins them: the shaft's angle of a machine at rest, the speed and the
-current of one that was running.
-
-Near a resonance that captures the shaft, the squared error of a free run has many minima. So the
-fit begins with an observer, which corrects the simulated speed by the measured one at every sample:
-the squared innovations have few minima, since no error lasts. Then the observer's gain falls to
-zero, which is the free run, each fit starting from the last (a homotopy from prediction error to
-simulation error: Ljung, "System Identification", 1999, section 7; Van Mulders et al., "Two
-nonlinear optimization methods for black box identification compared", Automatica 46, 2010).
+current of one that was running. `grey_box_fit` fits them.
 """
 
 from __future__ import annotations
@@ -19,15 +12,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
-from ldt_core.base.threads import spread
-from ldt_core.estimation.effect.start_angle import FoundAngle
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
@@ -35,8 +25,6 @@ from ldt_core.physics.parameter import Parameter
 Array = NDArray[np.float64]
 Use = list[tuple[Effect, dict[str, float]]]
 
-#: Observer gains of the homotopy: all of the innovation, then less, then the free run.
-GAINS = (1.0, 0.3, 0.1, 0.03, 0.0)
 #: Longest integration step [s] of the first, coarse fits, and of the last one. The speed of the
 #: rotor is exact to 1e-3 and 7e-5 then, less than the noise of a sensor of 0.1 % class.
 COARSE_STEP, FINE_STEP = 2e-3, 5e-4
@@ -45,15 +33,6 @@ COARSE_STEP, FINE_STEP = 2e-3, 5e-4
 AT_REST = 4.0
 #: Speed [rad/s] that stands for a simulation without bound; no fit accepts it.
 DIVERGED = 1e6
-#: Difference quotients: of a coordinate. Their rounding error and their curvature error are alike
-#: for a simulation that is exact to 1e-9.
-DIFFERENCE = 1e-3
-#: Longest change of a coordinate in one step: one tolerance, one scale.
-LONGEST_STEP = 1.0
-#: Levenberg-Marquardt damping, as a part of the curvature: at the start, and its bounds.
-FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-9, 1e6
-#: Relative gain of one step below which a fit has ended: far below what one sample changes.
-LEAST_GAIN = 1e-4
 #: Machine coordinates stay within so many tolerances; beyond, the file is of another machine.
 WIDEST = 8.0
 #: Start angles that are tried in what makes a difference of a turn.
@@ -61,47 +40,6 @@ ANGLES = 8
 #: Distance that is kept from an open bound, as a part of the parameter's scale.
 OPEN = 1e-6
 ANGLE, SPEED, CURRENT = range(3)
-
-
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """What is known of the machine's coordinates before a fit: a normal distribution.
-
-    Args:
-        mean: (k,) of the coordinates.
-        precision: (k, k) inverse of their covariance.
-    """
-
-    mean: Array
-    precision: Array
-
-    @classmethod
-    def of_file(cls, count: int) -> Prior:
-        """What the machine file says: its values, each with its tolerance."""
-        return cls(np.zeros(count), np.eye(count))
-
-
-@dataclass(frozen=True, eq=False)
-class GreyBoxFit:
-    """Where a fit ended.
-
-    Attributes:
-        q: (n,) coordinates of machine and effects.
-        starts: of each experiment its offset of the first state, see `GreyBox.speed`.
-        cost: squared residuals in noise deviations, and the prior's.
-        residuals: of each experiment (L,) measured minus simulated [rad/s].
-        information: (n, n) of the coordinates, start states eliminated, for white noise.
-        turn: angle [rad] by which a start at rest may differ without a difference; 0 for any.
-        angles: start angles found.
-    """
-
-    q: Array
-    starts: tuple[Array, ...]
-    cost: float
-    residuals: tuple[Array, ...]
-    information: Array
-    turn: float = 0.0
-    angles: tuple[FoundAngle, ...] = ()
 
 
 class GreyBox:
@@ -274,225 +212,3 @@ def _scale(parameter: Parameter) -> float:
 def _least(parameter: Parameter) -> float:
     """The lowest value that a fit may take; above an open bound."""
     return parameter.low + (OPEN * _scale(parameter) if parameter.open_low else 0.0)
-
-
-class GreyBoxProblem:
-    """The least squares of one grey box on some experiments.
-
-    Args:
-        box: machine and effects.
-        experiments: measured.
-        noise: standard deviation of the measured speed [rad/s], by which residuals are divided.
-        prior: of the machine's coordinates.
-        keep: of each experiment (L,) the samples that count; None counts all.
-        turn: angle [rad] by which unknown starts at rest may differ without a difference in speed;
-            0 where the start angle makes none, or is 0.
-        workers: threads among which simulations are spread.
-    """
-
-    def __init__(
-        self,
-        box: GreyBox,
-        experiments: Sequence[Experiment],
-        noise: float,
-        prior: Prior,
-        keep: Sequence[NDArray[np.bool_]] | None = None,
-        turn: float = 0.0,
-        workers: int = 1,
-    ) -> None:
-        self.box, self.experiments, self.noise = box, list(experiments), noise
-        self.prior, self.workers, self.turn = prior, workers, turn
-        self.keep = [np.ones(len(e), bool) for e in experiments] if keep is None else list(keep)
-        self.rest = [box.at_rest(e, noise) for e in experiments]
-        # Of each experiment the unknown first states, and their standard deviations beforehand.
-        self._own: list[list[int]] = []
-        self._spread: list[Array] = []
-        for e, rest in zip(self.experiments, self.rest, strict=True):
-            known = [] if rest else [SPEED] if e.current is not None else [SPEED, CURRENT]
-            wide = [noise, float(np.abs(e.voltage).max()) / box.nominal["R"]][: len(known)]
-            if rest and turn > 0:
-                known, wide = [ANGLE], [1.0]
-            self._own.append(known)
-            self._spread.append(np.maximum(np.array(wide), 1e-12))
-        ends = box.size + np.cumsum([0, *(len(own) for own in self._own)])
-        self._places = [slice(a, b) for a, b in itertools.pairwise(ends.tolist())]
-        #: Coordinates in all: those of the grey box, then first states in their deviations.
-        self.size = int(ends[-1])
-        own = np.full(self.size - box.size, np.inf)
-        self._low = np.concatenate([box.low, -own])
-        self._high = np.concatenate([box.high, own])
-        k = len(box.uncertain)
-        self._precision = np.zeros((self.size, self.size))
-        self._precision[:k, :k] = prior.precision
-        for own_states, place in zip(self._own, self._places, strict=True):
-            if own_states != [ANGLE]:  # of an angle nothing is known beforehand
-                self._precision[place, place] = np.eye(len(own_states))
-        self._mean = np.zeros(self.size)
-        self._mean[:k] = prior.mean
-
-    def start(self, x: Array, i: int) -> Array:
-        """(3,) offset of experiment i's first state."""
-        offset = np.zeros(CURRENT + 1)
-        offset[self._own[i]] = x[self._places[i]] * self._spread[i]
-        return offset
-
-    def residual(self, x: Array, i: int, gain: float, step: float) -> Array:
-        """(L,) measured minus simulated speed of experiment i [rad/s]."""
-        start = self.start(x, i) if self._own[i] else None
-        q, e = x[: self.box.size], self.experiments[i]
-        return e.speed - self.box.speed(q, e, self.rest[i], start, gain, step)
-
-    def rows(self, x: Array, gain: float, step: float) -> Array:
-        """Residuals of all samples that count, in noise deviations."""
-        parts = [
-            self.residual(x, i, gain, step)[keep] / self.noise for i, keep in enumerate(self.keep)
-        ]
-        return np.concatenate(parts)
-
-    def cost(self, x: Array, gain: float, step: float) -> float:
-        """Squared residuals in noise deviations, and the prior's."""
-        rows = self.rows(x, gain, step)
-        return float(rows @ rows) + self._prior_cost(x)
-
-    def _prior_cost(self, x: Array) -> float:
-        off = x - self._mean
-        return float(off @ self._precision @ off)
-
-    def slopes(self, x: Array, rows: Array, gain: float, step: float) -> Array:
-        """(rows, size) change of the rows by each coordinate."""
-        ends = np.cumsum([0, *(int(k.sum()) for k in self.keep)])
-        slopes = np.zeros((rows.size, self.size))
-
-        def column(j: int) -> None:
-            by = DIFFERENCE if x[j] + DIFFERENCE <= self._high[j] else -DIFFERENCE
-            moved = x.copy()
-            moved[j] += by
-            if j < self.box.size:
-                slopes[:, j] = (self.rows(moved, gain, step) - rows) / by
-                return
-            i = next(n for n, p in enumerate(self._places) if p.start <= j < p.stop)
-            part = slice(ends[i], ends[i + 1])
-            new = self.residual(moved, i, gain, step)[self.keep[i]] / self.noise
-            slopes[part, j] = (new - rows[part]) / by
-
-        for _ in spread(column, self.size, self.workers):
-            pass
-        return slopes
-
-    def descend(
-        self, x: Array, gain: float, step: float, rounds: int
-    ) -> tuple[Array, float, NDArray[np.float64]]:
-        """(coordinates, cost, information) of the minimum next to these coordinates.
-
-        Levenberg-Marquardt with the scaling of Marquardt; coordinates at a bound stay there while
-        the descent pushes against it.
-        """
-        x = np.clip(x, self._low, self._high)
-        rows = self.rows(x, gain, step)
-        cost, damping = float(rows @ rows) + self._prior_cost(x), FIRST_DAMPING
-        information = self._precision
-        for _ in range(rounds):
-            slopes = self.slopes(x, rows, gain, step)
-            information = slopes.T @ slopes + self._precision
-            slope = slopes.T @ rows + self._precision @ (x - self._mean)
-            free = ~(((x <= self._low) & (slope > 0)) | ((x >= self._high) & (slope < 0)))
-            moved = None
-            while damping < MOST_DAMPING:
-                step_to = np.zeros(self.size)
-                scaled = information[np.ix_(free, free)]
-                diagonal = np.diag(scaled)
-                scaled = scaled + np.diag(damping * diagonal + 1e-12 * (diagonal.max() + 1e-300))
-                step_to[free] = -np.linalg.solve(scaled, slope[free])
-                step_to /= max(1.0, float(np.abs(step_to[: self.box.size]).max()) / LONGEST_STEP)
-                tried = np.clip(x + step_to, self._low, self._high)
-                better = self.rows(tried, gain, step)
-                reached = float(better @ better) + self._prior_cost(tried)
-                if reached < cost:
-                    moved = tried
-                    break
-                damping *= 10
-            if moved is None:
-                break
-            gained, x, rows, cost = (cost - reached) / cost, moved, better, reached
-            damping = max(damping / 10, LEAST_DAMPING)
-            if gained < LEAST_GAIN:
-                break
-        return x, cost, information
-
-    def point(self, q: Array) -> Array:
-        """(size,) these coordinates of the grey box, and first states as they are guessed."""
-        return np.concatenate([q, np.zeros(self.size - self.box.size)])
-
-    def turned(self, tried: Sequence[Array]) -> GreyBoxProblem:
-        """The problem with the start angles as unknowns, where at one of some q they matter."""
-        at = next((i for i, rest in enumerate(self.rest) if rest), None)
-        if at is None:
-            return self
-        turn = max(self.box.turn(q, self.experiments[at], self.noise) for q in tried)
-        if turn == 0:
-            return self
-        given = (self.box, self.experiments, self.noise, self.prior, self.keep)
-        return GreyBoxProblem(*given, turn=turn, workers=self.workers)
-
-    def with_angles(self, q: Array, gain: float) -> Array:
-        """(size,) these coordinates with the best of some start angles for each experiment."""
-        x = self.point(q)
-        for i, place in enumerate(self._places):
-            if self._own[i] != [ANGLE]:
-                continue
-            costs = []
-            for part in range(ANGLES):
-                x[place] = self.turn * part / ANGLES
-                rest = self.residual(x, i, gain, COARSE_STEP)[self.keep[i]] / self.noise
-                costs.append(float(rest @ rest))
-            x[place] = self.turn * int(np.argmin(costs)) / ANGLES
-        return x
-
-    def angles(self, x: Array, information: Array) -> tuple[FoundAngle, ...]:
-        """The start angles found, with their deviations for white noise."""
-        if self.turn == 0:
-            return ()
-        variance = np.diag(np.linalg.pinv(information, hermitian=True))
-        found = []
-        for e, own, place in zip(self.experiments, self._own, self._places, strict=True):
-            if own == [ANGLE]:
-                std = math.sqrt(max(float(variance[place.start]), 0.0))
-                found.append(FoundAngle(e.number, float(x[place.start]), std))
-        return tuple(found)
-
-
-def fit_grey_box(
-    problem: GreyBoxProblem, guesses: Sequence[Array], tries: int = 2, rounds: int = 8
-) -> GreyBoxFit:
-    """The best fit that the homotopy finds from some guesses.
-
-    Args:
-        problem: what to fit.
-        guesses: (n,) coordinates of the grey box each.
-        tries: how many of them, the best by their cost under the observer, are descended from.
-        rounds: most Levenberg-Marquardt steps at each gain.
-    """
-    problem = problem.turned(guesses)
-    points = [problem.with_angles(q, GAINS[0]) for q in guesses]
-    costs = [problem.cost(x, GAINS[0], COARSE_STEP) for x in points]
-    order = np.argsort(costs, kind="stable")[:tries]
-    found = [problem.descend(points[i], GAINS[0], COARSE_STEP, rounds)[:2] for i in order]
-    x, cost = min(found, key=lambda f: f[1])
-    n = problem.box.size
-    information = np.zeros((problem.size, problem.size))
-    for gain in GAINS:
-        x, cost, information = problem.descend(x, gain, FINE_STEP, rounds)
-    inner = information[:n, :n]
-    if problem.size > n:  # start states eliminated
-        cross = information[:n, n:]
-        inner = inner - cross @ np.linalg.pinv(information[n:, n:], hermitian=True) @ cross.T
-    count = range(len(problem.experiments))
-    return GreyBoxFit(
-        x[:n],
-        tuple(problem.start(x, i) for i in count),
-        cost,
-        tuple(problem.residual(x, i, 0.0, FINE_STEP) for i in count),
-        inner,
-        problem.turn,
-        problem.angles(x, information),
-    )

@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.threads import spread
-from ldt_core.estimation.grey_box import (
-    COARSE_STEP,
+from ldt_core.estimation.grey_box import COARSE_STEP, GreyBox
+from ldt_core.estimation.grey_box_fit import (
     DIFFERENCE,
-    GreyBox,
     GreyBoxFit,
     GreyBoxProblem,
     Prior,

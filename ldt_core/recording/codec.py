@@ -20,6 +20,12 @@ from ldt_core.base.experiment import (
     Prediction,
     Signal,
 )
+from ldt_core.recording.experiment_messages import (
+    decode_experiment,
+    decode_prediction,
+    encode_samples,
+    samples_cdr,
+)
 from ldt_core.recording.messages import (
     DIAGNOSTICS,
     MULTI_ARRAY,
@@ -29,12 +35,6 @@ from ldt_core.recording.messages import (
     standard,
 )
 from ldt_core.recording.model_json import model_text, parse_model
-from ldt_core.recording.sample_messages import (
-    decode_experiment,
-    decode_prediction,
-    encode_samples,
-    samples_cdr,
-)
 from ldt_core.recording.status_messages import (
     decode_adaptation,
     decode_advice,

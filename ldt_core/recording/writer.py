@@ -23,6 +23,7 @@ from typing import Any, Self
 import msgs_config
 from ldt_core.base.errors import LdtError, RecordingError, did_you_mean
 from ldt_core.recording import run_settings
+from ldt_core.recording.append import RecordedContents, resume_contents
 from ldt_core.recording.codec import Record, encode_cdr
 from ldt_core.recording.duplicate_filter import DuplicateFilter
 from ldt_core.recording.experiment_numbers import ExperimentNumbers, number_of, numbers_text
@@ -32,7 +33,6 @@ from ldt_core.recording.messages import declaration, schema, serialize
 from ldt_core.recording.metadata import TopicInformation, bag_information, text_of, write_metadata
 from ldt_core.recording.node_status import HEALTH_TOPIC
 from ldt_core.recording.repair import RECORDED
-from ldt_core.recording.resume import RecordedContents, resume_contents
 
 FLUSH_PERIOD = 0.25  # s; half of the 0.5 s that may be lost, to leave time for the flush itself
 SYNC_PERIOD = 5.0  # s; what a power failure may cost, beside the time that the medium takes

@@ -20,7 +20,7 @@ from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.parallel import Workers
 from ldt_core.base.result_files import digest, keep, recall
 from ldt_core.machine.machine_file import Machine
-from ldt_core.views.diagnosis_page import JSON, PAGE, as_json
+from ldt_core.views.diagnosis_page.diagnosis_page import JSON, PAGE, as_json
 
 FORMAT = "ldt-each-1"
 #: File that says of what and by which code a diagnosis was made.
@@ -147,7 +147,7 @@ def _diagnosed(task: RecordingTask) -> DiagnosisTexts:
     from ldt_core.diagnosis.diagnose import diagnose
     from ldt_core.diagnosis.library import library
     from ldt_core.recording.bag import read_bag
-    from ldt_core.views.diagnosis_page import page
+    from ldt_core.views.diagnosis_page.diagnosis_page import page
 
     options, machine = task.options, task.machine
     effects = library(machine, options.more, options.without)

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from ldt_core.base.errors import OptionError, did_you_mean
 from ldt_core.base.experiment import Experiment
+from ldt_core.segmenter.cut_rules import Cut, Row, Rule
 from ldt_core.segmenter.resampling import GAP_PERIODS, GRID_TOLERANCE
-from ldt_core.segmenter.rules import Cut, Row, Rule
 
 Sample = tuple[float, float]  # s, SI unit
 CHANNELS = ("voltage", "speed", "current")

@@ -7,7 +7,6 @@ is asked for, the experiments are chosen by evidence and a new model has to pass
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -27,10 +26,10 @@ from ldt_core.base.experiment import (
 from ldt_core.base.settings import resolve
 from ldt_core.machine.sensor_check import fault
 from ldt_core.models.base import Model
-from ldt_core.twin.gate import Offer, Trial
+from ldt_core.twin.gate import Offer, best_offer
 from ldt_core.twin.memory import Memory
 from ldt_core.twin.stage import Archive, RecordedStep
-from ldt_core.twin.training_data import JOINT_ERROR_RATIO, core, still_valid
+from ldt_core.twin.training_data import core
 
 if TYPE_CHECKING:
     from ldt_core.twin.diagnoser import Diagnoser
@@ -264,29 +263,11 @@ class Adaptor:
         """The best by the gate: what the learner becomes, an earlier model or the present one."""
         # Judged by what neither the present model nor an earlier one can have learned from: an
         # experiment leaves S_w before it is learned from, but stays among the recent ones.
-        judged = pool if self.data == "warning-set" else pool[-1:]
-        trial = Trial(judged, self.holdout)
-        present = trial.rmse(self.model)
-        rmse, shaped = trial.candidate(learner, pool[: -len(judged)])
-        if self.data == "evidence":
-            others = [e for e in self._recent(judged[-1]) if all(e is not p for p in pool)]
-            pool = [*_valid(trial, rmse, shaped, pool, others), *pool]
-        errors = [_rmse(trial, model) for model in self.earlier]
-        known = min(errors, default=math.inf)
-        details = {
-            "experiments": len(pool),
-            "candidate_rmse": min(rmse, known),
-            "present_rmse": present,
-            "held_back": trial.samples,
-            "trainings": len(trial.held),
-        }
-        if not details["candidate_rmse"] < present:
-            return Offer(self.model, "", details)
-        if known <= rmse:
-            best = self.earlier[errors.index(known)]
-            again = best.again(self.model.version + 1)
-            return Offer(again, f"is version {best.version} again", details)
-        return Offer(learner.fit(pool), f"learned from {_count(len(pool))}", details)
+        evidence = self.data == "evidence"
+        judged = pool[-1:] if evidence else pool
+        recent = self._recent(judged[-1]) if evidence else []
+        others = [e for e in recent if all(e is not p for p in pool)]
+        return best_offer(self.model, self.earlier, learner, pool, judged, others, self.holdout)
 
     def state(self) -> dict[str, Any]:
         """Its state by the numbers of what is recorded; `return_to` takes it back."""
@@ -318,28 +299,6 @@ class Adaptor:
         if self.diagnoser is not None:
             self.diagnoser.return_to(state["diagnoser"], archive)
         self.model, self.memory, self.earlier, self.named = model, memory, earlier, named
-
-
-def _rmse(trial: Trial, model: Model) -> float:
-    """The error of a model that was left long ago, and may be unable to predict by now."""
-    try:
-        return trial.rmse(model)
-    except LdtError:
-        return math.inf
-
-
-def _valid(
-    trial: Trial, rmse: float, learner: Model, pool: list[Experiment], others: list[Experiment]
-) -> list[Experiment]:
-    """Those other experiments that are still valid, where the judged ones confirm it.
-
-    What is alike to a model of the present machine is learned from alone, and has to predict the
-    present experiment as well as that experiment's own samples did.
-    """
-    valid = still_valid(learner.fit(pool), rmse, others) if others else []
-    if not valid or trial.rmse(learner.fit(valid)) > JOINT_ERROR_RATIO * rmse:
-        return []
-    return valid
 
 
 def _figures(details: dict[str, float]) -> str:

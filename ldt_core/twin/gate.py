@@ -1,4 +1,4 @@
-"""The gate: models compared on samples that none of them has learned from."""
+"""The gate: which model comes into force, by samples that none of them has learned from."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.models.base import Model
+from ldt_core.twin.training_data import JOINT_ERROR_RATIO, still_valid
 
 #: Fewest samples of a block held back: a single one would be a free run of no step at all when it
 #: is an experiment's first.
@@ -105,3 +106,71 @@ class Trial:
 def _block(experiment: Experiment, place: int, blocks: int) -> slice:
     length = len(experiment)
     return slice(length * place // blocks, length * (place + 1) // blocks)
+
+
+def best_offer(
+    model: Model,
+    earlier: Sequence[Model],
+    learner: Model,
+    pool: list[Experiment],
+    judged: Sequence[Experiment],
+    others: list[Experiment],
+    holdout: float,
+) -> Offer:
+    """The decision: the model of least error on what is held back comes into force.
+
+    Args:
+        model: in force; it stays where no other does better.
+        earlier: versions that were in force before.
+        learner: that is to learn from the pool.
+        pool: experiments to learn from, the newest last.
+        judged: those of them that blocks are held back from.
+        others: recent experiments that are learned from too where they are still valid.
+        holdout: share of each judged experiment that is held back at a time.
+
+    Raises:
+        LdtError: no model could be trained.
+    """
+    trial = Trial(judged, holdout)
+    present = trial.rmse(model)
+    rmse, shaped = trial.candidate(learner, pool[: -len(judged)])
+    pool = [*_valid(trial, rmse, shaped, pool, others), *pool]
+    errors = [_rmse(trial, version) for version in earlier]
+    known = min(errors, default=math.inf)
+    details = {
+        "experiments": len(pool),
+        "candidate_rmse": min(rmse, known),
+        "present_rmse": present,
+        "held_back": trial.samples,
+        "trainings": len(trial.held),
+    }
+    if not details["candidate_rmse"] < present:
+        return Offer(model, "", details)
+    if known <= rmse:
+        best = earlier[errors.index(known)]
+        again = best.again(model.version + 1)
+        return Offer(again, f"is version {best.version} again", details)
+    count = f"{len(pool)} experiment" + ("s" if len(pool) != 1 else "")
+    return Offer(learner.fit(pool), f"learned from {count}", details)
+
+
+def _rmse(trial: Trial, model: Model) -> float:
+    """The error of a model that was left long ago, and may be unable to predict by now."""
+    try:
+        return trial.rmse(model)
+    except LdtError:
+        return math.inf
+
+
+def _valid(
+    trial: Trial, rmse: float, learner: Model, pool: list[Experiment], others: list[Experiment]
+) -> list[Experiment]:
+    """Those other experiments that are still valid, where the judged ones confirm it.
+
+    What is alike to a model of the present machine is learned from alone, and has to predict the
+    present experiment as well as that experiment's own samples did.
+    """
+    valid = still_valid(learner.fit(pool), rmse, others) if others else []
+    if not valid or trial.rmse(learner.fit(valid)) > JOINT_ERROR_RATIO * rmse:
+        return []
+    return valid

@@ -18,7 +18,7 @@ from ldt_core.recording.node_status import LEFT_OUT, NodeStatus
 from ldt_core.recording.units import parse_field
 from ldt_core.restart.recorded_run import END
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
-from ldt_core.segmenter.rules import SteadyRule
+from ldt_core.segmenter.cut_rules import SteadyRule
 from ldt_core.segmenter.segmenter import ArrivalClock
 from ldt_ros.nodes.interfaces import message_class, stamp_of, to_message
 from ldt_ros.nodes.node import LINGER, LdtNode

@@ -13,7 +13,7 @@ import pytest
 
 from ldt_core.cli import invoke
 from ldt_core.cli.report import command
-from ldt_core.views.report import read_run
+from ldt_core.views.report.report_page import read_run
 
 SAMPLE = Path(__file__).resolve().parents[2] / "bags" / "rotor_drift"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

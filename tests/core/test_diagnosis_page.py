@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 
 from ldt_core.base.errors import LdtError
 from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount
-from ldt_core.views import diagnosis_page
-from ldt_core.views.diagnosis_page import picture
+from ldt_core.views.diagnosis_page import diagnosis_page
+from ldt_core.views.diagnosis_page.diagnosis_page import picture
 from ldt_core.views.diagnosis_page.number_format import amount, percent, value_of
 from ldt_core.views.diagnosis_page.signal_curves import binned, orders, spectrum
 from ldt_core.views.diagnosis_page.time_curves import corners, shown_free_runs

@@ -8,7 +8,8 @@ import pytest
 from ldt_core.base.errors import ModelError
 from ldt_core.base.experiment import rms
 from ldt_core.effects import get_effect
-from ldt_core.estimation.grey_box import GreyBox, GreyBoxProblem, Prior, fit_grey_box
+from ldt_core.estimation.grey_box import GreyBox
+from ldt_core.estimation.grey_box_fit import GreyBoxProblem, Prior, fit_grey_box
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.machine.plant import Plant
 from ldt_core.models import build_model, restore_model

@@ -23,7 +23,7 @@ from ldt_core.base.experiment import Experiment, Level, Prediction, Signal
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from ldt_core.views.packed_samples import FEWEST_SAMPLES, LEVELS, ROOM, extremes, pack, room
-from ldt_core.views.report import page, read_run
+from ldt_core.views.report.report_page import page, read_run
 from ldt_core.views.report.report_sections import remarks
 from ldt_core.views.step_view import statistic
 

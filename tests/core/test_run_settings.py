@@ -22,7 +22,7 @@ from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
 from ldt_core.recording.run_settings import FORMAT, MAX_CHARACTERS, parse_settings, settings_text
 from ldt_core.recording.writer import BagWriter
-from ldt_core.views.report import page, read_run
+from ldt_core.views.report.report_page import page, read_run
 
 LINE = st.text(st.characters(categories=["L", "N", "P", "S"]), max_size=20)
 NUMBER = st.floats(allow_nan=False, allow_infinity=False) | st.integers(-(2**63) + 1, 2**63 - 1)
