@@ -45,6 +45,11 @@ class PackedSamples:
     kept: int
     of: int
 
+    def as_dict(self) -> dict[str, Any]:
+        """What the page's script unpacks."""
+        channels = [[c.name, c.low, c.step] for c in self.channels]
+        return {"channels": channels, "data": self.data, "of": self.of}
+
 
 def room(experiments: int, channels: int) -> tuple[int, int]:
     """(samples for each experiment, experiments that have samples at all).

@@ -154,14 +154,8 @@ class Fleet:
             packed = step.samples(MOST_SAMPLES) if step else None
             if step is None or packed is None:
                 return None
-            return {
-                "number": number,
-                "drawn": step.drawn,
-                "channels": [[c.name, c.low, c.step] for c in packed.channels],
-                "data": packed.data,
-                "of": packed.of,
-                "kept": packed.kept,
-            }
+            about = {"number": number, "drawn": step.drawn}
+            return {**about, **packed.as_dict(), "kept": packed.kept}
 
     def _changed(self) -> None:
         self.count += 1
