@@ -85,7 +85,7 @@ class Adequacy(Detector):
         >>> for i in range(1, 42):
         ...     detector.update(rng.normal(size=500) + (wave if i > 40 else 0))
         ...     if i >= 40:
-        ...         print(i, detector.signal.word, f"{detector.adequacy:.2f}", detector.judged)
+        ...         print(i, detector.signal.word, f"{detector.adequacy:.2f}", detector.model_state)
         40 negative 0.98 holds
         41 positive 1.23 changed
     """
@@ -101,7 +101,7 @@ class Adequacy(Detector):
         """Forget everything seen."""
         super().reset()
         #: What is known after the last experiment, a state of the table above.
-        self.judged = "learning"
+        self.model_state = "learning"
         #: Root mean square residual over the noise's; None while unknown.
         self.adequacy: float | None = None
         self._clear()
@@ -133,7 +133,7 @@ class Adequacy(Detector):
     def judge(self, residual: Samples, deviation: Samples | None) -> Level:
         """The answer to one experiment."""
         if residual.size < LEAST_SAMPLES:
-            self.judged, self.adequacy = "learning", None
+            self.model_state, self.adequacy = "learning", None
             return Level.NEGATIVE
         z, ratio, plain = deviations(residual, deviation)
         self.adequacy = math.sqrt(plain)
@@ -142,13 +142,13 @@ class Adequacy(Detector):
         if self.trials == 0:
             if self.misfit >= self.false_alarm_every:
                 self.errors = [0.5 * math.log(ratio)]
-                self.judged = "changed"
+                self.model_state = "changed"
                 return Level.POSITIVE
-            self.judged = "holds" if known else "learning"
+            self.model_state = "holds" if known else "learning"
             return Level.NEGATIVE
         if z <= 0:
             self._clear()
-            self.judged = "holds" if known else "learning"
+            self.model_state = "holds" if known else "learning"
             return Level.NEGATIVE
         return self._inadequate(0.5 * math.log(ratio))
 
@@ -160,9 +160,9 @@ class Adequacy(Detector):
         self.wait -= 1
         if self.change >= self.false_alarm_every:
             self.trials = 0
-            self.judged = "changed"
+            self.model_state = "changed"
             return Level.POSITIVE
-        self.judged = "inadequate"
+        self.model_state = "inadequate"
         return Level.POSITIVE if self.wait <= 0 else Level.WARNING
 
     @property

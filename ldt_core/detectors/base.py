@@ -44,7 +44,7 @@ class Detector(abc.ABC):
     signal: Level
     #: What is known of machine and model, and the residual over the noise, see `Signal`; for
     #: detectors that judge them.
-    judged: str = ""
+    model_state: str = ""
     adequacy: float | None = None
 
     def reset(self) -> None:

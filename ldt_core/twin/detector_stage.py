@@ -45,7 +45,7 @@ class DetectorStage:
             prediction.model_version,
             prediction.max_error(experiment),
             statistics,
-            self.detector.judged,
+            self.detector.model_state,
             self.detector.adequacy,
         )
 

@@ -48,7 +48,7 @@ def test_noise_with_a_memory_is_tried_ever_more_rarely():
     random, detector, positives, states = np.random.default_rng(2), Adequacy(), 0, set()
     for i in range(300):
         detector.update(with_memory(random, 500))
-        states.add(detector.judged)
+        states.add(detector.model_state)
         if detector.drift_detected:
             positives += 1
             detector.answered(False)
@@ -72,7 +72,7 @@ def test_an_error_far_above_the_noise_is_never_explained(seed, size, rate, lengt
     for _ in range(5):
         detector.update(random.normal(size=length) + wave)
         if np.sqrt(np.mean(wave**2)) > 3:
-            assert detector.judged != "holds"
+            assert detector.model_state != "holds"
             assert detector.signal is not Level.NEGATIVE
         if detector.drift_detected:
             detector.answered(bool(seed % 2))
@@ -91,7 +91,7 @@ def test_a_change_while_inadequate_is_positive_out_of_turn():
     states = []
     while not detector.drift_detected:
         detector.update(random.normal(size=500) + 3 * wave)
-        states.append(detector.judged)
+        states.append(detector.model_state)
     assert states[-1] == "changed"
     assert len(states) < waited
 
@@ -104,7 +104,7 @@ def test_a_new_model_that_explains_ends_the_waiting():
         if detector.drift_detected:
             detector.answered(False)
         detector.update(random.normal(size=500) + error)
-    assert (detector.judged, detector.signal) == ("changed", Level.POSITIVE)
+    assert (detector.model_state, detector.signal) == ("changed", Level.POSITIVE)
 
 
 def test_what_the_model_claims_not_to_know_is_no_misfit():
@@ -121,4 +121,4 @@ def test_too_few_samples_tell_nothing():
     """Said as `learning`, with no adequacy."""
     detector = Adequacy()
     detector.update(np.ones(5))
-    assert (detector.judged, detector.adequacy, detector.signal) == ("learning", None, -1)
+    assert (detector.model_state, detector.adequacy, detector.signal) == ("learning", None, -1)

@@ -36,7 +36,7 @@ def cases(machine: str, count: int = 3) -> list[StudyCase]:
 
 
 def figures(result):
-    return result.max_error, result.rmse, result.level, result.action, result.region_rmse
+    return result.max_error, result.level, result.action, result.region_rmse
 
 
 def here(machine: str):

@@ -71,10 +71,4 @@ def plotted_data(run: ReportedRun, compared: DetectorStatistic) -> dict[str, Any
 
 
 def _samples(packed: PackedSamples | None) -> dict[str, Any] | None:
-    if packed is None:
-        return None
-    return {
-        "channels": [[c.name, c.low, c.step] for c in packed.channels],
-        "data": packed.data,
-        "of": packed.of,
-    }
+    return None if packed is None else packed.as_dict()
