@@ -247,7 +247,7 @@ def found(seed, d):
 
 
 AIMS = {
-    "near-the-floor": lambda side: better(side, lambda seed, d: {"max_error": 1.5 - 0.2 * d}),
+    "near-the-true-model": lambda side: better(side, lambda seed, d: {"max_error": 1.5 - 0.2 * d}),
     "a-tenth-of-the-original": lambda side: better(
         side, lambda seed, d: {"max_error": 1.0 - 0.5 * d, "original": 10.0}
     ),
@@ -364,15 +364,16 @@ def test_stated_and_observed_false_alarms(alarms, verdict):
     assert "in 240 experiments" in aim.evidence
 
 
-def test_an_aim_that_nobody_can_reach_says_so():
-    """The true model one experiment late is itself at twice the floor."""
+def test_an_aim_that_the_reference_misses_says_so():
+    """The true model one experiment late is itself at twice its prompt error."""
     out_of_reach = better(
         1, lambda seed, d: {"max_error": 3.0}, lambda seed, d: facts(seed, late=2.0 + 0.01 * seed)
     )
-    aim = one(aims(out_of_reach), "near-the-floor")
+    name = "near-the-true-model"
+    aim = one(aims(out_of_reach), name)
     assert aim.verdict == "missed"
     assert "does not foresee" in aim.evidence
-    assert "does not foresee" not in one(aims(AIMS["near-the-floor"](1)), "near-the-floor").evidence
+    assert "does not foresee" not in one(aims(AIMS[name](1)), name).evidence
 
 
 @pytest.mark.parametrize("module", [claim, threshold_claims])

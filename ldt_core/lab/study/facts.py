@@ -1,4 +1,4 @@
-"""What is true of a stream whatever learns on it: its drifts, which of them show, and the floors.
+"""What is true of a stream whatever learns on it: its drifts, which show, and the references.
 
 A drift can be found only by what it does to the measured speed. Let Dy be the speed with the new
 value minus the speed with the old one, under the same voltage: (L,). With white noise of deviation
@@ -73,10 +73,10 @@ class Facts:
         noise: its deviation on the measured speed [rad/s].
         truth: value of what wears.
         floor: maximum error of the true model with the true value, in free run from the first
-            measured sample as every twin's [rad/s].
-        late: the same one experiment late: with what was true in the experiment before, the best
-            that can be reached by who knows everything after the fact; the machine file in the
-            first.
+            measured sample as every twin's [rad/s]. A reference and no bound: it knows start
+            angle and parameters, but not the first speed without its noise.
+        late: the same one experiment late: with what was true in the experiment before; the
+            machine file in the first.
         drifts: all of them.
     """
 

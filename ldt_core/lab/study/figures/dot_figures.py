@@ -60,19 +60,19 @@ def shares(evidence: Evidence) -> Drawing | None:
                 best.append((value, f"{name}: {estimate.text('%')}"))
     if not best:
         return None
-    floors = _floors(evidence)
-    words = "".join(f"; {label}: {value:.1f} %" for label, value in floors)
+    references = _references(evidence)
+    words = "".join(f"; {label}: {value:.1f} %" for label, value in references)
 
     def draw(layout: Layout) -> Figure:
         label = "MME [% of the original model's]"
-        return dot_plot(layout, rows, label, 105, floors, hollow="the paper's figure")
+        return dot_plot(layout, rows, label, 105, references, hollow="the paper's figure")
 
     return Drawing(
         "shares",
         "What is left of the original model's error",
         f"The least is left by {min(best)[1]}{words}. The paper's hybrid model left 68 %.",
         "Rows of dots: mean maximum error of each learner in per cent of the original model's, "
-        "with lines for the floors.",
+        "with lines for the references, true models that know the cause.",
         draw,
     )
 
@@ -179,15 +179,16 @@ def _dot(
     axes.plot(value, place, marker, color=style.color, mfc=face, ms=6, clip_on=False)
 
 
-def _floors(evidence: Evidence) -> list[tuple[str, float]]:
-    """(label, per cent of the original's MME) of the floors, mean over the streams."""
+def _references(evidence: Evidence) -> list[tuple[str, float]]:
+    """(label, per cent of the original's MME) of the references, mean over the streams."""
     true, late = [], []
     for result in {r.case.seed: r for r in evidence.study.results("better")}.values():
         run = evidence.run(result)
         if run.facts is not None:
             true.append(100 * run.facts.mme_floor / run.score.mme_original)
             late.append(100 * run.facts.mme_late / run.score.mme_original)
-    found = (("floor: true e", mean(true).value), ("floor: true e, one late", mean(late).value))
+    names = "reference: true model", "true model, one experiment late"
+    found = zip(names, (mean(true).value, mean(late).value), strict=True)
     return [(label, value) for label, value in found if value is not None]
 
 

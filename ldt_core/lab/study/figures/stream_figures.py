@@ -133,7 +133,7 @@ def over_stream(evidence: Evidence) -> Drawing | None:
         for model, result in chosen.items():
             axes.plot(result.number, result.max_error, **look(model).plot(lw=1.3))
         if facts is not None:
-            label = "floor: true model"
+            label = "reference: true model"
             axes.plot(sample.number, facts.floor, color=INK, lw=1.2, ls=":", label=label)
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter(power)

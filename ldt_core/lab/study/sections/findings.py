@@ -112,10 +112,11 @@ def beyond(evidence: Evidence, drawings: Mapping[str, Drawing | None]) -> Sectio
         Text(
             "The diagnosed model keeps the physics and fits the cause, the eccentricity, from the "
             "experiments that are still valid; the calibrated detector keeps a stated rate of "
-            "false alarms. The lower line of each comparison is not zero: even the true model with "
-            "the true eccentricity has an error, from the noise and from what the unknown start "
-            "does to a machine near the edge of capture; and who learns from an experiment is one "
-            "experiment late at every drift."
+            "false alarms. The references of each comparison are not zero: even the true model "
+            "with the true eccentricity has an error, from the noise and from what the noisy first "
+            "sample does to a machine near the edge of capture; and who learns from an experiment "
+            "is one experiment late at every drift. They are no bounds: a twin that knows its "
+            "start better can leave less."
         )
     )
     section.figure(drawings["shares"], f"What is left of the error: {BETTER}")
@@ -165,8 +166,10 @@ METHODS = (
     ),
     (
         "What can be known.",
-        "The floor is the error of the true model with the true value of what wears; one late, "
-        "with that of the experiment before. A drift Δy of the speed is detectable when a χ² test "
+        "References: the error of the true model with the true value of what wears, and of the "
+        "true model one experiment late, with that of the experiment before. They know the truth "
+        "(start angle, parameters), but start from the noisy first sample, so that they are no "
+        "bounds. A drift Δy of the speed is detectable when a χ² test "
         "of its energy |Δy|² / σ² with one false alarm in 1000 finds it with probability 0.9.",
     ),
     (
