@@ -27,7 +27,7 @@ SIGNAL_LEVELS = {Level.NEGATIVE: OK, Level.WARNING: WARN, Level.POSITIVE: ERROR}
 # A machine whose new model was refused, or that gave a warning, deserves a look.
 ACTION_LEVELS = {Action.KEPT: OK, Action.STORED: WARN, Action.ADAPTED: OK, Action.REFUSED: WARN}
 SIGNAL_KEYS = ("experiment", "detector", "model_version", "max_error")
-#: In the signals of detectors that judge what is known.
+#: What is known of machine and model; older recordings have no such keys.
 JUDGED_KEYS = ("state", "adequacy")
 ADAPTATION_KEYS = ("experiment", "model_version", "reason")
 DIAGNOSIS_KEYS = ("experiment", "model_version", "effects")
@@ -50,12 +50,10 @@ def encode_signal(record: Signal, make: Messages, machine: str, time: float) -> 
         "detector": record.detector,
         "model_version": str(record.model_version),
         "max_error": repr(float(record.max_error)),
+        "state": record.state,
+        "adequacy": "" if record.adequacy is None else repr(float(record.adequacy)),
     }
     more = {name: repr(float(number)) for name, number in record.statistics.items()}
-    if record.state:
-        known = record.adequacy is not None
-        values["state"] = record.state
-        values["adequacy"] = repr(float(record.adequacy or 0.0)) if known else ""
     where = f"signal of detector {record.detector!r}, statistics"
     level = SIGNAL_LEVELS[record.level]
     values = _joined(where, values, more)

@@ -5,27 +5,55 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ldt_core.base.errors import RecordingError
-from ldt_core.base.experiment import Experiment, Prediction, Signal
+from ldt_core.base.errors import OptionError, RecordingError
+from ldt_core.base.experiment import Experiment, Level, Prediction, Samples, Signal
 from ldt_core.detectors import as_detector, build_detector
+from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.detectors.base import Detector
 from ldt_core.twin.stage import Archive, RecordedStep
 
-#: In a state, beside the detector's own keys: version of the model judged last.
-VERSION = "judged_version"
+#: In a state, beside the detector's own keys: version of the model judged last, and the assessor.
+VERSION, ASSESSOR = "judged_version", "assessor"
+
+
+class Assessor:
+    """Says beside a detector that does not whether the model holds; it alarms nobody.
+
+    Args:
+        false_alarm_every: as for `Adequacy`.
+    """
+
+    def __init__(self, false_alarm_every: float = 1000.0) -> None:
+        self.judge = Adequacy(false_alarm_every)
+
+    def update(self, residual: Samples, deviation: Samples | None) -> None:
+        """Take in one experiment, see `Detector.update`."""
+        if self.judge.drift_detected:  # nobody has learned from it: what was found still stands
+            self.judge.misfit = min(self.judge.misfit, self.judge.false_alarm_every)
+            self.judge.signal = Level.NEGATIVE
+        self.judge.update(residual, deviation)
+
+    def answered(self, adapted: bool) -> None:
+        """Hear that a new model has come into force, or that learning was tried in vain."""
+        if adapted or self.judge.model_state in ("changed", "inadequate"):
+            self.judge.answered(adapted)
 
 
 class DetectorStage:
     """Stage 2: the detector compares prediction and measurement.
 
+    Beside a detector that does not say whether the model holds an `Assessor` does.
+
     Args:
         name: the detector's name in the signal.
         detector: fresh or restored.
+        assessor: None makes one, if the detector needs it.
     """
 
-    def __init__(self, name: str, detector: Detector) -> None:
+    def __init__(self, name: str, detector: Detector, assessor: Assessor | None = None) -> None:
         self.name = name
         self.detector = detector
+        self.assessor = None if detector.model_state else assessor or Assessor()
         #: Version of the model whose prediction was judged last.
         self._version: int | None = None
 
@@ -38,6 +66,9 @@ class DetectorStage:
         self._update(experiment, prediction)
         statistics = dict(self.detector.statistics)
         statistics.pop("max_error", None)  # every signal has it
+        judge = self.detector
+        if self.assessor is not None and not judge.model_state:
+            judge = self.assessor.judge
         return Signal(
             experiment.number,
             self.detector.signal,
@@ -45,8 +76,8 @@ class DetectorStage:
             prediction.model_version,
             prediction.max_error(experiment),
             statistics,
-            self.detector.model_state,
-            self.detector.adequacy,
+            judge.model_state,
+            judge.adequacy,
         )
 
     def recall(self, step: RecordedStep) -> None:
@@ -67,7 +98,10 @@ class DetectorStage:
     def state(self) -> dict[str, Any] | None:
         """The detector's state; None where that may not be all of it (`Detector.resumable`)."""
         own = vars(type(self.detector)).get("resumable", False)
-        return {**self.detector.state(), VERSION: self._version} if own else None
+        if not own:
+            return None
+        beside = {} if self.assessor is None else {ASSESSOR: self.assessor.judge.state()}
+        return {**self.detector.state(), VERSION: self._version, **beside}
 
     def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
         """Restore the detector.
@@ -79,14 +113,32 @@ class DetectorStage:
         version = own.pop(VERSION, None)
         if version is not None and (type(version) is not int or version < 0):
             raise ValueError(f"{VERSION} {version!r}")
-        self.detector.restore(own)
+        if self.assessor is not None:
+            if ASSESSOR not in own:
+                expected = f"the keys of the detector and {ASSESSOR!r}"
+                raise OptionError(f"state of detector {self.name}", expected, sorted(own))
+            self.assessor.judge.restore(own.pop(ASSESSOR))
+        try:
+            self.detector.restore(own)
+        except OptionError:
+            if self.assessor is not None:
+                self.assessor.judge.reset()
+            raise
         self._version = version
 
     def _update(self, experiment: Experiment, prediction: Prediction) -> None:
-        if self.detector.drift_detected and self._version is not None:
-            self.detector.answered(prediction.model_version != self._version)
+        adapted = prediction.model_version != self._version
+        heard = self.detector.drift_detected
+        if self._version is not None:
+            if heard:
+                self.detector.answered(adapted)
+            if self.assessor is not None and (heard or adapted):
+                self.assessor.answered(adapted)
         self._version = prediction.model_version
-        self.detector.update(prediction.residual(experiment), prediction.speed_std)
+        residual, deviation = prediction.residual(experiment), prediction.speed_std
+        self.detector.update(residual, deviation)
+        if self.assessor is not None:
+            self.assessor.update(residual, deviation)
 
 
 def as_detector_stage(detector: object, settings: Mapping[str, Any]) -> DetectorStage:
@@ -100,9 +152,11 @@ def as_detector_stage(detector: object, settings: Mapping[str, Any]) -> Detector
         if isinstance(detector, type) and issubclass(detector, Detector)
         else as_detector(detector)
     )
-    return DetectorStage(getattr(built, "name", type(built).__name__), built)
+    name = getattr(built, "name", type(built).__name__)
+    return DetectorStage(name, built, Assessor(settings["false_alarm_every"]))
 
 
 def build_detector_stage(settings: Mapping[str, Any]) -> DetectorStage:
     """Stage 2 from the parameters of the group detector."""
-    return DetectorStage(settings["detector"], build_detector(settings["detector"], settings))
+    built = build_detector(settings["detector"], settings)
+    return DetectorStage(settings["detector"], built, Assessor(settings["false_alarm_every"]))

@@ -30,7 +30,7 @@ from ldt_core.recording.messages import Messages, deserialize, serialize, standa
 finite = st.floats(allow_nan=False, allow_infinity=False)
 words = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)
 names = words.filter(lambda w: w not in ("experiment", "detector", "model_version", "max_error"))
-names = names.filter(lambda w: w != "reason")
+names = names.filter(lambda w: w not in ("reason", "state", "adequacy"))
 numbers = st.dictionaries(names, st.floats(allow_nan=False), max_size=4)
 counts = st.integers(1, 2**53)
 
@@ -213,7 +213,7 @@ def test_a_prediction_carries_its_model_version_in_front():
     ("level", "number"), [(Level.NEGATIVE, 0), (Level.WARNING, 1), (Level.POSITIVE, 2)]
 )
 def test_a_signal_is_one_status_for_stock_tools(level, number):
-    """Level, word, name, machine and at least the four values of the contract."""
+    """Level, word, name, machine and at least the values of the contract."""
     message = codec.encode(
         Signal(5, level, "lddm", 2, 0.1, {"rate": 1 / 3}), machine="rotor", time=1.5
     )
@@ -226,6 +226,8 @@ def test_a_signal_is_one_status_for_stock_tools(level, number):
         "detector": "lddm",
         "model_version": "2",
         "max_error": "0.1",
+        "state": "",
+        "adequacy": "",
         "rate": repr(1 / 3),
     }
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1, 500_000_000)
