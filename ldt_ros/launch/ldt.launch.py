@@ -7,8 +7,11 @@ Every declared parameter is a launch argument of the same name; lists are writte
 the experiments has no more of them, or when any node ends.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import yaml
-from launch import LaunchDescription
+from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -20,11 +23,11 @@ from ldt_core.runs.fleet_members import new_recording, roles
 _FOR_UP_ALONE = ("graph", "machines", "processes", "run_settings", "secure")
 
 
-def _parameters():
+def _parameters() -> dict[str, Any]:
     return {n: d for n, d in msgs_config.parameters().items() if n not in _FOR_UP_ALONE}
 
 
-def _value(text, declaration):
+def _value(text: str, declaration: Mapping[str, Any]) -> Any:
     """What the text means; the nodes check it, and say what is wrong with it."""
     kind = declaration["type"]
     if kind == "string" or (kind == "string_array" and text and not text.startswith("[")):
@@ -32,11 +35,13 @@ def _value(text, declaration):
     return yaml.safe_load(text)
 
 
-def _text(default):
-    return default if isinstance(default, str) else yaml.safe_dump(default, default_flow_style=True)
+def _text(default: Any) -> str:
+    if isinstance(default, str):
+        return default
+    return str(yaml.safe_dump(default, default_flow_style=True))
 
 
-def _nodes(context):
+def _nodes(context: LaunchContext) -> list[Node]:
     values = {
         name: _value(LaunchConfiguration(name).perform(context), declaration)
         for name, declaration in _parameters().items()
@@ -59,7 +64,7 @@ def _nodes(context):
     ]
 
 
-def generate_launch_description():
+def generate_launch_description() -> LaunchDescription:
     """All nodes of one machine."""
     arguments = [
         DeclareLaunchArgument(
