@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ldt_core.base.sentences import number
-from ldt_core.lab.study import statistics
-from ldt_core.lab.study.statistics import (
+from ldt_core.lab import statistics
+from ldt_core.lab.statistics import (
     UNKNOWN,
     geometric_mean,
     mean,
@@ -18,7 +18,7 @@ from ldt_core.lab.study.statistics import (
     rank_correlation,
     rate,
 )
-from ldt_core.lab.study.statistics import trend as trend_of
+from ldt_core.lab.statistics import trend as trend_of
 
 
 def test_the_mean_of_a_table():

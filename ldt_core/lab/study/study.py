@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.errors import OptionError, did_you_mean
+from ldt_core.lab.statistics import Interval, geometric_mean, mean
 from ldt_core.lab.study import GROUPS
 from ldt_core.lab.study.baselines import never
 from ldt_core.lab.study.facts import Facts, stream_key
 from ldt_core.lab.study.scores import RunScore, score
-from ldt_core.lab.study.statistics import Interval, geometric_mean, mean
 from ldt_core.lab.study.study_case import RunResult
 
 

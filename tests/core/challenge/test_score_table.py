@@ -10,7 +10,7 @@ from fake_answers import answer, further, judged, truth
 from ldt_core.lab.challenge.score.score import ChallengeScore
 from ldt_core.lab.challenge.score.score_files import confusion, write_files
 from ldt_core.lab.challenge.score.score_table import ScoreTable
-from ldt_core.lab.study.statistics import proportion, resampled
+from ldt_core.lab.statistics import proportion, resampled
 
 pytestmark = pytest.mark.slow
 

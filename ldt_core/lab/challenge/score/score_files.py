@@ -19,7 +19,7 @@ from ldt_core.lab.challenge.score.answer import DIAGNOSIS
 from ldt_core.lab.challenge.score.judge import Judged
 from ldt_core.lab.challenge.score.score import SAME_CASES, ChallengeScore
 from ldt_core.lab.challenge.score.score_table import EVERY
-from ldt_core.lab.study.statistics import Interval
+from ldt_core.lab.statistics import Interval
 from ldt_core.views.page import style
 
 if TYPE_CHECKING:

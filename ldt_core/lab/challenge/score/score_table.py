@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ldt_core.lab.challenge.score.judge import INSIDE, Judged
-from ldt_core.lab.study.statistics import Interval, proportion, resampled
+from ldt_core.lab.statistics import Interval, proportion, resampled
 
 POINTS = 0.05  # of a closed fraction
 EVERY = "all"

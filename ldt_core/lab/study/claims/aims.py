@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 from operator import attrgetter
 
 from ldt_core.base.sentences import number
+from ldt_core.lab.statistics import mean, proportion, rate
 from ldt_core.lab.study.claims.claim import Claim, ClaimPart, ClaimVerdict, Statement, percent
 from ldt_core.lab.study.drift_detection import delays, drifts_of
 from ldt_core.lab.study.facts import PROMPT_WINDOW
-from ldt_core.lab.study.statistics import mean, proportion, rate
 from ldt_core.lab.study.study import BySeed, Evidence, ScoredRun, over
 
 AIM = "an aim of this project"

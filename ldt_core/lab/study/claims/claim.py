@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 
 from ldt_core.base.sentences import number
-from ldt_core.lab.study.statistics import Interval
+from ldt_core.lab.statistics import Interval
 from ldt_core.lab.study.study import BySeed, Evidence, Figure, ScoredRun, over
 
 MOST_LISTED = 6  # parts that a sentence can still list one by one

@@ -8,6 +8,7 @@ from operator import attrgetter
 import numpy as np
 
 from ldt_core.base.experiment import Level
+from ldt_core.lab.statistics import mean, proportion, rank_correlation
 from ldt_core.lab.study.claims.claim import (
     ACTIVE,
     NO_TREND,
@@ -24,7 +25,6 @@ from ldt_core.lab.study.claims.claim import (
     of_each,
     text_of,
 )
-from ldt_core.lab.study.statistics import mean, proportion, rank_correlation
 from ldt_core.lab.study.study import Evidence, ScoredRun, difference, over, ratio, shares
 
 ERROR_FIGURE = "figure of MME against e"

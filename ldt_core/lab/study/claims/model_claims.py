@@ -9,6 +9,7 @@ from operator import attrgetter
 import numpy as np
 
 from ldt_core.base.sentences import number
+from ldt_core.lab.statistics import mean
 from ldt_core.lab.study.claims.claim import (
     ACTIVE,
     PAPER_DETECTORS,
@@ -27,7 +28,6 @@ from ldt_core.lab.study.claims.claim import (
 )
 from ldt_core.lab.study.drift_detection import delays
 from ldt_core.lab.study.facts import Drift
-from ldt_core.lab.study.statistics import mean
 from ldt_core.lab.study.study import Evidence, Figure, ScoredRun, difference, over, ratio, shares
 
 TABLE = "table 1"

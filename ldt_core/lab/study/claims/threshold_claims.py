@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 
 from ldt_core.base.sentences import number
+from ldt_core.lab.statistics import geometric_mean, mean, trend
 from ldt_core.lab.study.claims.claim import (
     ACTIVE,
     NO_TREND,
@@ -17,7 +18,6 @@ from ldt_core.lab.study.claims.claim import (
     adaptations,
     mme,
 )
-from ldt_core.lab.study.statistics import geometric_mean, mean, trend
 from ldt_core.lab.study.study import BySeed, Evidence, ScoredRun, ratio
 
 FIGURE = "figure of the threshold"

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ldt_core.lab.statistics import mean
 from ldt_core.lab.study.figures.wear import wear
-from ldt_core.lab.study.statistics import mean
 from ldt_core.lab.study.study import Evidence
 from ldt_core.lab.study.study_case import RunResult
 from ldt_core.views.page.style import Drawing, Layout, legend, look, panels

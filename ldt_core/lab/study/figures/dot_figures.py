@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ldt_core.base.sentences import number
-from ldt_core.lab.study.statistics import Interval, mean, rate
+from ldt_core.lab.statistics import Interval, mean, rate
 from ldt_core.lab.study.study import Evidence
 from ldt_core.lab.study.study_tables import PAPER as PRINTED
 from ldt_core.views.page.style import INK, PAPER, Drawing, Layout, look, pair, panels

@@ -6,8 +6,8 @@ import shlex
 from collections.abc import Mapping, Sequence
 
 from ldt_core.base.sentences import number, spoken
+from ldt_core.lab.statistics import Interval
 from ldt_core.lab.study import GROUPS
-from ldt_core.lab.study.statistics import Interval
 from ldt_core.lab.study.study import Evidence, Study
 from ldt_core.lab.study.study_case import RunResult
 from ldt_core.lab.study.study_tables import PAPER
