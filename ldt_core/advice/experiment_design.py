@@ -63,7 +63,7 @@ def most_informative(
         experiments: that were made of the machine as it is. What the simulation leaves of one
             counts as its noise, so that what is not understood is not taken for knowledge.
     """
-    names = [p.name for p in machine.model.parameters if values[p.name] > 0]
+    names = [p.name for p in machine.model.parameters if values.get(p.name, 0.0) > 0]
     known = np.eye(len(names)) / PRIOR_STD**2
     noises = []
     for e in experiments:

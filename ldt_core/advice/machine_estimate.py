@@ -47,7 +47,7 @@ def estimate_machine(
             return _with(machine, amounts, f"model {model.version}")
     if diagnosis is not None and diagnosis.effects:
         return _with(machine, diagnosis.amounts, f"the diagnosis at {diagnosis.experiment}")
-    return MachineEstimate(machine.parameters, "the machine file")
+    return with_effects(machine, ())
 
 
 def with_effects(
@@ -59,7 +59,12 @@ def with_effects(
         OptionError: an effect that this machine cannot have.
     """
     values: Mapping[str, float] = machine.parameters
-    left_out = []
+    names = {effect.name for effect, _ in acting}
+    left_out = [
+        effect.name
+        for effect, _ in machine.effects
+        if effect.name not in names and (effect.on_parameters is None or effect.states)
+    ]
     for effect, given in acting:
         effect.require(machine.model)
         if effect.on_parameters is None or effect.states:
@@ -67,7 +72,7 @@ def with_effects(
         else:
             values = effect.change_parameters(machine.model, values, given)
     source = "the effects given" if acting else "the machine file"
-    return MachineEstimate(values, source, tuple(left_out))
+    return MachineEstimate(machine.model.folded(values), source, tuple(left_out))
 
 
 def _with(

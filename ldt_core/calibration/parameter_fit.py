@@ -203,7 +203,7 @@ class CalibrationRuns:
             states = self.physics.simulate(values, e.voltage, e.period, start)
         except LdtError:
             return np.full(len(e) * (1 if e.current is None else 2), DIVERGED)
-        speed = self.physics.measure(states, e.period) / self.noise[0]
+        speed = self.physics.measure(states, e.period, (), values) / self.noise[0]
         return (
             speed
             if e.current is None

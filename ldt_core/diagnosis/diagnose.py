@@ -75,7 +75,8 @@ def diagnose(
     sensor shows is no effect of the machine.
 
     Args:
-        effects: candidates; None takes the library.
+        effects: candidates; None takes the library. One that is known of the machine is a candidate
+            for what has become of it.
         refit: parameters of the machine to fit with every set, see `library.refitted_effects`.
         workers: threads; None takes one for each processor.
 
@@ -93,7 +94,7 @@ def diagnose(
     own = [Candidate(e, most or 1.0, sizes) for e in refitted_effects(machine, refit)]
     mine = [c.name for c in own]
     candidates = [
-        Candidate(e, most or 1.0, sizes)
+        Candidate(machine.effect(e.name) if e.name in machine.acting else e, most or 1.0, sizes)
         for e in (library(machine) if effects is None else effects)
         if e.name not in mine
     ]

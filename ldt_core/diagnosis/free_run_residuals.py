@@ -87,7 +87,7 @@ class FreeRunResiduals:
         self.level = (1.0, 1.0)
         self.workers = workers
         #: Time constant with which the motor forgets its speed [s].
-        self.memory = memory(self.values)
+        self.memory = memory(self.physics.folded(self.values))
         self.pieces: list[PreparedExperiment] = []
         at = 0
         for e in self.experiments:
@@ -106,7 +106,7 @@ class FreeRunResiduals:
         )
         self._angles: dict[str, bool] = {}
         #: Whether the machine shakes a foundation as its file knows it.
-        self.shaking = not self.physics.is_linear(self.values)
+        self.shaking = self.physics.shakes(self.values)
         if self.shaking:
             self.starts = searched_start_states(self, (), True, 0, True, True, SEARCH_STEP)
         if tolerance > 0:
@@ -229,7 +229,7 @@ class FreeRunResiduals:
             first = 0.0 if piece.at_rest else float(seen[0])
             known = None if e.current is None else float(e.current[0])
             start = physics.initial_state(values, first, known)
-            if not piece.at_rest and not physics.is_linear(values):
+            if not piece.at_rest and physics.shakes(values):
                 start = physics.running_state(values, first, angle, known)
             start[ANGLE] = angle
             terms = [(x, p) for x, p in use if x.torque is not None or x.terminal is not None]
@@ -240,7 +240,10 @@ class FreeRunResiduals:
             about = e.voltage, e.period, start, use, step
             if not (
                 follow
-                and (not physics.is_linear(values) or self.angular(effect for effect, _ in use))
+                and (
+                    physics.shakes(values)
+                    or self.angular(effect for effect, _ in (*self.machine.effects, *use))
+                )
             ):
                 states = physics.simulate(self.values, *about, least_step=SHORTEST_STEP)
             else:
@@ -271,7 +274,7 @@ class FreeRunResiduals:
         self, values: Values, e: Experiment, states: Array, seen: Array, gain: float
     ) -> Array:
         """(L, 3) what the observer has added to angle, speed and current so far."""
-        ad, _ = MOTOR.discretised(values, e.period)
+        ad, _ = MOTOR.discretised(self.physics.folded(values), e.period)
         pushed = gain * (seen - states[:, SPEED])
         moved = propagate(ad, np.ascontiguousarray(ad[:, SPEED]), pushed, np.zeros(3), *NOT_TRACKED)
         moved[:, ANGLE] = 0.0
@@ -279,7 +282,7 @@ class FreeRunResiduals:
 
     def _motor_columns(self, e: Experiment) -> Array:
         """(rows, 2) change of the residuals per unknown first speed and current."""
-        ad, bd = MOTOR.discretised(self.values, e.period)
+        ad, bd = MOTOR.discretised(self.physics.folded(self.values), e.period)
         columns = []
         for state in (SPEED, CURRENT):
             first = np.zeros(3)

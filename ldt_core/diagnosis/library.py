@@ -49,7 +49,7 @@ def library(
         EFFECTS.require(name)
     found = []
     for name in known:
-        effect = get_effect(name)
+        effect = machine.effect(name)
         try:
             effect.require(machine.model)
         except OptionError:
@@ -86,4 +86,4 @@ def refitted_effects(machine: Machine, refit: Sequence[str] | None = None) -> li
     for name in names:
         if name not in known:
             raise OptionError("--refit", did_you_mean(name, [*known, NONE]), repr(name))
-    return [get_effect(e) for e in dict.fromkeys(CHANGED_BY[n] for n in names)]
+    return [machine.effect(e) for e in dict.fromkeys(CHANGED_BY[n] for n in names)]

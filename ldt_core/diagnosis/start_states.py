@@ -99,7 +99,7 @@ def start_states_for(
     running = any(not p.at_rest for p in residuals.pieces)
     if not ((running and (shaken or states or turning)) or (free and turning)):
         return residuals.starts
-    moving = not residuals.physics.is_linear(values)
+    moving = residuals.physics.shakes(values)
     return searched_start_states(
         residuals, use, moving, states, turning or (shaken and moving), free, step, near
     )

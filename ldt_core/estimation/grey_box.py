@@ -123,7 +123,7 @@ class GreyBox:
             changed: Mapping[str, float] = machine
             for effect, given in use:
                 changed = effect.change_parameters(self.physics, changed, given)
-            seen = self.physics.behind_sensor(experiment.speed, experiment.period, use)
+            seen = self.physics.behind_sensor(experiment.speed, experiment.period, use, machine)
             current = None if experiment.current is None else float(experiment.current[0])
             if rest:
                 first = self.physics.initial_state(changed, 0.0, current)
@@ -136,7 +136,7 @@ class GreyBox:
                 states = self.physics.simulate(machine, *about, (seen, gain))
             else:
                 states = self.physics.simulate(machine, *about)
-            speed = self.physics.measure(states, experiment.period, use)
+            speed = self.physics.measure(states, experiment.period, use, machine)
         except LdtError:
             return np.full(len(experiment), DIVERGED)
         return np.nan_to_num(speed, nan=DIVERGED, posinf=DIVERGED, neginf=-DIVERGED)

@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.errors import MachineFileError, OptionError, did_you_mean
-from ldt_core.machine.machine_file import Machine, check_keys, mapping_of, real_number
+from ldt_core.machine.file_values import check_keys, mapping_of, real_number
+from ldt_core.machine.machine_file import Machine
 
 KINDS = ("none", "staircase", "ramp", "abrupt", "repaired", "recurring")
 KEYS = ("kind", "effect", "parameter", "from", "to", "steps")

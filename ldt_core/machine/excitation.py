@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.errors import MachineFileError, did_you_mean
-from ldt_core.machine.machine_file import Machine, check_keys, mapping_of, real_number
+from ldt_core.machine.file_values import check_keys, mapping_of, real_number
+from ldt_core.machine.machine_file import Machine
 
 KINDS = ("steps", "ramp", "chirp", "constant")
 KEYS = {"steps": ("hold",), "ramp": (), "chirp": ("from", "to"), "constant": ()}

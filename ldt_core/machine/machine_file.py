@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
+import functools
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -21,15 +21,27 @@ from ldt_core.base.errors import (
     described,
     did_you_mean,
 )
+from ldt_core.effects import get_effect
+from ldt_core.machine.file_values import (
+    check_keys,
+    mapping_of,
+    real_number,
+    stated_effects,
+    stated_parameters,
+)
 from ldt_core.physics import PHYSICS
+from ldt_core.physics.known_effects import PhysicsWithEffects
+from ldt_core.physics.parameter import own_name
 
 if TYPE_CHECKING:
     from ldt_core.base.experiment import Experiment
     from ldt_core.physics.base import Physics
+    from ldt_core.physics.effect import Effect
 
 REQUIRED = ("name", "physics", "parameters", "limits", "experiment")
-OPTIONAL = ("simulation", "calibration")
+OPTIONAL = ("effects", "simulation", "calibration")
 MAX_BYTES = 1_000_000  # a machine file is a page of text; more is a mistake or an attack
+EFFECTS_REMEMBERED = 64  # each keeps its compiled term: more than a library and a file hold
 VOLTAGE_SLACK = 1e-6  # of the range: measured voltages are rounded when they are written to text
 
 
@@ -43,12 +55,15 @@ class Machine:
     Args:
         name: of the machine.
         physics: name in the physics registry.
-        parameters: name → value in SI units, complete for that physics.
+        parameters: name → value in SI units, complete for that physics; those of known effects
+            are named `effect.parameter`.
         voltage_limits: (lowest, highest) [V].
         duration: of an experiment [s].
         sample_period: [s].
         simulation: how the simulated machine is excited and worn (see `ldt_core.machine`).
         calibration: how `ldt calibrate` found the parameters, verbatim; empty when it did not.
+        deviations: standard deviation of each parameter that the file states one of, in its unit.
+        acting: names of the effects that are known to act, in their order.
         source: the file it came from, for messages.
 
     Raises:
@@ -64,6 +79,8 @@ class Machine:
     sample_period: float
     simulation: Mapping[str, Any] = field(default_factory=dict)
     calibration: Mapping[str, Any] = field(default_factory=dict)
+    deviations: Mapping[str, float] = field(default_factory=dict)
+    acting: tuple[str, ...] = ()
     source: str = "machine"
 
     @overload
@@ -80,12 +97,15 @@ class Machine:
         sample_period: float,
         simulation: Mapping[str, Any] = ...,
         calibration: Mapping[str, Any] = ...,
+        deviations: Mapping[str, float] = ...,
+        acting: tuple[str, ...] = ...,
         source: str = ...,
     ) -> None: ...
     def __init__(self, *file: Any, **fields: Any) -> None:
         if file or not fields:
             fields = vars(_machine_of(*file, **fields))
         optional = {"simulation": {}, "calibration": {}, "source": "machine"}
+        optional |= {"deviations": {}, "acting": ()}
         vars(self).update({**optional, **fields})
 
     def __repr__(self) -> str:
@@ -94,13 +114,36 @@ class Machine:
 
     @property
     def model(self) -> Physics:
-        """The equations of this machine."""
-        return PHYSICS.get(self.physics)
+        """The equations of this machine, with the effects that are known to act on it."""
+        bare = PHYSICS.get(self.physics)
+        return PhysicsWithEffects(bare, self.effects) if self.acting else bare
+
+    @property
+    def effects(self) -> tuple[tuple[Effect, Mapping[str, float]], ...]:
+        """The effects that are known to act, each with all its values."""
+        values = self.parameters
+        return tuple(
+            (effect, {p.name: values[own_name(effect.name, p.name)] for p in effect.parameters})
+            for effect in map(_effect, self.acting)
+        )
+
+    def effect(self, name: str) -> Effect:
+        """An effect as a change of this machine: of a known one, what is known is neutral.
+
+        Raises:
+            OptionError: nothing of that name.
+        """
+        known = next((given for effect, given in self.effects if effect.name == name), None)
+        return _effect(name) if known is None else _about(name, tuple(known.items()))
 
     @property
     def tolerances(self) -> dict[str, float]:
-        """Relative standard deviation of each parameter; those that are missing are exact."""
-        return dict(self.model.tolerances)
+        """Relative standard deviation of each parameter; those that are missing are exact.
+
+        The file's where it states one, else the usual one of such a physics.
+        """
+        own = {n: s / abs(self.parameters[n]) for n, s in self.deviations.items()}
+        return {**self.model.tolerances, **own}
 
     @property
     def samples(self) -> int:
@@ -113,8 +156,25 @@ class Machine:
         Raises:
             MachineFileError: an unknown name or a value outside its bounds.
         """
-        merged = {**self.parameters, **values}
-        return replace(self, parameters=_parameters(self.source, self.model, merged))
+        stated = stated_parameters(self.source, self.model, {**self.parameters, **values})
+        kept = {n: s for n, s in self.deviations.items() if stated.values[n] != 0}
+        return replace(self, parameters=stated.values, deviations=kept)
+
+    def with_deviations(self, deviations: Mapping[str, float]) -> Machine:
+        """The same machine with other standard deviations, in the parameters' units."""
+        return replace(self, deviations={**self.deviations, **deviations})
+
+    def with_effects(self, acting: Sequence[tuple[Effect, Mapping[str, float]]]) -> Machine:
+        """The same machine with more effects known to act; one known before gets these values.
+
+        Raises:
+            MachineFileError: an effect that no machine file can name or this machine cannot have.
+        """
+        record = self.as_dict()
+        new = [{"name": e.name, "parameters": dict(given)} for e, given in acting]
+        names = [e.name for e, _ in acting]
+        record["effects"] = [e for e in record.get("effects", []) if e["name"] not in names] + new
+        return machine_from_dict(record, self.source)
 
     def check(self, experiment: Experiment) -> None:
         """Refuse (ExperimentError) a voltage outside the machine's limits."""
@@ -139,10 +199,19 @@ class Machine:
 
     def as_dict(self) -> dict[str, Any]:
         """The machine file's keys, ready for YAML or JSON."""
+        stated: dict[str, Any] = {
+            n: {"value": v, "std": self.deviations[n]} if n in self.deviations else v
+            for n, v in self.parameters.items()
+        }
+        effects = [
+            {"name": e.name, "parameters": {n: stated.pop(own_name(e.name, n)) for n in given}}
+            for e, given in self.effects
+        ]
         record = {
             "name": self.name,
             "physics": self.physics,
-            "parameters": dict(self.parameters),
+            "parameters": stated,
+            **({"effects": effects} if effects else {}),
             "limits": {"voltage": list(self.voltage_limits)},
             "experiment": {"duration": self.duration, "sample_period": self.sample_period},
         }
@@ -151,6 +220,16 @@ class Machine:
         if self.calibration:
             record["calibration"] = dict(self.calibration)
         return record
+
+
+@functools.lru_cache(maxsize=EFFECTS_REMEMBERED)
+def _effect(name: str) -> Effect:
+    return get_effect(name)
+
+
+@functools.lru_cache(maxsize=EFFECTS_REMEMBERED)
+def _about(name: str, known: tuple[tuple[str, float], ...]) -> Effect:
+    return _effect(name).about(dict(known))
 
 
 def _machine_of(given: object) -> Machine:
@@ -221,12 +300,15 @@ def machine_from_dict(data: Any, source: str) -> Machine:
         raise MachineFileError(
             f"{source}, experiment.duration", f"two sample periods ({period:g} s) or more", duration
         )
+    parameters = mapping_of(f"{source}, parameters", top["parameters"])
+    stated = stated_parameters(source, physics, parameters)
+    effects, beside = stated_effects(source, physics, stated.values, top.get("effects", []))
     return Machine(
         name=name,
         physics=top["physics"],
-        parameters=_parameters(
-            source, physics, mapping_of(f"{source}, parameters", top["parameters"])
-        ),
+        parameters={**stated.values, **beside.values},
+        deviations={**stated.deviations, **beside.deviations},
+        acting=tuple(effect.name for effect in effects),
         voltage_limits=_limits(f"{source}, limits.voltage", limits["voltage"]),
         duration=duration,
         sample_period=period,
@@ -234,45 +316,6 @@ def machine_from_dict(data: Any, source: str) -> Machine:
         calibration=mapping_of(f"{source}, calibration", top.get("calibration") or {}),
         source=source,
     )
-
-
-def mapping_of(where: str, value: Any) -> dict[str, Any]:
-    """A section of a machine file; a MachineFileError where it is no names with values."""
-    if not isinstance(value, Mapping) or not all(isinstance(k, str) for k in value):
-        raise MachineFileError(where, "names with values (a YAML mapping)", described(value))
-    return dict(value)
-
-
-def check_keys(
-    where: str, data: Mapping[str, Any], required: tuple[str, ...], optional: tuple[str, ...]
-) -> None:
-    """Refuse a section that lacks a key, or has one that nobody knows (MachineFileError)."""
-    for key in required:
-        if key not in data:
-            raise MachineFileError(where, f"the key {key!r}", f"only {sorted(data)}")
-    for key in data:
-        if key not in required + optional:
-            raise MachineFileError(
-                where, did_you_mean(key, required + optional), f"unknown key {key!r}"
-            )
-
-
-def real_number(where: str, value: Any) -> float:
-    """A finite number; YAML 1.1 reads 1e-3 as text, which people write all the same."""
-    if isinstance(value, str):
-        try:
-            value = float(value)
-        except ValueError:
-            raise MachineFileError(where, "a number in SI units", described(value)) from None
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise MachineFileError(where, "a number in SI units", described(value))
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise MachineFileError(where, "a finite number", described(value))
-    return number
 
 
 def _positive(where: str, value: Any) -> float:
@@ -289,17 +332,3 @@ def _limits(where: str, value: Any) -> tuple[float, float]:
     if low >= high:
         raise MachineFileError(where, "[lowest, highest] in V", described(value))
     return low, high
-
-
-def _parameters(source: str, physics: Physics, values: Mapping[str, Any]) -> dict[str, float]:
-    where = f"{source}, parameters"
-    known = {p.name: p for p in physics.parameters}
-    needed = tuple(n for n, p in known.items() if p.default is None)
-    check_keys(where, values, needed, tuple(n for n in known if n not in needed))
-    result = {}
-    for name, parameter in known.items():
-        value = real_number(f"{where}.{name}", values.get(name, parameter.default))
-        if not parameter.accepts(value):
-            raise MachineFileError(f"{where}.{name}", parameter.range, f"{value:g}")
-        result[name] = value
-    return result

@@ -31,7 +31,8 @@ from ldt_core.base.settings import FROM_FILE
 from ldt_core.effects import get_effect, parse_effect
 from ldt_core.machine.degradation import schedule
 from ldt_core.machine.excitation import Excitation, Given, excitation
-from ldt_core.machine.machine_file import Machine, check_keys, real_number
+from ldt_core.machine.file_values import check_keys, real_number
+from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE, CURRENT
 from ldt_core.physics.effect import Effect
 
@@ -139,7 +140,10 @@ class Plant:
         if any(effect.name == name for effect, _ in used):
             return used
         effect = get_effect(name)
-        return [*used, (effect, effect.check(worn))]
+        known: Mapping[str, float] = {}
+        for other, given in self.machine.effects:
+            known = given if other.name == name else known
+        return [*used, (effect, effect.check({**known, **worn}))]
 
     def truth(self, number: int) -> dict[str, dict[str, float]]:
         """Effect → its values in experiment `number`."""
@@ -165,7 +169,14 @@ class Plant:
 
     def describe(self) -> list[str]:
         """What this plant has that its machine file does not, in words."""
-        words = [effect.describe(given) for effect, given in self.effects]
+        known = {effect.name: (effect, given) for effect, given in self.machine.effects}
+        words = []
+        for effect, given in self.effects:
+            own = effect.describe(given)
+            if effect.name in known:
+                file = known[effect.name][0].describe(known[effect.name][1])
+                own += f" in place of the machine file's {file}"
+            words.append(own)
         if (s := self.schedule).kind != "none":
             words.append(f"{s.kind} of {s.effect}.{s.parameter} from {s.begin:g} to {s.end:g}")
         return [*words, f"noise {self.noise:g} rad/s"]

@@ -97,9 +97,14 @@ class DiagnosedModel(Model):
         return self._unlearned(None if name == AUTO else name)
 
     def _unlearned(self, name: str | None) -> dict[str, Any]:
-        neutral = _cached_effect(name).neutral if name else {}
+        neutral = self._own_effect(name).neutral if name else {}
         cause = {"effect": name, "parameters": neutral, "std": None, "noise_std": None}
         return {"machine": dict(self.machine.parameters), "cause": cause}
+
+    def _own_effect(self, name: str) -> Effect:
+        """As a change of what is known of the machine."""
+        known = name in self.machine.acting
+        return self.machine.effect(name) if known else _cached_effect(name)
 
     @property
     def asks_for_diagnosis(self) -> bool:
@@ -136,7 +141,7 @@ class DiagnosedModel(Model):
             return
         if name != self.options["cause"] and name not in EFFECTS.names():
             raise ValueError(f"effect {name!r}, which is not known")  # a record names no files
-        self.effect = _cached_effect(name)
+        self.effect = self._own_effect(name)
         self.effect.require(self.machine.model)
         self.cause = Cause(self.machine, self.physics.values, self.effect)
         self.given = self._checked(self.effect, record["parameters"])

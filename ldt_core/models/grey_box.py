@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.sentences import listed, spoken
-from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.effects import EFFECTS
 from ldt_core.effects.change_description import change_of
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe, together
 from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, GreyBox
@@ -76,7 +76,7 @@ class GreyBoxModel(Model):
         unknown = [n for n in given if n not in EFFECTS.names()]
         if unknown:
             raise ValueError(f"effect {unknown[0]!r}, which is not known")
-        self.effects = tuple(get_effect(name) for name in given)
+        self.effects = tuple(self.machine.effect(name) for name in given)
         for effect in self.effects:
             effect.require(self.machine.model)
         self.given = {e.name: e.check(given[e.name]) for e in self.effects}

@@ -32,6 +32,9 @@ class HybridModel(Model):
 
         [i; w]_{k+1} = Ad [i; w]_k + Bd u_k + Gd f_d(w_k)
 
+    Effects in the machine file add what they do to the free run of f_p alone; f_d is learned from
+    what they leave, at speeds without them.
+
     f_d is a Gaussian process, zero until trained and zero far from what it was trained on. It is
     kept as an acceleration [rad/s²] that is held over a sample like the voltage, so that another
     sample period is predicted too. The training is better than a regression on one-step
@@ -109,6 +112,8 @@ class HybridModel(Model):
             variance += known.disturbance_std**2 * drift
             std = np.sqrt(np.minimum(variance, known.span**2))
         about = (experiment.number, experiment.start, experiment.period, self.version)
+        if self.machine.acting:
+            speed = speed + self.known_effects(experiment)
         return Prediction(*about, speed, std)
 
     def fit(self, experiments: Sequence[Experiment]) -> Self:
@@ -122,7 +127,8 @@ class HybridModel(Model):
         runs = []
         for e in experiments:
             current = float(self.start(e)[0])
-            runs.append(MotorRun(*self.motor(e.period), e.period, e.voltage, e.speed, current))
+            speed = e.speed - self.known_effects(e) if self.machine.acting else e.speed
+            runs.append(MotorRun(*self.motor(e.period), e.period, e.voltage, speed, current))
         inputs, most = self.options["gp_inputs"], self.options["inducing"]
         learned = learn(runs, inputs, most)
         record = {"inputs": list(inputs), **_to_json(learned)}
@@ -133,6 +139,16 @@ class HybridModel(Model):
         """The ideal motor over one sample period [s]: Ad (2, 2), Bd (2,), Gd (2,)."""
         a, b, _, _ = self.physics.physics.state_space(self.physics.values)
         return _discretise(tuple(a.ravel()), tuple(b.ravel()), period)
+
+    def known_effects(self, experiment: Experiment) -> Array:
+        """(L,) what the effects in the machine file do to the speed of the ideal motor [rad/s].
+
+        Raises:
+            LdtError: the simulated state grows without bound.
+        """
+        about = *self.motor(experiment.period), experiment.voltage, self.start(experiment)
+        ideal, _, _ = compile_run(None, ("speed",))(*about)
+        return np.asarray(self.physics.predict(experiment).speed - ideal)
 
     def start(self, experiment: Experiment) -> Array:
         """(2,) current and speed at the first sample."""

@@ -50,10 +50,12 @@ class PhysicsModel(Model):
         values = self.values
         for effect, given in acting:
             values = effect.change_parameters(self.physics, values, given)
-        first = self.physics.behind_sensor(experiment.speed, experiment.period, acting)[0]
+        first = self.physics.behind_sensor(
+            experiment.speed, experiment.period, acting, self.values
+        )[0]
         initial = self.physics.initial_state(values, float(first), current)
         states = self.physics.simulate(self.values, *about, initial, acting)
-        speed = self.physics.measure(states, experiment.period, acting)
+        speed = self.physics.measure(states, experiment.period, acting, self.values)
         return Prediction(
             experiment.number, experiment.start, experiment.period, self.version, speed
         )

@@ -55,6 +55,14 @@ class Physics(abc.ABC):
     def is_linear(self, values: Values) -> bool:
         """Whether the equations are linear for these parameters, and thus solved exactly."""
 
+    def shakes(self, values: Values) -> bool:
+        """Whether the machine moves its foundation, or its speed depends on the angle by itself."""
+        return not self.is_linear(values)
+
+    def folded(self, values: Values) -> Values:
+        """The parameters with the machine's known effects on them, see `known_effects`."""
+        return values
+
     @abc.abstractmethod
     def state_space(self, values: Values) -> tuple[Array, Array, Array, Array]:
         """The motor as a continuous-time linear system.
@@ -118,15 +126,22 @@ class Physics(abc.ABC):
             LdtError: the simulated state grows without bound.
         """
 
-    def measure(self, states: Array, period: float, effects: Effects = ()) -> Array:
-        """(L,) measured speed without noise [rad/s]: seen through the effects on the sensor."""
+    def measure(
+        self, states: Array, period: float, effects: Effects = (), values: Values | None = None
+    ) -> Array:
+        """(L,) measured speed without noise [rad/s]: seen through the effects on the sensor.
+
+        `values`, the machine's parameters, are for its known effects; None takes the file's.
+        """
         speed = states[:, SPEED].copy()
         for effect, given in effects:
             if effect.on_measurement is not None:
                 speed = effect.on_measurement(speed, period, **given)
         return speed
 
-    def behind_sensor(self, shown: Array, period: float, effects: Effects = ()) -> Array:
+    def behind_sensor(
+        self, shown: Array, period: float, effects: Effects = (), values: Values | None = None
+    ) -> Array:
         """(L,) speed that a sensor with these effects shows as `shown` (L,) [rad/s]."""
         on_sensor = [(effect, given) for effect, given in effects if effect.on_measurement]
         if not on_sensor:

@@ -24,14 +24,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import OptionError, did_you_mean
-from ldt_core.physics.parameter import Parameter
+from ldt_core.physics.parameter import Parameter, own_name
 from ldt_core.physics.terms import Terms, compile_term
 
 Values = Mapping[str, float]
@@ -153,14 +153,21 @@ class Effect:
     def change_parameters(self, physics: HasParameters, values: Values, given: Values) -> Values:
         """The machine's parameters with this effect.
 
+        Where the machine is known to have this effect, the values given take the known one's place.
+
         Raises:
             OptionError: a machine that cannot have this effect, or parameters that no machine has.
         """
         self.require(physics)
+        known = {own_name(self.name, p.name) for p in self.parameters}
+        if any(name in known for name in values):
+            values = {n: v for n, v in values.items() if n not in known}
         if self.on_parameters is None:
             return values
         changed = self.on_parameters(values, **given)
         for parameter in physics.parameters:
+            if parameter.name not in values:
+                continue
             value = changed[parameter.name]
             if not parameter.accepts(value):
                 where = f"effect {self.name}, {parameter.name} of the machine"
@@ -181,6 +188,21 @@ class Effect:
         function = self.torque or self.terminal
         assert function is not None
         return compile_term(f"effect {self.name}", function, bool(self.states))
+
+    def about(self, known: Values) -> Effect:
+        """The same effect as a change from what is known of it: these values are neutral.
+
+        Its typical values are as far from them as they are from the defaults, by the same factor
+        where a parameter multiplies one of the machine's.
+        """
+        parameters, typical = [], dict(known)
+        for p in self.parameters:
+            parameters.append(replace(p, default=known[p.name]))
+            if p.name in self.typical and p.default is not None:
+                far = self.typical[p.name]
+                moved = far * known[p.name] if p.default == 1 else far + known[p.name] - p.default
+                typical[p.name] = moved if p.accepts(moved) else far
+        return replace(self, parameters=tuple(parameters), typical=typical)
 
     def describe(self, given: Values) -> str:
         """The effect as one would write it after `--effect`."""

@@ -46,3 +46,8 @@ class Parameter:
             parts.append(f"at most {self.high:g}")
         limits = " and ".join(parts) or "a finite number"
         return f"{limits} {self.unit}".rstrip()
+
+
+def own_name(effect: str, parameter: str) -> str:
+    """What a known effect's parameter is called among those of the machine."""
+    return f"{effect}.{parameter}"

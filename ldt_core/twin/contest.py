@@ -12,7 +12,7 @@ from ldt_core.base.errors import LdtError, ModelError
 from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, Signal, rms
 from ldt_core.base.threads import one_thread
 from ldt_core.detectors.adequacy import EXPLAINED, deviations
-from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.effects import EFFECTS
 from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
@@ -247,7 +247,7 @@ def library(machine: Any) -> list[Effect]:
     """The effects that a machine can have."""
     found = []
     for name in EFFECTS.names():
-        effect = get_effect(name)
+        effect = machine.effect(name)
         try:
             effect.require(machine.model)
         except LdtError:

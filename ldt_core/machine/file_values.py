@@ -1,0 +1,149 @@
+"""Values of a machine file: numbers, numbers with a tolerance, and effects known to act."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ldt_core.base.errors import MachineFileError, OptionError, described, did_you_mean
+from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.physics.parameter import Parameter, own_name
+
+if TYPE_CHECKING:
+    from ldt_core.physics.base import Physics
+    from ldt_core.physics.effect import Effect
+
+
+class Stated(NamedTuple):
+    """What a machine file states of its parameters, known effects' (`effect.parameter`) included.
+
+    `values`: complete, in SI units; `deviations`: standard deviations of those that have one.
+    """
+
+    values: dict[str, float]
+    deviations: dict[str, float]
+
+
+def mapping_of(where: str, value: Any) -> dict[str, Any]:
+    """A section of a machine file; a MachineFileError where it is no names with values."""
+    if not isinstance(value, Mapping) or not all(isinstance(k, str) for k in value):
+        raise MachineFileError(where, "names with values (a YAML mapping)", described(value))
+    return dict(value)
+
+
+def check_keys(
+    where: str, data: Mapping[str, Any], required: tuple[str, ...], optional: tuple[str, ...]
+) -> None:
+    """Refuse a section that lacks a key, or has one that nobody knows (MachineFileError)."""
+    for key in required:
+        if key not in data:
+            raise MachineFileError(where, f"the key {key!r}", f"only {sorted(data)}")
+    for key in data:
+        if key not in required + optional:
+            raise MachineFileError(
+                where, did_you_mean(key, required + optional), f"unknown key {key!r}"
+            )
+
+
+def real_number(where: str, value: Any) -> float:
+    """A finite number; YAML 1.1 reads 1e-3 as text, which people write all the same."""
+    if isinstance(value, str):
+        try:
+            value = float(value)
+        except ValueError:
+            raise MachineFileError(where, "a number in SI units", described(value)) from None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise MachineFileError(where, "a number in SI units", described(value))
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise MachineFileError(where, "a finite number", described(value))
+    return number
+
+
+def stated_parameters(source: str, physics: Physics, given: Mapping[str, Any]) -> Stated:
+    """The parameters of a physics, each a number or {value, std}; defaults where they are missing.
+
+    Raises:
+        MachineFileError: an unknown or missing name, or a value that is none or out of bounds.
+    """
+    where = f"{source}, parameters"
+    needed = tuple(p.name for p in physics.parameters if p.default is None)
+    known = tuple(p.name for p in physics.parameters)
+    check_keys(where, given, needed, tuple(n for n in known if n not in needed))
+    found = Stated({}, {})
+    for p in physics.parameters:
+        _state(found, where, p, p.name, given.get(p.name, p.default))
+    return found
+
+
+def stated_effects(
+    source: str, physics: Physics, values: Mapping[str, float], given: Any
+) -> tuple[tuple[Effect, ...], Stated]:
+    """The effects of the key `effects`, and what is stated of their parameters.
+
+    A machine file names effects that come with LDT or a package: a file's text is never run.
+
+    Raises:
+        MachineFileError: no list, an effect that is unknown, listed twice or impossible for this
+            machine, no parameters, or a value that is none or out of bounds.
+    """
+    where = f"{source}, effects"
+    if not isinstance(given, list):
+        raise MachineFileError(where, "a list of {name: , parameters: }", described(given))
+    effects: list[Effect] = []
+    found = Stated({}, {})
+    changed = values
+    for number, entry in enumerate(given, start=1):
+        at = f"{where}, entry {number}"
+        section = mapping_of(at, entry)
+        check_keys(at, section, ("name", "parameters"), ())
+        name = section["name"]
+        if not isinstance(name, str) or name not in EFFECTS.names():
+            raise MachineFileError(
+                f"{at}, name", did_you_mean(str(name), EFFECTS.names()), repr(name)
+            )
+        at, effect = f"{where}, {name}", get_effect(name)
+        if name in [e.name for e in effects]:
+            raise MachineFileError(at, "one entry an effect", "two")
+        parameters = mapping_of(f"{at}, parameters", section["parameters"])
+        known = {p.name: p for p in effect.parameters}
+        check_keys(f"{at}, parameters", parameters, (), tuple(known))
+        if not parameters:
+            raise MachineFileError(f"{at}, parameters", f"a value for {' or '.join(known)}", "none")
+        for p in effect.parameters:
+            value = parameters.get(p.name, p.default)
+            _state(found, f"{at}, parameters", p, own_name(effect.name, p.name), value)
+        own = {n: found.values[own_name(effect.name, n)] for n in known}
+        try:
+            changed = effect.change_parameters(physics, changed, own)
+        except OptionError as error:
+            raise MachineFileError(at, error.expected, error.got) from None
+        effects.append(effect)
+    return tuple(effects), found
+
+
+def _state(found: Stated, where: str, parameter: Parameter, name: str, given: Any) -> None:
+    at = f"{where}.{parameter.name}"
+    std: Any = None
+    if isinstance(given, Mapping):
+        section = mapping_of(at, given)
+        check_keys(at, section, ("value",), ("std",))
+        given, std = section["value"], section.get("std")
+    value = real_number(at, given)
+    if not parameter.accepts(value):
+        raise MachineFileError(at, parameter.range, f"{value:g}")
+    found.values[name] = value
+    if std is None:
+        return
+    deviation = real_number(f"{at}.std", std)
+    if deviation <= 0:
+        raise MachineFileError(
+            f"{at}.std", "a standard deviation above 0, or none", f"{deviation:g}"
+        )
+    if value == 0:  # tolerances are parts of a value everywhere: one of 0 would be none
+        raise MachineFileError(at, "a value other than 0 where there is a std", "0")
+    found.deviations[name] = deviation

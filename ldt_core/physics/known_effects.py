@@ -1,0 +1,146 @@
+"""A physics with the effects that are known to act on the machine.
+
+Their parameters are the machine's own, named `effect.parameter`. So whatever simulates, fits or
+records a machine's parameters has its known effects with them. An effect that is given to a
+simulation takes the place of the known one of its name: its values are the whole effect, not what
+has come on top.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ldt_core.base.arrays import Array
+from ldt_core.physics.base import (
+    MAX_STEP,
+    NOT_TRACKED,
+    Effects,
+    Physics,
+    Tracked,
+    Values,
+)
+from ldt_core.physics.parameter import own_name
+
+if TYPE_CHECKING:
+    from ldt_core.physics.effect import Effect
+
+
+class PhysicsWithEffects(Physics):
+    """A physics and effects that act in every simulation.
+
+    Args:
+        bare: the physics without them.
+        known: (effect, all its values) in the order in which they act; the values hold wherever no
+            others are given.
+    """
+
+    def __init__(self, bare: Physics, known: Effects) -> None:
+        self.bare, self.known = bare, tuple(known)
+        self.name, self.states, self.tolerances = bare.name, bare.states, bare.tolerances
+        self.parameters = (
+            *bare.parameters,
+            *(
+                replace(p, name=own_name(effect.name, p.name), default=None)
+                for effect, _ in self.known
+                for p in effect.parameters
+            ),
+        )
+        self._nominal = {
+            own_name(e.name, n): v for e, given in self.known for n, v in given.items()
+        }
+
+    def is_linear(self, values: Values) -> bool:
+        """No known effect adds a torque or changes the voltage, and the machine is linear."""
+        plain = all(
+            effect.torque is None and effect.terminal is None and effect.on_voltage is None
+            for effect, _ in self._acting(values)
+        )
+        return plain and self.bare.is_linear(self._changed(values))
+
+    def shakes(self, values: Values) -> bool:
+        """As the machine's own equations, with the parameters that known effects have changed."""
+        return self.bare.shakes(self._changed(values))
+
+    def state_space(self, values: Values) -> tuple[Array, Array, Array, Array]:
+        """With the known effects on parameters; torques and voltages are left out."""
+        return self.bare.state_space(self._changed(values))
+
+    def initial_state(self, values: Values, speed: float, current: float | None = None) -> Array:
+        """As `Physics.initial_state`, with the known effects on parameters."""
+        return self.bare.initial_state(self._changed(values), speed, current)
+
+    def running_state(
+        self, values: Values, speed: float, angle: float, current: float | None = None
+    ) -> Array:
+        """As `Physics.running_state`, with the known effects on parameters."""
+        return self.bare.running_state(self._changed(values), speed, angle, current)
+
+    def folded(self, values: Values) -> Values:
+        """The parameters with the known effects on them; those effects no longer act beside."""
+        for effect, given in self._acting(values):
+            if effect.on_parameters is not None and not effect.states:
+                values = effect.change_parameters(self, values, given)
+        return values
+
+    def simulate(
+        self,
+        values: Values,
+        voltage: ArrayLike,
+        period: float,
+        initial: ArrayLike,
+        effects: Effects = (),
+        max_step: float = MAX_STEP,
+        tracked: Tracked = NOT_TRACKED,
+        least_step: float = 0.0,
+    ) -> Array:
+        """Free run with the known effects, then those given; see `Physics.simulate`.
+
+        `initial` may hold the states of all effects, or of those given alone.
+        """
+        known = self._beside(self._acting(values), effects)
+        state = np.asarray(initial, dtype=np.float64)
+        n, theirs = len(self.states), sum(len(e.states) for e, _ in effects)
+        first = [v for effect, given in known for v in effect.first_states(state, given)]
+        if first and theirs and state.size == n + theirs:
+            state = np.concatenate([state[:n], first, state[n:]])
+        plain = {p.name: values[p.name] for p in self.bare.parameters}
+        about = (voltage, period, state, [*known, *effects], max_step, tracked, least_step)
+        return self.bare.simulate(plain, *about)
+
+    def measure(
+        self, states: Array, period: float, effects: Effects = (), values: Values | None = None
+    ) -> Array:
+        """As `Physics.measure`, through the known effects on the sensor first."""
+        known = self._beside(self._acting(self._nominal if values is None else values), effects)
+        return self.bare.measure(states, period, [*known, *effects])
+
+    def behind_sensor(
+        self, shown: Array, period: float, effects: Effects = (), values: Values | None = None
+    ) -> Array:
+        """As `Physics.behind_sensor`, behind the known effects on the sensor too."""
+        known = self._beside(self._acting(self._nominal if values is None else values), effects)
+        return self.bare.behind_sensor(shown, period, [*known, *effects])
+
+    def _acting(self, values: Values) -> list[tuple[Effect, Values]]:
+        """The known effects with these values; one whose values are left out does not act."""
+        found: list[tuple[Effect, Values]] = []
+        for effect, _ in self.known:
+            names = {p.name: own_name(effect.name, p.name) for p in effect.parameters}
+            if all(own in values for own in names.values()):
+                found.append((effect, {n: values[own] for n, own in names.items()}))
+        return found
+
+    def _beside(
+        self, known: list[tuple[Effect, Values]], given: Effects
+    ) -> list[tuple[Effect, Values]]:
+        names = {effect.name for effect, _ in given}
+        return [(effect, own) for effect, own in known if effect.name not in names]
+
+    def _changed(self, values: Values) -> Values:
+        for effect, given in self._acting(values):
+            values = effect.change_parameters(self, values, given)
+        return values
