@@ -19,7 +19,7 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.settings import resolve
 from ldt_core.base.stopping import stop_on_signals
 from ldt_core.cli import invoke
-from ldt_core.cli.options import Command, json_option, parameters
+from ldt_core.cli.options import Command, json_option, parameters, preset_option
 from ldt_ros.graph.environment import prepare, require_ros
 from ldt_ros.graph.leftovers import shared_memory_cleared
 from ldt_ros.graph.secure import secured
@@ -116,6 +116,7 @@ def _roles(settings: Mapping[str, Any]) -> Iterator[str]:
 
 @click.command("up", cls=Command, short_help="Run the whole node graph: machine, twin, recording.")
 @parameters(*GROUPS, "place", "recorder", "graph", "security")
+@preset_option
 @json_option
 def command(settings: dict[str, Any], as_json: bool) -> None:
     """Run the whole node graph: machine, twin, detector, adaptor, recorder, and more if asked for.

@@ -43,7 +43,7 @@ def _measured(machines: int, experiments: int, every: float) -> tuple[str, ...]:
     began = time.time()
     graph = subprocess.Popen(
         [*LDT, "up", "--machines", str(machines), "--experiments", str(experiments), "--model",
-         "physics", "--detector", "calibrated", "--rate", str(LENGTH / every),
+         "physics", "--detector", "adequacy", "--rate", str(LENGTH / every),
          "--bag", folder / "fleet"],
         stdout=subprocess.DEVNULL,
     )  # fmt: skip

@@ -53,7 +53,12 @@ def test_its_predictions_by_the_physics_come_again():
 
 def test_its_replay_gives_its_figures(summary):
     """The same model and detector on the same experiments; see `bags/README.md` on last digits."""
-    again = run(load_machine("rotor"), resolve({}), read_bag(SAMPLE).experiments(), None)
+    again = run(
+        load_machine("rotor"),
+        resolve({"model": "hybrid", "detector": "threshold"}),
+        read_bag(SAMPLE).experiments(),
+        None,
+    )
     assert again.mme == pytest.approx(summary.mme, rel=0.05)
     assert again.mme_original == pytest.approx(summary.mme_original, rel=1e-6)
 

@@ -11,6 +11,23 @@ import msgs_config
 from ldt_core.base.errors import OptionError, did_you_mean
 
 FROM_FILE = -1.0  # of a numerical option: take the machine file's value
+#: Named configurations: what they set, whatever the defaults are. Paper: Zhou, Walther, Verl, CIRP
+#: CMS 2024. Every new model is taken, S_w and the present experiment are learned from, f_d depends
+#: on the speed alone, the linear model has no offset, no experiment is refused, and theta_w is half
+#: of theta_c. The paper prints no theta_c; 3 rad/s is in the middle of the range that it tries.
+PRESETS: Mapping[str, Mapping[str, Any]] = {
+    "paper": {
+        "model": "hybrid",
+        "detector": "threshold",
+        "threshold": 3.0,
+        "warning_threshold": 1.5,
+        "gate": "none",
+        "data": "warning-set",
+        "gp_inputs": ["speed"],
+        "offset": False,
+        "sensor_check": False,
+    },
+}
 #: Defaults that mean "take it from elsewhere", not worth showing.
 UNSET: tuple[Any, ...] = ("", FROM_FILE, [])
 
@@ -30,6 +47,17 @@ def resolve(given: Mapping[str, Any], *groups: str) -> dict[str, Any]:
         if name not in declared:
             raise OptionError("parameter", did_you_mean(name, declared), repr(name))
     return {n: check(n, given[n], d) if n in given else d["default"] for n, d in declared.items()}
+
+
+def preset(name: str) -> dict[str, Any]:
+    """What a named configuration sets; "" sets nothing.
+
+    Raises:
+        OptionError: an unknown name.
+    """
+    if name and name not in PRESETS:
+        raise OptionError("preset", did_you_mean(str(name), PRESETS), repr(name))
+    return dict(PRESETS[name]) if name else {}
 
 
 def check(name: str, value: Any, declaration: Mapping[str, Any]) -> Any:

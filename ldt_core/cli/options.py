@@ -12,9 +12,8 @@ import yaml
 
 import msgs_config
 from ldt_core.base.errors import BadInput, OptionError, did_you_mean
-from ldt_core.base.settings import UNSET, check
+from ldt_core.base.settings import PRESETS, UNSET, check, preset
 from ldt_core.cli.completion import among, known
-from ldt_core.models import AUTO, AUTO_DETECTOR
 
 _TYPES = {"integer": click.INT, "double": click.FLOAT, "string": click.STRING}
 # Headings in --help by the parameters' groups; those of other groups come first, under Options.
@@ -113,8 +112,6 @@ def parameters(*groups: str) -> Callable[..., Any]:
         @functools.wraps(function)
         def call(**values: Any) -> Any:
             settings = {name: values.pop(name) for name in declared}
-            if settings.get("model") == AUTO and _is_default("detector"):
-                settings["detector"] = AUTO_DETECTOR
             return function(settings=settings, **values)
 
         for name, declaration in reversed(declared.items()):
@@ -122,12 +119,6 @@ def parameters(*groups: str) -> Callable[..., Any]:
         return _settings_option(call)
 
     return decorate
-
-
-def _is_default(name: str) -> bool:
-    """Whether the user has said nothing of an option."""
-    source = click.get_current_context().get_parameter_source(name)
-    return source is click.core.ParameterSource.DEFAULT
 
 
 def declared_option(name: str) -> Callable[..., Any]:
@@ -147,6 +138,25 @@ def _settings_option(function: Callable[..., Any]) -> Callable[..., Any]:
         help="File of parameters, such as the tune.json of ldt tune, that take the place of the "
         "defaults; options go before it.",
     )(function)
+
+
+def _take_preset(context: click.Context, _parameter: click.Parameter, name: str) -> None:
+    context.default_map = {**preset(name), **(context.default_map or {})}
+
+
+#: --preset: a configuration by its name; options and files of settings win over it.
+preset_option = click.option(
+    "--preset",
+    default="",
+    metavar="NAME",
+    is_eager=True,
+    expose_value=False,
+    callback=_take_preset,
+    shell_complete=among(list(PRESETS)),
+    help="A configuration by one word, in place of the defaults: "
+    f"{', '.join(PRESETS)} (hybrid model, threshold detector, no gate, warning set). Options and "
+    "--settings win over it.",
+)
 
 
 def _take_settings(context: click.Context, _parameter: click.Parameter, file: str) -> None:

@@ -7,7 +7,14 @@ from typing import Any
 
 import click
 
-from ldt_core.cli.options import Command, json_option, namespace_option, out_option, parameters
+from ldt_core.cli.options import (
+    Command,
+    json_option,
+    namespace_option,
+    out_option,
+    parameters,
+    preset_option,
+)
 from ldt_core.cli.progress import RunProgress, print_summaries
 
 
@@ -17,6 +24,7 @@ from ldt_core.cli.progress import RunProgress, print_summaries
 @click.argument("recording")
 @out_option
 @namespace_option
+@preset_option
 @json_option
 @parameters("machine", "model", "detector", "adaptor", "diagnosis", "advice", "pace")
 def command(

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ldt_core.cli.options import Command, json_option, parameters
+from ldt_core.cli.options import Command, json_option, parameters, preset_option
 from ldt_core.cli.progress import RunProgress, print_summaries
 
 
@@ -19,6 +19,7 @@ from ldt_core.cli.progress import RunProgress, print_summaries
     *("player", "pace", "twin", "place", "recorder", "graph", "resume"),
 )
 @click.option("--no-bag", is_flag=True, help="Record nothing.")
+@preset_option
 @json_option
 def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
     """Run the same loop as `ldt up` without ROS: same options, same numbers.

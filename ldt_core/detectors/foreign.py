@@ -28,7 +28,8 @@ class Foreign(Detector):
     """An object with river's convention, fed with the maximum error of each experiment [rad/s].
 
     Positive when it detects a drift, a warning when it has `warning_detected` and that holds. After
-    a positive a copy of the object as it was given begins anew.
+    a positive a copy of the object as it was given begins anew; where no new model came of it, the
+    object as it was before that experiment goes on.
 
     Args:
         detector: the object, which is copied and never changed.
@@ -60,16 +61,24 @@ class Foreign(Detector):
         """Begin with a new copy."""
         super().reset()
         self._copy = copy.deepcopy(self.detector)
+        self._before = self._copy
         self._last = 0.0
 
     def judge(self, residual: Samples, deviation: Samples | None) -> Level:
         """Feed the maximum error; the deviation is not used."""
         self._last = float(np.abs(residual).max())
+        self._before = copy.deepcopy(self._copy)
         self._copy.update(self._last)
         if self._copy.drift_detected:
             return Level.POSITIVE
         warned = getattr(self._copy, "warning_detected", False)
         return Level.WARNING if warned else Level.NEGATIVE
+
+    def answered(self, adapted: bool) -> None:
+        """Hear what came of a positive; without a new model the experiment does not count."""
+        super().answered(adapted)
+        if not adapted:
+            self._copy = self._before
 
     @property
     def statistics(self) -> dict[str, float]:

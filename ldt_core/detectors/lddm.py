@@ -26,7 +26,9 @@ class LDDM(Detector):
 
     The paper is silent on s_min = 0, where "≥" holds with equality: an error-free stream would be
     positive in every experiment. Here no signal is above -1 while p_i = 0, or before an earlier
-    experiment has set the registers. `literal` drops both conditions.
+    experiment has set the registers. `literal` drops both conditions. It knows no gate either:
+    where a positive led to no new model, nothing starts anew, and the experiment does not count.
+    Else the rate of a machine that has changed would become p_min, and the change be forgotten.
 
     What to know about it:
 
@@ -92,13 +94,18 @@ class LDDM(Detector):
         super().reset()
         self.errors = 0
         self.samples = 0
+        #: Of these, in the last experiment.
+        self.last_errors = 0
+        self.last_samples = 0
         self.p_min: float | None = None
         self.s_min: float | None = None
 
     def judge(self, residual: Samples, deviation: Samples | None) -> Level:
         """Eq. 6-8; the deviation is not used."""
-        self.errors += int(np.count_nonzero(np.abs(residual) > self.error_threshold))
-        self.samples += residual.size
+        self.last_errors = int(np.count_nonzero(np.abs(residual) > self.error_threshold))
+        self.last_samples = residual.size
+        self.errors += self.last_errors
+        self.samples += self.last_samples
         p, s = self.error_rate
         first = self.p_min is None
         if self.p_min is None or self.s_min is None or p + s < self.p_min + self.s_min:
@@ -111,6 +118,13 @@ class LDDM(Detector):
             return Level.WARNING
         return Level.NEGATIVE
 
+    def answered(self, adapted: bool) -> None:
+        """Hear what came of a positive; without a new model the experiment does not count."""
+        super().answered(adapted)
+        if not adapted:
+            self.errors -= self.last_errors
+            self.samples -= self.last_samples
+
     @property
     def error_rate(self) -> tuple[float, float]:
         """(p_i, s_i), eq. 7."""
@@ -120,7 +134,7 @@ class LDDM(Detector):
     @property
     def statistics(self) -> dict[str, float]:
         """error_rate, p_plus_s, p_min, s_min, warning_limit, drift_limit (rates), samples."""
-        if self.p_min is None or self.s_min is None:
+        if self.p_min is None or self.s_min is None or not self.samples:
             return {}
         p, s = self.error_rate
         return {

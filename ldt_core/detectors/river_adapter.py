@@ -35,8 +35,9 @@ class River(Detector):
     Positive when river's detector detects a drift at any of the values of an experiment (the rest
     of the experiment is not fed), a warning when its warning stands at the experiment's end. After
     a positive a new one begins, as with every detector here; river's ADWIN alone would keep a part
-    of its window. Mind that some look only now and then: with one value per experiment ADWIN wants
-    `clock=1` and a small `grace_period`.
+    of its window. Where no new model came of it, it goes on as before that experiment. Mind that
+    some look only now and then: with one value per experiment ADWIN wants `clock=1` and a small
+    `grace_period`.
 
     River's detectors cannot be saved as JSON. The state is therefore what was fed since the last
     positive, and restoring it feeds it again, which gives the same detector to the last bit. To
@@ -93,7 +94,7 @@ class River(Detector):
 
     def state(self) -> dict[str, Any]:
         """The values fed since the last positive, and the signal."""
-        return {"values": list(self.values), "signal": int(self.signal)}
+        return {"values": list(self.values), "last": self.last, "signal": int(self.signal)}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a state saved earlier, by feeding it again.
@@ -111,21 +112,33 @@ class River(Detector):
         """Begin a new river detector."""
         super().reset()
         self.values: list[float] = []
+        #: Of these, from the last experiment.
+        self.last = 0
         self._rebuild()
 
     def judge(self, residual: Samples, deviation: Samples | None) -> Level:
         """Feed the experiment's value or values; the deviation is not used."""
         row = INPUTS[self.input](residual, self.error_threshold)
+        self.last = 0
         for value in np.asarray(row).tolist():
             if len(self.values) >= MOST_VALUES:
                 self.values = self.values[MOST_VALUES // 2 :]
                 self._rebuild()
             self.values.append(value)
+            self.last += 1
             self._river.update(value)
             if self._river.drift_detected:
                 return Level.POSITIVE
         warned = getattr(self._river, "warning_detected", False)
         return Level.WARNING if warned else Level.NEGATIVE
+
+    def answered(self, adapted: bool) -> None:
+        """Hear what came of a positive; without a new model the experiment does not count."""
+        super().answered(adapted)
+        if not adapted:
+            del self.values[len(self.values) - self.last :]
+            self.last = 0
+            self._rebuild()
 
     @property
     def statistics(self) -> dict[str, float]:

@@ -26,9 +26,8 @@ MODELS = Registry(
     },
     "ldt.model",
 )
-#: Models of all kinds compete (`ldt_core.twin.contest`), beginning with the machine's physics; and
-#: the detector that goes with it unless another one is asked for.
-AUTO, AUTO_DETECTOR = "auto", "adequacy"
+#: Models of all kinds compete (`ldt_core.twin.contest`), beginning with the machine's physics.
+AUTO = "auto"
 
 
 def build_model(

@@ -90,8 +90,10 @@ class TwinRun:
 def run(
     recording: ExperimentsLike,
     machine: MachineLike,
-    model: str | Model | type[Model] = "auto",
+    model: str | Model | type[Model] | None = None,
     detector: str | Detector | type[Detector] | Updatable | None = None,
+    *,
+    preset: str = "",
     **settings: Any,
 ) -> TwinRun:
     """Take a new twin along experiments, as `ldt run` and `ldt replay` do.
@@ -101,6 +103,7 @@ def run(
         machine: as it is known beforehand; its name or file.
         model: as of `Twin`.
         detector: as of `Twin`.
+        preset: as of `Twin`.
         settings: as of `Twin`.
 
     Raises:
@@ -108,7 +111,7 @@ def run(
         LdtError: a simulation without bound.
     """
     experiments, known = measured(recording, machine)
-    twin = Twin(known, model, detector, **settings)
+    twin = Twin(known, model, detector, preset=preset, **settings)
     steps: list[Step] = []
     summary = run_unrecorded(twin, experiments, steps.append)
     summary.note(*experiments.notes_about(known))

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any, Self
 import msgs_config
 from ldt_core.base.errors import ArgumentTypeError, ExperimentError, described
 from ldt_core.base.experiment import Experiment, Step
+from ldt_core.base.settings import preset as preset_of
 from ldt_core.base.settings import resolve
 from ldt_core.detectors.base import Detector
 from ldt_core.machine.machine_file import Machine
-from ldt_core.models import AUTO, AUTO_DETECTOR, build_model, restore_model
+from ldt_core.models import AUTO, build_model, restore_model
 from ldt_core.models.base import Model
 from ldt_core.twin.adaptor import Adaptor
 from ldt_core.twin.detector_stage import DetectorStage, as_detector_stage
@@ -40,17 +41,18 @@ class Twin:
 
     Args:
         machine: the machine as it is known beforehand, its name or its file.
-        model: name, `path/to/file.py:Name`, class, or a model to begin with. "auto" is the best
-            that there is: causes, earlier versions and flexible models compete for every change
-            (`ldt_core.twin.contest`), with the detector `adequacy` unless another is asked for.
+        model: name, `path/to/file.py:Name`, class, or a model to begin with. None takes the default
+            of `ldt run`, "auto", the best that there is: causes, earlier versions and flexible
+            models compete for every change (`ldt_core.twin.contest`).
         detector: name, `path/to/file.py:Name`, class, or an object, of which a copy is used: a
             `Detector`, or one with river's `update(x)` and `drift_detected`, which is fed with the
-            maximum error of each experiment [rad/s]. None takes the default of `ldt run`.
+            maximum error of each experiment [rad/s]. None takes the default, `adequacy`.
+        preset: "paper" for the paper's own configuration in place of the defaults.
         settings: further options of `ldt run` about model, detector, adaptor, diagnosis and advice,
             by their names in Python (`error_threshold=0.5`).
 
     Raises:
-        OptionError: an unknown model, detector or setting, or arguments that they refuse.
+        OptionError: an unknown model, detector, preset or setting, or arguments that they refuse.
         MachineFileError: no such machine, or a file that cannot be used.
         ArgumentTypeError: an argument of another kind.
     """
@@ -58,17 +60,22 @@ class Twin:
     def __init__(
         self,
         machine: Machine | str | os.PathLike[str],
-        model: str | Model | type[Model] = "auto",
+        model: str | Model | type[Model] | None = None,
         detector: str | Detector | type[Detector] | Updatable | DetectorStage | None = None,
+        *,
+        preset: str = "",
         **settings: Any,
     ) -> None:
         known = Machine(machine)
         by_name = {"model": model, "detector": detector}
         named = {name: given for name, given in by_name.items() if isinstance(given, str)}
-        if model == AUTO and detector is None:
-            named["detector"] = AUTO_DETECTOR
-        self.settings: Mapping[str, Any] = resolve({**settings, **named}, *GROUPS)
-        first = build_model(model, known, self.settings)
+        given = {**preset_of(preset), **settings, **named}
+        self.settings: Mapping[str, Any] = resolve(given, *GROUPS)
+        first = build_model(
+            self.settings["model"] if model is None else model, known, self.settings
+        )
+        if model is not None and not isinstance(model, str):
+            self.settings = {**self.settings, "model": first.kind}
         self.predictor = Predictor(known, first)
         self.detector = as_detector_stage(detector, self.settings)
         self.adaptor = build_adaptor(first, self.settings)

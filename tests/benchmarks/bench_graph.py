@@ -141,7 +141,7 @@ def _least(rounds: list[list[float]], share: float) -> float:
 
 def _node(role: str, bag: Path) -> list[str | Path]:
     """A node of the graph by itself, of a machine that does not drift."""
-    parameters = ("model:=physics", "threshold:=1000.0", f"bag:={bag}")
+    parameters = ("model:=physics", "detector:=never", f"bag:={bag}")
     given = [word for parameter in parameters for word in ("-p", parameter)]
     return [sys.executable, "-m", "ldt_ros.graph.process", "--node", role, "--ros-args", *given]
 
@@ -174,7 +174,7 @@ def replay(folder: Path) -> list[Row]:
     def program(*options: str) -> None:
         subprocess.run([*LDT, "replay", *arguments(*options)], check=True, capture_output=True)
 
-    fixed = ("--model", "physics", "--threshold", "1000")
+    fixed = ("--model", "physics", "--detector", "never")
     note, peer, aim = f"{REPLAYED} experiments of 20 s", "the machine itself", "5000"
     return [
         Row("replay, nothing to learn", best_of(ROUNDS, lambda: work(*fixed)), peer, taken, aim,

@@ -152,3 +152,26 @@ def test_bad_arguments_are_named(arguments, words):
     with pytest.raises(OptionError) as caught:
         LDDM(**arguments)
     assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+def test_a_state_in_which_learning_did_not_help_is_never_the_reference():
+    """One sample in fifty is off, then every other one without a new model, then as before."""
+    detector, words = LDDM(error_threshold=1.0), []
+    for off in [2] * 10 + [50] * 33 + [2] * 5:
+        detector.update(np.repeat([2.0, 0.0], [off, 100 - off]))
+        words.append(detector.signal.word)
+        assert detector.p_min <= 0.02
+        if detector.drift_detected:
+            detector.answered(False)
+    assert words == ["negative"] * 10 + ["positive"] * 33 + ["negative"] * 5
+
+
+def test_a_new_model_begins_anew():
+    """Its rate is its own."""
+    detector = LDDM(error_threshold=1.0)
+    for off in [2] * 10 + [50]:
+        detector.update(np.repeat([2.0, 0.0], [off, 100 - off]))
+    assert detector.drift_detected
+    detector.answered(True)
+    detector.update(np.repeat([2.0, 0.0], [10, 90]))
+    assert (detector.p_min, detector.samples) == (0.1, 100)

@@ -66,7 +66,7 @@ def test_the_twin_goes_on_as_if_the_time_had_never_been(given):
 @pytest.mark.slow
 def test_a_run_with_such_a_time_goes_on_from_its_recording(tmp_path):
     """Recalled to any step, the twin is the one that ran through."""
-    given = settings(detector="calibrated")
+    given = settings(detector="adequacy")
     experiments = made(given)
     twin = Twin.from_settings(SHORT, given)
     untrained = twin.model.record()

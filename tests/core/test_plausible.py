@@ -25,7 +25,8 @@ BOTH_WAYS = {"voltage": {"kind": "steps", "low": -16, "high": 16, "hold": 1}, "n
 
 
 def settings(**given):
-    return resolve({"model": "linear", "order": 1, "threshold": 1.0, "seed": 3, **given})
+    given = {"detector": "threshold", "threshold": 1.0, **given}
+    return resolve({"model": "linear", "order": 1, "seed": 3, **given})
 
 
 @pytest.mark.parametrize("fails", FAULTS, ids=lambda f: f.__name__)
@@ -108,7 +109,7 @@ def test_without_the_check_the_same_twin_learns_from_them():
 
 def test_a_run_with_a_faulty_sensor_goes_on_from_its_recording(tmp_path):
     """Recalled to any step, the twin is the one that ran through."""
-    given = settings(detector="calibrated", experiments=14)
+    given = settings(detector="adequacy", experiments=14)
     experiments = broken(made(14), sensors.sticks, 5, 8)
     steps = list(Twin.from_settings(SHORT, given).steps(experiments))
     assert sum(FAULTY in s.adaptation.details for s in steps) == 4

@@ -20,8 +20,8 @@ from ldt_core.models.linear import LinearModel
 
 FEW = ["--machine", "dc_motor", "--experiments", "6", "--seed", "3"]
 FRICTION = {"coulomb_friction": {"torque": 0.01}}
-LINEAR = {"model": "linear", "order": 1, "threshold": 0.5}
-AS_OPTIONS = ["--model", "linear", "--order", "1", "--threshold", "0.5"]
+LINEAR = {"model": "linear", "order": 1, "detector": "threshold", "threshold": 0.5}
+AS_OPTIONS = ["--model", "linear", "--order", "1", "--detector", "threshold", "--threshold", "0.5"]
 
 
 @pytest.fixture(scope="module")

@@ -67,15 +67,16 @@ def same(one, other):
     "given",
     [
         # Where an order is given: choosing one is most of the work, and nothing that is recalled.
-        {"model": "linear", "order": 1},
+        {"model": "linear", "order": 1, "detector": "threshold"},
         {
             "model": "linear",
             "order": 1,
+            "detector": "threshold",
             "gate": "none",
             "data": "warning-set",
             "warning_threshold": 0.3,
         },
-        {"model": "linear", "order": 1, "detector": "calibrated", "experiments": 40},
+        {"model": "linear", "order": 1, "detector": "adequacy", "experiments": 40},
         {"model": "hybrid", "experiments": 12, "degradation": "abrupt", "inducing": 30},
         {"model": "diagnosed", "cause": "unbalance", "experiments": 12, "degradation": "abrupt"},
         {"model": "linear", "advice": True, "advice_every": 3, "degradation": "abrupt"},
@@ -153,14 +154,15 @@ def test_what_stays_incomplete_for_long_is_passed_over(tmp_path):
 @pytest.mark.slow
 def test_a_recording_of_another_detector_or_model_is_refused(tmp_path):
     """The answers would not be those of the run that is to go on."""
-    given = settings(model="linear")
+    usual = {"model": "linear", "detector": "threshold"}
+    given = settings(**usual)
     told = list(complete_steps(recorded(tmp_path / "run", given, experiments(given)), SHORT))
     for other, error, words in (
         ({"threshold": 0.1, "warning_threshold": 0.05}, RecordingError, "signal"),
         ({"detector": "lddm"}, RecordingError, "detector"),
         ({"model": "hybrid"}, ModelError, "kind 'hybrid'"),
     ):
-        twin = Twin.from_settings(SHORT, settings(**{"model": "linear", **other}))
+        twin = Twin.from_settings(SHORT, settings(**{**usual, **other}))
         with pytest.raises(error, match=words):
             recalled(twin, told)
 

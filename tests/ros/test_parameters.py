@@ -105,15 +105,21 @@ def test_a_threshold_reaches_the_detector_by_all_three_ways(stranger, tmp_path):
     from ldt_ros.up import launch
 
     file = tmp_path / "parameters.yaml"
-    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"threshold": 1.5}}}))
-    for way in (["-p", "threshold:=1.5"], ["--params-file", str(file)]):
+    file.write_text(
+        yaml.safe_dump({"/**": {"ros__parameters": {"detector": "threshold", "threshold": 1.5}}})
+    )
+    for way in (
+        ["-p", "detector:=threshold", "-p", "threshold:=1.5"],
+        ["--params-file", str(file)],
+    ):
         node = DetectorNode(context=stranger.context, cli_args=["--ros-args", *way])
         assert node.detector.detector.threshold == 1.5
         node.destroy_node()
     with BagWriter(tmp_path / "played", machine="rotor") as writer:
         for number in (1, 2):
             writer.write("experiment", experiment(number), experiment(number).end)
-    given = {"play": str(tmp_path / "played"), "model": "physics", "threshold": 1.5}
+    given = {"play": str(tmp_path / "played"), "model": "physics"}
+    given |= {"detector": "threshold", "threshold": 1.5}
     launch({**given, "bag": str(tmp_path / "bag")})
     signals = list(read_bag(tmp_path / "bag").records("signal"))
     assert [s.statistics["drift_limit"] for s in signals] == [1.5, 1.5]

@@ -27,9 +27,9 @@ RUNS = {
         "gp_inputs": ["speed", "voltage"],
         "gate": "none",
     },
-    "diagnosed, calibrated": {
+    "diagnosed, adequacy": {
         "model": "diagnosed",
-        "detector": "calibrated",
+        "detector": "adequacy",
         "degradation": "none",
         "effect": ["unbalance:e=0.01"],  # so wrong from the start that it is noticed at once
     },
@@ -92,7 +92,9 @@ def test_what_cannot_be_used_is_left_out_alike(domain, tmp_path):
     from ldt_ros.up import launch
 
     played = spoiled(tmp_path / "spoiled")
-    settings = resolve({"model": "hybrid", "threshold": 1.0, "play": str(played)})
+    settings = resolve(
+        {"model": "hybrid", "detector": "threshold", "threshold": 1.0, "play": str(played)}
+    )
     machine = load_machine("rotor")
     (graph,) = launch({**settings, "bag": str(tmp_path / "graph")})
     experiments = read_bag(played).experiments()

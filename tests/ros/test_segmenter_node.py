@@ -91,7 +91,13 @@ def test_the_graph_learns_from_a_stream_what_it_learns_offline(
     from ldt_ros.up import launch
 
     common = {"machine": short_rotor, "experiments": 4, "seed": 5, "start_time": START}
-    twin = {"model": "linear", "order": 1, "threshold": 0.5, "gate": "none"}
+    twin = {
+        "model": "linear",
+        "order": 1,
+        "detector": "threshold",
+        "threshold": 0.5,
+        "gate": "none",
+    }
     offline = resolve({**common, **twin})
     machine = load_machine(short_rotor)
     plant = Plant.from_settings(machine, offline)

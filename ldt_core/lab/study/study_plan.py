@@ -7,21 +7,23 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ldt_core.base.settings import preset
 from ldt_core.lab.study import GROUPS
 from ldt_core.lab.study.baselines import baseline_cases
 from ldt_core.lab.study.study_case import RunResult, StudyCase
 from ldt_core.machine.machine_file import load_machine
 
-#: The paper to the letter: every new model is taken, S_w and the present experiment are learned
-#: from, f_d depends on the speed alone, and the linear model has no offset.
-PAPER = {"gate": "none", "data": "warning-set", "gp_inputs": ["speed"], "offset": False}
+#: The preset of the paper: model, detector and its thresholds, and all else, which is every row's.
+_PRESET = preset("paper")
+_THRESHOLD = {name: _PRESET.pop(name) for name in ("threshold", "warning_threshold")}
+PAPER = {name: value for name, value in _PRESET.items() if name not in ("model", "detector")}
 #: Learn from all that is still valid, and refuse a model that is worse on data held back.
 BETTER = {"gate": "holdout", "data": "evidence"}
 
 #: Paper's detector → the parameters of its row in the table. The paper prints no values; they are
 #: rad/s, levels in deviations, and experiments.
 TABLE: dict[str, dict[str, Any]] = {
-    "threshold": {"threshold": 3.0, "warning_threshold": 1.5},
+    "threshold": _THRESHOLD,
     "lddm": {"error_threshold": 1.0, "drift_level": 3.0, "warning_level": 2.0},
     "window": {"window": 10},
 }
