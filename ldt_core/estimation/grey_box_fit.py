@@ -291,7 +291,8 @@ def fit_grey_box(
     n = problem.box.size
     information = np.zeros((problem.size, problem.size))
     for gain in GAINS:
-        x, cost, information = problem.descend(x, gain, FINE_STEP, rounds)
+        x, cost, information = problem.descend(x, gain, COARSE_STEP, rounds)
+    x, cost, information = problem.descend(x, GAINS[-1], FINE_STEP, rounds)
     inner = information[:n, :n]
     if problem.size > n:  # start states eliminated
         cross = information[:n, n:]
