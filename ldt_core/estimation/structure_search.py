@@ -26,6 +26,7 @@ from ldt_core.estimation.grey_box_fit import (
     Prior,
     fit_grey_box,
 )
+from ldt_core.estimation.misfit import misfit
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 
@@ -38,6 +39,8 @@ SCREENING_STEPS = 4
 SCREENING_GAINS = (1.0, 0.1)
 #: Structures of each screening that are fitted whole.
 FINALISTS = 2
+#: Effects of a structure; of what one experiment tells, more cannot be told apart.
+MOST_EFFECTS = 4
 #: Part of the squared error that the best structure removes under the observer: one that leaves
 #: more than this of it is not fitted whole.
 SERIOUS = 0.5
@@ -64,6 +67,16 @@ class FittedStructure:
     def names(self) -> tuple[str, ...]:
         """Of its effects."""
         return tuple(e.name for e in self.box.effects)
+
+    @property
+    def explains(self) -> bool:
+        """Whether the residuals of all experiments are noise."""
+        return all(misfit(r).explained for r in self.fit.residuals)
+
+    def as_present(self, prior: Prior) -> Present:
+        """Where a search for further effects goes on."""
+        given = {e.name: values for e, values in self.box.values(self.fit.q)[1]}
+        return Present(self.box.effects, given, prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,14 +133,31 @@ class StructureSearch:
     def search(self, present: Present, library: Sequence[Effect]) -> list[FittedStructure]:
         """The best structures, fitted whole, the best first.
 
+        One effect more at a time, the values of the others being fitted along, until the residual
+        is noise or nothing is gained.
+
         Args:
             present: to which effects are added, or which they replace.
             library: of effects that this machine can have.
         """
+        found = self._with_one_more(present, library, bool(present.effects))
+        while found and not found[0].explains:
+            best = found[0]
+            if len(best.box.effects) >= MOST_EFFECTS:
+                break
+            further = self._with_one_more(best.as_present(present.prior), library, False)
+            if not further or further[0].score >= best.score:
+                break
+            found = sorted([*further, *found], key=lambda s: s.score)
+        return found
+
+    def _with_one_more(
+        self, present: Present, library: Sequence[Effect], instead: bool
+    ) -> list[FittedStructure]:
+        """The present effects and one more, or also one in their place; the best first."""
         here = {e.name for e in present.effects}
-        further = [e for e in library if e.name not in here]
-        tried = [(*present.effects, e) for e in further]
-        if present.effects:
+        tried = [(*present.effects, e) for e in library if e.name not in here]
+        if instead:
             tried += [(e,) for e in library]
         chosen: list[int] = []
         for gain in SCREENING_GAINS:

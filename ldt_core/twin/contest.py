@@ -11,8 +11,8 @@ import numpy as np
 from ldt_core.base.errors import LdtError, ModelError
 from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, Signal, rms
 from ldt_core.base.threads import one_thread
-from ldt_core.detectors.adequacy import EXPLAINED, deviations
 from ldt_core.effects import EFFECTS
+from ldt_core.estimation.misfit import misfit
 from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
@@ -285,5 +285,4 @@ def _explains(model: Model, experiment: Experiment) -> bool:
         prediction = model.predict(experiment)
     except LdtError:
         return False
-    z, _, _ = deviations(prediction.residual(experiment), prediction.speed_std)
-    return z < EXPLAINED
+    return misfit(prediction.residual(experiment), prediction.speed_std).explained

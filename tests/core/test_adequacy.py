@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from ldt_core.base.experiment import Level
-from ldt_core.detectors.adequacy import Adequacy, deviations
+from ldt_core.detectors.adequacy import Adequacy
+from ldt_core.estimation.misfit import misfit
 
 EVERY = 100
 
@@ -31,16 +32,36 @@ def with_memory(random, length, persistence=0.9):
     return lfilter([1.0], [1.0, -persistence], drive)[500:]
 
 
-@pytest.mark.parametrize("length", [50, 1000])
-@pytest.mark.parametrize("noise", [white, student, other_scale])
+def outliers(random, length):
+    """Of which no moment exists."""
+    return random.standard_cauchy(size=length)
+
+
+def growing(random, length):
+    return random.normal(size=length) * np.linspace(0.1, 10, length)
+
+
+@pytest.mark.parametrize("length", [20, 50, 1000])
+@pytest.mark.parametrize("noise", [white, student, other_scale, outliers, growing])
 def test_false_alarms_are_no_more_than_stated(noise, length):
-    """One in `false_alarm_every`, for white noise of any law and scale."""
+    """One in `false_alarm_every`, for independent symmetric noise of any law and scale."""
     random, detector, count = np.random.default_rng(1), Adequacy(EVERY), 1000
     positives = 0
     for _ in range(count):
         detector.update(noise(random, length))
         positives += detector.drift_detected
     assert positives <= count / EVERY
+
+
+@given(seed=st.integers(0, 10_000), length=st.integers(20, 300), law=st.integers(0, 4))
+def test_the_e_value_has_a_mean_of_at_most_one(seed, length, law):
+    """Over all signs of the same magnitudes: drawn at random, within four standard errors."""
+    random = np.random.default_rng(seed)
+    laws = (white, student, other_scale, outliers, growing)
+    size = np.abs(laws[law](random, length))
+    signs = random.choice([-1.0, 1.0], size=(400, length))
+    values = np.minimum([misfit(size * row).evidence for row in signs], 100.0)
+    assert values.mean() <= 1 + 4 * values.std() / 20
 
 
 def test_noise_with_a_memory_is_tried_ever_more_rarely():
@@ -112,9 +133,10 @@ def test_what_the_model_claims_not_to_know_is_no_misfit():
     random = np.random.default_rng(5)
     wave = 3 * np.sin(np.arange(1000) / 50)
     residual, claim = random.normal(size=1000) + wave, np.sqrt(1 + wave**2)
-    plain, claimed = deviations(residual, None), deviations(residual, claim)
-    assert plain[0] > 10 > claimed[0]
-    assert plain[2] == claimed[2]
+    plain, claimed = misfit(residual), misfit(residual, claim)
+    assert claimed.explained
+    assert not plain.explained
+    assert plain.ratio == claimed.ratio > 2 > claimed.relative
 
 
 def test_too_few_samples_tell_nothing():
