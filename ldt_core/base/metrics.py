@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from ldt_core.base.experiment import (
     Signal,
     Step,
 )
+from ldt_core.base.model_state import STATES, ModelState, shown_state
 
 
 class Summary:
@@ -33,6 +35,9 @@ class Summary:
         self._sums = {"learning": 0.0, "original": 0.0}
         self._terms: Counter[str] = Counter()
         self._signals: Counter[Level] = Counter()
+        self._states: Counter[str] = Counter()
+        #: Of machine and model after the last experiment, and its number; None before any.
+        self.last_state: tuple[int, ModelState] | None = None
         self._actions: Counter[Action] = Counter()
         self.model_version = 0
         self.rejected = 0
@@ -71,6 +76,10 @@ class Summary:
     def add_signal(self, signal: Signal) -> None:
         """Take in the signal, and with it the learning twin's error, of one experiment."""
         self._signals[Level(signal.level)] += 1
+        state = shown_state(signal)
+        self._states[state.name] += 1
+        if self.last_state is None or signal.experiment >= self.last_state[0]:
+            self.last_state = signal.experiment, state
         self._add("learning", signal.max_error)
 
     def add_original(self, max_error: float) -> None:
@@ -107,6 +116,18 @@ class Summary:
         return self._mean("original")
 
     @property
+    def left(self) -> float | None:
+        """Share of the original model's MME that is left."""
+        mine, original = self.mme, self.mme_original
+        return mine / original if mine is not None and original else None
+
+    @property
+    def states(self) -> dict[str, int]:
+        """Experiments in each state of machine and model, and how many nobody judged."""
+        judged = {name: self._states[name] for name in STATES}
+        return {**judged, "not_judged": self._states[""]}
+
+    @property
     def positives(self) -> int:
         """Positive signals."""
         return self._signals[Level.POSITIVE]
@@ -137,6 +158,9 @@ class Summary:
             "experiments": self.experiments,
             "mme": self.mme,
             "mme_original": self.mme_original,
+            "left": self.left,
+            "states": self.states,
+            "last_state": self.last_state[1].name if self.last_state else None,
             "positives": self.positives,
             "warnings": self.warnings,
             "negatives": self.negatives,
@@ -165,6 +189,8 @@ class Summary:
             ("experiments", str(self.experiments)),
             ("MME of the learning twin [rad/s]", _figure(self.mme)),
             ("MME of the original model [rad/s]", _figure(self.mme_original)),
+            ("left of the original's error [%]", _percent(self.left)),
+            *self._state_rows(),
             ("signals: negative", str(self.negatives)),
             ("signals: warning", str(self.warnings)),
             ("signals: positive", str(self.positives)),
@@ -174,21 +200,34 @@ class Summary:
             *([("experiments repeated", str(self.repeated))] if self.repeated else []),
         ]
 
+    def _state_rows(self) -> Iterator[tuple[str, str]]:
+        named = ((f"experiments: {s.brief}", s.name) for s in STATES.values())
+        for label, name in (*named, ("experiments: not judged", "")):
+            if self._states[name]:
+                yield label, str(self._states[name])
+        if self.last_state:
+            yield "after the last experiment", self.last_state[1].words
+
     def cells(self) -> dict[str, str]:
         """Short label → figure, for a table of many machines, one a row."""
         return {
             "exp.": str(self.experiments),
             "MME twin": _figure(self.mme),
-            "original": _figure(self.mme_original),
-            "neg/warn/pos": f"{self.negatives}/{self.warnings}/{self.positives}",
+            "left %": _percent(self.left),
+            "held": str(self._states["holds"]),
+            "pos.": str(self.positives),
             "adapted": str(self.adaptations),
-            "refused": str(self.refusals),
             "rejected": str(self.rejected),
+            "state": self.last_state[1].name or "-" if self.last_state else "-",
         }
 
 
 def _figure(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.0f}"
 
 
 class FreeRunError:

@@ -20,14 +20,16 @@ from rich.progress import (
 from rich.progress import track as _track
 from rich.table import Table
 
-from ldt_core.base.experiment import Adaptation, Level, Signal, Step
+from ldt_core.base.experiment import Adaptation, Signal, Step
 from ldt_core.base.metrics import Summary
+from ldt_core.base.model_state import shown_state, times_noise
 from ldt_core.cli.console import Console
 from ldt_core.cli.terminal import echo, echo_json, one_line
 
 Item = TypeVar("Item")
 
-COLOURS = {Level.NEGATIVE: "green", Level.WARNING: "yellow", Level.POSITIVE: "red"}
+#: Tone of a state → colour of a terminal.
+COLOURS = {"good": "green", "found": "cyan", "bad": "red", "vague": "yellow", "open": "dim"}
 MAX_DIAGNOSES = 5  # shown when a run has ended, the last ones; the recording has all
 MAX_COLUMNS = 3  # machines in the table that a run ends with; more are a row each
 
@@ -72,10 +74,11 @@ class RunProgress:
 
     def show(self, machine: str, signal: Signal, adaptation: Adaptation) -> None:
         """The experiment that is done."""
+        state, beside = shown_state(signal), times_noise(signal.adequacy)
         words = (
             f"max error {signal.max_error:7.3f} rad/s  "
-            f"[{COLOURS[signal.level]}]{signal.level.word:8}[/]  "
-            f"model {adaptation.model_version}"
+            f"[{COLOURS[state.tone]}]{state.brief:19}[/]  "
+            f"{beside:20}  model {adaptation.model_version}"
         )
         self._progress.update(self._tasks[machine], advance=1, description=words)
 

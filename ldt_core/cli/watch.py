@@ -38,9 +38,10 @@ def command(
 ) -> None:
     """Show the running graph, or RECORDING played back, live in the browser, until Ctrl-C.
 
-    The experiment as it arrives, measured and predicted; the signal as a traffic light; what was
-    adapted; the last diagnosis; the nodes' health. All machines of the ROS domain are found by
-    themselves and listed worst first. Nothing is sent to the graph, nothing loaded from a network.
+    The experiment as it arrives, measured and predicted; the state of machine and model as a
+    traffic light; what was adapted; the last diagnosis; the nodes' health. All machines of the ROS
+    domain are found by themselves and listed worst first. Nothing is sent to the graph, nothing
+    loaded from a network.
 
     Example: ldt watch my_run --rate 20
     """

@@ -165,6 +165,8 @@ def described_step(step: Step | RecordedStep) -> dict[str, Any]:
         "max_error": step.signal.max_error,
         "max_error_original": original and original.max_error(step.experiment),
         "signal": step.signal.level.word,
+        "state": step.signal.state,
+        "adequacy": step.signal.adequacy,
         "adaptation": str(step.adaptation.action),
         "reason": step.adaptation.reason,
         "diagnosis": diagnosis and diagnosis.sentence,

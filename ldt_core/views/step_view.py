@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ldt_core.base.experiment import Adaptation, Experiment, Prediction, Signal
+from ldt_core.base.model_state import NOT_JUDGED, STATES, shown_state
 from ldt_core.base.sentences import spoken
 from ldt_core.recording.bag import Bag
 from ldt_core.views.packed_samples import PackedSamples, pack
@@ -22,9 +23,14 @@ KNOWN = {
     "threshold": ("max_error", "largest error in an experiment", "rad/s"),
     "lddm": ("p_plus_s", "rate of wrong samples, and its deviation", ""),
     "window": ("experiments", "experiments since the last positive", ""),
+    "adequacy": ("adequacy", "error over the noise", ""),
     "calibrated": ("relative_error", "error in yardsticks", ""),
     "river": ("input", "last value fed to river's detector", ""),
 }
+
+
+#: State of machine and model → (words, tone), for the pages' scripts.
+STATE_WORDS = {s.name: (s.words, s.tone) for s in (*STATES.values(), NOT_JUDGED)}
 
 
 @dataclass
@@ -69,6 +75,8 @@ class StepView:
             "error": rounded(signal.max_error) if signal else None,
             "original": rounded(self.original_error),
             "level": int(signal.level) if signal else None,
+            "state": shown_state(signal).name if signal else "",
+            "noise": rounded(signal.adequacy) if signal else None,
             "version": signal.model_version if signal else None,
             "action": str(done.action) if done else "",
             "reason": done.reason if done else "",
@@ -143,9 +151,15 @@ def statistic(signals: list[Signal]) -> DetectorStatistic:
         name = spoken(key)
     elif not key:
         key, name, unit = KNOWN["threshold"]
-    rows = [{"max_error": s.max_error, **s.statistics} for s in signals]
-    columns = [[_finite(row.get(column)) for row in rows] for column in (key, *LIMITS)]
+    rows = [{**_judged(s), "max_error": s.max_error, **s.statistics} for s in signals]
+    # What is over the noise has no limits: those recorded are of what that is as evidence.
+    limits = ("", "") if key == "adequacy" else LIMITS
+    columns = [[_finite(row.get(column)) for row in rows] for column in (key, *limits)]
     return DetectorStatistic(name, unit, *columns)
+
+
+def _judged(signal: Signal) -> dict[str, float]:
+    return {} if signal.adequacy is None else {"adequacy": signal.adequacy}
 
 
 def _finite(value: float | None) -> float | None:

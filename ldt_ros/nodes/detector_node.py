@@ -24,7 +24,7 @@ class DetectorNode(LdtNode):
         super().__init__("detector", "machine", "detector", **node_arguments)
         self.detector = build_detector_stage(self.settings)
         self._signal = self.topics.publishes("signal")
-        self._last = ""
+        self._last = {"signal": "", "state": ""}
         self.worker = StageWorker(self, self.detector, "prediction")
         self.pairs = ExperimentPairs(self, "prediction", self._pair)
         self.parts = [self.pairs]  # nothing takes long, so that the worker has nothing to tell
@@ -32,13 +32,13 @@ class DetectorNode(LdtNode):
         self.pairs.listen()
 
     def health(self) -> dict[str, Any]:
-        """Last signal."""
-        return {"signal": self._last, **super().health()}
+        """Last signal, and the state of machine and model beside it."""
+        return {**self._last, **super().health()}
 
     def _pair(self, experiment: Experiment, beside: Prediction) -> None:
         self.worker.deal(experiment, partial(self._detect, experiment, beside), long=False)
 
     def _detect(self, experiment: Experiment, prediction: Prediction) -> None:
         signal = self.detector.step(experiment, prediction)
-        self._last = signal.level.word
+        self._last = {"signal": signal.level.word, "state": signal.state}
         self._signal.publish(to_message(signal, experiment.end, self.machine.name))

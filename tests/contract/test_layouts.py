@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 import msgs_config
+from ldt_core.base.model_state import NOT_JUDGED, STATES
 from ldt_core.base.settings import resolve
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
@@ -36,7 +37,7 @@ PANELS = {
 def messages(tmp_path_factory, short_rotor) -> dict[str, list]:
     """Topic → messages of a short run with all that may be published, as a stock tool sees them."""
     bag = tmp_path_factory.mktemp("run") / "bag"
-    settings = resolve({"model": "physics", "experiments": 2})
+    settings = resolve({"model": "physics", "detector": "adequacy", "experiments": 2})
     machine = load_machine(short_rotor)
     plant = Plant.from_settings(machine, settings)
     run(machine, settings, map(plant.experiment, (1, 2)), bag)
@@ -114,12 +115,15 @@ def test_every_panel_of_the_foxglove_layout_has_its_place():
     assert {name.partition("!")[0] for name in placed} == PANELS
 
 
-def test_the_indicator_knows_every_word_of_the_signal():
-    """With a colour and a label each."""
-    from ldt_core.base.experiment import Level
-
-    rules = FOXGLOVE["configById"]["Indicator!signal"]["rules"]
-    assert {rule["rawValue"] for rule in rules} == {level.word for level in Level}
+def test_the_indicator_knows_every_state_of_machine_and_model():
+    """By the words that all views have, green for a model that holds alone; the rest is grey."""
+    panel = FOXGLOVE["configById"]["Indicator!state"]
+    assert {rule["rawValue"]: rule["label"] for rule in panel["rules"]} == {
+        name: state.words for name, state in STATES.items()
+    }
+    green = "#009e73"
+    assert [r["rawValue"] for r in panel["rules"] if r["color"] == green] == ["holds"]
+    assert panel["fallbackLabel"] == NOT_JUDGED.words
 
 
 def series(topic: str, message) -> set[str]:

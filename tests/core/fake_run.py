@@ -30,6 +30,8 @@ def fake_run(
     deviation: bool = True,
     unpredicted=(),
     machine: str = "rig",
+    state: str = "",
+    adequacy: float | None = None,
 ) -> Path:
     """Write a run in which the error of experiment n is 1 + (7 n mod 11) rad/s, at its middle.
 
@@ -41,6 +43,8 @@ def fake_run(
         deviation: whether the model tells how sure it is.
         unpredicted: numbers that are recorded, but not predicted.
         machine: its name.
+        state: of machine and model in every signal.
+        adequacy: error over the noise in every signal.
     """
     with BagWriter(path, machine + words) as bag:
         bag.write("model", ModelRecord(0, f"kind{words}", (), {"machine": {f"J{words}": 0.02}}), 0)
@@ -63,7 +67,8 @@ def fake_run(
             positive = number % 3 == 0
             level = Level.POSITIVE if positive else Level.NEGATIVE
             limits = {"warning_limit": 3.0, "drift_limit": 6.0, f"more{words}": 1.0}
-            signal = Signal(number, level, f"own{words}", number % 3, error, limits)
+            judged = (state, adequacy)
+            signal = Signal(number, level, f"own{words}", number % 3, error, limits, *judged)
             bag.write("signal", signal, one.end)
             if positive:
                 record = ModelRecord(number, f"kind{words}", (number,), {})

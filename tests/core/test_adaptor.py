@@ -127,6 +127,26 @@ def test_the_paper_s_rules():
     assert len(adaptor.memory) == 0, "S_w is reset after the adaptation"
 
 
+@pytest.mark.parametrize(
+    ("state", "adequacy", "words"),
+    [
+        ("holds", 1.02, "negative: the model explains it, error 1.0 times the noise"),
+        ("inadequate", 14.2, "the best model known does not explain it, error 14 times the noise"),
+        ("changed", 3.0, "the model does not explain it any more"),
+        ("", None, "negative: whether the model explains it is not judged"),
+        ("holds", 1200.0, "is not judged, error 1200 times the noise"),
+    ],
+)
+def test_what_is_kept_assures_of_nothing_that_is_not_known(state, adequacy, words):
+    """A negative of the paper's detectors stands beside any state: the reason says which."""
+    told = Signal(1, Level.NEGATIVE, "by hand", 0, 0.0, {}, state, adequacy)
+    done, _ = Adaptor(Gain(None), Memory()).step(experiment(1, 2.0), told)
+    assert (done.action, done.model_version) == (Action.KEPT, 0)
+    assert words in done.reason
+    assert done.reason.endswith("; version 0 stays")
+    assert "no drift" not in done.reason
+
+
 def test_the_drifted_gain_is_learned_through_the_gate():
     """The machine's gain doubles; the adopted model has it to within the noise."""
     adaptation, model = run(Adaptor(Gain(None), Memory()), "00+")[-1]

@@ -17,7 +17,8 @@ def summed_up(**counts: int) -> Summary:
     summary = Summary()
     for number in range(1, COUNT + 1):
         level = Level.WARNING if number % 3 else Level.NEGATIVE
-        summary.add_signal(Signal(number, level, "", 0, 123.456))
+        summary.add_signal(Signal(number, level, "", 0, 123.456, {}, "inadequate", 20.0))
+        summary.add_original(1000.0)
     vars(summary).update(counts)
     return summary
 
@@ -32,7 +33,7 @@ def test_every_machine_is_readable_on_a_narrow_terminal(machines, capsys, monkey
     assert "…" not in shown
     assert max(map(len, shown.splitlines())) <= 80
     for name, summary, _ in runs:
-        wanted = {name, str(COUNT), f"{summary.mme:.3f}", str(summary.rejected)}
+        wanted = {name, str(COUNT), f"{summary.mme:.3f}", str(summary.rejected), "inadequate", "12"}
         assert wanted <= set(shown.split())
 
 

@@ -6,14 +6,16 @@ import pytest
 from ldt_core.base.errors import ExperimentError
 from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal, Step
 from ldt_core.base.metrics import FreeRunError, Summary
+from ldt_core.base.model_state import STATES
 
 
-def step(number, error, original_error, level, action, version):
+def step(number, error, original_error, level, action, version, state="", adequacy=None):
     """One turn of the loop with constant errors [rad/s]."""
     experiment = Experiment(number, 0.0, 0.1, [1.0, 1.0], [5.0, 5.0])
     prediction = Prediction(number, 0.0, 0.1, version, [5.0, 5.0 - error])
     original = Prediction(number, 0.0, 0.1, 0, [5.0 + original_error, 5.0])
-    signal = Signal(number, level, "by hand", version, prediction.max_error(experiment))
+    found = prediction.max_error(experiment)
+    signal = Signal(number, level, "by hand", version, found, {}, state, adequacy)
     done = Adaptation(number, action, version, "by hand")
     return Step(experiment, prediction, original, signal, done)
 
@@ -39,6 +41,9 @@ def test_a_run_by_hand():
         "experiments": 4,
         "mme": 2.0,
         "mme_original": 3.75,
+        "left": 2.0 / 3.75,
+        "states": {**dict.fromkeys(STATES, 0), "not_judged": 4},
+        "last_state": "",
         "positives": 2,
         "warnings": 1,
         "negatives": 1,
@@ -53,6 +58,24 @@ def test_a_run_by_hand():
     }
     assert ("MME of the learning twin [rad/s]", "2.000") in summary.rows()
     assert ("signals: positive", "2") in summary.rows()
+
+
+def test_states_are_counted_and_the_last_is_said():
+    """In the order of the experiments; one that contradicts its own figure is not judged."""
+    given = [("holds", 1.0), ("changed", 9.0), ("holds", 12.0), ("inadequate", 3.0)]
+    steps = [
+        step(n, 1.0, 2.0, Level.NEGATIVE, Action.KEPT, 0, *known)
+        for n, known in enumerate(given, 1)
+    ]
+    summary = summarised(steps[3:] + steps[:3])
+    counted = {name: count for name, count in summary.states.items() if count}
+    assert counted == {"holds": 1, "changed": 1, "inadequate": 1, "not_judged": 1}
+    rows = dict(summary.rows())
+    assert rows["experiments: model holds"] == rows["experiments: not judged"] == "1"
+    assert rows["after the last experiment"] == "model inadequate: the best known, not good"
+    assert rows["left of the original's error [%]"] == "50"
+    assert "experiments: still learning" not in rows
+    assert (summary.cells()["state"], summary.cells()["left %"]) == ("inadequate", "50")
 
 
 def test_record_by_record_is_the_same():

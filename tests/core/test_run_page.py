@@ -20,6 +20,7 @@ from unpacked import unpack
 
 from ldt_core.base.errors import RecordingError
 from ldt_core.base.experiment import Experiment, Level, Prediction, Signal
+from ldt_core.base.model_state import STATES
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from ldt_core.views.packed_samples import FEWEST_SAMPLES, LEVELS, ROOM, extremes, pack, room
@@ -212,6 +213,44 @@ def test_two_hundred_long_experiments_stay_below_five_megabytes(deviation, tmp_p
         rows = unpack(step.packed)
         error = np.abs(rows["measured"] - rows["predicted"]).max()
         assert error == pytest.approx(step.signal.max_error, abs=1e-3)
+
+
+@pytest.mark.parametrize("state", STATES.values(), ids=STATES)
+def test_the_state_is_the_lamp(state, tmp_path):
+    """In words and colour, with the error over the noise; the detector's word stands beside."""
+    adequacy = 1.1 if state.name == "holds" else 14.2
+    text = page(read_run(fake_run(tmp_path / "run", state=state.name, adequacy=adequacy)))
+    lamp = re.search(r'<div class="answer (\w+)">.*?</div>', text, re.DOTALL)
+    assert lamp[1] == state.tone
+    assert f"</svg>{state.words}</span>" in lamp[0]
+    words = "1.1 times the noise" if state.name == "holds" else "14 times the noise"
+    assert f"error {words}; detector: positive; experiment 6, the last" in lamp[0]
+    data = data_of(text)
+    assert data["state"] == [state.name] * 6
+    assert data["noise"] == [adequacy] * 6
+    assert data["states"][state.name] == [state.words, state.tone]
+    if state.name != "holds":
+        assert f"The model held in 0 of 6 experiments; {state.brief} in 6." in lamp[0]
+
+
+@pytest.mark.parametrize(("state", "adequacy"), [("", None), ("", 1.0), ("holds", 10.0)])
+def test_what_nobody_judged_is_grey(state, adequacy, tmp_path):
+    """An old recording, and one that says of ten times the noise that the model holds."""
+    text = page(read_run(fake_run(tmp_path / "run", [1, 2], state=state, adequacy=adequacy)))
+    assert '<div class="answer open">' in text
+    assert "</svg>not judged</span>" in text
+    assert "Whether the model held was not judged." in text
+    assert "answer good" not in text
+    assert 'class="state good"' not in text
+    assert data_of(text)["state"] == ["", ""]
+
+
+def test_evidence_beyond_measure_is_no_statistic_to_draw():
+    """The detector adequacy shows the error over the noise, not 1e260 of evidence and its limit."""
+    figures = {"misfit": 1e260, "drift_limit": 1000.0}
+    own = Signal(1, Level.POSITIVE, "adequacy", 0, 2.0, figures, "changed", 14.0)
+    assert statistic([own]).label == "error over the noise"
+    assert (statistic([own]).values, statistic([own]).drift) == ([14.0], [None])
 
 
 def test_without_room_the_worst_keep_their_samples(tmp_path, monkeypatch):

@@ -90,9 +90,10 @@ def served() -> Iterator[Served]:
     """Two machines, of which /b is the worse."""
     one = Served()
     for number in range(1, 13):
-        feed(one.fleet, "/a", number, 0.5, length=LENGTH)
+        feed(one.fleet, "/a", number, 0.5, length=LENGTH, state="holds", adequacy=1.0)
         feed(one.fleet, "/b", number, 2.0, length=LENGTH)
-    feed(one.fleet, "/b", 13, 8.0, Level.POSITIVE, length=LENGTH)
+    known = {"state": "changed", "adequacy": 14.2}
+    feed(one.fleet, "/b", 13, 8.0, Level.POSITIVE, length=LENGTH, **known)
     one.fleet.feed("", "/diagnostics", health("b/twin"))
     yield one
     one.stop()
@@ -144,15 +145,17 @@ def choose(page: Any, key: str) -> None:
 
 
 def test_the_worst_machine_is_first_and_a_click_shows_it(page):
-    """With its signal in a word; the way back leads to all, and to another machine."""
+    """With its state in words; the way back leads to all, and to another machine."""
     page.wait_for_selector("#cards li:nth-child(2)")
     cards = page.locator("#cards li")
     assert "b\n" in cards.nth(0).inner_text()
-    assert "positive" in cards.nth(0).inner_text()
-    assert "negative" in cards.nth(1).inner_text()
+    assert "machine changed" in cards.nth(0).inner_text()
+    assert "error 14 times the noise, detector: positive" in cards.nth(0).inner_text()
+    assert "model holds" in cards.nth(1).inner_text()
     choose(page, "/b")
     drawn(page, 13)
-    assert text(page, "#word") == "positive"
+    assert text(page, "#word") == "machine changed"
+    assert "detector: positive" in text(page, "#aside")
     assert "Largest error 8 rad/s" in text(page, "#sentence")
     assert "It is unbalance. (after experiment 13)" in text(page, "#diagnosis")
     assert "version 13 of the kind model" in text(page, "#events")
@@ -160,7 +163,7 @@ def test_the_worst_machine_is_first_and_a_click_shows_it(page):
     page.click("#back a")
     choose(page, "/a")
     drawn(page, 12)
-    assert text(page, "#word") == "negative"
+    assert text(page, "#word") == "model holds"
     assert page.locator("canvas").count() == 6
 
 
@@ -176,10 +179,41 @@ def test_an_experiment_is_drawn_as_it_arrives(page, served):
     assert "predicted" not in text(page, "[data-key=speed]")
     served.fleet.feed("/a", "prediction", predicted(new, 7.0))
     until(page, "document.querySelector('[data-key=speed]').textContent.includes('band from')")
-    feed(served.fleet, "/a", 14, 7.0, Level.WARNING, length=LENGTH)
+    known = {"state": "inadequate", "adequacy": 4.0}
+    feed(served.fleet, "/a", 14, 7.0, Level.WARNING, length=LENGTH, **known)
     drawn(page, 14)
-    until(page, "document.getElementById('word').textContent === 'warning'")
-    assert page.locator(".light .lamp.lit.warning").count() >= 1
+    until(page, "document.getElementById('word').textContent.includes('not good')")
+    assert page.locator("#status .light .lamp.lit.vague").count() == 1
+    assert page.locator("#status .light .lamp.lit").count() == 1
+
+
+#: Colours of a row of pixels in the strip of the states, from left to right, each once in a row.
+STRIP = """() => {
+  const canvas = document.querySelector("[data-plot=error] canvas"), found = [];
+  const row = canvas.getContext("2d").getImageData(0, 10 * devicePixelRatio, canvas.width, 1).data;
+  for (let i = 0; i < row.length; i += 4) {
+    const [r, g, b, a] = row.slice(i, i + 4);
+    const own = a === 0 ? "" : a < 250 ? "pale" : r > g && g > b ? (g > 140 ? "amber" : "red")
+      : g > r && g > b ? "green" : "blue";
+    if (own !== found[found.length - 1]) found.push(own);
+  }
+  return found.filter((own) => own && own !== "blue").filter((own, i, all) => own !== all[i - 1]);
+}"""
+
+
+def test_each_experiment_has_a_cell_in_the_colour_of_its_state(page, served):
+    """Above the errors, with how many of each there are in words; what is not judged is pale."""
+    page.wait_for_selector("#cards li")
+    choose(page, "/a")
+    for number, state in ((13, "inadequate"), (14, "changed"), (15, "")):
+        more = {"state": state, "adequacy": 5.0}
+        feed(served.fleet, "/a", number, 3.0, length=LENGTH, **more)
+        drawn(page, number)
+    until(page, "document.getElementById('states').textContent.includes('not judged: 1')")
+    words = ["model holds: 12", "machine changed: 1", "model inadequate", "not judged: 1"]
+    assert all(one in text(page, "#states") for one in words)
+    cells = page.evaluate(STRIP)
+    assert cells == ["green", "amber", "red", "pale"]
 
 
 def test_an_experiment_is_chosen_and_stays(page, served):

@@ -15,6 +15,7 @@ from watched import HOSTILE, LENGTH, feed, health, measured, predicted
 
 from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.base.experiment import Level, ModelRecord, Prediction, Signal
+from ldt_core.base.model_state import STATES
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from ldt_core.views.packed_samples import PackedChannel, PackedSamples
@@ -108,6 +109,36 @@ def test_the_worst_machine_comes_first():
     assert [c["key"] for c in cards] == order
     assert cards[2]["trouble"] == "silent: twin"
     assert cards[0]["age"] == SILENT_AFTER + 1
+
+
+@pytest.mark.parametrize("state", STATES.values(), ids=STATES)
+def test_the_lamp_is_the_state(state):
+    """In words and colour with the error over the noise; the signal's word stays beside it."""
+    fleet = Fleet()
+    feed(fleet, "", 1, state=state.name, adequacy=3.24)
+    (card,) = fleet.overview()["machines"]
+    assert (card["state"], card["words"], card["tone"]) == (state.name, state.words, state.tone)
+    assert (card["word"], card["noise"]) == ("negative", "3.2 times the noise")
+    step = fleet.machine("/")["steps"][0]
+    assert (step["state"], step["noise"]) == (state.name, 3.24)
+
+
+@pytest.mark.parametrize(("state", "adequacy"), [("", None), ("holds", 10.0), ("fine", 1.0)])
+def test_the_lamp_is_never_green_unless_the_model_is_known_to_hold(state, adequacy):
+    """Negative is no assurance."""
+    fleet = Fleet()
+    feed(fleet, "", 1, state=state, adequacy=adequacy)
+    (card,) = fleet.overview()["machines"]
+    assert (card["words"], card["tone"], card["word"]) == ("not judged", "open", "negative")
+
+
+def test_a_model_that_is_no_good_comes_before_one_that_holds():
+    """Also where the detector is negative of both: changed, inadequate, learning, holds."""
+    fleet = Fleet()
+    for name in ("holds", "inadequate", "learning", "changed"):
+        feed(fleet, f"/{name}", 1, state=name, adequacy=1.0)
+    order = [card["key"] for card in fleet.overview()["machines"]]
+    assert order == ["/changed", "/inadequate", "/learning", "/holds"]
 
 
 def test_a_graph_that_has_ended_is_not_in_trouble():

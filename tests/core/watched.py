@@ -46,6 +46,8 @@ def feed(
     error: float = 1.0,
     level: Level = Level.NEGATIVE,
     words: str = "",
+    state: str = "",
+    adequacy: float | None = None,
     **times: Any,
 ) -> None:
     """A whole turn of the loop."""
@@ -54,7 +56,8 @@ def feed(
     fleet.feed(namespace, "prediction", predicted(experiment, error))
     fleet.feed(namespace, "original_prediction", predicted(experiment, 2 * error))
     limits = {"warning_limit": 3.0, "drift_limit": 6.0}
-    signal = Signal(number, level, f"threshold{words}", 0, error, limits)
+    detector = f"threshold{words}"
+    signal = Signal(number, level, detector, 0, error, limits, state, adequacy)
     fleet.feed(namespace, "signal", signal)
     action = Action.ADAPTED if level is Level.POSITIVE else Action.KEPT
     if action is Action.ADAPTED:

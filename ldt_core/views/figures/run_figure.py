@@ -11,6 +11,7 @@ import numpy as np
 
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Action, Experiment, Level, Prediction, Signal, Step
+from ldt_core.base.model_state import NOT_JUDGED, STATES, shown_state, times_noise
 from ldt_core.recording.bag import read_twin_run
 from ldt_core.views.page import style
 from ldt_core.views.step_view import StepView, recorded_steps
@@ -19,7 +20,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-HEIGHT = 6.2  # inches: two panels in the proportions of a README
+HEIGHT = 6.6  # inches: two panels in the proportions of a README
+STRIP = 0.05  # of an axes' height: the cells of the states
+#: Tone of a state → colour.
+PAINTS = {
+    "good": style.GREEN,
+    "found": style.SKY,
+    "bad": style.VERMILION,
+    "vague": style.ORANGE,
+    "open": style.FAINT,
+}
 
 
 class ShownStep(NamedTuple):
@@ -139,9 +149,11 @@ def _experiment(axes: Axes, shown: ShownStep) -> None:
         )
     axes.set_xlabel("time [s]")
     axes.set_ylabel("speed [rad/s]")
+    beside = times_noise(signal.adequacy)
+    said = [f"max error {signal.max_error:.2f} rad/s", f"detector {signal.level.word}"]
     axes.set_title(
-        f"experiment {experiment.number}: max error {signal.max_error:.2f} rad/s, "
-        f"{signal.level.word}"
+        f"experiment {experiment.number}: {shown_state(signal).words}"
+        f"{f', error {beside}' if beside else ''}\n({', '.join(said)})"
     )
     axes.legend(loc="best", frameon=True, framealpha=0.9)
 
@@ -168,8 +180,25 @@ def _errors(axes: Axes, steps: list[StepView]) -> None:
     for index, n in enumerate(adapted):
         label = f"new model ({len(adapted)})" if index == 0 else None
         axes.axvline(n + 0.5, color=style.GREY, lw=0.8, zorder=0, label=label)
+    _states(axes, [signal for _, signal in judged])
     axes.set_xlabel("experiment")
     axes.set_ylabel("max error [rad/s]")
-    axes.set_ylim(bottom=0)
+    axes.set_ylim(0, axes.get_ylim()[1] / (1 - STRIP))
     # Above the axes: small runs have points wherever a legend could lie.
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4)
+
+
+def _states(axes: Axes, signals: list[Signal]) -> None:
+    """A cell an experiment along the upper edge, in the colour of its state."""
+    for state in (*STATES.values(), NOT_JUDGED):
+        found = [s.experiment for s in signals if shown_state(s) is state]
+        if found:
+            axes.broken_barh(
+                [(n - 0.5, 1.0) for n in found],
+                (1 - STRIP, STRIP),
+                transform=axes.get_xaxis_transform(),
+                facecolors=PAINTS[state.tone],
+                edgecolors=style.PAPER,
+                lw=0.3,
+                label=f"{state.brief} ({len(found)})",
+            )

@@ -15,7 +15,7 @@ from ldt_core.views.packed_samples import PackedSamples
 from ldt_core.views.page.page_builder import Program, one_script, render, view_file
 from ldt_core.views.report import report_sections
 from ldt_core.views.report.reported_run import ReportedRun, read_run
-from ldt_core.views.step_view import DetectorStatistic, rounded, statistic
+from ldt_core.views.step_view import STATE_WORDS, DetectorStatistic, rounded, statistic
 
 STYLES = ("report/uplot/uPlot.min.css", "report/templates/run.css")
 LIBRARY = "report/uplot/uPlot.iife.min.js"
@@ -61,6 +61,7 @@ def plotted_data(run: ReportedRun, compared: DetectorStatistic) -> dict[str, Any
             "warning": [rounded(v) for v in compared.warning],
             "drift": [rounded(v) for v in compared.drift],
         },
+        "states": STATE_WORDS,
         "worst": run.worst_first,
         "models": {
             str(m.version): {"kind": m.kind, "learned": list(m.trained_on)} for m in run.models

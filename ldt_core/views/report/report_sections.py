@@ -9,7 +9,8 @@ from pathlib import PurePath
 from markupsafe import Markup
 
 import msgs_config
-from ldt_core.base.experiment import Action, Level, ModelRecord, Signal
+from ldt_core.base.experiment import Action, ModelRecord, Signal
+from ldt_core.base.model_state import STATES, shown_state, times_noise
 from ldt_core.base.sentences import number, ranges, spans, spoken
 from ldt_core.base.settings import UNSET, as_options
 from ldt_core.doctor.check import Finding, Grade
@@ -29,13 +30,12 @@ from ldt_core.views.page.blocks import (
 )
 from ldt_core.views.page.page_builder import fill
 from ldt_core.views.report.reported_run import ReportedRun
-from ldt_core.views.step_view import DetectorStatistic
+from ldt_core.views.step_view import LIMITS, DetectorStatistic
 
 FOOTER = (
     "Errors are maxima over an experiment of the distance between measured and predicted speed; "
     "predictions are free runs, which see the voltage alone. The page is whole: it loads nothing."
 )
-TONES = {Level.NEGATIVE: "good", Level.WARNING: "open", Level.POSITIVE: "bad"}
 KINDS = {"none": "good", "effect": "found", "ambiguous": "vague", "unknown": "open"}
 GRADES = {Grade.WARNING: "open", Grade.PROBLEM: "bad"}
 
@@ -74,10 +74,26 @@ def answer(run: ReportedRun) -> Answer:
     sentence += (
         f"; the worst was experiment {worst.experiment} with {number(worst.max_error)}. "
         f"The detector was positive {times}, and "
-        f"{_count(summary.adaptations, 'new model')} came into force."
+        f"{_count(summary.adaptations, 'new model')} came into force. {_judged(run)}"
     )
-    aside = f"the last signal, of experiment {last.experiment}"
-    return Answer(Mark(last.level.word, TONES[last.level]), aside, sentence)
+    beside = times_noise(last.adequacy)
+    aside = f"{f'error {beside}; ' if beside else ''}detector: {last.level.word}"
+    aside += f"; experiment {last.experiment}, the last"
+    state = shown_state(last)
+    return Answer(Mark(state.words, state.tone), aside, sentence)
+
+
+def _judged(run: ReportedRun) -> str:
+    """In how many experiments the model held, and what was known of the others."""
+    counts = run.summary.states
+    if counts["not_judged"] == run.summary.experiments:
+        return "Whether the model held was not judged."
+    held = f"The model held in {counts['holds']} of {_count(run.summary.experiments, 'experiment')}"
+    named = [(s.brief, counts[s.name]) for s in STATES.values()]
+    others = [f"{words} in {count}" for words, count in named[1:] if count]
+    if counts["not_judged"]:
+        others.append(f"not judged in {counts['not_judged']}")
+    return f"{held}; {', '.join(others)}." if others else f"{held}."
 
 
 def sections(run: ReportedRun, compared: DetectorStatistic) -> list[Section]:
@@ -127,7 +143,8 @@ def _diagnoses(run: ReportedRun) -> Section:
 def _every(run: ReportedRun) -> Section:
     rows = [run.steps[index] for index in run.worst_first]
     link = "#experiment-{}"
-    table = _template("every.html", rows=rows, link=link, number=number)
+    own = {"state": shown_state, "number": number}
+    table = _template("every.html", rows=rows, link=link, **own)
     return Section("every", "All experiments, worst first", [table])
 
 
@@ -259,14 +276,14 @@ def _settings(run: ReportedRun, compared: DetectorStatistic) -> list[Block]:
         ("detector", ", ".join(dict.fromkeys(s.detector for s in run.signals))),
         ("it compares", compared.label),
     ]
-    limits = {"warning_limit": "warns above", "drift_limit": "is positive above"}
-    for name, words in limits.items():
-        values = [s.statistics[name] for s in run.signals if name in s.statistics]
-        if values:
+    limits = {"warns above": compared.warning, "is positive above": compared.drift}
+    for words, row in limits.items():
+        if values := [v for v in row if v is not None]:
             pairs.append((words, f"{_span(values)} {compared.unit}".strip()))
-    own = {n: v for n, v in run.signals[-1].statistics.items() if n not in limits}
+    shown = LIMITS if any(map(any, limits.values())) else ()
+    own = {n: v for n, v in run.signals[-1].statistics.items() if n not in shown}
     if own:
-        text = ", ".join(f"{spoken(name)} {number(v)}" for name, v in own.items())
+        text = ", ".join(f"{spoken(name)} {_value(v)}" for name, v in own.items())
         pairs.append(("last statistics", text))
     parameters = run.models[0].parameters.get("machine") if run.models else None
     if isinstance(parameters, dict):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ldt_core.views.page.page_builder import escaped_json, fill, one_script, view_file
-from ldt_core.views.step_view import StepView
+from ldt_core.views.step_view import STATE_WORDS, StepView
 
 LIBRARY = "report/uplot/uPlot.iife.min.js"
 SHEETS = (
@@ -21,6 +21,7 @@ PARTS = (
 EMPTY = {
     **{name: [] for name in StepView(0).row()},
     "statistic": {"label": "statistic", "value": [], "warning": [], "drift": []},
+    "states": STATE_WORDS,
     "worst": [],
     "models": {},
     "diagnoses": {},

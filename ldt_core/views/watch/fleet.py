@@ -9,14 +9,16 @@ from typing import Any
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Level
+from ldt_core.base.model_state import NOT_JUDGED, shown_state, times_noise
 from ldt_core.recording.node_status import HEALTH_TOPIC
 from ldt_core.views.step_view import rounded, statistic
 from ldt_core.views.watch.watched_machine import MOST_SAMPLES, WatchedMachine, text
 
 MACHINES = 100  # that are shown, as many as a graph may have
 COURSE = 30  # errors in the overview, the last ones: about as many as a card has room for
-#: How bad a signal is, beside nodes that have fallen silent (2) or none at all (-1).
-RANKS = {Level.POSITIVE: 3, Level.WARNING: 1, Level.NEGATIVE: 0}
+#: How bad a signal and the tone of its state are, beside nodes that have fallen silent or nothing.
+RANKS = {Level.POSITIVE: 4, Level.WARNING: 1, Level.NEGATIVE: 0}
+TONES = {"bad": 4, "vague": 3, "open": 1, "found": 1, "good": 0}
 SILENT, NOTHING = 2, -1
 
 
@@ -180,7 +182,8 @@ class Fleet:
 
     def _card(self, machine: WatchedMachine, now: float) -> dict[str, Any]:
         signal, done, diagnosis = machine.signal, machine.adaptation, machine.diagnosis
-        rank = RANKS[signal.level] if signal else NOTHING
+        state = shown_state(signal) if signal else NOT_JUDGED
+        rank = max(RANKS[signal.level], TONES[state.tone]) if signal else NOTHING
         silent = machine.nodes.silent(now) if self.live else []
         trouble = [f"silent: {', '.join(silent)}"] if silent else []
         if any(told.warns for told in machine.nodes.told.values()):
@@ -197,6 +200,10 @@ class Fleet:
             "rank": max(rank, SILENT if silent else rank),
             "level": int(signal.level) if signal else None,
             "word": signal.level.word if signal else "no signal yet",
+            "state": state.name,
+            "words": state.words if signal else "no signal yet",
+            "tone": state.tone,
+            "noise": times_noise(signal.adequacy) if signal else "",
             "experiment": signal.experiment if signal else None,
             "error": rounded(signal.max_error) if signal else None,
             "version": version,

@@ -6,7 +6,7 @@ const rank = RUN.worst.reduce((ranks, index, i) => {
 const short = (i) =>
   `experiment ${RUN.number[i]}: error ${four(RUN.error[i])} rad/s` +
   (RUN.original[i] == null ? "" : `, original model ${four(RUN.original[i])} rad/s`) +
-  `, ${WORDS[RUN.level[i]]}`;
+  `; ${said(i)}`;
 const course = Group(
   "course",
   (i) => {
@@ -72,7 +72,7 @@ at("choice").append(
   ...RUN.worst.map((i) =>
     make(
       "option",
-      `${RUN.number[i]}: ${four(RUN.error[i])} rad/s, ${WORDS[RUN.level[i]]}${RUN.action[i] === "adapted" ? ", new model" : ""}`,
+      `${RUN.number[i]}: ${four(RUN.error[i])} rad/s, ${brief(RUN.state[i])}${RUN.action[i] === "adapted" ? ", new model" : ""}`,
       { value: String(i) },
     ),
   ),

@@ -69,6 +69,42 @@ function levels(u) {
   ctx.restore();
 }
 
+const STRIP = 12; // pixels
+function states(u) {
+  // above the curves: a cell an experiment
+  const { ctx, bbox } = u,
+    ratio = uPlot.pxRatio,
+    right = bbox.left + bbox.width;
+  ctx.save();
+  RUN.number.forEach((number, i) => {
+    if (RUN.level[i] == null) return;
+    const edge = (x) => Math.round(Math.min(Math.max(u.valToPos(x, "x", true), bbox.left), right));
+    const from = edge(number - 0.5),
+      width = edge(number + 0.5) - from;
+    if (width <= 0) return;
+    const gap = width > 5 * ratio ? ratio : 0; // between cells, where there is room
+    ctx.fillStyle = color(PAINTS[stateOf(i)[1]]);
+    ctx.globalAlpha = RUN.state[i] ? 1 : 0.45;
+    ctx.fillRect(from, bbox.top - (STRIP + 4) * ratio, width - gap, STRIP * ratio);
+  });
+  ctx.restore();
+}
+
+function counted() {
+  // the key of the cells: each state that there is, and in how many experiments
+  const list = at("states");
+  if (!list) return;
+  list.replaceChildren(
+    ...Object.entries(RUN.states).flatMap(([name, [words, tone]]) => {
+      const count = RUN.level.filter((l, i) => l != null && (RUN.state[i] || "") === name).length;
+      if (!count) return [];
+      const item = make("li");
+      item.append(make("i", "", { className: `cell ${tone}` }), make("span", `${words}: ${count}`));
+      return [item];
+    }),
+  );
+}
+
 function learned(u) {
   // a dot where a version learned from an experiment
   const { ctx } = u,
@@ -145,7 +181,7 @@ function plot(group, name, x, rows) {
       series,
       bands,
       legend: { show: false },
-      padding: [10, 12, 0, 0],
+      padding: [name === "error" ? STRIP + 8 : 10, 12, 0, 0],
       cursor: {
         y: false,
         sync: { key: group.name, setSeries: false },
@@ -191,7 +227,14 @@ function plot(group, name, x, rows) {
       ],
       hooks: {
         drawAxes: course ? [verticals] : [],
-        draw: name === "versions" ? [learned] : course ? [levels] : [],
+        draw:
+          name === "versions"
+            ? [learned]
+            : name === "error"
+              ? [levels, states, counted]
+              : course
+                ? [levels]
+                : [],
         setScale: [
           (self, key) => {
             if (key === "x") group.zoomed(self);

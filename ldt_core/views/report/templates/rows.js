@@ -1,6 +1,13 @@
 // What is drawn: the run's figures, and the samples of an experiment.
 const RUN = JSON.parse(document.getElementById("data").textContent);
 const WORDS = { "-1": "negative", 0: "warning", 1: "positive" };
+// State of machine and model: what people are told, and in which colour.
+const stateOf = (i) => RUN.states[RUN.state[i]] || RUN.states[""];
+const brief = (state) => RUN.states[state][0].split(":")[0];
+const noiseOf = (i) => (RUN.noise[i] == null ? "" : `error ${+RUN.noise[i].toPrecision(2)} times the noise`);
+const said = (i) =>
+  [stateOf(i)[0], noiseOf(i), `detector: ${WORDS[RUN.level[i]]}`].filter(Boolean).join(", ");
+const PAINTS = { good: "green", found: "sky", bad: "vermilion", vague: "orange", open: "grey" };
 const HEIGHTS = {
   error: 260,
   statistic: 200,

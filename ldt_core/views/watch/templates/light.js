@@ -1,11 +1,11 @@
-// The signal as a traffic light: place, shape and colour say the same, and a word stands beside it.
+// The state of machine and model as a traffic light: place, shape and colour say the same, and a word stands beside it.
 const SVG = "http://www.w3.org/2000/svg";
 const LAMPS = [
-  [1, "positive", "M5 4h16v16H5z", "M9 8l8 8m0-8l-8 8"],
-  [0, "warning", "M13 26l9.5 16.5h-19z", "M13 31.5v5m0 2.2v.6"],
-  [-1, "negative", "M13 48a8.5 8.5 0 1 1-.01 0z", "M9.2 56.6l2.8 2.8 5-5.4"],
+  ["bad", "M5 4h16v16H5z", "M9 8l8 8m0-8l-8 8"],
+  ["vague", "M13 25l9.5 16.5h-19z", "M13 30.5v5m0 2.2v.6"],
+  ["found", "M13 46l9.5 9.5-9.5 9.5-9.5-9.5z", "M9 55.5h8"],
+  ["good", "M13 70a8.5 8.5 0 1 1-.01 0z", "M9.2 78.6l2.8 2.8 5-5.4"],
 ];
-const TONES = { 1: "bad", 0: "vague", "-1": "good" };
 
 function drawn(tag, more) {
   const e = document.createElementNS(SVG, tag);
@@ -14,18 +14,18 @@ function drawn(tag, more) {
 }
 
 function light() {
-  const svg = drawn("svg", { viewBox: "0 0 26 70", class: "light", "aria-hidden": "true" });
-  svg.append(drawn("rect", { x: 1, y: 1, width: 24, height: 68, rx: 5, class: "case" }));
-  LAMPS.forEach(([, word, lamp, sign]) =>
+  const svg = drawn("svg", { viewBox: "0 0 26 92", class: "light", "aria-hidden": "true" });
+  svg.append(drawn("rect", { x: 1, y: 1, width: 24, height: 90, rx: 5, class: "case" }));
+  LAMPS.forEach(([tone, lamp, sign]) =>
     svg.append(
-      drawn("path", { d: lamp, class: `lamp ${word}` }),
-      drawn("path", { d: sign, class: `sign ${word}` }),
+      drawn("path", { d: lamp, class: `lamp ${tone}` }),
+      drawn("path", { d: sign, class: `sign ${tone}` }),
     ),
   );
-  svg.set = (level) =>
-    LAMPS.forEach(([own, word]) => {
-      svg.querySelector(`.lamp.${word}`).classList.toggle("lit", own === level);
-      svg.querySelector(`.sign.${word}`).classList.toggle("shown", own === level);
+  svg.set = (tone) =>
+    LAMPS.forEach(([own]) => {
+      svg.querySelector(`.lamp.${own}`).classList.toggle("lit", own === tone);
+      svg.querySelector(`.sign.${own}`).classList.toggle("shown", own === tone);
     });
   return svg;
 }

@@ -31,7 +31,7 @@ function short(i) {
     `experiment ${RUN.number[i]}: ` +
     (judged ? `error ${four(RUN.error[i])} rad/s` : "not judged yet") +
     (RUN.original[i] == null ? "" : `, original model ${four(RUN.original[i])} rad/s`) +
-    (judged ? `, ${WORDS[RUN.level[i]]}` : "")
+    (judged ? `; ${said(i)}` : "")
   );
 }
 
@@ -76,6 +76,8 @@ function columns(message) {
     error: column("error"),
     original: column("original"),
     level: column("level"),
+    state: column("state"),
+    noise: column("noise"),
     version: column("version"),
     action: column("action"),
     reason: column("reason"),
@@ -187,8 +189,8 @@ function showChoice() {
   const choice = at("choice"),
     numbers = [...RUN.number].reverse();
   const text = (n) => {
-    const { error, level, action } = seen.steps.get(n);
-    const words = error == null ? "not judged yet" : `${four(error)} rad/s, ${WORDS[level]}`;
+    const { error, state, action } = seen.steps.get(n);
+    const words = error == null ? "not judged yet" : `${four(error)} rad/s, ${brief(state)}`;
     return `${n}: ${words}${action === "adapted" ? ", new model" : ""}`;
   };
   if (document.activeElement !== choice || choice.options.length === 0) {
@@ -232,10 +234,10 @@ let spoken = "",
 function showStatus() {
   const c = seen.card;
   write(at("one-title"), c.title + (c.machine && c.machine !== c.title ? ` (${c.machine})` : ""));
-  at("status").className = `answer ${TONES[c.level] || "open"}`;
-  lamp.set(c.level);
-  write(at("word"), c.word);
-  const aside = [];
+  at("status").className = `answer ${c.tone}`;
+  lamp.set(c.tone);
+  write(at("word"), c.words);
+  const aside = c.level == null ? [] : [c.noise && `error ${c.noise}`, `detector: ${c.word}`].filter(Boolean);
   if (c.experiment != null) aside.push(`experiment ${c.experiment}`);
   if (c.age != null) aside.push(ago(since(c)));
   write(at("aside"), aside.join(", "));
@@ -253,10 +255,10 @@ function showStatus() {
       : "None yet. A graph that was started with --diagnose makes one at a positive.",
   );
   at("diagnosis").className = d ? "" : "missing";
-  document.title = `${c.word}: ${c.title} – LDT live`;
+  document.title = `${c.words}: ${c.title} – LDT live`;
   const now = performance.now();
-  if (`${c.title}: ${c.word}` !== spoken && now - spokenAt > 3000) {
-    spoken = `${c.title}: ${c.word}`;
+  if (`${c.title}: ${c.words}` !== spoken && now - spokenAt > 3000) {
+    spoken = `${c.title}: ${c.words}`;
     spokenAt = now;
     write(at("announce"), spoken);
   }

@@ -46,12 +46,12 @@ const since = (c) => (c.age == null ? null : c.age + (performance.now() - heard)
 
 function fill({ link, parts }, c) {
   link.href = `#machine=${encodeURIComponent(c.key)}`;
-  link.className = TONES[c.level] || "open";
-  parts.light.set(c.level);
+  link.className = c.tone;
+  parts.light.set(c.tone);
   write(parts.name, c.title);
-  write(parts.word, c.word);
+  write(parts.word, c.words);
   write(parts.error, c.error == null ? "" : `, error ${four(c.error)} rad/s`);
-  const more = [];
+  const more = c.level == null ? [] : [c.noise && `error ${c.noise}`, `detector: ${c.word}`].filter(Boolean);
   if (c.experiment != null) more.push(`experiment ${c.experiment}`);
   if (c.version != null) more.push(`model version ${c.version}`);
   if (c.age != null) more.push(ago(since(c)));
