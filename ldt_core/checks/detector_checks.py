@@ -142,12 +142,12 @@ def _quiet_at_zero(detector: Detector) -> None:
 
 @_detector_check
 def _starts_anew_after_a_drift(detector: Detector) -> None:
-    """After a positive the detector is as good as new, unless its class says `lifelong`."""
+    """After a positive the detector is as good as new."""
     own = detector.clone()
     for residual in _stream():
         drifted = own.drift_detected
         own.update(residual)
-        if drifted and not own.lifelong:
+        if drifted:
             fresh = detector.clone()
             fresh.update(residual)
             assert _seen(own) == _seen(fresh), "it remembers what was before the drift it detected"

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ldt_core.lab.tuning.tune import Tuning
 
 #: As `ldt_core.lab.tuning.candidates.TUNED`, whose import takes a second.
-DETECTORS = ("threshold", "lddm", "window", "calibrated")
+DETECTORS = ("threshold", "lddm", "window", "adequacy")
 
 
 @click.command(
@@ -36,7 +36,7 @@ DETECTORS = ("threshold", "lddm", "window", "calibrated")
     default="",
     metavar="RANGES",
     help="Experiments in which the machine had not changed, as 1:20 or 1:20,60:80; without, the "
-    "longest stretch that the calibrated detector accepts as unchanged.",
+    "longest stretch that the model explains, as the adequacy detector judges.",
 )
 @click.option(
     "--detector",

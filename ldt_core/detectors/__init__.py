@@ -25,7 +25,6 @@ DETECTORS = Registry(
         "window": "ldt_core.detectors.window:Window",
         "never": "ldt_core.detectors.never:Never",
         "adequacy": "ldt_core.detectors.adequacy:Adequacy",
-        "calibrated": "ldt_core.detectors.calibrated:Calibrated",
         "river": "ldt_core.detectors.river_adapter:River",
     },
     "ldt.detector",

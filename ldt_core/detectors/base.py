@@ -37,8 +37,6 @@ class Detector(abc.ABC):
     warns: ClassVar[bool] = True
     #: Whether the order of the samples inside an experiment does not matter to it.
     order_free: ClassVar[bool] = False
-    #: Whether what it learned of the machine in control outlasts a positive (`restart`).
-    lifelong: ClassVar[bool] = False
     #: Whether `state` is all that decides its answers, to the last bit, so that a twin that is
     #: started again may go on from it. Said by each class for itself, not for those derived of it.
     resumable: ClassVar[bool] = False
@@ -54,7 +52,7 @@ class Detector(abc.ABC):
         self.signal = Level.NEGATIVE
 
     def restart(self) -> None:
-        """Start anew after a positive; a `lifelong` detector keeps here what it may keep."""
+        """Start anew after a positive."""
         self.reset()
 
     @abc.abstractmethod

@@ -29,7 +29,9 @@ class Assessor:
     def update(self, residual: Samples, deviation: Samples | None) -> None:
         """Take in one experiment, see `Detector.update`."""
         if self.judge.drift_detected:  # nobody has learned from it: what was found still stands
-            self.judge.misfit = min(self.judge.misfit, self.judge.false_alarm_every)
+            limit = self.judge.false_alarm_every
+            self.judge.misfit = min(self.judge.misfit, limit)
+            self.judge.unexplained = min(self.judge.unexplained, limit)
             self.judge.signal = Level.NEGATIVE
         self.judge.update(residual, deviation)
 

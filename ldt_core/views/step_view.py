@@ -24,7 +24,6 @@ KNOWN = {
     "lddm": ("p_plus_s", "rate of wrong samples, and its deviation", ""),
     "window": ("experiments", "experiments since the last positive", ""),
     "adequacy": ("adequacy", "error over the noise", ""),
-    "calibrated": ("relative_error", "error in yardsticks", ""),
     "river": ("input", "last value fed to river's detector", ""),
 }
 

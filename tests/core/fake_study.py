@@ -98,10 +98,10 @@ def fake_study(
             add("sweep", model, "threshold", **LITERAL, threshold=value)
             add("sweep", model, "lddm", **LITERAL, error_threshold=value)
     for model in ("diagnosed", "hybrid"):
-        add("better", model, "calibrated")
+        add("better", model, "adequacy")
     add("better", "linear", "threshold")
     for group, kind in (("kinds", "ramp"), ("control", "none")):
-        add(group, "diagnosed", "calibrated", degradation=kind)
+        add(group, "diagnosed", "adequacy", degradation=kind)
         add(group, "hybrid", "threshold", degradation=kind)
     settings = {"seeds": seeds, "experiments": experiments, "machine": machine}
     facts = {stream_key(e.result.case): fake_facts(e.result) for e in entries}

@@ -94,7 +94,9 @@ def test_every_declared_argument_belongs_to_a_detector():
     assert set(msgs_config.parameters("detector")) <= taken | {"detector", "detector_argument"}
 
 
-@pytest.mark.parametrize("module", ["threshold", "lddm", "window", "never", "river_adapter"])
+@pytest.mark.parametrize(
+    "module", ["adequacy", "threshold", "lddm", "window", "never", "river_adapter"]
+)
 def test_examples_are_true(module):
     """Every detector's docstring has an example, and it runs as printed."""
     if module == "river_adapter":

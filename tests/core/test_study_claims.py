@@ -236,7 +236,7 @@ def better(side, make, truths=lambda seed, d: facts(seed)):
     entries, known = [], {}
     for seed in SEEDS:
         d = swing(side, seed)
-        run = made_up(TRUTH, model="diagnosed", detector="calibrated", seed=seed, **make(seed, d))
+        run = made_up(TRUTH, model="diagnosed", detector="adequacy", seed=seed, **make(seed, d))
         entries.append(Entry(run, ("better",)))
         known[stream_key(run.case)] = truths(seed, d)
     return Study({}, tuple(entries), facts=known)
@@ -354,7 +354,7 @@ def test_stated_and_observed_false_alarms(alarms, verdict):
             [0.0] * 40,
             first(alarms if alarms else 2 * (seed < 3)),
             model="diagnosed",
-            detector="calibrated",
+            detector="adequacy",
             seed=seed,
             **given,
         )

@@ -81,11 +81,11 @@ def only(study: Study, *groups: str) -> Study:
 
 
 def named(study: Study, detector: str) -> Study:
-    """The same with another name for the calibrated detector."""
+    """The same with another name for the adequacy detector."""
 
     def renamed(entry):
         case = entry.result.case
-        if case.detector != "calibrated":
+        if case.detector != "adequacy":
             return entry
         return replace(entry, result=replace(entry.result, case=replace(case, detector=detector)))
 

@@ -19,7 +19,7 @@ def study() -> Study:
     paper = [
         made_up(TRUTH, [11, 20], seed=seed, max_error=1.0 + seed, original=4.0) for seed in (0, 1)
     ]
-    quiet = made_up(TRUTH, model="diagnosed", detector="calibrated", seed=0, original=4.0)
+    quiet = made_up(TRUTH, model="diagnosed", detector="adequacy", seed=0, original=4.0)
     (case, _) = baseline_cases(paper[0])
     baseline = replace(paper[0], case=case)
     entries = [*(Entry(r, ("paper", "sweep")) for r in paper), Entry(quiet, ("better",))]
@@ -41,7 +41,7 @@ def test_the_table_has_the_agreed_columns_and_one_row_a_run(tmp_path):
     assert [(r["model"], r["detector"], r["seed"]) for r in rows] == [
         ("hybrid", "threshold", "0"),
         ("hybrid", "threshold", "1"),
-        ("diagnosed", "calibrated", "0"),
+        ("diagnosed", "adequacy", "0"),
     ]
     assert [float(r["mme"]) for r in rows] == [1.0, 2.0, 1.0]
     assert (rows[0]["precision"], rows[0]["recall"], rows[0]["adaptations"]) == ("0.5", "1.0", "2")

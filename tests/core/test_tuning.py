@@ -13,7 +13,7 @@ from fake_tuning import NOISE, STEPS, Level, recording
 
 from ldt_core.base.errors import BadInput, OptionError, RecordingError
 from ldt_core.base.settings import resolve
-from ldt_core.detectors.calibrated import Calibrated
+from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.detectors.lddm import LDDM
 from ldt_core.detectors.threshold import Threshold
 from ldt_core.detectors.window import Window
@@ -240,11 +240,11 @@ def test_the_calendar_needs_no_experiments():
     assert not found.keep(11)
 
 
-def test_the_calibrated_detector_is_taken_at_its_word_unless_it_breaks_it(monkeypatch):
+def test_the_adequacy_detector_is_taken_at_its_word_unless_it_breaks_it(monkeypatch):
     rng = np.random.default_rng(1)
     rows = [(NOISE * rng.standard_normal(50), None) for _ in range(20)]
     monkeypatch.setattr(in_control, "STREAMS", 10)
-    assert false_alarms(Calibrated(100), rows).keep(100)
+    assert false_alarms(Adequacy(100), rows).keep(100)
     broken = FalseAlarms(rate=0.2, low=0.1, high=0.4, law=0.01)
     assert not broken.keep(100)
 

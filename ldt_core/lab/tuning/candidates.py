@@ -16,7 +16,7 @@ TUNED = {
     "threshold": "threshold",
     "lddm": "error_threshold",
     "window": "window",
-    "calibrated": "false_alarm_every",
+    "adequacy": "false_alarm_every",
 }
 #: Values of `false_alarm_every` that are tried: fewest experiments, most.
 RARITY = (20.0, 5000.0)
@@ -94,7 +94,7 @@ def first_round(
         "threshold": (low, high),
         "lddm": (low, high),
         "window": (2, max(3, len(errors) // 2)),
-        "calibrated": RARITY,
+        "adequacy": RARITY,
     }
     return [
         s

@@ -9,14 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
-from scipy.special import ndtr
 
 from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.experiment import Experiment, Samples, rms
+from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.detectors.base import Detector
-from ldt_core.detectors.calibrated import Calibrated
 from ldt_core.detectors.never import Never
-from ldt_core.detectors.reference import Reference
 from ldt_core.detectors.threshold import Threshold
 from ldt_core.detectors.window import Window
 from ldt_core.models.base import Model
@@ -94,9 +92,9 @@ def chosen(ranges: Sequence[tuple[int, int]], numbers: Sequence[int]) -> list[in
 
 
 def judged(rows: Sequence[Row]) -> list[int]:
-    """Indices of the longest stretch that the calibrated detector accepts as unchanged.
+    """Indices of the longest stretch that the untrained model explains.
 
-    A stretch begins with a detector that knows nothing, ends before its first positive, and is cut
+    A stretch begins with an adequacy detector, ends before its first positive, and is cut
     shorter until the error has no trend along it. Empty when none of `LEAST_IN_CONTROL` is
     accepted, as where the untrained model is far off everywhere.
 
@@ -108,7 +106,7 @@ def judged(rows: Sequence[Row]) -> list[int]:
     for begin in range(0, len(rows) - LEAST_IN_CONTROL + 1, max(1, len(rows) // STRETCH_STARTS)):
         if len(rows) - begin <= len(best):
             break
-        detector = Calibrated(JUDGING_ALARM_EVERY)
+        detector = Adequacy(JUDGING_ALARM_EVERY)
         stop = begin
         while stop < len(rows):
             detector.update(*rows[stop])
@@ -198,6 +196,9 @@ STREAM = (0, 5)  # of random numbers: the same for every detector, apart from th
 #: The largest error of an experiment scatters at least so much, relative to itself: a few
 #: experiments whose largest errors agree better do so by chance.
 LEAST_SCATTER = 0.01
+#: The upper tail is a law's this share. It is doubted as if so many values in it had been seen: few
+#: experiments in control have no more.
+TAIL, TAIL_SEEN = 0.1, 10.0
 
 
 @dataclass(frozen=True)
@@ -251,7 +252,9 @@ def false_alarms(detector: Detector, rows: Sequence[Row]) -> FalseAlarms:
         fresh, alarms = detector.clone(), 0
         for index in there[rng.integers(len(rows), size=LENGTH)]:
             fresh.update(*rows[index])
-            alarms += fresh.drift_detected
+            if fresh.drift_detected:
+                alarms += 1
+                fresh.answered(False)  # nothing has changed, so there is nothing to learn
         rates.append(alarms / LENGTH)
     rate = float(np.mean(rates))
     tail = (1 - CONFIDENCE) / 2
@@ -275,9 +278,11 @@ def most(rate: float, experiments: int) -> float:
 
 def limit_of(rows: Sequence[Row], every: float) -> float:
     """The limit that the largest error of the next experiment exceeds once in so many [rad/s]."""
-    law = _law_of_largest(rows)
-    unusual = -float(stats.norm.ppf(1 / every))
-    return math.exp(law.quantile(unusual, LEAST_SCATTER))
+    mean, spread, freedom = _law_of_largest(rows)
+    chance = 1 / every
+    if chance < TAIL:  # the inverse of `_doubted`
+        chance = TAIL * math.exp(-TAIL_SEEN * ((chance / TAIL) ** (-1 / TAIL_SEEN) - 1))
+    return math.exp(mean + spread * float(stats.t.isf(chance, freedom)))
 
 
 def _law(detector: Detector, rows: Sequence[Row]) -> float | None:
@@ -285,18 +290,34 @@ def _law(detector: Detector, rows: Sequence[Row]) -> float | None:
         return 0.0
     if isinstance(detector, Window):
         return 1 / detector.window
-    if isinstance(detector, Calibrated):
+    if isinstance(detector, Adequacy):
         return 1 / detector.false_alarm_every
-    if isinstance(detector, Threshold) and detector.threshold > 0:
-        law = _law_of_largest(rows)
-        if law.known:
-            return float(ndtr(-law.unusual(math.log(detector.threshold), LEAST_SCATTER)))
+    if isinstance(detector, Threshold) and detector.threshold > 0 and len(rows) > 1:
+        mean, spread, freedom = _law_of_largest(rows)
+        chance = stats.t.sf((math.log(detector.threshold) - mean) / spread, freedom)
+        return _doubted(float(chance))
     return None
 
 
-def _law_of_largest(rows: Sequence[Row]) -> Reference:
-    law = Reference()
-    for residual, _ in rows:
-        largest = float(np.abs(residual).max())
-        law.take(math.log(max(largest, 1e-300)), LEAST_SCATTER)
-    return law
+def _doubted(chance: float) -> float:
+    """The chance of a number in the upper tail, where the law of the tail is not known.
+
+    log(TAIL / chance) is exponential with mean 1 if the law is right. With the doubt about that
+    mean it has a generalised Pareto law (Siffer et al., "Anomaly detection in streams with extreme
+    value theory", KDD 2017).
+    """
+    if chance >= TAIL:
+        return chance
+    far = math.log(TAIL / max(chance, 1e-300))
+    return float(TAIL * (1 + far / TAIL_SEEN) ** -TAIL_SEEN)
+
+
+def _law_of_largest(rows: Sequence[Row]) -> tuple[float, float, int]:
+    """Mean, spread and degrees of freedom of the law of the next logarithm of a largest error.
+
+    If the logarithms are normal, of unknown mean and variance, the next one minus their mean, over
+    their deviation times sqrt(1 + 1/n), has Student's law with n - 1 degrees of freedom.
+    """
+    logs = [math.log(max(float(np.abs(residual).max()), 1e-300)) for residual, _ in rows]
+    deviation = max(float(np.std(logs, ddof=1)), LEAST_SCATTER)
+    return float(np.mean(logs)), deviation * math.sqrt(1 + 1 / len(logs)), len(logs) - 1

@@ -242,9 +242,9 @@ def _by_budget(
     if budget.every is not None:
         if "window" in detectors:
             found += settings_of("window", "window", [math.ceil(budget.every)])
-        if "calibrated" in detectors:
+        if "adequacy" in detectors:
             found.append(
-                DetectorSetting("calibrated", "false_alarm_every", float(max(budget.every, 10)))
+                DetectorSetting("adequacy", "false_alarm_every", float(max(budget.every, 10)))
             )
         if "threshold" in detectors and known is not None:
             limit = limit_of(known.rows, budget.every)

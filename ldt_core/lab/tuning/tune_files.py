@@ -74,7 +74,7 @@ def _alarms(found: Tuning) -> Iterator[str]:
         yield "no experiments are known to be in control: the rate of false alarms is unknown"
         return
     size = len(control.numbers)
-    source = "as given" if control.given else "as the calibrated detector judges"
+    source = "as given" if control.given else "as the adequacy detector judges"
     yield (
         f"in control: {count(size, 'experiment')} ({control.text}, {source}); they alone can show "
         f"at most one false alarm in {1 / most(0.0, size):.3g}"

@@ -105,7 +105,7 @@ LOOKS = {
     "threshold": Look("threshold", VERMILION, "-", "o"),
     "lddm": Look("LDDM", SKY, (0, (5, 1.6)), "^"),
     "window": Look("window", GREY, (0, (6, 1.5, 1.2, 1.5)), "s"),
-    "calibrated": Look("calibrated", INK, "-", "D"),
+    "adequacy": Look("adequacy", INK, "-", "D"),
     "never": Look("never", GREY, ":", "x"),
     "periodic": Look("periodic", GREY, ":", "|"),
     "random": Look("random", GREY, ":", "."),

@@ -14,7 +14,7 @@ from ldt_core.lab.study.facts import PROMPT_WINDOW
 from ldt_core.lab.study.study import BySeed, Evidence, ScoredRun, over
 
 AIM = "an aim of this project"
-MODEL, DETECTOR = "diagnosed", "calibrated"  # the learner that the aims are about
+MODEL, DETECTOR = "diagnosed", "adequacy"  # the learner that the aims are about
 OVER_TRUE = 1.5  # times the MME of the true model
 LEFT_SHARE = 0.1  # share of the original's MME
 RECALL, PRECISION = 0.9, 0.8
@@ -87,12 +87,13 @@ def precision(evidence: Evidence) -> Parts:
 def false_alarms_as_stated(evidence: Evidence) -> Claim:
     """The stated false-alarm rate on streams on which nothing drifts.
 
-    Met when the exact interval of the rate observed holds the stated one, missed when not: there is
-    no third answer, but few experiments hold little against a rate. The evidence says how many.
+    What is stated is the most that there may be. Missed when the exact interval of the rate
+    observed lies above it, else met: there is no third answer, but few experiments hold little
+    against a rate. The evidence says how many.
     """
     statement = Statement(
         "false-alarms-as-stated",
-        "On streams without drift the false-alarm rate is the stated one.",
+        "On streams without drift false alarms are no more frequent than stated.",
         AIM,
         "False alarms in 1000 experiments without drift",
         lambda evidence: (),
@@ -111,7 +112,7 @@ def false_alarms_as_stated(evidence: Evidence) -> Claim:
         f"{statement.measure}: {found.text()}, {alarms} in {exposure} experiments of "
         f"{len(results)} streams; stated {number(stated)}."
     )
-    verdict = ClaimVerdict.MET if found.low <= stated <= found.high else ClaimVerdict.MISSED
+    verdict = ClaimVerdict.MET if found.low <= stated else ClaimVerdict.MISSED
     return Claim(statement.id, statement.text, statement.where, verdict, text)
 
 

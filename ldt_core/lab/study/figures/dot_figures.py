@@ -88,15 +88,15 @@ def false_alarms(evidence: Evidence) -> Drawing | None:
         exposure = sum(len(r.number) for r in results)
         found = rate(events, exposure)
         rows.append(Dots(pair(model, detector), model, found))
-        if detector == "calibrated":
+        if detector == "adequacy":
             every = float(results[0].case.resolved[STATED])
             stated.add(1 / every)
-            inside = found.low <= 1 / every <= found.high
+            kept = found.low <= 1 / every
             words.append(
-                f"Stated for the calibrated detector ({model}): one in {every:g}; observed: "
+                f"Stated for the adequacy detector ({model}): at most one in {every:g}; observed: "
                 f"{events} in {exposure} experiments, 95 % interval one in "
                 f"{_every(found.high)} to one in {_every(found.low)}, which "
-                f"{'holds' if inside else 'does not hold'} what was stated."
+                f"{'allows' if kept else 'lies above'} what was stated."
             )
     if not rows:
         return None

@@ -111,12 +111,12 @@ def beyond(evidence: Evidence, drawings: Mapping[str, Drawing | None]) -> Sectio
     section.blocks.append(
         Text(
             "The diagnosed model keeps the physics and fits the cause, the eccentricity, from the "
-            "experiments that are still valid; the calibrated detector keeps a stated rate of "
+            "experiments that are still valid; the adequacy detector has at most a stated rate of "
             "false alarms. The references of each comparison are not zero: even the true model "
-            "with the true eccentricity has an error, from the noise and from what the noisy first "
-            "sample does to a machine near the edge of capture; and who learns from an experiment "
-            "is one experiment late at every drift. They are no bounds: a twin that knows its "
-            "start better can leave less."
+            "with the true eccentricity has an error, from the noise and from what the noisy "
+            "first sample does to a machine near the edge of capture; and who learns from an "
+            "experiment is one experiment late at every drift. They are no bounds: a twin that "
+            "knows its start better can leave less."
         )
     )
     section.figure(drawings["shares"], f"What is left of the error: {BETTER}")
@@ -183,7 +183,7 @@ OWN = {
     "threshold": ("threshold", "warning_threshold"),
     "lddm": ("error_threshold", "warning_level", "drift_level"),
     "window": ("window",),
-    "calibrated": ("false_alarm_every",),
+    "adequacy": ("false_alarm_every",),
 }
 
 
