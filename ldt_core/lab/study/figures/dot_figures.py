@@ -159,7 +159,7 @@ def dot_plot(
     if hollow:
         marks.append(Line2D([], [], ls="", label=hollow, marker="o", mec=INK, mfc=PAPER))
     handles = [*marks, *axes.get_legend_handles_labels()[0]]
-    figure.legend(handles=handles, loc="outside upper left", ncols=1 if layout.narrow else 4)
+    figure.legend(handles=handles, loc="outside upper left", ncols=1 if layout.narrow else 2)
     return figure
 
 
