@@ -225,8 +225,8 @@ class Level(enum.IntEnum):
         return self.name.lower()
 
 
-#: In the details of an adaptation: the operator wanted nothing to be learned.
-PAUSED = "paused"
+#: In an adaptation's details: nothing was to be learned; the machine file rules the speed out.
+PAUSED, DOUBTFUL = "paused", "doubtful_sensor"
 
 
 class Action(enum.StrEnum):

@@ -11,6 +11,7 @@ import numpy as np
 
 from ldt_core.base.errors import ExperimentError, RepeatedExperiment
 from ldt_core.base.experiment import (
+    DOUBTFUL,
     PAUSED,
     Action,
     Adaptation,
@@ -39,6 +40,7 @@ class Summary:
         #: Of machine and model after the last experiment, and its number; None before any.
         self.last_state: tuple[int, ModelState] | None = None
         self._actions: Counter[Action] = Counter()
+        self._doubtful = False
         self.model_version = 0
         self.rejected = 0
         #: Experiments that came again, and were left out.
@@ -91,6 +93,10 @@ class Summary:
         self._actions[Action(adaptation.action)] += 1
         if adaptation.details.get(PAUSED):
             self.note("learning was switched off for a while")
+        if adaptation.details.get(DOUBTFUL) and not self._doubtful:
+            self._doubtful = True
+            _, _, words = adaptation.reason.rpartition("; ")
+            self.note(f"experiment {adaptation.number}, {words}; it was not passed over")
         self.model_version = adaptation.model_version
 
     def _add(self, whose: str, error: float) -> None:

@@ -50,7 +50,7 @@ from ldt_core.diagnosis.sentence import not_measured, sentence
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import Decision, decide
 from ldt_core.machine.machine_file import Machine
-from ldt_core.machine.sensor_check import sound
+from ldt_core.machine.sensor_check import doubt, sound
 from ldt_core.physics.effect import Effect
 
 LEAST_SCORE = 0.01  # of the gap: an effect that explains less is said to explain nothing
@@ -70,7 +70,7 @@ def diagnose(
 ) -> Diagnosis:
     """Where the gap between a machine and its file lies, what causes it, how far that closes it.
 
-    The first experiment with a speed that no such machine can have, and all after it, are left out.
+    The first experiment with a speed that no machine can have, and all after it, are left out.
     Where fewer than `trusted_experiments` came before it, the verdict is "unknown": what a faulty
     sensor shows is no effect of the machine.
 
@@ -197,7 +197,9 @@ class _Report:
     def _notes(self) -> list[str]:
         cut = {e.number for e in self.fitted} & {e.number for e in self.held}
         few = f"fewer than {FEWEST_EXPERIMENTS} experiments: each was cut into parts, some of them"
-        return [f"{few} held out"] if cut else []
+        odd = ((e.number, doubt(self.machine, e)) for e in [*self.fitted, *self.held])
+        first = next((f"experiment {n}: sensor or machine? {w}" for n, w in odd if w), "")
+        return [*([f"{few} held out"] if cut else []), *([first] if first else [])]
 
     def _all_groups(
         self, computed: Sequence[Sequence[str]], acting: Sequence[Sequence[str]]

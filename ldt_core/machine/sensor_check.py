@@ -1,10 +1,13 @@
 """Whether a measured speed can be a machine's at all, before anything is learned from it.
 
-A machine that wears is learned anew; a sensor that fails must not be. Asked is what no machine can
-do: stand at one value to the last bit where noise was before, end sharply at one value, change its
-speed faster than its motor could, or turn faster. The limits come from the machine file and from
-the data themselves. A sensor that shows another plausible speed passes: telling it from a machine
-that has changed is what a diagnosis is for (`sensor_bias`, `sensor_gain`, `sensor_lag`).
+A machine that wears is learned anew; a sensor that fails must not be. Refused is only what no
+change of any parameter could bring about: a speed that stands at one value to the last bit where
+noise was before, that ends sharply at one value, that jumps as no inertia lets it
+(`speed_jumps`), or noise and nothing else. All of that is judged by the data themselves.
+
+What the machine file alone rules out is doubtful, and learned from: the machine may have changed.
+Telling a sensor that shows another plausible speed from such a machine is what a diagnosis is for
+(`sensor_bias`, `sensor_gain`, `sensor_lag`).
 """
 
 from __future__ import annotations
@@ -16,36 +19,55 @@ import numpy as np
 
 from ldt_core.base.experiment import Experiment, Samples
 from ldt_core.machine.machine_file import Machine
+from ldt_core.machine.speed_jumps import MOST_STEP, impossible_jump, median_step, step_limit
 
 #: Probability of taking an experiment of a sound sensor for a faulty one's, at most.
 FALSE_ALARM = 1e-6
-#: Factor by which inertia, resistance or torque constant may differ from the file's: a machine that
-#: has worn that far is still believed.
+#: Factor by which inertia, resistance or torque constant may differ from the file's without a word.
 PARAMETER_FACTOR = 2.0
-#: [median steps from sample to sample] A step above is no noise: of normal noise it is 6.7 standard
-#: deviations, one in 5e10.
-MOST_STEP = 10.0
 #: Quantiles of the voltage: what is beyond has not had the time to move the machine.
 TAILS = 0.1, 0.9
 #: Sound experiments before, which tell enough of the sensor's noise.
 EXPERIMENTS_BEFORE = 8
 #: Share of the range of the speed, or of the voltage's size, that is rounding.
 ROUNDING = 1e-9
+#: Share of the file's highest speed: noise as large leaves nothing of the machine to be seen.
+USELESS = 0.25
+#: A smooth speed shown in steps stays longest at its peak, times the next longest stay: 4.8 for a
+#: parabola, 10.6 for a peak as flat as the fourth power.
+FLATTEST = 12.0
+#: Samples back to which pure noise has nothing to do with voltage or speed.
+MEMORY = 8
 
 
 def fault(machine: Machine, experiment: Experiment, recent: Sequence[Experiment] = ()) -> str:
-    """What no machine like this can have made, in words; empty where the speed is plausible.
+    """What no machine whatever can have made, in words; empty where one can.
 
     Args:
-        machine: as its file knows it.
+        machine: as its file knows it, of which only a size for noise is taken.
         experiment: in question.
         recent: sound experiments before it, which tell what the sensor's noise is like.
     """
     return (
-        _clipped(machine, experiment, recent)
-        or _stuck(machine, experiment, recent)
-        or _too_fast(machine, experiment)
-        or _jump(machine, experiment, recent)
+        _clipped(experiment, recent)
+        or _stuck(experiment, recent)
+        or _jumps(experiment, recent)
+        or _noise_alone(machine, experiment, recent)
+    )
+
+
+def doubt(machine: Machine, experiment: Experiment, recent: Sequence[Experiment] = ()) -> str:
+    """What a machine does only if it differs much from its file, in words; otherwise empty.
+
+    Args:
+        machine: as its file knows it.
+        experiment: that is no plain `fault`.
+        recent: sound experiments before it.
+    """
+    return (
+        _too_fast(machine, experiment)
+        or _too_sudden(machine, experiment, recent)
+        or _unmoved(experiment)
     )
 
 
@@ -59,24 +81,30 @@ def sound(machine: Machine, experiments: Sequence[Experiment]) -> tuple[list[Exp
     return kept, ""
 
 
-def _stuck(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> str:
+def _stuck(e: Experiment, recent: Sequence[Experiment]) -> str:
     """The same speed to the last bit for longer than chance allows, while the voltage moves.
 
     At rest a sensor without noise may well show 0 for ever, so that only an experiment that is
-    nothing else is refused then.
+    nothing else is refused then. After experiments without noise even that is not. It may show any
+    one value before the machine begins to move, and for long where the speed is at a peak.
     """
     begin, stop = _longest_run(e.speed)
     value = float(e.speed[begin])
     whole = stop - begin == len(e)
     if stop - begin < 2 or (value == 0.0 and not whole):
         return ""
-    if not _moves(machine, e.voltage[begin:stop], [e, *recent]):
+    if not _moves(value, e.voltage[begin:stop], [e, *recent]):
         return ""
+    if whole and any(not _noisy(r) for r in recent):
+        return ""  # blocked, or driven by a supply that gives no more
     if not whole:
         own, before = [e.speed[:begin], e.speed[stop:]], [r.speed for r in recent]
         usual = _usually(_longest, own, before)
-        if _expected(stop - begin, len(e), usual, [*own, *before]) > FALSE_ALARM or _settles(
-            e.speed, value
+        smooth = not _noisy(e) and (begin == 0 or stop - begin <= FLATTEST * usual)
+        if (
+            smooth
+            or _expected(stop - begin, len(e), usual, [*own, *before]) > FALSE_ALARM
+            or _settles(e.speed, value)
         ):
             return ""
     volts = e.voltage[begin:stop]
@@ -90,13 +118,13 @@ def _stuck(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> str
     )
 
 
-def _clipped(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> str:
+def _clipped(e: Experiment, recent: Sequence[Experiment]) -> str:
     """The highest or lowest value comes more often than values of this sensor ever do."""
     for value, which in ((e.speed.max(), "highest"), (e.speed.min(), "lowest")):
         at = e.speed == value
         count = int(at.sum())
         in_a_row = np.ptp(np.flatnonzero(at)) == count - 1  # which is judged as such
-        if value == 0.0 or in_a_row or not _moves(machine, e.voltage[at], [e, *recent]):
+        if value == 0.0 or in_a_row or not _moves(float(value), e.voltage[at], [e, *recent]):
             continue
         own, before = [e.speed[~at]], [r.speed for r in recent]
         if _expected(count, len(e), _usually(_most, own, before), [*own, *before]) > FALSE_ALARM:
@@ -109,65 +137,125 @@ def _clipped(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> s
     return ""
 
 
-def _jump(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> str:
-    """A step from one sample to the next that is beyond the motor's torque, and beyond noise."""
-    if len(e) < 2:
+def _jumps(e: Experiment, recent: Sequence[Experiment]) -> str:
+    """Jumps that a machine as slow as this one shows itself to be cannot make."""
+    found = impossible_jump(e, recent)
+    if found is None:
         return ""
-    p = machine.parameters
-    top = _volts(machine) / p["K_t"]
-    # At top speed, with the voltage reversed, twice the torque that it has at rest.
-    quickest = 2 * _volts(machine) * p["K_t"] / (p["R"] * p["J"])
-    motion = PARAMETER_FACTOR * min(quickest * e.period, 2 * top)
-    steps = np.abs(np.diff(e.speed))
-    if steps.max() <= motion:
-        return ""
-    usual = _usual(e)
-    if recent:
-        usual = min(usual, max(_usual(r) for r in recent))
-    limit = motion + MOST_STEP * usual
-    beyond = steps > limit
-    if not beyond.any():
-        return ""
-    at = int(np.argmax(beyond))
+    at, times = found.at, f"{found.count} such steps" if found.count > 1 else "one such step"
+    after = "and comes back as suddenly" if found.returns else "and stays there"
     return (
         f"the speed goes from {e.speed[at]:.4g} to {e.speed[at + 1]:.4g} rad/s within one sample "
-        f"of {e.period:.3g} s ({int(beyond.sum())} such steps), {limit:.3g} rad/s at most are "
-        "possible: a faulty sensor"
+        f"of {e.period:.3g} s {after} ({times}), though it follows the voltage only over several: "
+        "a faulty sensor"
     )
 
 
-def _too_fast(machine: Machine, e: Experiment) -> str:
-    """Faster than the voltage could drive a motor without any load; or noise and nothing else."""
-    top = PARAMETER_FACTOR * _volts(machine) / machine.parameters["K_t"]
-    usual, speed = _usual(e), float(np.abs(e.speed).max())
-    if usual > top / PARAMETER_FACTOR:
-        return (
-            f"the speed changes by {usual:.4g} rad/s from sample to sample in the median, as much "
-            "as from rest to the highest one: a faulty sensor"
-        )
-    if speed <= top + MOST_STEP * usual:
+def _noise_alone(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> str:
+    """Much more noise than before, and nothing that the voltage has to do with.
+
+    A blocked rotor shows noise alone too, though not more of it: that is the sensor's. Of the
+    first experiment the noise may be a share of the highest speed at most.
+    """
+    usual = median_step(e)
+    if recent:
+        most = MOST_STEP * max(median_step(r) for r in recent)
+    else:
+        most = USELESS * _volts(machine) / machine.parameters["K_t"]
+    if usual <= most or not _is_noise(e):
         return ""
-    most = top + MOST_STEP * usual
-    return f"a speed of {speed:.4g} rad/s, {most:.4g} at most is possible: a faulty sensor"
+    return (
+        f"the speed changes by {usual:.4g} rad/s from sample to sample in the median, whatever "
+        "it was before and whatever the voltage is: a faulty sensor"
+    )
+
+
+def _is_noise(e: Experiment) -> bool:
+    """Whether neither voltages nor speeds before tell anything of a speed (F test)."""
+    rows = len(e) - MEMORY
+    lags = range(MEMORY)
+    x = np.column_stack(
+        [e.voltage[MEMORY - i : len(e) - i] for i in lags]
+        + [e.speed[MEMORY - 1 - i : len(e) - 1 - i] for i in lags]
+        + [np.ones(max(rows, 0))]
+    )
+    if rows <= 2 * x.shape[1]:
+        return False
+    y = e.speed[MEMORY:]
+    left = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
+    spread = float(np.sum((y - y.mean()) ** 2))
+    # Of pure noise the share explained is the number of terms over that of the rows, in the mean;
+    # five times as much is far in the tail of the F distribution for these 16 terms (p < 1e-10).
+    return spread - float(left @ left) <= 5 * (x.shape[1] - 1) / rows * spread
+
+
+def _too_fast(machine: Machine, e: Experiment) -> str:
+    """Faster than the voltage could drive the motor of the file without any load."""
+    top = PARAMETER_FACTOR * _volts(machine) / machine.parameters["K_t"]
+    most, speed = top + MOST_STEP * median_step(e), float(np.abs(e.speed).max())
+    if speed <= most:
+        return ""
+    return f"a speed of {speed:.4g} rad/s, {most:.4g} at most by the machine file"
+
+
+def _too_sudden(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> str:
+    """A step from one sample to the next beyond the torque of the file's motor, and noise."""
+    p = machine.parameters
+    # At top speed, with the voltage reversed, twice the torque that it has at rest.
+    quickest = 2 * _volts(machine) * p["K_t"] / (p["R"] * p["J"])
+    motion = PARAMETER_FACTOR * min(quickest * e.period, 2 * _volts(machine) / p["K_t"])
+    limit = motion + step_limit(e, recent)
+    steps = np.abs(np.diff(e.speed))
+    if not np.any(steps > limit):
+        return ""
+    at = int(np.argmax(steps > limit))
+    return (
+        f"a step from {e.speed[at]:.4g} to {e.speed[at + 1]:.4g} rad/s within one sample of "
+        f"{e.period:.3g} s, {limit:.3g} rad/s at most by the machine file"
+    )
+
+
+def _unmoved(e: Experiment) -> str:
+    """The same speed throughout, with a sensor without noise."""
+    if np.ptp(e.speed) or not np.ptp(e.voltage):
+        return ""
+    return f"{e.speed[0]:.4g} rad/s to the last digit throughout, while the voltage moves"
 
 
 def _volts(machine: Machine) -> float:
     return max(abs(limit) for limit in machine.voltage_limits)
 
 
-def _usual(e: Experiment) -> float:
-    """Median step from one sample to the next [rad/s], of motion and noise together."""
-    return float(np.median(np.abs(np.diff(e.speed)))) if len(e) > 1 else 0.0
+def _moves(value: float, voltage: Samples, shown: Sequence[Experiment]) -> bool:
+    """Whether the voltage moves the speed away from a value by more than the sensor's steps.
 
-
-def _moves(machine: Machine, voltage: Samples, shown: Sequence[Experiment]) -> bool:
-    """Whether the voltage moves the motor by more than the steps in which the sensor shows it."""
+    Whatever the parameters, a speed goes at least in proportion to the voltage once it follows.
+    """
     low, high = np.quantile(voltage, TAILS)
+    most = float(np.abs(voltage).max())
+    moved = float(high - low)
+    if moved <= ROUNDING * most:
+        return False
+    return value == 0.0 or abs(value) * moved / most > PARAMETER_FACTOR * _resolution(shown)
+
+
+def _resolution(shown: Sequence[Experiment]) -> float:
+    """The least step in which the sensor shows a speed [rad/s]."""
     distinct = np.diff(np.unique(np.concatenate([e.speed for e in shown])))
     steps = distinct[distinct > ROUNDING * distinct.sum()]
-    step = float(steps.min()) if steps.size else 0.0
-    motion = float(high - low) / machine.parameters["K_t"]
-    return motion > PARAMETER_FACTOR * step + ROUNDING * float(np.abs(voltage).max())
+    return float(steps.min()) if steps.size else 0.0
+
+
+def _noisy(e: Experiment) -> bool:
+    """Whether the sensor has noise, which it then shows at rest as well.
+
+    White noise has third differences 3.2 times as large as first ones, any motion smaller ones.
+    Those of a smooth speed in steps are at most four of the steps.
+    """
+    first, third = np.abs(np.diff(e.speed)), np.abs(np.diff(e.speed, 3))
+    if not third.size:
+        return False
+    return bool(np.median(third) > max(np.median(first), 4 * _resolution([e])))
 
 
 def _settles(speed: Samples, value: float) -> bool:

@@ -8,12 +8,14 @@ is asked for, the experiments are chosen by evidence and a new model has to pass
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.base.experiment import (
+    DOUBTFUL,
     PAUSED,
     Action,
     Adaptation,
@@ -25,7 +27,7 @@ from ldt_core.base.experiment import (
 )
 from ldt_core.base.model_state import shown_state, times_noise
 from ldt_core.base.settings import resolve
-from ldt_core.machine.sensor_check import fault
+from ldt_core.machine.sensor_check import doubt, fault
 from ldt_core.models.base import Model
 from ldt_core.twin.gate import Offer, best_offer
 from ldt_core.twin.memory import Memory
@@ -63,9 +65,9 @@ class Adaptor:
     wearing rotor.) Only if no model could be trained is it kept, together with the present
     experiment: with more data there may be one.
 
-    An experiment whose speed no machine like this can have is refused, whatever the signal
+    An experiment whose speed no machine whatever can have is refused, whatever the signal
     (`sensor_check`). It comes into neither S_w nor the recent experiments: nothing is ever learned
-    from it.
+    from it. One that only the machine file rules out is learned from, with a warning.
 
     Args:
         model: the model to begin with.
@@ -136,7 +138,18 @@ class Adaptor:
         self.memory.remember(experiment)
         details["warning_set"] = len(self.memory)
         version = self.model.version
-        return Adaptation(experiment.number, action, version, reason, details), self.model
+        told = Adaptation(experiment.number, action, version, reason, details)
+        return self._warned(told, experiment), self.model
+
+    def _warned(self, told: Adaptation, experiment: Experiment) -> Adaptation:
+        """What was done, with a warning where the machine file would rule the speed out."""
+        if not self.sensor_check:
+            return told
+        words = doubt(self.model.machine, experiment, self._recent(experiment))
+        if not words:
+            return told
+        reason = f"{told.reason}; sensor or machine? {words}"
+        return replace(told, reason=reason, details={**told.details, DOUBTFUL: 1})
 
     def _passed_over(self, experiment: Experiment) -> Adaptation | None:
         """What is said of one that is kept out of all that is ever learned from."""

@@ -1,0 +1,69 @@
+"""Claims about the sensor check: a machine that has changed is learned from, however much."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import faulty_sensors as sensors
+import numpy as np
+import pytest
+from faulty_sensors import SHORT, made
+
+from ldt_core.base.experiment import DOUBTFUL, Action
+from ldt_core.base.metrics import Summary
+from ldt_core.base.settings import resolve
+from ldt_core.machine.machine_file import load_machine
+from ldt_core.machine.sensor_check import doubt, fault
+from ldt_core.twin.loop import Twin
+
+MOTOR = load_machine("dc_motor")
+
+
+@pytest.mark.parametrize("machine", [SHORT, MOTOR], ids=["rotor", "motor"])
+@pytest.mark.parametrize("factor", [0.1, 0.3, 3.0, 10.0])
+@pytest.mark.parametrize("name", ["K_t", "R", "J"])
+def test_no_size_of_a_parameter_is_taken_for_a_faulty_sensor(machine, name, factor):
+    """With and without sound experiments before, sampled slowly and quickly, however driven."""
+    changed = {name: factor * machine.parameters[name]}
+    for period in (0.02, 0.002):
+        sampled = replace(machine, sample_period=period, duration=2.0)
+        before = made(3, 1, [], sampled)
+        for voltage in ("steps", "chirp", "constant"):
+            e = made(1, 2, [], sampled.with_parameters(**changed), voltage=voltage)[0]
+            assert fault(sampled, e, before) == ""
+            assert fault(sampled, e) == ""
+
+
+def test_a_machine_that_is_much_faster_than_its_file_is_learned_from_with_a_warning():
+    """The word of the contract stays; reason, details and summary tell the doubt."""
+    quick = SHORT.with_parameters(K_t=0.03, b=1e-4, J=0.001)
+    experiments = made(6, 3, [], quick)
+    settings = resolve({"model": "linear", "order": 1, "threshold": 1.0, "gate": "none"})
+    steps = list(Twin.from_settings(SHORT, settings).steps(experiments))
+    assert any(s.adaptation.action is Action.ADAPTED for s in steps)
+    doubtful = [s for s in steps if s.adaptation.details.get(DOUBTFUL)]
+    assert doubtful
+    told = Summary()
+    for step in steps:
+        told.add(step)
+    words = doubt(SHORT, doubtful[0].experiment)
+    assert "by the machine file" in words
+    assert doubtful[0].adaptation.reason.endswith(words)
+    assert [n for n in told.notes if words in n]
+
+
+def test_a_rotor_that_jams_in_one_sample_is_believed():
+    """Friction without bound stops it; only its sudden return gives a sensor away."""
+    e = made(1)[0]
+    here, back = np.arange(len(e)) >= 150, np.arange(len(e)) >= 160
+    noise = np.random.default_rng(1).normal(0, 0.1, len(e))
+    assert fault(SHORT, sensors.shown(e, np.where(here, noise, e.speed))) == ""
+    dropped = np.where(here & ~back, noise, e.speed)
+    assert "comes back as suddenly" in fault(SHORT, sensors.shown(e, dropped))
+
+
+def test_noise_with_long_tails_is_no_fault():
+    """Student's t with 3 degrees of freedom, ten times the usual size."""
+    for e in made(8, noise=0.0):
+        tails = np.random.default_rng(e.number).standard_t(3, len(e)) * 1.0
+        assert fault(SHORT, sensors.shown(e, e.speed + tails)) == ""
