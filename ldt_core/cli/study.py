@@ -12,9 +12,11 @@ import click
 from ldt_core.cli.options import compute_options, json_option, parameters
 from ldt_core.cli.spelling import SuggestingChoice
 from ldt_core.cli.terminal import echo_json
-from ldt_core.lab.study import GROUPS
+from ldt_core.lab.study import GROUPS, NAMED_ONLY
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from ldt_core.lab.study.study import Study
 
 QUICK = {"seeds": 2, "experiments": 40}
@@ -92,7 +94,8 @@ def command(
         for name, few in QUICK.items():
             if context.get_parameter_source(name) is click.core.ParameterSource.DEFAULT:
                 asked[name] = few
-    groups = tuple(name for name in GROUPS if not only or name in only)
+    usual = [name for name in GROUPS if name not in NAMED_ONLY]
+    groups = tuple(name for name in GROUPS if name in (only or usual))
     plan = StudyPlan(**asked, machine=settings["machine"], groups=groups, first_seed=first_seed)
     with ResumableProgress("study", "results", out) as progress:
         study = conduct(plan, out, jobs=jobs, scheduler=scheduler, progress=progress.show)
@@ -107,12 +110,12 @@ def _print(study: Study, page: Path, as_json: bool) -> None:
     from rich.table import Table
 
     from ldt_core.cli.console import Console
-    from ldt_core.lab.study.study_tables import summary, table_rows
+    from ldt_core.lab.study.study_tables import robust_rows, summary, table_rows
 
     rows = summary(study)
     if as_json:
         record = {"settings": study.settings, "runs": len(study.entries), "notes": study.notes}
-        record |= {"summary": rows, "table": table_rows(study)}
+        record |= {"summary": rows, "table": table_rows(study), "robustness": robust_rows(study)}
         echo_json({**record, "page": str(page)})
         return
     table = Table("model", "detector", box=SIMPLE, title="mean over seeds ± its 95 % interval")
@@ -126,10 +129,40 @@ def _print(study: Study, page: Path, as_json: bool) -> None:
             table.add_row(model, "in the paper", *_cells(paper), style="dim")
         table.add_section()
     console = Console(wide=True)
-    console.print(table)
+    if rows:
+        console.print(table)
+    if study.robust:
+        console.print(_streams(study))
     for note in study.notes:
         console.print(note)
     console.print(f"page: {page}")
+
+
+def _streams(study: Study) -> Table:
+    """The default on streams of every kind, beside the references and the paper's two."""
+    from rich.box import SIMPLE
+    from rich.table import Table
+
+    from ldt_core.lab.statistics import mean
+    from ldt_core.lab.study.claims.robust_aims import robust_aims, scored
+    from ldt_core.lab.study.robustness.robust_run import DEFAULT, SETUPS
+
+    table = Table("stream", box=SIMPLE, title="left of the original's MME, mean over seeds, %")
+    by_setup = {setup: scored(study.robust, setup) for setup in SETUPS}
+    for setup in ("late", *SETUPS):
+        table.add_column(setup, justify="right")
+    table.add_column("aims of the default")
+    verdicts = robust_aims(study.robust)
+    for name, entries in by_setup[DEFAULT].items():
+        late = mean(s.late_left for _, s in entries)
+        own = [mean(s.left for _, s in by_setup[setup].get(name, [])) for setup in SETUPS]
+        told = ("passed" if v.passed else f"missed: {v.aim}" for v in verdicts if v.stream == name)
+        cells = [_text(found.as_dict(), 100, 0, "") for found in (late, *own)]
+        table.add_row(name, *cells, ", ".join(told))
+    for verdict in (v for v in verdicts if not v.stream):
+        said = "passed" if verdict.passed else "missed"
+        table.add_row("all", *[""] * (1 + len(SETUPS)), f"{said}: {verdict.aim}, {verdict.found}")
+    return table
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:

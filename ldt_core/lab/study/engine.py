@@ -23,8 +23,9 @@ from ldt_core.base.experiment import Experiment, Level, Prediction, Signal, Step
 from ldt_core.base.parallel import Workers
 from ldt_core.base.result_files import ResultFolder, write
 from ldt_core.detectors import build_detector
-from ldt_core.lab.study import GROUPS
+from ldt_core.lab.study import GROUPS, NAMED_ONLY
 from ldt_core.lab.study.facts import Facts, facts_of, stream_key
+from ldt_core.lab.study.robustness.conduct import conduct_named
 from ldt_core.lab.study.stream import Stream, region_rmse, stream
 from ldt_core.lab.study.study import Entry, Study
 from ldt_core.lab.study.study_case import RunResult, StudyCase
@@ -145,7 +146,10 @@ def conduct(
         _complete(store, runs, workers, machine, progress)
         baselines = plan.baselines((p, store.results[p.case.key]) for p in runs)
         _complete(store, baselines, workers, machine, progress)
-    return _study(plan, [*runs, *baselines], store)
+        before = len(store.results) + len(store.facts)
+        beyond = conduct_named(plan, out, workers, lambda d, t: progress(before + d, before + t))
+    study = _study(plan, [*runs, *baselines], store)
+    return dataclasses.replace(study, robust=beyond.robust, alarms=beyond.alarms)
 
 
 def check(plan: StudyPlan, runs: Iterable[Planned], machine: Machine) -> None:
@@ -158,7 +162,7 @@ def check(plan: StudyPlan, runs: Iterable[Planned], machine: Machine) -> None:
         if group not in GROUPS:
             raise BadInput("group of a study", f"one of {', '.join(GROUPS)}", repr(group))
     cases = [p.case for p in runs]
-    if not cases:
+    if not cases and not set(plan.groups) & set(NAMED_ONLY):
         raise BadInput("groups of a study", "paper or better beside baseline", plan.groups)
     for case in {stream_key(c): c for c in cases}.values():
         Plant.from_settings(machine, case.resolved)

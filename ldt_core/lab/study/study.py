@@ -15,6 +15,8 @@ from ldt_core.lab.statistics import Interval, geometric_mean, mean
 from ldt_core.lab.study import GROUPS
 from ldt_core.lab.study.baselines import never
 from ldt_core.lab.study.facts import Facts, stream_key
+from ldt_core.lab.study.robustness.alarm_trials import AlarmCount
+from ldt_core.lab.study.robustness.robust_run import RobustRun
 from ldt_core.lab.study.scores import RunScore, score
 from ldt_core.lab.study.study_case import RunResult
 
@@ -43,12 +45,16 @@ class Study:
         entries: the runs, in the order of the plan.
         facts: `stream_key` → the truth about that stream.
         notes: sentences for the reader.
+        robust: the runs of the group robustness.
+        alarms: the counts of the group alarms.
     """
 
     settings: dict[str, Any]
     entries: tuple[Entry, ...]
     facts: Mapping[str, Facts] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default=())
+    robust: tuple[RobustRun, ...] = field(default=())
+    alarms: tuple[AlarmCount, ...] = field(default=())
 
     def results(
         self, group: str | None = None, model: str = "", detector: str = ""

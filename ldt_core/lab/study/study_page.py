@@ -7,7 +7,9 @@ from pathlib import Path
 
 from ldt_core.base.code_version import code_version
 from ldt_core.lab.study.figures import drawings
+from ldt_core.lab.study.sections.alarms import alarms
 from ldt_core.lab.study.sections.findings import beyond, methods, reproduction
+from ldt_core.lab.study.sections.robustness import robustness
 from ldt_core.lab.study.sections.summary import streams, summary
 from ldt_core.lab.study.study import Evidence, Study
 from ldt_core.views.page import style
@@ -24,6 +26,8 @@ SECTIONS: tuple[Callable[[Evidence, Drawings], Section], ...] = (
     summary,
     reproduction,
     beyond,
+    robustness,
+    alarms,
     methods,
 )
 
@@ -66,6 +70,8 @@ def write_page(study: Study, out: Path | str) -> Path:
 
 def lead(study: Study) -> str:
     """The sentence under the title."""
+    if not study.entries:
+        return "The learning twin on streams of every kind, beside references that know the truth."
     seeds = len(streams(study))
     few = " They are too few to decide much: this is a trial." if seeds < FEW_STREAMS else ""
     return (

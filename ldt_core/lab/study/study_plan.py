@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ldt_core.base.settings import preset
-from ldt_core.lab.study import GROUPS
+from ldt_core.lab.study import GROUPS, NAMED_ONLY
 from ldt_core.lab.study.baselines import baseline_cases
 from ldt_core.lab.study.study_case import RunResult, StudyCase
 from ldt_core.machine.machine_file import load_machine
@@ -91,7 +91,7 @@ class StudyPlan:
     seeds: int = 20
     experiments: int = 200
     machine: str = "rotor"
-    groups: tuple[str, ...] = tuple(GROUPS)
+    groups: tuple[str, ...] = tuple(name for name in GROUPS if name not in NAMED_ONLY)
     first_seed: int = 0
 
     def runs(self) -> list[Planned]:

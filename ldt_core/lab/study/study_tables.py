@@ -5,15 +5,18 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from ldt_core.base.result_files import write
+from ldt_core.lab.study.robustness.robust_run import DEFAULT, score_run
 from ldt_core.lab.study.scores import score
 from ldt_core.lab.study.study import Evidence, Study
 
 TABLE = "table.csv"
 RUNS = "runs.csv"
+ROBUST = "robustness.csv"
 COLUMNS = (
     *("model", "detector", "seed", "mme", "mme_original"),
     *("adaptations", "precision", "recall"),
@@ -71,6 +74,18 @@ def run_rows(study: Study) -> list[dict[str, Any]]:
     return rows + _never_rows(study)
 
 
+def robust_rows(study: Study) -> list[dict[str, Any]]:
+    """The rows of `robustness.csv`: the figures of each run, and of the original by itself."""
+    rows = []
+    for run in study.robust:
+        rows.append({**asdict(run.task), **asdict(score_run(run))})
+        if run.task.setup == DEFAULT:
+            original = sum(run.original) / sum(run.late)
+            row = {**asdict(run.task), "setup": "never", "left": 1.0, "over_late": original}
+            rows.append({**row, "learned": 1.0, "adaptations": 0, "worst_ten": 1.0})
+    return rows
+
+
 def summary(study: Study) -> list[dict[str, Any]]:
     """For each model and detector of the groups paper and better: figures with their intervals.
 
@@ -95,11 +110,17 @@ def summary(study: Study) -> list[dict[str, Any]]:
 
 
 def write_tables(out: Path | str, study: Study) -> None:
-    """Write `table.csv` and `runs.csv` into the folder of a study; undefined figures are empty."""
+    """Write `table.csv`, `runs.csv` and, where it has the group, `robustness.csv`.
+
+    Undefined figures are empty.
+    """
     out = Path(out)
     write(out / TABLE, _csv(COLUMNS, table_rows(study)))
     rows = run_rows(study)
     write(out / RUNS, _csv(list(rows[0]) if rows else ["groups"], rows))
+    if study.robust:
+        robust = robust_rows(study)
+        write(out / ROBUST, _csv(list(robust[0]), robust))
 
 
 def _never_rows(study: Study) -> list[dict[str, Any]]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from ldt_core.lab.study.figures import curve_figures, dot_figures, stream_figures
 from ldt_core.lab.study.figures.region_figure import sommerfeld
+from ldt_core.lab.study.figures.robustness_figure import robustness
 from ldt_core.lab.study.study import Evidence
 from ldt_core.views.page.style import Drawing
 
@@ -21,6 +22,7 @@ FIGURES: dict[str, Callable[[Evidence], Drawing | None]] = {
     "over_stream": stream_figures.over_stream,
     "detectable": stream_figures.detectable,
     "false_alarms": dot_figures.false_alarms,
+    "robustness": robustness,
 }
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from ldt_core.base.sentences import number, spoken
 from ldt_core.lab.statistics import Interval
-from ldt_core.lab.study import GROUPS
+from ldt_core.lab.study import GROUPS, NAMED_ONLY
 from ldt_core.lab.study.study import Evidence, Study
 from ldt_core.lab.study.study_case import RunResult
 from ldt_core.lab.study.study_tables import PAPER
@@ -213,8 +213,9 @@ def command(study: Study) -> str:
     for name in ("seeds", "first_seed", "experiments", "machine"):
         if name in study.settings:
             words += [f"--{name.replace('_', '-')}", str(study.settings[name])]
-    groups = study.settings.get("groups", tuple(GROUPS))
-    for group in groups if set(groups) != set(GROUPS) else ():
+    usual = set(GROUPS) - set(NAMED_ONLY)
+    groups = study.settings.get("groups", usual)
+    for group in groups if set(groups) != usual else ():
         words += ["--only", str(group)]
     return shlex.join([*words, "--out", "my_study"])
 
