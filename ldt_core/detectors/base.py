@@ -27,9 +27,9 @@ class Detector(abc.ABC):
     `ldt_core.checks.check_detector` tells whether it keeps the promises of this class.
 
     As in river, `update` returns nothing, `drift_detected` and `warning_detected` hold for the last
-    update, and a detector that detected a drift starts anew by itself at the next update: unless it
-    hears that no new model came of it (`answered`), since what it would learn anew as usual then is
-    what it raised the alarm for.
+    update, and a detector that detected a drift starts anew by itself at the next update. One that
+    learns what is usual does not, where no new model came of it (`answered`): else what it raised
+    the alarm for would become usual.
     """
 
     name: ClassVar[str]
@@ -92,15 +92,14 @@ class Detector(abc.ABC):
             self.restart()
         self.signal = Level(self.judge(row, spread))
 
-    def answered(self, adapted: bool) -> None:
+    def answered(self, adapted: bool) -> None:  # noqa: B027 - not all need to know
         """Hear what came of a positive, before the next update.
 
         Args:
-            adapted: a new model has come into force; else the old one stayed, and the detector does
-                not start anew. One that averages over experiments takes this one back here.
+            adapted: a new model has come into force; else the old one stayed. A detector that
+                learns what is usual forgets the experiment then, and sets `signal` to negative, so
+                that `update` does not start anew.
         """
-        if not adapted:
-            self.signal = Level.NEGATIVE  # said and dealt with: `update` must not start anew
 
     @property
     def drift_detected(self) -> bool:

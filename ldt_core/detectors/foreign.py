@@ -76,8 +76,8 @@ class Foreign(Detector):
 
     def answered(self, adapted: bool) -> None:
         """Hear what came of a positive; without a new model the experiment does not count."""
-        super().answered(adapted)
         if not adapted:
+            self.signal = Level.NEGATIVE
             self._copy = self._before
 
     @property

@@ -120,8 +120,8 @@ class LDDM(Detector):
 
     def answered(self, adapted: bool) -> None:
         """Hear what came of a positive; without a new model the experiment does not count."""
-        super().answered(adapted)
         if not adapted:
+            self.signal = Level.NEGATIVE
             self.errors -= self.last_errors
             self.samples -= self.last_samples
 

@@ -134,8 +134,8 @@ class River(Detector):
 
     def answered(self, adapted: bool) -> None:
         """Hear what came of a positive; without a new model the experiment does not count."""
-        super().answered(adapted)
         if not adapted:
+            self.signal = Level.NEGATIVE
             del self.values[len(self.values) - self.last :]
             self.last = 0
             self._rebuild()

@@ -51,9 +51,6 @@ class Window(Detector):
         self.experiments += 1
         return Level.POSITIVE if self.experiments >= self.window else Level.WARNING
 
-    def answered(self, adapted: bool) -> None:
-        """A window ends whatever came of it."""
-
     @property
     def statistics(self) -> dict[str, float]:
         """Experiments in this window so far, and where it ends."""

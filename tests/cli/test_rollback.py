@@ -24,6 +24,7 @@ COUNT, ENDED = 12, 8
 GIVEN = resolve(
     {
         **{"model": "linear", "order": 1, "gate": "none", "data": "warning-set"},
+        "detector": "threshold",
         **{"experiments": COUNT, "seed": 3, "start_time": 1e9, "degradation": "none"},
         "effect": ["unbalance:e=0.006"],
     }

@@ -26,8 +26,8 @@ OFF = range(12, 16)  # experiments
 
 
 def settings(**given):
-    linear = {"model": "linear", "order": 1, "experiments": 24, "seed": 3, "start_time": 1e9}
-    return resolve({**linear, "degradation": "ramp", **given})
+    linear = {"model": "linear", "order": 1, "detector": "threshold", "degradation": "ramp"}
+    return resolve({**linear, "experiments": 24, "seed": 3, "start_time": 1e9, **given})
 
 
 def made(given):

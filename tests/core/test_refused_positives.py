@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from ldt_core.base.experiment import Level
-from ldt_core.detectors.base import Detector
 from ldt_core.detectors.foreign import Foreign
 from ldt_core.detectors.lddm import LDDM
 from ldt_core.detectors.threshold import Threshold
@@ -35,24 +34,6 @@ class Rise:
         self.drift_detected = x > 3 * self.usual
 
 
-class Learning(Detector):
-    """A user's own that knows nothing of answers."""
-
-    name = "learning"
-
-    def __init__(self):
-        self.reset()
-
-    def reset(self):
-        super().reset()
-        self.usual: float | None = None
-
-    def judge(self, residual, deviation):
-        size = float(np.abs(residual).max())
-        self.usual = size if self.usual is None else self.usual
-        return Level.POSITIVE if size > 3 * self.usual else Level.NEGATIVE
-
-
 def river():
     pytest.importorskip("river")
     from ldt_core.detectors.river_adapter import River
@@ -65,7 +46,6 @@ MADE = {
     "threshold": lambda: Threshold(10.0),
     "object": lambda: Foreign(Rise()),
     "river": river,
-    "own": Learning,
 }
 
 
@@ -97,7 +77,7 @@ def test_after_a_new_model_it_starts_anew(name):
         assert detector.statistics == fresh.statistics
 
 
-@pytest.mark.parametrize("name", ["lddm", "river", "own"])
+@pytest.mark.parametrize("name", ["lddm", "river"])
 def test_a_restart_between_positive_and_answer_changes_nothing(name):
     """What is taken back is part of the state."""
     detector = MADE[name]()
