@@ -259,7 +259,7 @@ class Signal(_AboutExperiment):
         max_error: max_k |y_k - ŷ_k| [rad/s].
         statistics: what the detector compared (its statistic and its limits), by name.
         state: what is known of the machine and the model: learning, holds, changed, new_range or
-            inadequate; "" where the detector does not judge that.
+            inadequate; "" in older recordings.
         adequacy: root mean square residual over the noise's; None while unknown.
     """
 
