@@ -318,10 +318,10 @@ class Adaptation(_AboutExperiment):
 
 @dataclass(frozen=True)
 class DiagnosisRecord(_AboutExperiment):
-    """The verdict of a gap diagnosis that an experiment gave rise to.
+    """The verdict of a gap diagnosis.
 
     Args:
-        experiment: its number.
+        experiment: number of the one from which on it takes part; `asked_at` in the values asked.
         model_version: of the model whose prediction was judged.
         sentence: for a person.
         effects: that the verdict names.

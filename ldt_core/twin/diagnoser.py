@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -27,12 +28,15 @@ from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.holdout import free_run
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.machine_file import Machine
+from ldt_core.machine.speed_jumps import median_step
 from ldt_core.twin.stage import Archive, RecordedStep
 from ldt_core.twin.training_data import JOINT_ERROR_RATIO, VALID_ERROR_RATIO
 
 Make = Callable[..., Diagnosis]
 #: Kinds of verdict that name a cause.
 NAMED = ("effect", "ambiguous")
+#: Median step from sample to sample of normal noise, over its standard deviation.
+NORMAL_STEP = 0.954
 #: A list and an object of `diagnosis.json`, null where undefined.
 COMPOUND = ("gap.closed_fraction_ci95", "next_experiment")
 
@@ -60,6 +64,26 @@ class Found:
     pool: Sequence[Experiment]
 
 
+@dataclass(eq=False)
+class Asked:
+    """A diagnosis that an experiment asked for, and all that it is made of.
+
+    Args:
+        recent: experiments and their signals, the one that asked last.
+        last: what was known of the machine then.
+        answer: what comes of it, where it is made beside the loop.
+    """
+
+    recent: Sequence[tuple[Experiment, Level]]
+    last: Known | None
+    answer: Future[Found] | None = field(default=None, repr=False)
+
+    @property
+    def experiment(self) -> Experiment:
+        """The one that asked."""
+        return self.recent[-1][0]
+
+
 class Diagnoser:
     """Diagnoses at positives, from the last experiments of the machine as it is now.
 
@@ -67,7 +91,14 @@ class Diagnoser:
     one experiment alone tells amounts ten times worse than six.
 
     A positive starts a diagnosis if none has been made, if the last verdict no longer explains the
-    experiment, or if the last diagnosis is `diagnosis_every` experiments ago. It works on
+    experiment, or if the last diagnosis is `diagnosis_every` experiments ago. Its verdict takes
+    part `after` experiments later, whenever it is ready: that number decides, not the computer's
+    speed. Until then no other is asked for. With an `executor` it is made beside the loop
+    meanwhile, otherwise at once when its time has come. Both give the same numbers, if all linear
+    algebra of the process is on one thread.
+
+    The experiment in which the machine changed is left out, and asks for nothing: its first half
+    is as before, its second is not. It works on
 
     - those of the last `diagnosis_experiments` that the last verdict explains, if it explains the
       present one too: the machine has not changed since;
@@ -82,8 +113,11 @@ class Diagnoser:
     Args:
         settings: parameters of the group diagnosis; those that are missing have their defaults.
         make: what makes a diagnosis; the arguments are those of `diagnosis.diagnose.diagnose`.
+        after: experiments from the one that asks to the one at which the verdict takes part.
 
     Attributes:
+        executor: where it is made beside the loop; None makes it in `step`.
+        asked: the diagnosis that has not taken part yet, if any.
         trouble: why the last diagnosis came to nothing; empty when it came to something.
 
     Raises:
@@ -91,14 +125,20 @@ class Diagnoser:
     """
 
     def __init__(
-        self, machine: Machine, settings: Mapping[str, Any], make: Make = diagnose
+        self,
+        machine: Machine,
+        settings: Mapping[str, Any],
+        make: Make = diagnose,
+        after: int = 0,
     ) -> None:
         own = {n: v for n, v in settings.items() if n in resolve({}, "diagnosis")}
         given = resolve(own, "diagnosis")
         self.machine = machine
         self.every: int = given["diagnosis_every"]
         self.trouble = ""
-        self.make = make
+        self.make, self.after = make, after
+        self.executor: Executor | None = None
+        self.asked: Asked | None = None
         self._recent: deque[tuple[Experiment, Level]] = deque(maxlen=given["diagnosis_experiments"])
         self._last: Known | None = None
         self._last_at = 0  # number of the experiment at which that was found
@@ -111,26 +151,51 @@ class Diagnoser:
         self.cancelled = True
 
     def step(self, experiment: Experiment, signal: Signal) -> DiagnosisRecord | None:
-        """Take in one experiment; the verdict, if it was the occasion for one."""
-        if not self._take(experiment, signal):
-            return None
+        """Take in one experiment; the verdict that takes part from it on, if there is one."""
+        verdict = self._answer(signal) if self._due(experiment) else None
+        if self._take(experiment, signal) and self._due(experiment):
+            return self._answer(signal)
+        if self.executor is not None and self.asked is not None and self.asked.answer is None:
+            self.asked.answer = self.executor.submit(self._made, self.asked)
+        return verdict
+
+    def _due(self, experiment: Experiment) -> bool:
+        """Whether the verdict that was asked for takes part from this experiment on."""
+        asked = self.asked
+        return asked is not None and experiment.number >= asked.experiment.number + self.after
+
+    def _answer(self, signal: Signal) -> DiagnosisRecord | None:
+        """What was asked for; waits for it where it is made beside the loop."""
+        asked, self.asked = self.asked, None
+        assert asked is not None
+        self.trouble = ""
         try:
-            with one_thread():
-                found = self._checked(self._first(self._pool()))
+            found = asked.answer.result() if asked.answer else self._made(asked)
         except (LdtError, np.linalg.LinAlgError, ArithmeticError) as error:
             self._last, self.trouble = None, str(error)
             return None
-        self._last, self._last_at = found.known, experiment.number
+        self._last, self._last_at = found.known, signal.experiment
         return _record(found, signal)
+
+    def _made(self, asked: Asked) -> Found:
+        """The diagnosis, from nothing but what was asked: the loop may go on meanwhile."""
+        with one_thread():
+            return self._checked(self._first(self._pool(asked)), asked)
 
     def recall(self, step: RecordedStep) -> None:
         """Take over what a recorded step says, without diagnosing anew."""
-        if not self._take(step.experiment, step.signal):
-            return
+        if self._due(step.experiment):
+            self._recall_answer(step)
+        if self._take(step.experiment, step.signal) and self._due(step.experiment):
+            self._recall_answer(step)
+
+    def _recall_answer(self, step: RecordedStep) -> None:
+        asked, self.asked = self.asked, None
+        assert asked is not None
         found, self._last = step.diagnosis, None
         known = _known(found, math.nan) if found is not None else None
         if known is not None:
-            error = self._error(step.experiment, known.use)
+            error = self._error(asked.experiment, known.use)
             self._last, self._last_at = replace(known, error=error), step.experiment.number
 
     def state(self) -> dict[str, Any]:
@@ -138,7 +203,8 @@ class Diagnoser:
         last = self._last
         error = last.error if last is not None and math.isfinite(last.error) else None
         return {
-            "recent": [[e.number, e.start, int(level)] for e, level in self._recent],
+            "recent": _numbers(self._recent),
+            "asked": None if self.asked is None else _numbers(self.asked.recent),
             "since": self._since,
             "last": None if last is None else {"experiment": self._last_at, "error": error},
         }
@@ -148,9 +214,10 @@ class Diagnoser:
         since, last = state["since"], state["last"]
         if type(since) is not int or since < 0 or len(state["recent"]) > (self._recent.maxlen or 0):
             raise ValueError("since is no count, or there are more experiments than are kept")
-        recent = [
-            (archive.experiment(n, start), Level(level)) for n, start, level in state["recent"]
-        ]
+        recent, asked = (
+            [(archive.experiment(n, start), Level(level)) for n, start, level in told]
+            for told in (state["recent"], state["asked"] or [])
+        )
         known = None
         if last is not None:
             error = math.nan if last["error"] is None else float(last["error"])
@@ -159,19 +226,37 @@ class Diagnoser:
         self._recent.clear()
         self._recent.extend(recent)
         self._since, self._last = since, known
+        self.asked = Asked(asked, known) if asked else None
 
     def _take(self, experiment: Experiment, signal: Signal) -> bool:
         """Take in one experiment; whether it is the occasion for a diagnosis."""
         if self._recent and not self._recent[-1][0].same_period(experiment):
             self._recent.clear()
-        self._recent.append((experiment, signal.level))
+        mixed = signal.level is Level.POSITIVE and self._changed_within(experiment)
+        # As a negative it ends the experiments of the machine as it is now.
+        self._recent.append((experiment, Level.NEGATIVE if mixed else signal.level))
         self._since += 1
-        if signal.level is not Level.POSITIVE:
+        if signal.level is not Level.POSITIVE or mixed or self.asked is not None:
             return False
         if self._explained(experiment) and self._since < self.every:
             return False
-        self._since, self.trouble = 0, ""
+        self._since = 0
+        self.asked = Asked(list(self._recent), self._last)
         return True
+
+    def _changed_within(self, experiment: Experiment) -> bool:
+        """Whether the machine was as before in the first half, and not in the second.
+
+        As before is what the last verdict says, or the machine file without any. It explains a half
+        if it leaves the noise alone.
+        """
+        if self._last is not None and self._last.unknown:
+            return False
+        use = self._last.use if self._last else []
+        left = experiment.speed - free_run(self.machine, experiment, use)
+        first, second = np.array_split(left, 2)
+        limit = VALID_ERROR_RATIO * median_step(experiment) / NORMAL_STEP
+        return bool(rms(first) <= limit < rms(second))
 
     def _explained(self, experiment: Experiment) -> bool:
         return self._last is not None and self._valid(experiment, self._last)
@@ -183,16 +268,14 @@ class Diagnoser:
         """Of a free run [rad/s]; nan, which compares as false, where it diverges."""
         return rms(experiment.speed - free_run(self.machine, experiment, use))
 
-    def _pool(self) -> list[Experiment]:
+    def _pool(self, asked: Asked) -> list[Experiment]:
         """What the signals and the last verdict let pass for the machine as it is now."""
-        recent = list(self._recent)
-        present = recent[-1][0]
-        known = self._last is not None and not self._last.unknown
-        if known and self._explained(present):
-            return [e for e, _ in recent if self._explained(e)]
-        pool = [present]
-        for e, level in reversed(recent[:-1]):
-            if level is Level.NEGATIVE or (known and self._explained(e)):
+        last = asked.last if asked.last is not None and not asked.last.unknown else None
+        if last and self._valid(asked.experiment, last):
+            return [e for e, _ in asked.recent if self._valid(e, last)]
+        pool = [asked.experiment]
+        for e, level in reversed(asked.recent[:-1]):
+            if level is Level.NEGATIVE or (last and self._valid(e, last)):
                 break
             pool.insert(0, e)
         return pool
@@ -211,10 +294,10 @@ class Diagnoser:
                 return alone
         return found
 
-    def _checked(self, found: Found) -> Found:
+    def _checked(self, found: Found, asked: Asked) -> Found:
         """The diagnosis, or a better one of the experiments that it says are valid."""
         present = found.pool[-1]
-        valid = [e for e, _ in self._recent if e is present or self._valid(e, found.known)]
+        valid = [e for e, _ in asked.recent if e is present or self._valid(e, found.known)]
         if found.known.unknown or [id(e) for e in valid] == [id(e) for e in found.pool]:
             return found
         again = self._diagnosed(valid)
@@ -223,6 +306,11 @@ class Diagnoser:
     def _tick(self, doing: str) -> None:
         if self.cancelled:
             raise LdtError(f"broken off while {doing}")
+
+
+def _numbers(recent: Iterable[tuple[Experiment, Level]]) -> list[list[float]]:
+    """By which experiments and their signals are found again."""
+    return [[e.number, e.start, int(level)] for e, level in recent]
 
 
 def _known(found: DiagnosisRecord, error: float) -> Known | None:
@@ -237,6 +325,7 @@ def _record(found: Found, signal: Signal) -> DiagnosisRecord:
     verdict = found.diagnosis.verdict
     values = scalars(found.diagnosis.as_dict())
     values["since"] = found.pool[0].number
+    values["asked_at"] = found.pool[-1].number
     if cause := _cause(found.diagnosis):
         values["cause"] = cause
     for effect, given in found.known.use:

@@ -176,11 +176,17 @@ class Twin:
                 yield step
 
 
-def build_diagnoser(machine: Machine, settings: Mapping[str, Any]) -> Diagnoser:
-    """The diagnosis beside the loop from the parameters of the group diagnosis."""
+def build_diagnoser(machine: Machine, settings: Mapping[str, Any], after: int = 0) -> Diagnoser:
+    """The diagnosis from the parameters of the group diagnosis.
+
+    Args:
+        machine: as it is known.
+        settings: parameters of a run.
+        after: experiments after which a verdict takes part; 0 where nothing waits for it.
+    """
     from ldt_core.twin.diagnoser import Diagnoser  # few runs need it, and it takes time to load
 
-    return Diagnoser(machine, settings)
+    return Diagnoser(machine, settings, after=after)
 
 
 def build_advisor(machine: Machine, settings: Mapping[str, Any]) -> Advisor:
@@ -194,7 +200,9 @@ def build_adaptor(model: Model, settings: Mapping[str, Any]) -> Adaptor:
     """Stage 3 from the parameters of the groups adaptor and diagnosis."""
     memory = Memory(settings["memory_limit"], settings["history"])
     how = {name: settings[name] for name in ("gate", "holdout", "data", "sensor_check")}
-    diagnoser = build_diagnoser(model.machine, settings) if model.asks_for_diagnosis else None
+    diagnoser = None
+    if model.asks_for_diagnosis:
+        diagnoser = build_diagnoser(model.machine, settings, settings["diagnosis_after"])
     restore = partial(restore_model, machine=model.machine, settings=settings)
     if settings["model"] == AUTO:
         from ldt_core.twin.contest import ContestAdaptor  # few runs need it, as above

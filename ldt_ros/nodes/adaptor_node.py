@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -9,6 +10,7 @@ from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallba
 
 from ldt_core.base.experiment import Experiment, Level, Signal
 from ldt_core.base.printable import one_line
+from ldt_core.base.threads import one_thread
 from ldt_core.models import build_model
 from ldt_core.restart.learning_switch import LearningSwitch
 from ldt_core.twin.loop import build_adaptor
@@ -35,10 +37,11 @@ class AdaptorNode(LdtNode, LifecycleNodeMixin):
     | `shutdown` | as `deactivate`, and for good: it learns again when it is started anew |
     | `cleanup`, or what the present state does not have | refused |
 
-    A model that learns by what a diagnosis names asks for one first; then this node publishes it,
-    and the graph has no diagnoser. It may take 40 s, within which the twin waits unless its
-    `adaptation_timeout` is shorter. What the node does with what it receives is said at
-    `ExperimentPairs` and `StageWorker`.
+    A model that learns by what a diagnosis names asks for one; then this node publishes it, and the
+    graph has no diagnoser. The diagnosis has a thread of its own, and takes part at a stated later
+    experiment. Only if it is not ready by then the twin waits, unless its `adaptation_timeout` is
+    shorter. What the node does with what it receives is said at `ExperimentPairs` and
+    `StageWorker`.
     """
 
     def __init__(self, **node_arguments: Any) -> None:
@@ -55,8 +58,12 @@ class AdaptorNode(LdtNode, LifecycleNodeMixin):
             self.trigger_activate()
         self._model = self.topics.publishes("model")
         self._adaptation = self.topics.publishes("adaptation")
-        asks = model.asks_for_diagnosis
-        self._diagnosis = self.topics.publishes("diagnosis") if asks else None
+        self._diagnosis = None
+        if self.adaptor.diagnoser is not None:
+            self._diagnosis = self.topics.publishes("diagnosis")
+            self._limited = one_thread()  # for good: two threads would lift each other's limit
+            self._beside = ThreadPoolExecutor(1, thread_name_prefix="diagnosis")
+            self.adaptor.diagnoser.executor = self._beside
         self.worker = StageWorker(self, self.adaptor, "signal")
         self.pairs = ExperimentPairs(self, "signal", self._pair)
         self.parts = [self.worker, self.pairs]
@@ -81,6 +88,7 @@ class AdaptorNode(LdtNode, LifecycleNodeMixin):
         """Let a training finish, and say what became of it while somebody may listen."""
         if self.adaptor.diagnoser is not None:
             self.adaptor.diagnoser.cancel()  # it may take longer than anybody waits
+            self._beside.shutdown(wait=False)
         self.worker.thread.shutdown(wait=True)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -125,7 +133,9 @@ class AdaptorNode(LdtNode, LifecycleNodeMixin):
 
     def _pair(self, experiment: Experiment, beside: Signal) -> None:
         work = partial(self._adapt, experiment, beside)
-        self.worker.deal(experiment, work, beside.level is Level.POSITIVE)
+        diagnoser = self.adaptor.diagnoser
+        waits = diagnoser is not None and diagnoser.asked is not None
+        self.worker.deal(experiment, work, waits or beside.level is Level.POSITIVE)
 
     def _adapt(self, experiment: Experiment, signal: Signal) -> None:
         """Keep, store or learn, and say so."""

@@ -425,7 +425,13 @@ def test_what_was_kept_long_ago_is_found_again(lookup):
 
 def test_an_adaptor_that_diagnoses_knows_what_was_named_last(lookup):
     """The record is read again; its diagnoser knows that it explains the machine."""
-    given = {**GIVEN, "model": "diagnosed", "cause": "auto", "diagnose": False}
+    given = {
+        **GIVEN,
+        "model": "diagnosed",
+        "cause": "auto",
+        "diagnose": False,
+        "diagnosis_after": 0,
+    }
     one, other = (Twin.from_settings(MACHINE, given).adaptor for _ in range(2))
     step = next(step for step in STEPS if step.diagnosis)
     one.diagnoser.recall(step)

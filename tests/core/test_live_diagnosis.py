@@ -370,7 +370,7 @@ def test_the_adaptor_goes_on_from_its_state_with_the_same_cause():
 def test_a_worn_rotor_is_diagnosed_and_learned_for_real():
     """From the first positive on the twin knows the cause, and what it learned is the truth."""
     machine = replace(SHORT, duration=8.0)
-    settings = resolve({**AUTO, "detector": "threshold", "threshold": 2.0})
+    settings = resolve({**AUTO, "diagnosis_after": 0, "detector": "threshold", "threshold": 2.0})
     effects = [parse_effect("unbalance:e=0.01")]
     plant = Plant(machine, degradation="none", effects=effects, seed=5, start_time=1e9)
     steps = list(

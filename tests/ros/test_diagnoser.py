@@ -168,10 +168,11 @@ def test_the_graph_publishes_and_records_the_verdict_of_the_offline_run(domain, 
 
 
 def test_the_adaptor_diagnoses_for_a_model_that_learns_by_it(domain, rotor, tmp_path):
-    """Graph, offline run and replay: the same verdicts, models and words."""
+    """Graph, offline run and replay: the same verdicts, models and words, two experiments later."""
     from ldt_ros.up import launch
 
     given = {**WORN, "machine": rotor, "model": "diagnosed", "cause": "auto", "diagnose": True}
+    given |= {"experiments": 5, "diagnosis_after": 2}
     settings = resolve({**given, "bag": str(tmp_path / "graph")})
     machine = load_machine(rotor)
     launch(settings)
@@ -181,9 +182,11 @@ def test_the_adaptor_diagnoses_for_a_model_that_learns_by_it(domain, rotor, tmp_
     heard = records(tmp_path / "graph")
     assert heard == records(tmp_path / "offline")
     assert heard == records(tmp_path / "replay")
-    assert [d["experiment"] for d in heard["diagnosis"]] == [1]
-    reason = heard["adaptation"][0]["reason"]
-    assert reason.startswith("since experiment 1: unbalance has grown to 10 mm; version 1")
+    (first, *_) = heard["diagnosis"]
+    assert (first["values"]["asked_at"], first["experiment"]) == (1, 3)
+    reasons = [told["reason"] for told in heard["adaptation"]]
+    assert "no diagnosis has named a cause yet" in reasons[1]
+    assert "unbalance has grown to 10 mm; version 1" in reasons[2]
 
 
 def test_each_machine_of_a_fleet_has_its_own_diagnosis(domain, rotor, tmp_path):
