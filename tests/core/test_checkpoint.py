@@ -433,15 +433,17 @@ def test_an_adaptor_that_diagnoses_knows_what_was_named_last(lookup):
         "diagnosis_after": 0,
     }
     one, other = (Twin.from_settings(MACHINE, given).adaptor for _ in range(2))
-    step = next(step for step in STEPS if step.diagnosis)
-    one.diagnoser.recall(step)
+    for step in STEPS:  # a positive may be the one in which the machine changed, which asks nothing
+        one.diagnoser.recall(step)
+        if one.diagnoser.state()["last"]:
+            break
     one.named = step.diagnosis
     other.return_to(json.loads(json.dumps(one.state())), lookup)
     assert other.named == step.diagnosis
     known = one.diagnoser.state()
     assert other.diagnoser.state() == known
     assert known["last"]["error"] > 0
-    assert known["recent"][0][0] == step.number
+    assert known["recent"][-1][0] == step.number
 
 
 @pytest.mark.slow
