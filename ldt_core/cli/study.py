@@ -156,11 +156,11 @@ def _streams(study: Study) -> Table:
     for name, entries in by_setup[DEFAULT].items():
         late = mean(s.late_left for _, s in entries)
         own = [mean(s.left for _, s in by_setup[setup].get(name, [])) for setup in SETUPS]
-        told = ("passed" if v.passed else f"missed: {v.aim}" for v in verdicts if v.stream == name)
+        told = ("met" if v.passed else f"missed: {v.aim}" for v in verdicts if v.stream == name)
         cells = [_text(found.as_dict(), 100, 0, "") for found in (late, *own)]
         table.add_row(name, *cells, ", ".join(told))
     for verdict in (v for v in verdicts if not v.stream):
-        said = "passed" if verdict.passed else "missed"
+        said = "met" if verdict.passed else "missed"
         table.add_row("all", *[""] * (1 + len(SETUPS)), f"{said}: {verdict.aim}, {verdict.found}")
     return table
 

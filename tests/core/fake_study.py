@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from fake_robust_run import made
 
 from ldt_core.base.experiment import Action, Level
 from ldt_core.lab.study.baselines import baseline_cases
 from ldt_core.lab.study.drift_detection import drifts_of
 from ldt_core.lab.study.facts import Drift, Facts, energy_needed, stream_key
+from ldt_core.lab.study.robustness.robust_run import SETUPS
 from ldt_core.lab.study.study import Entry, Study
 from ldt_core.lab.study.study_case import RunResult, StudyCase
 
@@ -105,7 +107,8 @@ def fake_study(
         add(group, "hybrid", "threshold", degradation=kind)
     settings = {"seeds": seeds, "experiments": experiments, "machine": machine}
     facts = {stream_key(e.result.case): fake_facts(e.result) for e in entries}
-    return Study(settings, tuple(entries), facts, notes=notes)
+    robust = tuple(made(setup=setup) for setup in SETUPS)
+    return Study(settings, tuple(entries), facts, notes=notes, robust=robust)
 
 
 def fake_facts(result: RunResult) -> Facts:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fake_robust_run import COUNT, made
 
 from ldt_core.checks import check_detector
 from ldt_core.lab.study.claims.robust_aims import robust_aims
@@ -22,10 +23,8 @@ from ldt_core.lab.study.robustness.alarm_trials import (
 )
 from ldt_core.lab.study.robustness.conduct import robust_tasks
 from ldt_core.lab.study.robustness.robust_run import (
-    DEFAULT,
     SETUPS,
     RobustRun,
-    RobustTask,
     score_run,
 )
 from ldt_core.lab.study.robustness.straw_man import StrawMan
@@ -34,29 +33,6 @@ from ldt_core.lab.study.study import Evidence, Study
 from ldt_core.lab.study.study_page import write_page
 from ldt_core.lab.study.study_plan import StudyPlan
 from ldt_core.lab.study.study_tables import write_tables
-
-COUNT = 20
-
-
-def made(stream: str = "off_5mm", setup: str = DEFAULT, **other: object) -> RobustRun:
-    """A run by hand: wrong from the first of 20 experiments on, adapted at once."""
-    error = [5.0] + [0.4] * (COUNT - 1)
-    run = RobustRun(
-        task=RobustTask(stream, setup, 0, COUNT),
-        noise=0.1,
-        changes=[1],
-        max_error=error,
-        original=[5.0] * COUNT,
-        known=[0.4] * COUNT,
-        late=error,
-        rms_error=[2.0] + [0.1] * (COUNT - 1),
-        level=[1] + [-1] * (COUNT - 1),
-        state=["changed"] + ["holds"] * (COUNT - 1),
-        action=["adapted"] + ["kept"] * (COUNT - 1),
-        seconds=1.0,
-        step_seconds=[0.5] + [0.01] * (COUNT - 1),
-    )
-    return replace(run, **other)
 
 
 def test_the_figures_of_a_run_are_what_they_say():
@@ -186,6 +162,6 @@ def test_page_and_file_say_what_came_of_it(tmp_path):
     assert float(rows[0]["left"]) == pytest.approx(0.126)
     assert Evidence(study).study.robust == runs
     page = write_page(study, tmp_path).read_text()
-    assert "The default passed 4 of 4 aims" in page
+    assert "The default met 4 of 4 aims" in page
     assert "never found" in page
-    assert "robustness-wide" in page
+    assert "robust_streams-wide" in page

@@ -45,7 +45,7 @@ class Study:
         entries: the runs, in the order of the plan.
         facts: `stream_key` → the truth about that stream.
         notes: sentences for the reader.
-        robust: the runs of the group robustness.
+        robust: the runs of the groups robustness and trials.
         alarms: the counts of the group alarms.
     """
 

@@ -11,6 +11,7 @@ from ldt_core.lab.study.sections.alarms import alarms
 from ldt_core.lab.study.sections.findings import beyond, methods, reproduction
 from ldt_core.lab.study.sections.robustness import robustness
 from ldt_core.lab.study.sections.summary import streams, summary
+from ldt_core.lab.study.sections.trials import trials
 from ldt_core.lab.study.study import Evidence, Study
 from ldt_core.views.page import style
 from ldt_core.views.page.blocks import Section
@@ -27,6 +28,7 @@ SECTIONS: tuple[Callable[[Evidence, Drawings], Section], ...] = (
     reproduction,
     beyond,
     robustness,
+    trials,
     alarms,
     methods,
 )

@@ -22,7 +22,7 @@ FIGURES: dict[str, Callable[[Evidence], Drawing | None]] = {
     "over_stream": stream_figures.over_stream,
     "detectable": stream_figures.detectable,
     "false_alarms": dot_figures.false_alarms,
-    "robustness": robustness,
+    "robust_streams": robustness,
 }
 
 

@@ -49,7 +49,7 @@ def robustness(evidence: Evidence) -> Drawing | None:
 
     every = [score.left for entries in default.values() for _, score in entries]
     return Drawing(
-        "robustness",
+        "robust_streams",
         "What is left of the original's error on streams of every kind",
         f"The default leaves {100 * min(every):.0f} to {100 * max(every):.0f} %. Geometric means "
         "over the seeds; the bar is late, which knows the truth one experiment late.",

@@ -1,4 +1,4 @@
-"""The runs of the groups robustness and alarms: computed in parallel, each kept as it comes."""
+"""The runs of the groups robustness, trials and alarms: in parallel, each kept as it comes."""
 
 from __future__ import annotations
 
@@ -18,9 +18,11 @@ from ldt_core.lab.study.robustness.alarm_trials import (
     alarm_tasks,
     count_alarms,
 )
+from ldt_core.lab.study.robustness.paper_trials import PAPER_TRIALS
 from ldt_core.lab.study.robustness.robust_run import (
     DEFAULT,
     SETUPS,
+    TRIAL,
     RobustRun,
     RobustTask,
     run_robust,
@@ -59,6 +61,15 @@ def robust_tasks(seeds: Sequence[int], most: int) -> list[RobustTask]:
     return sorted(found, key=lambda t: (t.seed, -COST.get(t.setup, 1.0) * t.experiments))
 
 
+def trial_tasks(seeds: Sequence[int], most: int) -> list[RobustTask]:
+    """Every trial of the paper's hybrid on every seed; `most` bounds its experiments."""
+    return [
+        RobustTask(name, TRIAL, seed, min(trial.stream.experiments, most))
+        for seed in seeds
+        for name, trial in PAPER_TRIALS.items()
+    ]
+
+
 def conduct_named(
     plan: StudyPlan, out: Path | str, workers: Workers, progress: Callable[[int, int], None]
 ) -> Beyond:
@@ -79,6 +90,8 @@ def conduct_named(
         tasks += alarm_tasks(seeds)
     if "robustness" in plan.groups:
         tasks += robust_tasks(seeds, plan.experiments)
+    if "trials" in plan.groups:
+        tasks += trial_tasks(seeds, plan.experiments)
     if not tasks:
         return Beyond((), ())
     folder = ResultFolder(out, FORMAT, code_version())

@@ -12,6 +12,7 @@ import numpy as np
 from ldt_core.base.experiment import rms
 from ldt_core.detectors.base import Detector
 from ldt_core.lab.study.robustness.known_stream import KnownStream
+from ldt_core.lab.study.robustness.paper_trials import PAPER_TRIALS
 from ldt_core.lab.study.robustness.straw_man import StrawMan
 from ldt_core.lab.study.robustness.streams import STREAMS
 from ldt_core.lab.study.study_plan import PAPER, TABLE
@@ -20,6 +21,8 @@ from ldt_core.twin.loop import Twin
 
 DEFAULT = "default"
 STRAW_MAN = "straw man"
+#: In place of a setup: what a trial of the paper's hybrid changes stands in `PAPER_TRIALS`.
+TRIAL = "trial"
 #: Name → the settings of a twin, where they differ from the defaults.
 SETUPS: dict[str, dict[str, Any]] = {
     DEFAULT: {},
@@ -40,8 +43,8 @@ class RobustTask:
     """A run to make.
 
     Args:
-        stream: name in `STREAMS`.
-        setup: name in `SETUPS`.
+        stream: name in `STREAMS`, or in `PAPER_TRIALS`.
+        setup: name in `SETUPS`, or `TRIAL`.
         seed: of the stream.
         experiments: of the stream.
     """
@@ -187,6 +190,9 @@ def run_robust(task: RobustTask) -> RobustRun:
     Raises:
         LdtError: the twin cannot go on.
     """
+    if task.setup == TRIAL:
+        trial = PAPER_TRIALS[task.stream]
+        return run_setup(task, trial.stream(task.seed, task.experiments), trial.settings, None)
     given = STREAMS[task.stream](task.seed, task.experiments)
     detector = StrawMan() if task.setup == STRAW_MAN else None
     return run_setup(task, given, settings_of(task.setup, given.machine), detector)

@@ -8,6 +8,7 @@ voltages, the noise, and where the file is off.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from ldt_core.lab.study.robustness.true_plant import (
 )
 from ldt_core.machine.degradation import Schedule
 from ldt_core.machine.excitation import excitation
-from ldt_core.machine.machine_file import Machine, load_machine
+from ldt_core.machine.machine_file import Machine, load_machine, machine_from_dict
 from ldt_core.machine.plant import NOISE, START, VOLTAGE
 
 FILE = 9  # random stream of what the machine file is off by, apart from those of `machine.plant`
@@ -92,6 +93,7 @@ class StreamKind:
         random_start: whether each experiment starts at an angle of its own.
         constant_until: the first experiments are all driven by one constant voltage.
         simulator: whether the challenge's simulator makes it, by laws of its own.
+        altered: (section, key, value) of the machine file that are otherwise, in plant and twin.
     """
 
     about: str
@@ -105,6 +107,7 @@ class StreamKind:
     random_start: bool = False
     constant_until: int = 0
     simulator: bool = False
+    altered: tuple[tuple[str, str, Any], ...] = ()
 
     def __call__(self, seed: int, experiments: int = 0) -> KnownStream:
         """One stream.
@@ -114,7 +117,7 @@ class StreamKind:
             experiments: how many; 0 for the usual number.
         """
         count = experiments or self.experiments
-        true = load_machine(self.machine)
+        true = self._true()
         plant = (ChallengePlant if self.simulator else LibraryPlant)(true, seed)
         noise = float(true.simulation["noise"]) if self.noise is None else self.noise
         conditions = self._conditions(count, seed)
@@ -123,6 +126,13 @@ class StreamKind:
         )
         known = self._file(true, seed)
         return KnownStream(known, made, plant, conditions, noise, self.random_start)
+
+    def _true(self) -> Machine:
+        """The true machine, with nothing acting on it."""
+        plain = load_machine(self.machine).as_dict()
+        for section, key, value in self.altered:
+            plain[section] = {**plain[section], key: value}
+        return machine_from_dict(plain, f"{self.machine}.yaml")
 
     def _conditions(self, count: int, seed: int) -> tuple[Condition, ...]:
         rows = [wear.values(count, seed + i * SECOND_WEAR) for i, wear in enumerate(self.wears)]

@@ -29,16 +29,16 @@ def robustness(evidence: Evidence, drawings: Mapping[str, Drawing | None]) -> Se
     """How good the default is beside the references, and where it is not."""
     section = Section("robustness", "Streams of every kind")
     runs = evidence.study.robust
-    section.figure(drawings["robustness"], MISSING)
+    section.figure(drawings["robust_streams"], MISSING)
     if not runs:
         return section
     verdicts = robust_aims(runs)
-    passed = sum(v.passed for v in verdicts)
-    words = {True: Mark("passed", "good"), False: Mark("missed", "bad")}
+    met = sum(v.passed for v in verdicts)
+    words = {True: Mark("met", "good"), False: Mark("missed", "bad")}
     rows = [(v.stream or "all", words[v.passed], v.aim, v.found) for v in verdicts]
     section.blocks += [
         Text(
-            f"The default passed {passed} of {len(verdicts)} aims. Known: the true parameters; "
+            f"The default met {met} of {len(verdicts)} aims. Known: the true parameters; "
             "late: those of the experiment before. Both know no more of the start than a twin "
             "may. An aim is judged by the mean over the seeds, or by the worst run."
         ),
