@@ -142,11 +142,11 @@ def _jumps(e: Experiment, recent: Sequence[Experiment]) -> str:
     found = impossible_jump(e, recent)
     if found is None:
         return ""
-    at, times = found.at, f"{found.count} such steps" if found.count > 1 else "one such step"
+    at = found.at
     after = "and comes back as suddenly" if found.returns else "and stays there"
     return (
         f"the speed goes from {e.speed[at]:.4g} to {e.speed[at + 1]:.4g} rad/s within one sample "
-        f"of {e.period:.3g} s {after} ({times}), though it follows the voltage only over several: "
+        f"of {e.period:.3g} s {after}, though it follows the voltage only over several: "
         "a faulty sensor"
     )
 

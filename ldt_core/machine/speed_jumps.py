@@ -11,6 +11,7 @@ noise nor a slow drift make a machine look slower or quicker by that.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -43,6 +44,8 @@ GAP = 10.0
 AROUND = 3
 #: Samples that must lie between two jumps for a level of its own; below, it is an excursion.
 LEVEL = 20
+#: Jumps that are judged at most, for the time it takes.
+MOST_JUDGED = 20
 #: Samples back to which voltages are instruments.
 LAGS = 0, 1, 2, 4, 8, 16, 32
 #: F value of the voltages before, above which they tell enough of the speed (Staiger, Stock,
@@ -58,13 +61,11 @@ class Jump:
 
     Args:
         at: sample before it.
-        count: of such jumps in the experiment.
         returns: whether the speed came back as suddenly; otherwise it stayed.
         brief: whether it came back in the very next sample.
     """
 
     at: int
-    count: int
     returns: bool
     brief: bool = False
 
@@ -84,11 +85,17 @@ def impossible_jump(experiment: Experiment, recent: Sequence[Experiment] = ()) -
     if not 0 < len(beyond) <= steps.size // 4:  # more of them are noise, not jumps
         return None
     dynamics = _Dynamics(experiment, beyond)
-    found = [j for k in beyond if (j := _judged(dynamics, beyond, k, limit)) is not None]
-    # Noise of long tails makes a single excursion of one sample, hardly two.
-    if not found or (len(found) == 1 and found[0].brief):
-        return None
-    return Jump(found[0].at, len(found), found[0].returns)
+    alone = [k for k in beyond if _quiet(steps, k, k) or (k + 1 in beyond)][:MOST_JUDGED]
+    brief = 0
+    for k in alone:
+        found = _judged(dynamics, beyond, k, limit)
+        if found is None:
+            continue
+        brief += found.brief
+        # Noise of long tails makes a single excursion of one sample, hardly two.
+        if not found.brief or brief > 1:
+            return found
+    return None
 
 
 def step_limit(experiment: Experiment, recent: Sequence[Experiment] = ()) -> float:
@@ -119,11 +126,11 @@ def _judged(dynamics: _Dynamics, beyond: Sequence[int], k: int, limit: float) ->
         left, again = dynamics.unexplained(k), dynamics.unexplained(back)
         sudden = min(abs(left), abs(again)) >= max(limit, HALF * abs(size))
         if sudden and abs(again + left) <= HALF * abs(left):
-            return Jump(k, 1, returns=True, brief=back == k + 1)
+            return Jump(k, returns=True, brief=back == k + 1)
     if not _quiet(steps, k, k) or not dynamics.stays(k):
         return None
     left = dynamics.unexplained(k, after=True)
-    return Jump(k, 1, returns=False) if abs(left) >= max(limit, HALF * abs(size)) else None
+    return Jump(k, returns=False) if abs(left) >= max(limit, HALF * abs(size)) else None
 
 
 def _quiet(steps: Array, first: int, last: int) -> bool:
@@ -205,27 +212,32 @@ class _Dynamics:
         rows = np.flatnonzero((level[:-1] == level[1:]) & (level[:-1] >= 0))
         if not parts or rows.size < 2 * (len(LAGS) + parts + 2):
             return None
-        own = np.zeros((rows.size, parts))
-        own[np.arange(rows.size), level[rows]] = 1.0
+        here = level[rows]
+        count = np.bincount(here, minlength=parts)
+
+        def centred(values: Array) -> tuple[Array, Array]:
+            means = np.bincount(here, values, parts) / count
+            return values - means[here], means
+
         padded = np.concatenate([np.full(max(LAGS), self.before), u])
-        instruments = np.column_stack([padded[rows + max(LAGS) - lag] for lag in LAGS])
-        z = np.column_stack([instruments, own])
-        x = np.column_stack([y[rows], u[rows], own])
-        seen = z @ np.linalg.lstsq(z, x, rcond=None)[0]
-        solved, _, rank, _ = np.linalg.lstsq(seen, y[rows + 1], rcond=None)
-        if rank < x.shape[1] - (np.ptp(u) == 0):  # a voltage that never moves is a level as well
+        lags = [centred(padded[rows + max(LAGS) - lag])[0] for lag in LAGS]
+        (speed, ys), (volts, us), (after, afters) = map(centred, (y[rows], u[rows], y[rows + 1]))
+        instruments, free = np.column_stack(lags), rows.size - parts - len(LAGS)
+        seen = instruments @ np.linalg.lstsq(instruments, speed, rcond=None)[0]
+        power = max(float(volts @ volts), float(np.finfo(np.float64).tiny))
+        # What the voltages before tell of the speed beyond what the present one does.
+        told = seen - volts * (volts @ seen) / power
+        apart = speed - seen
+        strength = float(told @ told)
+        if strength / len(LAGS) <= STRONG * (apart @ apart) / free:
             return None
-        others = x[:, 1:]
-        told = seen[:, 0] - others @ np.linalg.lstsq(others, seen[:, 0], rcond=None)[0]
-        apart = x[:, 0] - seen[:, 0]
-        if told @ told / len(LAGS) <= STRONG * (apart @ apart) / (rows.size - z.shape[1]):
-            return None
-        residual = y[rows + 1] - x @ solved
-        inverse = np.linalg.pinv(seen.T @ seen)
-        error = np.sqrt(inverse[0, 0] * (residual @ residual) / (rows.size - x.shape[1]))
-        kept = float(min(solved[0] - SURE * error, 1 - 1 / y.size))
+        estimate = float(told @ after) / strength
+        left = after - estimate * speed
+        residual = left - volts * (volts @ left) / power
+        error = math.sqrt(float(residual @ residual) / free / strength)
+        kept = min(estimate - SURE * error, 1 - 1 / y.size)
         if not kept > KEPT:
             return None
-        gain, *levels = np.linalg.lstsq(x[:, 1:], y[rows + 1] - kept * y[rows], rcond=None)[0]
-        by_sample = np.where(level >= 0, np.append(levels, np.nan)[level], np.nan)
-        return kept, float(gain), by_sample
+        gain = float(volts @ (after - kept * speed)) / power
+        levels = np.append(afters - kept * ys - gain * us, np.nan)
+        return kept, gain, np.where(level >= 0, levels[level], np.nan)

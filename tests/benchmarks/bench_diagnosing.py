@@ -19,9 +19,9 @@ from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.recording.experiment_numbers import number_of
 from tests.benchmarks.row import Row
 
-EXPERIMENTS = 24
+EXPERIMENTS = 20
 #: Of real time: an experiment of 20 s every so many seconds.
-RATE = float(os.environ.get("LDT_BENCHMARK_RATE", "2"))
+RATE = float(os.environ.get("LDT_BENCHMARK_RATE", "1"))
 DOMAIN = "230"  # ours alone
 LIMIT = 1.0  # s, aimed at
 
