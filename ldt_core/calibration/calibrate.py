@@ -14,6 +14,8 @@ from ldt_core.base.errors import ExperimentError, LdtError, OptionError, did_you
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
 from ldt_core.calibration.calibration import (
+    MOST_NOISE_RATIO,
+    WITHHELD,
     Calibration,
     ParameterEstimate,
     Reason,
@@ -24,7 +26,8 @@ from ldt_core.calibration.calibration import (
     nothing_determined,
     rounded,
 )
-from ldt_core.calibration.coordinates import Coordinates
+from ldt_core.calibration.coordinates import Coordinate, Coordinates
+from ldt_core.calibration.held_out import split
 from ldt_core.calibration.identifiability import (
     MOST_ERROR,
     Identifiability,
@@ -32,14 +35,29 @@ from ldt_core.calibration.identifiability import (
     examine,
     uncertainty,
 )
-from ldt_core.calibration.parameter_fit import CalibrationRuns, coordinate, fit, starts
+from ldt_core.calibration.lack_of_fit import lack_of_fit
+from ldt_core.calibration.parameter_fit import (
+    DIFFERENCE_INTEGRATED,
+    CalibrationRuns,
+    coordinate,
+    fit,
+    starts,
+)
+from ldt_core.calibration.prior_knowledge import (
+    DIAGNOSED,
+    DIFFERENCE_BESIDE_PRIOR,
+    Prior,
+    deviation,
+    widened,
+)
 from ldt_core.machine.machine_file import Machine
+from ldt_core.physics.effect import Effect
+from ldt_core.physics.parameter import Parameter, is_own, own_name
 
-HOLDOUT = 0.25  # share of the experiments to judge by, unless said otherwise
-LEAST_TO_HOLD_OUT = 4  # experiments; fewer are all needed for the fit
 FEWEST_SAMPLES = 10  # of an experiment: fewer do not even show its start state
 PASSES = 6  # fits with another set of free parameters, should one not hold at its own solution
 FAILURE_RATIO = 1.001  # of the error to the one before: a fit that ends above it has failed
+NORMAL_95 = 1.959964  # standard deviations of a normal law on either side that hold 95 % of it
 GAIN_RATIO = 0.99  # of the error to the one before: above it the file's values were as good
 
 
@@ -50,12 +68,16 @@ def calibrate(
     free: Sequence[str] = (),
     fixed: Sequence[str] = (),
     holdout: float | None = None,
+    acting: Sequence[tuple[Effect, Mapping[str, float]]] = (),
     tick: Callable[[str], None] = lambda doing: None,
 ) -> Calibration:
     """Fit a machine's parameters to experiments, in free run.
 
     The largest set that the experiments determine is fitted, the rest stays at the machine file's
     values. Of parameters named in `free`, those whose values hang on others' have no interval.
+    Where the file states standard deviations, or with `acting`, all parameters are fitted within
+    their tolerances instead (`prior_knowledge`). Where the physics plainly lacks something, nothing
+    has an interval (`lack_of_fit`).
 
     Args:
         machine: nominal values, bounds from its physics.
@@ -63,13 +85,16 @@ def calibrate(
         free: names to fit.
         fixed: names that stay; not together with `free`.
         holdout: share of the experiments to judge by, None for a quarter when there are at least 4.
+        acting: effects to take into the machine file and to fit along, from these values.
         tick: called often with what is being done, for a progress display.
 
     Raises:
         OptionError: an unknown name, both lists, or nothing left to fit.
+        MachineFileError: an effect that the machine cannot have, or one of a user's own file.
         ExperimentError: an experiment outside the machine's limits or too short.
         LdtError: the experiments determine nothing, or the fit failed.
     """
+    before, machine = machine, machine.with_effects(acting) if acting else machine
     check_names(machine, free, fixed)
     for e in experiments:
         machine.check(e)
@@ -79,28 +104,9 @@ def calibrate(
             )
     kept, held_out = split(experiments, holdout)
     with threadpool_limits(1):  # sums in one order: the same numbers on every run
-        return _Work(machine, kept, list(free), list(fixed), tick).result(held_out)
-
-
-def split(
-    experiments: Sequence[Experiment], holdout: float | None
-) -> tuple[list[Experiment], list[Experiment]]:
-    """Experiments to fit, and those held out: every so many-th, so that both cover all."""
-    count = len(experiments)
-    if not count:
-        raise OptionError("calibration", "one experiment or more", "none")
-    if holdout is None:
-        holdout = HOLDOUT if count >= LEAST_TO_HOLD_OUT else 0.0
-    if not 0 <= holdout < 1:
-        raise OptionError("--holdout", "a share from 0 to below 1", f"{holdout:g}")
-    number = math.ceil(holdout * count)
-    if number >= count:
-        raise OptionError("--holdout", f"a share that leaves one of {count} to fit", f"{holdout:g}")
-    chosen = {int((i + 0.5) * count / number) for i in range(number)}
-    return (
-        [e for i, e in enumerate(experiments) if i not in chosen],
-        [e for i, e in enumerate(experiments) if i in chosen],
-    )
+        taken = [own_name(e.name, p.name) for e, _ in acting for p in e.parameters]
+        work = _Work(before, machine, kept, list(free), list(fixed), taken, tick)
+        return work.result(held_out)
 
 
 def check_names(machine: Machine, free: Sequence[str], fixed: Sequence[str]) -> None:
@@ -125,6 +131,9 @@ class _State:
     converged: bool
     seen: Identifiability
     uncertainty: Uncertainty
+    sensitivities: list[Array]
+    #: Effects that are plainly in what is left; None where something without a name is.
+    lacking: tuple[str, ...] | None = ()
 
     @property
     def values(self) -> dict[str, float]:
@@ -134,14 +143,20 @@ class _State:
 class _Work:
     def __init__(
         self,
+        before: Machine,
         machine: Machine,
         experiments: list[Experiment],
         free: list[str],
         fixed: list[str],
+        taken: list[str],
         tick: Callable[[str], None],
     ) -> None:
         self.machine, self.physics, self.experiments = machine, machine.model, experiments
-        self.named = free
+        self.before = before
+        #: Relative standard deviations that count as known; None fits without any.
+        self.prior = {**machine.tolerances, **dict.fromkeys(taken, DIAGNOSED)}
+        self.joint = bool(taken or machine.deviations)
+        self.named = free = [*free, *(n for n in taken if n not in free)] if free else []
         self.values: Mapping[str, float] = machine.parameters
         self.reasons: dict[str, str] = {}
         for p in self.physics.parameters:
@@ -149,7 +164,11 @@ class _Work:
                 self.reasons[p.name] = Reason.NOT_NAMED
             elif p.name in fixed:
                 self.reasons[p.name] = Reason.AS_ASKED
-            elif not free and (p.default is not None or self.values[p.name] == 0):
+            elif free or p.name in taken:
+                continue
+            elif is_own(p.name) and p.name not in machine.deviations:
+                self.reasons[p.name] = Reason.EXACT
+            elif p.default is not None or self.values[p.name] == 0:
                 self.reasons[p.name] = Reason.OPTIONAL
         self._doing = "looking at what the recording determines"
         self._tick = tick
@@ -159,13 +178,14 @@ class _Work:
 
     def result(self, held_out: list[Experiment]) -> Calibration:
         state = self._fitted()
+        state.lacking = self._lacking(state)
         estimates, machine = self._estimates(state)
         if not state.seen.determined:
-            nominal = free_run_error(self.machine, self.experiments)
+            nominal = free_run_error(self.before, self.experiments)
             if free_run_error(machine, self.experiments).rmse < GAIN_RATIO * nominal.rmse:
                 raise LdtError(nothing_determined(self.experiments))
             estimates = [replace(e, value=e.nominal) for e in estimates]
-            machine = self.machine
+            machine = self.before
         fixed = dict(self.reasons)
         for name in state.seen.names:
             if name not in state.coordinates.names and not self.named:
@@ -175,7 +195,7 @@ class _Work:
         numbers: dict[str, list[int]] = {}
         for part, experiments in (("fit", self.experiments), ("held_out", held_out)):
             if experiments:
-                before = free_run_error(self.machine, experiments)
+                before = free_run_error(self.before, experiments)
                 errors[part] = (before, free_run_error(machine, experiments))
                 numbers[part] = [e.number for e in experiments]
         before, after = errors["fit"]
@@ -196,7 +216,8 @@ class _Work:
             fixed={n: fixed[n] for n in order},
             undetermined=state.seen.clusters + vague,
             noise=noise,
-            intervals=state.uncertainty.method,
+            intervals=WITHHELD if state.lacking != () else state.uncertainty.method,
+            lacking=None if state.lacking is None else list(state.lacking),
             errors=errors,
             experiments=numbers,
             notes=(),
@@ -210,6 +231,12 @@ class _Work:
                 "little."
             )
         return replace(calibration, notes=tuple(told)).with_recordings(())
+
+    def _lacking(self, state: _State) -> tuple[str, ...] | None:
+        self._doing = "looking for what the physics lacks"
+        found = lack_of_fit(self.machine, state.runs, state.values, state.sensitivities)
+        smooth = state.runs.noise[0] > MOST_NOISE_RATIO * state.runs.white
+        return found or (None if smooth else ())
 
     def _start_explains(self, state: _State) -> bool:
         """Whether the fit went down and only the noise of the first samples says otherwise."""
@@ -233,7 +260,7 @@ class _Work:
                 continue
             errors = state.uncertainty.errors / state.coordinates.sizes(state.z)
             worst = int(np.argmax(errors))
-            if self.named or errors[worst] <= MOST_ERROR or last:
+            if self.joint or self.named or errors[worst] <= MOST_ERROR or last:
                 return state
             self.reasons[state.coordinates.names[worst]] = Reason.VAGUE
             prefer, values = (), self.values
@@ -245,7 +272,7 @@ class _Work:
         if not parameters:
             raise LdtError(nothing_determined(self.experiments))
         whole = Coordinates(
-            [coordinate(self.physics, self.values, p, self.experiments) for p in parameters],
+            [self._coordinate(p) for p in parameters],
             self.values,
         )
         if values is self.values:
@@ -261,13 +288,14 @@ class _Work:
             raise LdtError(nothing_determined(self.experiments))
         inner = Coordinates([c for c in whole.free if c.name in seen.determined], self.values)
         picked = [whole.names.index(n) for n in inner.names]
+        prior = Prior(inner, self.prior) if self.joint else None
         best: tuple[Array, bool, CalibrationRuns] | None = None
         for number, start in enumerate(candidates, start=1):
             self._doing = "fitting " + ", ".join(inner.names)
             if len(candidates) > 1:
                 self._doing += f" (start {number} of {len(candidates)})"
             fresh = CalibrationRuns(self.physics, at, self.experiments, self.tick)
-            done = fit(fresh, inner, start[picked])
+            done = fit(fresh, inner, start[picked], prior)
             if best is None or math.prod(fresh.noise) < math.prod(best[2].noise):
                 best = *done, fresh
         assert best is not None
@@ -275,22 +303,50 @@ class _Work:
         self._doing = "estimating the intervals"
         solution = whole.at(inner.values(z))
         seen, sensitivities = self._examine(runs, whole, solution, tuple(inner.names))
+        raw = [s[:, [whole.names.index(n) for n in inner.names]] for s in sensitivities]
+        if prior:
+            exact = self.physics.is_linear(inner.values(z))
+            sensitivities = prior.informative(sensitivities, z, exact)
         bound = {c.name for c in inner.on_bound(z)}
         seen = seen.with_settled(bound)
         free = [j for j, name in zip(picked, inner.names, strict=True) if name not in bound]
+        varying = [j for j, name in enumerate(inner.names) if name not in bound]
         spread = uncertainty(
             [s[:, free] for s in sensitivities],
             runs.residuals(inner.values(z)),
             [len(e) for e in self.experiments],
             runs.unknowns,
+            prior.precision[np.ix_(varying, varying)] if prior else None,
         ).among([name not in bound for name in inner.names])
-        return _State(whole, inner, runs, z, converged, seen, spread)
+        picked_out = [s[:, free] for s in sensitivities]
+        kept = [c for c in whole.free if c.name not in inner.names]
+        kept += [self._coordinate(p) for p in self.physics.parameters if self._vague(p.name)]
+        tolerances = self.machine.tolerances
+        kept = [c for c in kept if tolerances.get(c.name) and c.nominal]
+        others = Coordinates(kept, inner.values(z))
+        spread = widened(
+            spread,
+            picked_out,
+            runs.sensitivities(others, others.nominal) if kept else [],
+            [deviation(c, tolerances[c.name]) for c in kept],
+            [name not in bound for name in inner.names],
+        )
+        return _State(whole, inner, runs, z, converged, seen, spread, raw)
+
+    def _coordinate(self, parameter: Parameter) -> Coordinate:
+        return coordinate(self.physics, self.values, parameter, self.experiments)
+
+    def _vague(self, name: str) -> bool:
+        return self.reasons.get(name) == Reason.VAGUE
 
     def _examine(
         self, runs: CalibrationRuns, whole: Coordinates, z: Array, prefer: tuple[str, ...]
     ) -> tuple[Identifiability, list[Array]]:
-        sensitivities = runs.sensitivities(whole, whole.inside(z))
+        step = DIFFERENCE_BESIDE_PRIOR if self.joint else DIFFERENCE_INTEGRATED
+        sensitivities = runs.sensitivities(whole, whole.inside(z), step)
         exact = self.physics.is_linear(whole.values(z))
+        if self.joint:  # what the data do not tell apart, the prior does
+            return Identifiability(tuple(whole.names), tuple(whole.names), {}, ()), sensitivities
         rows = np.vstack(sensitivities) * whole.sizes(z)
         return examine(whole.names, rows, exact, prefer), sensitivities
 
@@ -304,16 +360,24 @@ class _Work:
             if c.name not in found:
                 if self.named:
                     estimates.append(
-                        ParameterEstimate(c.name, c.parameter.unit, c.nominal, c.nominal, None)
+                        ParameterEstimate(
+                            c.name, c.parameter.unit, c.nominal, c.nominal, None, None
+                        )
                     )
                 continue
             z, width, (low, high) = float(found[c.name]), float(half[c.name]), c.bounds
-            interval = None
-            if c.name not in unsure and width < high - low:
+            interval = std = None
+            value = rounded(c.value(z))
+            if state.lacking == () and c.name not in unsure and width < high - low:
                 ends = max(z - width, low), min(z + width, high)
                 interval = (rounded(c.value(ends[0])), rounded(c.value(ends[1])))
-            value = rounded(c.value(z))
+                size = abs(value) if c.logarithmic else abs(c.scale)
+                std = rounded(width * size / NORMAL_95) if value else None
             estimates.append(
-                ParameterEstimate(c.name, c.parameter.unit, c.nominal, value, interval)
+                ParameterEstimate(c.name, c.parameter.unit, c.nominal, value, interval, std)
             )
-        return estimates, self.machine.with_parameters(**{e.name: e.value for e in estimates})
+        kept = {n: s for n, s in self.machine.deviations.items() if n not in found}
+        kept |= {e.name: e.std for e in estimates if e.std}
+        machine = replace(self.machine, deviations={})
+        machine = machine.with_parameters(**{e.name: e.value for e in estimates})
+        return estimates, replace(machine, deviations=kept)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,13 +12,15 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
-from ldt_core.base.sentences import listed
+from ldt_core.base.sentences import listed, spoken
 from ldt_core.calibration.coordinates import SEARCH_FACTOR, Coordinates
 from ldt_core.calibration.identifiability import Identifiability
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.physics import PhysicsModel
 
+MOST_NAMED = 3  # effects in a sentence
 DIGITS = 6  # significant ones of a calibrated value: more than any recording determines
+WITHHELD = "withheld: the physics lacks something"
 MOST_NOISE_RATIO = 5.0  # of a residual to its white part: beyond, it is not the sensor's noise
 CONSTANT_RANGE = 0.02  # of the largest voltage: a smaller range excites nothing
 
@@ -32,6 +34,7 @@ class Reason(enum.StrEnum):
     VAGUE = "too uncertain"
     GROUPED = "not told apart"
     SILENT = "does not show"
+    EXACT = "stated without std"
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,8 @@ class ParameterEstimate:
     """A parameter that was free, in SI units.
 
     `nominal` is the machine file's value; `ci95` the 95 % interval, or None when the recordings do
-    not determine the parameter.
+    not determine the parameter or the physics lacks something; `std` that of the normal law with
+    this interval.
     """
 
     name: str
@@ -47,6 +51,7 @@ class ParameterEstimate:
     nominal: float
     value: float
     ci95: tuple[float, float] | None
+    std: float | None = None
 
 
 @dataclass(frozen=True)
@@ -64,6 +69,8 @@ class Calibration:
         errors: "fit" and, when experiments were held out, "held_out" → (before, after), free runs
             from the first measured sample as `ldt predict` makes them [rad/s].
         experiments: numbers of the experiments by the same keys.
+        lacking: effects that the physics lacks and that are plainly in what is left, the clearest
+            first; None where what is left is smooth and follows none of them.
         notes: sentences for a person: what is determined, what to beware of.
         recordings: the files.
     """
@@ -78,6 +85,7 @@ class Calibration:
     errors: dict[str, tuple[FreeRunError, FreeRunError]]
     experiments: dict[str, list[int]]
     notes: tuple[str, ...]
+    lacking: list[str] | None = field(default_factory=list)
     recordings: tuple[str, ...] = ()
 
     def with_recordings(self, recordings: Sequence[str]) -> Calibration:
@@ -95,12 +103,14 @@ class Calibration:
                     "value": e.value,
                     "ci95": None if e.ci95 is None else list(e.ci95),
                     "nominal": e.nominal,
+                    "std": e.std,
                 }
                 for e in self.estimates
             },
             "fixed": list(self.fixed),
             "undetermined": [list(group) for group in self.undetermined],
             "intervals": self.intervals,
+            "lacking": self.lacking,
             "noise": {channel: rounded(size) for channel, size in self.noise.items()},
             "experiments": self.experiments["fit"],
             "rmse_before": rounded(before.rmse),
@@ -144,7 +154,7 @@ def notes(calibration: Calibration, seen: Identifiability, white: float, same: f
     if seen.products:
         said.append(f"What is determined: {', '.join(seen.products)}.")
     if seen.groups and not any(e.ci95 is None for e in calibration.estimates):
-        said.append("The intervals hold if what was kept is right.")
+        said.append("The intervals hold if what was kept is right within its tolerance.")
     if seen.silent:
         said.append(
             f"{listed(seen.silent)} {'do' if len(seen.silent) > 1 else 'does'} not show in these "
@@ -161,7 +171,19 @@ def notes(calibration: Calibration, seen: Identifiability, white: float, same: f
         said.append(
             f"What is left ({left:.3g} rad/s) is smooth, not noise (about {white:.2g} rad/s): the "
             "machine has something that the physics lacks, and the calibrated values imitate it as "
-            "well as they can; the intervals do not cover that."
+            "well as they can."
+        )
+    if calibration.lacking:
+        shown = calibration.lacking[:MOST_NAMED]
+        more = " or another" if len(calibration.lacking) > MOST_NAMED else ""
+        said.append(
+            f"What is left looks like {listed([spoken(n) for n in shown], 'or')}{more}, which the "
+            "machine file lacks: the calibrated values imitate it."
+        )
+    if calibration.lacking != []:
+        said.append(
+            "So no interval is given. `ldt diagnose` looks for the cause, `ldt calibrate --with` "
+            "takes it into the file."
         )
     before, after = calibration.errors["fit"]
     if after.rmse > same * before.rmse:

@@ -232,6 +232,7 @@ def uncertainty(
     residuals: Sequence[Array],
     lengths: Sequence[int],
     unknowns: int,
+    prior: Array | None = None,
 ) -> Uncertainty:
     """Covariance of the estimate.
 
@@ -240,9 +241,12 @@ def uncertainty(
         residuals: a (rows,) for each, at the fit: speed, current if measured, start states.
         lengths: samples of each experiment.
         unknowns: start states that were estimated, all experiments together.
+        prior: (p, p) precision of what was known beforehand, None for nothing.
     """
     information = [s.T @ s for s in sensitivities]
     total = np.sum(information, axis=0)
+    if prior is not None:
+        total = total + prior
     if not total.size:
         return Uncertainty(total, LEAST_FREEDOM, "none: every free parameter ended on a bound")
     total += RIDGE * np.diag(total).max() * np.eye(len(total))
@@ -254,8 +258,14 @@ def uncertainty(
         moved -= moved.mean(axis=0)
         count = len(moved)
         covariance = (count - 1) / count * moved.T @ moved
+        if prior is not None:
+            covariance += np.linalg.solve(total, np.linalg.solve(total, prior).T)
         return Uncertainty(covariance, count - 1, f"cluster-robust over {count} experiments")
-    return _stationary(sensitivities, residuals, lengths, unknowns, total)
+    spread = _stationary(sensitivities, residuals, lengths, unknowns, total)
+    if prior is None:
+        return spread
+    beforehand = np.linalg.solve(total, np.linalg.solve(total, prior).T)
+    return replace(spread, covariance=spread.covariance + beforehand)
 
 
 def _spread_out(information: Sequence[Array], total: Array) -> bool:

@@ -24,9 +24,9 @@ from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
 from ldt_core.base.threads import one_thread
-from ldt_core.calibration.calibrate import split
 from ldt_core.calibration.calibration import free_run_error, rounded
 from ldt_core.calibration.equivalent_motor import MotorResponse, fit_response
+from ldt_core.calibration.held_out import split
 from ldt_core.estimation.linear import Identified, identify
 from ldt_core.machine.machine_file import Machine
 

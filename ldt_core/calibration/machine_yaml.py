@@ -13,6 +13,7 @@ from ldt_core.base.errors import OptionError
 from ldt_core.calibration.calibration import Calibration
 from ldt_core.calibration.identify import EquivalentMotor
 from ldt_core.machine.machine_file import Machine
+from ldt_core.physics.parameter import own_name
 
 COMMENT_COLUMN = 16  # at which the comments on parameters begin
 
@@ -55,9 +56,12 @@ def machine_text(calibration: Calibration) -> str:
     ]
     estimates = {e.name: e for e in calibration.estimates}
     comments = {}
+    withheld = calibration.lacking != []
     for p in machine.model.parameters:
         comments[p.name] = f"{p.unit}, {p.description}".strip(", ")
-        if p.name in estimates:
+        if p.name in estimates and withheld:
+            comments[p.name] += "; calibrated, without interval: the physics lacks something"
+        elif p.name in estimates:
             ci95 = estimates[p.name].ci95
             comments[p.name] += (
                 "; not determined by itself"
@@ -98,14 +102,14 @@ def _measured(found: Calibration | EquivalentMotor) -> str:
 def _text(
     machine: Machine, head: list[str], comments: Mapping[str, str], record: dict[str, Any]
 ) -> str:
-    entries = {
-        p.name: f"  {p.name}: {_flow(machine.parameters[p.name])}" for p in machine.model.parameters
-    }
+    stated = machine.as_dict()
+    entries = {name: f"  {name}: {_flow(value)}" for name, value in stated["parameters"].items()}
     lines = [
         *(f"# {line}" for line in head),
         *_entries({"name": machine.name, "physics": machine.physics}),
         "parameters:",
         *(f"{entry:<{COMMENT_COLUMN}}  # {comments[name]}" for name, entry in entries.items()),
+        *_effects(stated.get("effects", []), comments),
         "limits:",
         f"  voltage: {_flow(list(machine.voltage_limits))}    # V",
         "experiment:",
@@ -117,6 +121,16 @@ def _text(
         lines += [f"  {line}" for line in _entries(machine.simulation)]
     lines += ["calibration:", *(f"  {line}" for line in _calibration(record))]
     return "\n".join(lines) + "\n"
+
+
+def _effects(effects: list[dict[str, Any]], comments: Mapping[str, str]) -> list[str]:
+    lines = ["effects:                # known to act on this machine"] if effects else []
+    for effect in effects:
+        lines += [f"- name: {effect['name']}", "  parameters:"]
+        for name, value in effect["parameters"].items():
+            comment = comments.get(own_name(effect["name"], name), "")
+            lines.append(f"    {name}: {_flow(value)}  # {comment}".rstrip(" #"))
+    return lines
 
 
 def _calibration(record: dict[str, Any]) -> list[str]:

@@ -22,10 +22,11 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.calibration.coordinates import Coordinate, Coordinates
+from ldt_core.calibration.prior_knowledge import DIFFERENCE_BESIDE_PRIOR, Prior
 from ldt_core.estimation.least_squares import trust_region
 from ldt_core.estimation.noise import white_noise
 from ldt_core.estimation.variable_projection import least_squares_step, project_out
-from ldt_core.physics.base import ANGLE, CURRENT, SPEED, Physics
+from ldt_core.physics.base import ANGLE, CURRENT, SPEED, Effects, Physics
 from ldt_core.physics.parameter import Parameter
 
 DIFFERENCE_LINEAR = 1e-4  # of a coordinate: quotients of the exact solution are good to 1e-8
@@ -44,6 +45,7 @@ EVALUATIONS = 60  # of the free runs in one round
 VISIBLE_CHANGE = 0.01  # of the speed: one this large gives a parameter at 0 its typical size
 SIZES = 10.0 ** np.arange(-8, 5, 0.25)  # in the parameter's unit, tried for that
 SCAN = np.geomspace(0.2, 20, 25)  # of the typical size: two decades about it, 12 points a decade
+RESPONSE_STEP = 0.5e-3  # s, of the integration of a small effect, however fast dry friction turns
 STARTS = 3  # minima of the scan from which to fit; a rotor has two, captured or not
 
 
@@ -102,10 +104,15 @@ class CalibrationRuns:
             for i in range(len(self.experiments))
         ]
 
-    def sensitivities(self, coordinates: Coordinates, z: Array) -> list[Array]:
-        """Change of each experiment's free run per coordinate: (rows, p), as in `residuals`."""
+    def sensitivities(
+        self, coordinates: Coordinates, z: Array, step: float = DIFFERENCE_INTEGRATED
+    ) -> list[Array]:
+        """Change of each experiment's free run per coordinate: (rows, p), as in `residuals`.
+
+        `step` is that of the differences of integrated runs, in a coordinate.
+        """
         linear = self.physics.is_linear(coordinates.values(z))
-        step = DIFFERENCE_LINEAR if linear else DIFFERENCE_INTEGRATED
+        step = DIFFERENCE_LINEAR if linear else step
         low, high = coordinates.bounds
         columns: list[list[Array]] = [[] for _ in self.experiments]
         for j in range(len(coordinates)):
@@ -154,6 +161,31 @@ class CalibrationRuns:
             found = math.sqrt(squares[channel] / max(counts[channel], 1))
             self.noise[channel] = max(found, NOISE_FLOOR * self._sizes[channel])
 
+    def free_run(self, i: int, values: Mapping[str, float]) -> Array:
+        """(rows,) free run of experiment i in noise deviations, from its start state."""
+        return self._run(i, values, self.starts[i])
+
+    def change(self, i: int, values: Mapping[str, float], use: Effects, base: Array) -> float:
+        """By how much effects change a free run (rows,), as a part of its size."""
+        self.tick()
+        size = float(np.linalg.norm(self._measured(i))) or 1.0
+        start = self.starts[i]
+        return float(np.linalg.norm(self._run(i, values, start, use) - base)) / size
+
+    def responses(
+        self,
+        values: Mapping[str, float],
+        use: Effects,
+        chosen: Sequence[int],
+        base: Sequence[Array],
+    ) -> list[Array]:
+        """Change of the chosen experiments' free runs by effects: (rows,), as in `residuals`."""
+        self.tick()
+        return [
+            self._eliminate(i, self._run(i, values, self.starts[i], use) - run)
+            for i, run in zip(chosen, base, strict=True)
+        ]
+
     def loss(self, values: Mapping[str, float]) -> float:
         """Sum of squares from the present start states, in noise deviations."""
         self.tick()
@@ -197,13 +229,16 @@ class CalibrationRuns:
         speed = e.speed / self.noise[0]
         return speed if e.current is None else np.concatenate([speed, e.current / self.noise[1]])
 
-    def _run(self, i: int, values: Mapping[str, float], start: Array) -> Array:
+    def _run(self, i: int, values: Mapping[str, float], start: Array, use: Effects = ()) -> Array:
         e = self.experiments[i]
         try:
-            states = self.physics.simulate(values, e.voltage, e.period, start)
+            least = RESPONSE_STEP if use else 0.0
+            states = self.physics.simulate(
+                values, e.voltage, e.period, start, use, least_step=least
+            )
         except LdtError:
             return np.full(len(e) * (1 if e.current is None else 2), DIVERGED)
-        speed = self.physics.measure(states, e.period, (), values) / self.noise[0]
+        speed = self.physics.measure(states, e.period, use, values) / self.noise[0]
         return (
             speed
             if e.current is None
@@ -234,12 +269,18 @@ def _spread(physics: Physics, values: Mapping[str, float], e: Experiment, guess:
     spread[ANGLE] = ANGLE_SPREAD
     states = physics.simulate(values, e.voltage, e.period, guess)
     running = min(1.0, abs(float(e.speed[0])) / _size(e.speed))
-    spread[CURRENT + 1 :] = running * np.sqrt(np.mean(states[:, CURRENT + 1 :] ** 2, axis=0))
+    moved = states[:, CURRENT + 1 : spread.size]
+    spread[CURRENT + 1 :] = running * np.sqrt(np.mean(moved**2, axis=0))
     return spread
 
 
-def fit(runs: CalibrationRuns, coordinates: Coordinates, z: Array) -> tuple[Array, bool]:
+def fit(
+    runs: CalibrationRuns, coordinates: Coordinates, z: Array, prior: Prior | None = None
+) -> tuple[Array, bool]:
     """Fit the free parameters from z (p,); the runs keep the start states and noise found.
+
+    Args:
+        prior: what is known of them beforehand.
 
     Returns:
         (p,) coordinates, and whether the last round moved nothing.
@@ -249,10 +290,15 @@ def fit(runs: CalibrationRuns, coordinates: Coordinates, z: Array) -> tuple[Arra
     """
 
     def residual(z: Array) -> Array:
-        return np.concatenate(runs.residuals(coordinates.values(z)))
+        rest = runs.residuals(coordinates.values(z))
+        return np.concatenate(rest if prior is None else [*rest, prior.residuals(z)])
 
     def jacobian(z: Array) -> Array:
-        return -np.vstack(runs.sensitivities(coordinates, z))
+        if prior is None:
+            return -np.vstack(runs.sensitivities(coordinates, z))
+        rows = runs.sensitivities(coordinates, z, DIFFERENCE_BESIDE_PRIOR)
+        exact = runs.physics.is_linear(coordinates.values(z))
+        return -np.vstack([*prior.informative(rows, z, exact), prior.rows])
 
     z, converged = coordinates.inside(z), False
     runs.settle(coordinates.values(z), estimate=False)

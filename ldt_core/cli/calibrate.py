@@ -10,6 +10,7 @@ from rich.table import Table
 from ldt_core.base.sentences import counted
 from ldt_core.cli.console import Console
 from ldt_core.cli.options import (
+    diagnosis_option,
     force_option,
     json_option,
     judged_option,
@@ -40,6 +41,7 @@ def _names(_context: click.Context, _option: click.Parameter, text: str | None) 
 @click.option(
     "--fixed", callback=_names, metavar="NAME,...", help="Parameters that keep the file's values."
 )
+@diagnosis_option("The diagnosis.json whose effects to take into the file and to fit along.")
 @new_file_option
 @force_option
 @judged_option
@@ -53,6 +55,7 @@ def command(
     recordings: tuple[str, ...],
     free: list[str],
     fixed: list[str],
+    diagnosis: str,
     out: str,
     force: bool,
     holdout: float | None,
@@ -63,12 +66,15 @@ def command(
     """Fit the machine file's parameters to RECORDINGS, each experiment a free run of its own.
 
     Says which parameters the recordings cannot tell apart, and judges the fit on experiments held
-    out. Experiments of several recordings are numbered on from one to the next.
+    out. Intervals are withheld where the physics plainly lacks something: `ldt diagnose` looks for
+    it, and --with takes it into the file; all is then fitted within the machine's tolerances.
+    Experiments of several recordings are numbered on from one to the next.
 
     Example: ldt calibrate bag --machine dc_motor --free J,K_t,b --out my_motor.yaml
     """
     from ldt_core.calibration import calibrate
-    from ldt_core.calibration.calibrate import check_names, split
+    from ldt_core.calibration.calibrate import check_names
+    from ldt_core.calibration.held_out import split
     from ldt_core.calibration.machine_yaml import check_new, write_machine_file
     from ldt_core.cli.recordings import read_recordings
     from ldt_core.machine.machine_file import load_machine
@@ -76,14 +82,25 @@ def command(
     from ldt_core.views.page import style
 
     machine = load_machine(settings["machine"])
-    check_names(machine, free, fixed)
+    acting = []
+    if diagnosis:
+        from ldt_core.diagnosis.diagnosis import read_effects
+
+        acting = read_effects(diagnosis)
+    check_names(machine.with_effects(acting), free, fixed)
     check_new(out, force)
     if figure:
         style.check_picture(figure, "--figure", "--figure")
     experiments = read_recordings(recordings, namespace, machine)
     with status("{}: {} simulations of the recording") as tick:
         found = calibrate(
-            machine, experiments, free=free, fixed=fixed, holdout=holdout, tick=tick
+            machine,
+            experiments,
+            free=free,
+            fixed=fixed,
+            holdout=holdout,
+            acting=acting,
+            tick=tick,
         ).with_recordings(recordings)
     write_machine_file(found, out, force)
     if figure:
@@ -101,7 +118,8 @@ def _print(found: Calibration, out: str) -> None:
     for column in ("parameter", "in the file", "calibrated", "95 % interval", "unit"):
         table.add_column(column, justify="left" if column in ("parameter", "unit") else "right")
     for e in found.estimates:
-        interval = f"{e.ci95[0]:.5g} to {e.ci95[1]:.5g}" if e.ci95 else "not determined"
+        none = "not determined" if found.lacking == [] else "withheld"
+        interval = f"{e.ci95[0]:.5g} to {e.ci95[1]:.5g}" if e.ci95 else none
         table.add_row(e.name, f"{e.nominal:.5g}", f"{e.value:.5g}", interval, e.unit)
     units = {p.name: p.unit for p in found.machine.model.parameters}
     for name, reason in found.fixed.items():

@@ -7,12 +7,15 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from ldt_core.base.errors import OptionError
+from ldt_core.base.errors import ArgumentTypeError, OptionError, described
 from ldt_core.base.settings import check
 from ldt_core.calibration import calibrate as fit_machine
 from ldt_core.calibration.calibration import Calibration
 from ldt_core.calibration.machine_yaml import write_machine_file
+from ldt_core.diagnosis.diagnosis import Diagnosis, read_effects
+from ldt_core.effects import get_effect
 from ldt_core.notebook.recorded_experiments import ExperimentsLike, MachineLike, possible
+from ldt_core.physics.effect import Effect
 
 
 class FittedMachine(Calibration):
@@ -46,6 +49,7 @@ def calibrate(
     free: Iterable[str] = (),
     fixed: Iterable[str] = (),
     holdout: float | None = None,
+    with_: Diagnosis | str | os.PathLike[str] | None = None,
 ) -> FittedMachine:
     """Fit a machine's parameters to experiments, each a free run of its own, as `ldt calibrate`.
 
@@ -55,18 +59,30 @@ def calibrate(
         free: names of parameters to fit; none takes as many as the experiments determine.
         fixed: names that keep their values; not together with `free`.
         holdout: share of the experiments to judge by; None for a quarter when there are at least 4.
+        with_: a diagnosis, or its file, whose effects to take into the machine and to fit along.
 
     Raises:
         BadInput: an argument that cannot be used.
         LdtError: the experiments determine nothing, or the fit failed.
     """
     experiments, known = possible(recording, machine)
+    acting = [] if with_ is None else _named(with_)
     found = fit_machine(
         known,
         list(experiments),
         free=check("free", free, {"type": "string_array"}),
         fixed=check("fixed", fixed, {"type": "string_array"}),
         holdout=None if holdout is None else check("holdout", holdout, {"type": "double"}),
+        acting=acting,
     )
     named = found.with_recordings([experiments.path] if experiments.path else [])
     return FittedMachine(**vars(named))
+
+
+def _named(diagnosis: object) -> list[tuple[Effect, dict[str, float]]]:
+    if isinstance(diagnosis, Diagnosis):
+        named = [(get_effect(e["effect"]), e["parameters"]) for e in diagnosis.effects]
+        return [(effect, effect.check(given)) for effect, given in named]
+    if isinstance(diagnosis, str | os.PathLike):
+        return read_effects(Path(diagnosis))
+    raise ArgumentTypeError("with_", "a diagnosis or its file", described(diagnosis))

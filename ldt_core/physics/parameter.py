@@ -48,6 +48,11 @@ class Parameter:
         return f"{limits} {self.unit}".rstrip()
 
 
+def is_own(name: str) -> bool:
+    """Whether it is the name of a known effect's parameter."""
+    return "." in name
+
+
 def own_name(effect: str, parameter: str) -> str:
     """What a known effect's parameter is called among those of the machine."""
     return f"{effect}.{parameter}"

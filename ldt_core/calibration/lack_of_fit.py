@@ -1,0 +1,143 @@
+"""Whether a calibrated machine has an effect that its physics lacks.
+
+An interval says how far noise moves a parameter. An effect that the physics lacks moves it farther:
+the parameters imitate it, and their intervals are narrow about wrong values. So each effect that
+the machine may have is held against what the calibration leaves, by the score test for an omitted
+variable (R. Engle, "Wald, likelihood ratio, and Lagrange multiplier tests in econometrics",
+Handbook of Econometrics II, 1984): the free run's response to the effect joins the sensitivities,
+and its coefficient over its standard error is Student's t. The standard error is that of
+`identifiability.uncertainty`, with what is left after the effect has been added, so that noise with
+a memory is not taken for an effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.special import stdtr
+
+from ldt_core.base.arrays import Array
+from ldt_core.base.errors import LdtError
+from ldt_core.calibration.identifiability import uncertainty
+from ldt_core.calibration.parameter_fit import CalibrationRuns
+from ldt_core.effects import EFFECTS
+from ldt_core.machine.machine_file import Machine
+from ldt_core.physics.effect import Effect
+
+FALSE_ALARM = 0.05  # of a complete physics: the share of calibrations that lose their intervals
+MOST_TESTED = 24  # experiments, evenly spread: they bound the time on a long recording
+LEAST_DIRECTION = 1e-9  # of the largest singular value: rounding
+LEAST_APART = 1e-3  # of a response: what the fitted parameters do not do as well
+SMALL_CHANGE = 0.003, 0.1  # of the runs' size: a response so large is still nearly linear
+TRIES = 12  # of an effect's size, each time a factor of 4
+
+
+def lack_of_fit(
+    machine: Machine,
+    runs: CalibrationRuns,
+    values: Mapping[str, float],
+    sensitivities: Sequence[Array],
+) -> tuple[str, ...]:
+    """Names of the effects that are plainly in what the calibration leaves, the clearest first.
+
+    Args:
+        machine: whose file was calibrated.
+        runs: with the start states and the noise of the fit.
+        values: the calibrated parameters.
+        sensitivities: (rows, p) of each experiment to the fitted parameters there.
+    """
+    count = len(runs.experiments)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_TESTED)).astype(int)).tolist()
+    residuals = runs.residuals(values)
+    rest, known = [residuals[i] for i in chosen], _basis([sensitivities[i] for i in chosen])
+    lengths = [len(runs.experiments[i]) for i in chosen]
+    unknowns = round(runs.unknowns * len(chosen) / count)
+    base = [runs.free_run(i, values) for i in chosen]
+    found = []
+    tested = 0
+    for effect in _possible(machine):
+        response = _response(runs, values, effect, chosen, base)
+        if response is None:
+            continue
+        chance = _chance(known, response, rest, lengths, unknowns)
+        if chance is None:
+            continue
+        tested += 1
+        found.append((chance, effect.name))
+    return tuple(name for chance, name in sorted(found) if chance * tested < FALSE_ALARM)
+
+
+def _basis(sensitivities: Sequence[Array]) -> list[Array]:
+    """The (rows, p) of each experiment as orthonormal columns of all, without empty directions."""
+    columns, size, _ = np.linalg.svd(np.vstack(sensitivities), full_matrices=False)
+    kept = columns[:, size > LEAST_DIRECTION * size.max(initial=0.0)]
+    return np.split(kept, np.cumsum([len(s) for s in sensitivities])[:-1])
+
+
+def _possible(machine: Machine) -> list[Effect]:
+    found = []
+    for name in EFFECTS.names():
+        effect = machine.effect(name)
+        try:
+            effect.require(machine.model)
+        except LdtError:
+            continue
+        found.append(effect)
+    return found
+
+
+def _response(
+    runs: CalibrationRuns,
+    values: Mapping[str, float],
+    effect: Effect,
+    chosen: Sequence[int],
+    base: Sequence[Array],
+) -> list[Array] | None:
+    """(rows,) change of each chosen experiment's free run by a small effect; None where it has no
+    such size."""
+    neutral, typical = effect.neutral, effect.check(effect.typical)
+    longest = max(chosen, key=lambda i: float(np.abs(runs.experiments[i].voltage).sum()))
+    part, low, high = 1.0, 0.0, np.inf
+    for _ in range(TRIES):
+        given = {n: neutral[n] + part * (typical[n] - neutral[n]) for n in neutral}
+        try:
+            use = [(effect, effect.check(given))]
+        except LdtError:  # beyond its bounds
+            return None
+        size = runs.change(longest, values, use, base[chosen.index(longest)])
+        if size > SMALL_CHANGE[1]:
+            high = part
+        elif size < SMALL_CHANGE[0]:
+            low = part
+        else:
+            return runs.responses(values, use, chosen, base)
+        if low and high < np.inf:  # one that sets in at a size
+            return None
+        part *= 0.25 if size > SMALL_CHANGE[1] else 4.0
+    return None
+
+
+def _chance(
+    known: Sequence[Array],
+    response: Sequence[Array],
+    rest: Sequence[Array],
+    lengths: Sequence[int],
+    unknowns: int,
+) -> float | None:
+    """Probability of a coefficient as large without the effect; None where nothing tells it."""
+    whole, row, left = np.vstack(known), np.concatenate(response), np.concatenate(rest)
+    apart = row - whole @ (whole.T @ row)
+    size, ends = float(np.linalg.norm(apart)), np.cumsum([len(r) for r in response])[:-1]
+    if not size > LEAST_APART * float(np.linalg.norm(row)):
+        return None
+    joined = [
+        np.column_stack([s, r]) for s, r in zip(known, np.split(apart / size, ends), strict=True)
+    ]
+    moved = np.linalg.lstsq(np.vstack(joined), left, rcond=None)[0]
+    after = [r - s @ moved for s, r in zip(joined, rest, strict=True)]
+    spread = uncertainty(joined, after, lengths, unknowns)
+    error = float(spread.errors[-1])
+    if not error > 0:
+        return 0.0
+    return 2 * float(stdtr(spread.freedom, -abs(float(moved[-1])) / error))

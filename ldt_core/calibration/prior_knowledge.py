@@ -1,0 +1,102 @@
+"""What a machine file states of its parameters beforehand, joined with what was fitted.
+
+Where a file states standard deviations, or a diagnosis' effects are fitted along, all tolerances of
+the machine are prior knowledge: everything is fitted together, and what the recordings do not tell
+apart stays within its tolerance. Else the largest set that they determine is fitted and the rest
+keeps its values; within its tolerance it may be wrong, and what was fitted hangs on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ldt_core.base.arrays import Array
+from ldt_core.calibration.coordinates import Coordinate, Coordinates
+from ldt_core.calibration.identifiability import (
+    EXACT_TOLERANCE,
+    Uncertainty,
+)
+
+#: Relative standard deviation of what a diagnosis found: its amount is right to its size. It holds
+#: what the recordings do not show.
+DIAGNOSED = 1.0
+#: Of a coordinate: quotients of integrated runs are good to 5e-4 then, by an integrator that is
+#: good to 5e-6. A shorter one would drown what tells parameters apart.
+DIFFERENCE_BESIDE_PRIOR = 5e-3
+#: Of the largest singular value: twice that error.
+DROWNED = 1e-3
+
+
+class Prior:
+    """Normal laws about the file's values, of coordinates that have a tolerance.
+
+    Args:
+        coordinates: (p,) those fitted.
+        tolerances: relative standard deviations by name; others have no prior.
+    """
+
+    def __init__(self, coordinates: Coordinates, tolerances: Mapping[str, float]) -> None:
+        stds = [deviation(c, tolerances.get(c.name, 0.0)) for c in coordinates.free]
+        at = [j for j, std in enumerate(stds) if std > 0]
+        self.coordinates, self.centre = coordinates, coordinates.nominal
+        #: (k, p) change of the residuals per coordinate.
+        self.rows = np.zeros((len(at), len(stds)))
+        self.rows[np.arange(len(at)), at] = [1 / stds[j] for j in at]
+
+    def residuals(self, z: Array) -> Array:
+        """(k,) in standard deviations."""
+        return np.asarray(-self.rows @ (z - self.centre))
+
+    def informative(self, sensitivities: Sequence[Array], z: Array, exact: bool) -> list[Array]:
+        """The (rows, p) sensitivities without the directions that their own errors drown.
+
+        What a difference quotient shows of a direction weaker than its own error is not the
+        machine, and would outweigh the prior.
+        """
+        sizes = self.coordinates.sizes(z)
+        _, size, directions = np.linalg.svd(
+            np.linalg.qr(np.vstack(sensitivities) * sizes, mode="r"), full_matrices=False
+        )
+        tolerance = EXACT_TOLERANCE if exact else DROWNED
+        kept = directions[size > tolerance * size[0]]
+        onto = sizes[:, None] * (kept.T @ kept) / sizes
+        return [rows @ onto for rows in sensitivities]
+
+    @property
+    def precision(self) -> Array:
+        """(p, p)."""
+        return np.asarray(self.rows.T @ self.rows)
+
+
+def deviation(c: Coordinate, relative: float) -> float:
+    """A relative standard deviation of a parameter, in its coordinate."""
+    return relative * (1.0 if c.logarithmic or not c.nominal else abs(c.nominal / c.scale))
+
+
+def widened(
+    spread: Uncertainty,
+    fitted: Sequence[Array],
+    kept: Sequence[Array],
+    deviations: Sequence[float],
+    inside: Sequence[bool],
+) -> Uncertainty:
+    """The uncertainty when parameters that were kept may be wrong.
+
+    Args:
+        spread: of (p,) coordinates, were those kept right.
+        fitted: (rows, q) of each experiment, sensitivities to those coordinates that may vary.
+        kept: (rows, k) of each, to the parameters kept.
+        deviations: (k,) of their coordinates.
+        inside: (p,) which coordinates vary, q of them.
+    """
+    if not len(deviations) or not any(inside):
+        return spread
+    moves = np.linalg.lstsq(np.vstack(fitted), np.vstack(kept), rcond=None)[0]
+    covariance = spread.covariance.copy()
+    at = np.flatnonzero(inside)
+    scaled = moves * np.asarray(deviations)
+    covariance[np.ix_(at, at)] += scaled @ scaled.T
+    return replace(spread, covariance=covariance)
