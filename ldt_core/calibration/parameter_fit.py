@@ -170,7 +170,8 @@ class CalibrationRuns:
         self.tick()
         size = float(np.linalg.norm(self._measured(i))) or 1.0
         start = self.starts[i]
-        return float(np.linalg.norm(self._run(i, values, start, use) - base)) / size
+        moved = np.clip(self._run(i, values, start, use) - base, -DIVERGED, DIVERGED)
+        return float(np.linalg.norm(np.nan_to_num(moved, nan=DIVERGED))) / size
 
     def responses(
         self,
