@@ -46,7 +46,7 @@ from ldt_core.calibration.parameter_fit import (
 from ldt_core.calibration.prior_knowledge import (
     DIAGNOSED,
     DIFFERENCE_BESIDE_PRIOR,
-    Prior,
+    ToleranceLaw,
     deviation,
     widened,
 )
@@ -288,7 +288,7 @@ class _Work:
             raise LdtError(nothing_determined(self.experiments))
         inner = Coordinates([c for c in whole.free if c.name in seen.determined], self.values)
         picked = [whole.names.index(n) for n in inner.names]
-        prior = Prior(inner, self.prior) if self.joint else None
+        prior = ToleranceLaw(inner, self.prior) if self.joint else None
         best: tuple[Array, bool, CalibrationRuns] | None = None
         for number, start in enumerate(candidates, start=1):
             self._doing = "fitting " + ", ".join(inner.names)

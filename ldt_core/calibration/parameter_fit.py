@@ -22,7 +22,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.calibration.coordinates import Coordinate, Coordinates
-from ldt_core.calibration.prior_knowledge import DIFFERENCE_BESIDE_PRIOR, Prior
+from ldt_core.calibration.prior_knowledge import DIFFERENCE_BESIDE_PRIOR, ToleranceLaw
 from ldt_core.estimation.least_squares import trust_region
 from ldt_core.estimation.noise import white_noise
 from ldt_core.estimation.variable_projection import least_squares_step, project_out
@@ -276,7 +276,7 @@ def _spread(physics: Physics, values: Mapping[str, float], e: Experiment, guess:
 
 
 def fit(
-    runs: CalibrationRuns, coordinates: Coordinates, z: Array, prior: Prior | None = None
+    runs: CalibrationRuns, coordinates: Coordinates, z: Array, prior: ToleranceLaw | None = None
 ) -> tuple[Array, bool]:
     """Fit the free parameters from z (p,); the runs keep the start states and noise found.
 

@@ -30,7 +30,7 @@ DIFFERENCE_BESIDE_PRIOR = 5e-3
 DROWNED = 1e-3
 
 
-class Prior:
+class ToleranceLaw:
     """Normal laws about the file's values, of coordinates that have a tolerance.
 
     Args:
