@@ -44,7 +44,7 @@ def test_a_trial_s_stream_has_nine_drifts_unless_it_is_about_them(name, drifts):
 
 def test_an_altered_machine_is_so_in_plant_and_twin():
     """The file's own value elsewhere."""
-    given = PAPER_TRIALS["damping"].stream(1, 1)
+    given = PAPER_TRIALS["damping_10"].stream(1, 1)
     assert given.machine.parameters["R_x"] == given.plant.machine.parameters["R_x"] == 50
     assert load_machine("rotor").parameters["R_x"] == 5
     assert len(PAPER_TRIALS["length_5"].stream(1, 1).experiments[0]) == 500
@@ -80,4 +80,4 @@ def test_the_page_has_a_row_for_each_trial_and_the_papers(tmp_path):
     page = write_page(study, tmp_path).read_text()
     assert "the preset paper, 9 drifts" in page
     assert "the paper, on its rotor" in page
-    assert PAPER_TRIALS["damping"].about not in page
+    assert PAPER_TRIALS["damping_10"].about not in page

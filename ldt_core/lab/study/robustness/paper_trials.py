@@ -16,6 +16,7 @@ import numpy as np
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import preset
 from ldt_core.lab.study.robustness.streams import ECCENTRICITY, Aim, StreamKind
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.models.gaussian_process.observer import MotorRun, one_step
 from ldt_core.models.gaussian_process.sparse import Kernel, SparsePosterior
 from ldt_core.models.hybrid import HybridModel
@@ -112,6 +113,17 @@ def _parameters(**values: float) -> tuple[tuple[str, str, Any], ...]:
     return tuple(("parameters", name, value) for name, value in values.items())
 
 
+_LINEAR = _settings(model="linear")
+
+
+def _damped(times: int, end: float = ECCENTRICITY.end) -> PaperTrial:
+    known = load_machine("rotor").parameters
+    altered = _parameters(**{name: times * known[name] for name in ("R_x", "R_y")})
+    about = f"foundation damped {times} times as much, e up to {1000 * end:g} mm"
+    wear = replace(ECCENTRICITY, steps=PAPER_DRIFTS, end=end)
+    return _elsewhere(about, altered=altered, wears=(wear,))
+
+
 #: e is the same throughout, and the model learns every fifth experiment from the last ones: what a
 #: function of these inputs can do at best.
 _TAUGHT: dict[str, Any] = {"detector": "window", "window": 5, "data": "evidence"}
@@ -124,7 +136,7 @@ def _taught(about: str, *inputs: str) -> PaperTrial:
 
 PAPER_TRIALS: dict[str, PaperTrial] = {
     "paper": _alike("the preset paper, 9 drifts"),
-    "linear": _alike("the linear model, 9 drifts", model="linear"),
+    "linear": PaperTrial("the linear model, 9 drifts", _LINEAR, _stream()),
     "drifts_12": _elsewhere("12 drifts, as the study's table", wears=(ECCENTRICITY,)),
     # How it learns, and when.
     "plain": _alike("f_d by plain regression of one-step residuals", model=PlainHybrid),
@@ -164,7 +176,13 @@ PAPER_TRIALS: dict[str, PaperTrial] = {
         "e up to 20 mm", wears=(replace(ECCENTRICITY, steps=PAPER_DRIFTS, end=0.02),)
     ),
     # What the machine is: the paper prints none of its numbers.
-    "damping": _elsewhere("foundation damped ten times", altered=_parameters(R_x=50, R_y=100)),
+    "damping_2": _damped(2),
+    "damping_3": _damped(3),
+    "damping_10": _damped(10),
+    "damping_3_e_20": _damped(3, 0.02),
+    "damping_3_linear": replace(
+        _damped(3), about="the linear model there, e up to 12 mm", settings=_LINEAR
+    ),
     "inertia": _elsewhere("a tenth of the inertia", altered=_parameters(J=0.002)),
     "soft": _elsewhere("foundation of a quarter", altered=_parameters(K_x=500, K_y=1500)),
     "stiff": _elsewhere("foundation of fourfold", altered=_parameters(K_x=8000, K_y=24000)),
