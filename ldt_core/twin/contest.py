@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.errors import LdtError, ModelError
-from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, Signal, rms
+from ldt_core.base.experiment import PAUSED, Action, Adaptation, Experiment, Level, Signal, rms
 from ldt_core.base.threads import one_thread
 from ldt_core.effects import EFFECTS
 from ldt_core.estimation.misfit import misfit
@@ -17,7 +17,8 @@ from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.physics.effect import Effect
-from ldt_core.twin.adaptor import Adaptor
+from ldt_core.twin.adaptor import FAULTY, ROLLED_BACK, Adaptor
+from ldt_core.twin.condition_chain import ConditionChain
 from ldt_core.twin.memory import Memory
 from ldt_core.twin.stage import Archive, RecordedStep
 
@@ -71,6 +72,10 @@ class ContestAdaptor(Adaptor):
         self.original = model
         #: Largest errors of twin and original [rad/s] in the last experiments.
         self.errors: deque[tuple[float, float]] = deque(maxlen=WATCHED)
+        #: What the machine was like, and how that follows upon each other.
+        self.chain = ConditionChain()
+        #: The version that explains the present experiment.
+        self._explaining: Model | None = None
         #: Experiments to learn from, by what competes at the next one.
         self.pending: list[Experiment] = []
 
@@ -80,14 +85,27 @@ class ContestAdaptor(Adaptor):
         pool, self.pending = self.pending, []
         if self._passed_over(experiment):
             return super().step(experiment, signal)
-        found = self._trained(pool, experiment, signal)
-        details: dict[str, float] = {}
+        self._explaining = self._explained_by(experiment)
+        done = self._contested(pool, experiment, signal) or super().step(experiment, signal)
+        self._saw(experiment)
+        return done
+
+    def _contested(
+        self, pool: Sequence[Experiment], experiment: Experiment, signal: Signal
+    ) -> tuple[Adaptation, Model] | None:
+        """What comes into force without learning from this experiment."""
+        found, details = self._trained(pool, experiment, signal), {}
         if found is None and self._worse():
             found = self.original, "is the original again, which erred less over ten experiments"
-            details[ORIGINAL] = 1
+            details[ORIGINAL] = 1.0
             self.errors.clear()
+        known = self._explaining
+        if found is None and signal.level is Level.WARNING and known not in (None, self.model):
+            assert known is not None
+            if self._serves(known, experiment):
+                found = known, f"is version {known.version} again"
         if found is None:
-            return super().step(experiment, signal)
+            return None
         model, origin = found
         before = self.model
         self._adopt(model.again(before.version + 1))
@@ -99,6 +117,45 @@ class ContestAdaptor(Adaptor):
         details["warning_set"] = len(self.memory)
         version, reason = self.model.version, self._reason(before, experiment, origin)
         return Adaptation(experiment.number, Action.ADAPTED, version, reason, details), self.model
+
+    def _adopt(self, model: Model) -> None:
+        same = [m for m in (*self.earlier[1:], self.model) if _alike(m, model)]
+        super()._adopt(model)
+        self.earlier = [m for i, m in enumerate(self.earlier) if i == 0 or m not in same]
+        for m in same:
+            if m is not self.original:
+                self.chain.rename(m.version, model.version)
+
+    def _condition(self, model: Model) -> int:
+        """The condition that a version stands for: its number, of what is the original again 0."""
+        return 0 if _alike(model, self.original) else model.version
+
+    def _explained_by(self, experiment: Experiment) -> Model | None:
+        """The version that explains the experiment, the present one before all others."""
+        return self.model if _explains(self.model, experiment) else self._known(experiment)
+
+    def _saw(self, experiment: Experiment) -> None:
+        model = self._explaining
+        if model is None and experiment.number in self.model.trained_on:
+            model = self.model if _explains(self.model, experiment) else None
+        elif model is not None and _alike(model, self.model):
+            model = self.model
+        self.chain.saw(None if model is None else self._condition(model), experiment)
+
+    def _serves(self, version: Model, experiment: Experiment) -> bool:
+        """Whether a version that explains this experiment will err less in the next one.
+
+        Expected over the conditions that may follow. A machine that changes in every experiment is
+        not predicted better by what explained the last one.
+        """
+        here = self._condition(version)
+        expected = {id(version): 0.0, id(self.model): 0.0}
+        for condition, probability in self.chain.following(here).items():
+            shown = experiment if condition == here else self.chain.shown.get(condition or 0)
+            for model in (version, self.model):
+                error = _largest(model, shown or experiment)
+                expected[id(model)] += probability * error
+        return expected[id(version)] <= expected[id(self.model)]
 
     def _compared(self, experiment: Experiment, signal: Signal) -> None:
         first = self.original.predict(experiment).max_error(experiment)
@@ -115,8 +172,12 @@ class ContestAdaptor(Adaptor):
         self.memory.clear()
         before = self.model
         present = rms(before.predict(experiment).residual(experiment))
-        version = self._known(experiment)
-        if version is not None:
+        version = self._explaining
+        if version is not None and version is not before:
+            if not self._serves(version, experiment):
+                said = f"version {version.version} explains it, but the machine changes so often"
+                kept = f"version {before.version} will err less"
+                return Action.REFUSED, f"{said} that {kept}", {}
             self._adopt(version.again(before.version + 1))
             origin = f"is version {version.version} again"
             return Action.ADAPTED, self._reason(before, experiment, origin), {}
@@ -224,8 +285,13 @@ class ContestAdaptor(Adaptor):
         """Take over what a recorded step says."""
         self._compared(step.experiment, step.signal)
         pool = self._unexplained(step.experiment)
+        self._explaining = self._explained_by(step.experiment)
         super().recall(step)
         told = step.adaptation.details
+        if ROLLED_BACK in told:
+            self.chain = ConditionChain()
+        elif not (told.get(FAULTY) or told.get(PAUSED)):
+            self._saw(step.experiment)
         if told.get(ORIGINAL):
             self.errors.clear()
         self.pending = pool if told.get(SEARCHING) else []
@@ -233,14 +299,17 @@ class ContestAdaptor(Adaptor):
     def state(self) -> dict[str, Any]:
         """Its state by the numbers of what is recorded; `return_to` takes it back."""
         pending = [[e.number, e.start] for e in self.pending]
-        return {**super().state(), "errors": list(self.errors), "pending": pending}
+        own = {"errors": list(self.errors), "pending": pending, "chain": self.chain.state()}
+        return {**super().state(), **own}
 
     def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
         """Take back a state, before any step here."""
         errors = [(float(twin), float(original)) for twin, original in state["errors"]]
         pending = [archive.experiment(number, start) for number, start in state["pending"]]
+        chain = ConditionChain()
+        chain.return_to(state["chain"], archive)
         super().return_to(state, archive)
-        self.errors, self.pending = deque(errors, WATCHED), pending
+        self.errors, self.pending, self.chain = deque(errors, WATCHED), pending, chain
 
 
 def library(machine: Any) -> list[Effect]:
@@ -270,6 +339,18 @@ def _structures(start: GreyBoxModel, pool: Sequence[Experiment]) -> list[Model]:
         return [start.adopt(ranked[0], pool, alike)]
     except (ModelError, np.linalg.LinAlgError, ArithmeticError):
         return []
+
+
+def _alike(one: Model, other: Model) -> bool:
+    return one.kind == other.kind and one.parameters == other.parameters
+
+
+def _largest(model: Model, experiment: Experiment) -> float:
+    """Largest error [rad/s]; infinite where the model cannot predict."""
+    try:
+        return model.predict(experiment).max_error(experiment)
+    except LdtError:
+        return float("inf")
 
 
 def _error(model: Model, experiment: Experiment) -> float:

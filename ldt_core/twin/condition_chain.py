@@ -1,0 +1,65 @@
+"""The conditions that a machine was in, as a Markov chain: which one may come next."""
+
+from __future__ import annotations
+
+import itertools
+from collections import deque
+from collections.abc import Mapping
+from typing import Any
+
+from ldt_core.base.experiment import Experiment
+from ldt_core.twin.stage import Archive
+
+#: Experiments remembered: enough for a frequency to be known within a tenth.
+REMEMBERED = 100
+
+
+class ConditionChain:
+    """Conditions of a machine, each by the model version that explains it.
+
+    Attributes:
+        path: the condition in each of the last experiments; None where no version explains it.
+        shown: the newest experiment in each condition.
+    """
+
+    def __init__(self) -> None:
+        self.path: deque[int | None] = deque(maxlen=REMEMBERED)
+        self.shown: dict[int, Experiment] = {}
+
+    def saw(self, condition: int | None, experiment: Experiment) -> None:
+        """Take in one experiment."""
+        self.path.append(condition)
+        if condition is not None:
+            self.shown[condition] = experiment
+        self.shown = {c: e for c, e in self.shown.items() if c in self.path}
+
+    def rename(self, old: int, new: int) -> None:
+        """A version has come into force again under a new number."""
+        self.path = deque((new if c == old else c for c in self.path), REMEMBERED)
+        if old in self.shown:
+            self.shown[new] = self.shown.pop(old)
+
+    def following(self, condition: int | None) -> dict[int | None, float]:
+        """Probability of each condition in the next experiment, from how often it followed.
+
+        It stays once more often than counted: without any evidence it stays. What followed and no
+        version explained counts as staying, since no other one is known to be nearer.
+        """
+        counts: dict[int | None, float] = {condition: 1.0}
+        for before, after in itertools.pairwise(self.path):
+            if before == condition and condition is not None:
+                known = condition if after is None else after
+                counts[known] = counts.get(known, 0.0) + 1.0
+        total = sum(counts.values())
+        return {c: n / total for c, n in counts.items()}
+
+    def state(self) -> dict[str, Any]:
+        """By the numbers of what is recorded; `return_to` takes it back."""
+        shown = [[c, e.number, e.start] for c, e in self.shown.items()]
+        return {"path": list(self.path), "shown": shown}
+
+    def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
+        """Take back a state."""
+        path = [None if c is None else int(c) for c in state["path"]]
+        shown = {int(c): archive.experiment(number, start) for c, number, start in state["shown"]}
+        self.path, self.shown = deque(path, REMEMBERED), shown
