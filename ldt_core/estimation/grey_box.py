@@ -163,41 +163,40 @@ class GreyBox:
         half = float(np.abs(started(math.pi) - nominal).max()) <= noise
         return math.pi if half else 2 * math.pi
 
-    def first_guesses(self, known: Mapping[str, Mapping[str, float]]) -> list[Array]:
-        """Coordinates of the effects to begin with, every combination.
+    def first_guesses(
+        self, known: Mapping[str, Mapping[str, float]], again: bool = False
+    ) -> list[Array]:
+        """Coordinates of the effects to begin with.
 
-        Those that are known begin where they are. Others begin at what their declaration names
-        for a search, else at their typical size and at a third of it, on both sides of neutral
-        where their bounds allow.
+        One effect at a time begins at what its declaration names for a search, else at its typical
+        size and at a third of it, on both sides of neutral where its bounds allow; the others where
+        they are known, else neutral.
+
+        Args:
+            known: values of effects, which are a guess of their own.
+            again: whether the known effects are also begun with anew.
         """
-        choices = []
+        middle = {e.name: known.get(e.name, e.neutral) for e in self.effects}
+        tried = [middle] if any(e.name in known for e in self.effects) else []
         for effect in self.effects:
-            if effect.name in known:
-                choices.append([[known[effect.name][p.name] for p in effect.parameters]])
+            if effect.name in known and not again:
                 continue
-            if effect.search:
-                named = {n: v for n, v in effect.search.items()}
-                grid = itertools.product(*named.values())
-                tried = [effect.check(dict(zip(named, row, strict=True))) for row in grid]
-            else:
-                typical, neutral = effect.check(effect.typical), effect.neutral
-                both = all(p.low < neutral[p.name] for p in effect.parameters)
-                tried = []
-                for part in (1 / 3, 1.0, -1.0) if both else (1 / 3, 1.0):
-                    moved = {n: neutral[n] + part * (typical[n] - neutral[n]) for n in neutral}
-                    tried.append(moved)
-            choices.append([[t[p.name] for p in effect.parameters] for t in tried])
-        found = []
-        for rows in itertools.product(*choices):
-            given = {
-                e.name: dict(zip([p.name for p in e.parameters], row, strict=True))
-                for e, row in zip(self.effects, rows, strict=True)
-            }
-            q = self.coordinates(given, np.zeros(len(self.uncertain)))[len(self.uncertain) :]
-            found.append(
-                np.clip(q, self.low[len(self.uncertain) :], self.high[len(self.uncertain) :])
-            )
-        return found
+            tried += [{**middle, effect.name: values} for values in _grid(effect)]
+        k = len(self.uncertain)
+        found = [self.coordinates(given, np.zeros(k))[k:] for given in tried or [middle]]
+        return [np.clip(q, self.low[k:], self.high[k:]) for q in found]
+
+
+def _grid(effect: Effect) -> list[dict[str, float]]:
+    if effect.search:
+        return [
+            effect.check(dict(zip(effect.search, row, strict=True)))
+            for row in itertools.product(*effect.search.values())
+        ]
+    typical, neutral = effect.check(effect.typical), effect.neutral
+    both = all(p.low < neutral[p.name] for p in effect.parameters)
+    parts = (1 / 3, 1.0, -1.0) if both else (1 / 3, 1.0)
+    return [{n: neutral[n] + part * (typical[n] - neutral[n]) for n in neutral} for part in parts]
 
 
 def _default(parameter: Parameter) -> float:

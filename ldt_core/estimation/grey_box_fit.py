@@ -31,6 +31,7 @@ from ldt_core.estimation.grey_box import (
     Array,
     GreyBox,
 )
+from ldt_core.estimation.misfit import misfit
 
 #: Observer gains of the homotopy: all of the innovation, then less, then the free run.
 GAINS = (1.0, 0.3, 0.1, 0.03, 0.0)
@@ -279,25 +280,29 @@ def fit_grey_box(
     Args:
         problem: what to fit.
         guesses: (n,) coordinates of the grey box each.
-        tries: how many of them, the best by their cost under the observer, are descended from.
+        tries: how many of them, the best by their cost under the observer, are descended from at
+            most, until the residuals are noise.
         rounds: most Levenberg-Marquardt steps at each gain.
     """
     problem = problem.turned(guesses)
     points = [problem.with_angles(q, GAINS[0]) for q in guesses]
     costs = [problem.cost(x, GAINS[0], COARSE_STEP) for x in points]
-    order = np.argsort(costs, kind="stable")[:tries]
-    found = [problem.descend(points[i], GAINS[0], COARSE_STEP, rounds)[:2] for i in order]
-    x, cost = min(found, key=lambda f: f[1])
-    n = problem.box.size
-    information = np.zeros((problem.size, problem.size))
-    for gain in GAINS:
-        x, cost, information = problem.descend(x, gain, COARSE_STEP, rounds)
-    x, cost, information = problem.descend(x, GAINS[-1], FINE_STEP, rounds)
+    n, count = problem.box.size, range(len(problem.experiments))
+    best: tuple[Array, float, Array] | None = None
+    for i in np.argsort(costs, kind="stable")[:tries]:
+        found = _homotopy(problem, points[i], rounds)
+        if best is None or found[1] < best[1]:
+            best = found
+        rest = (problem.residual(best[0], k, GAINS[-1], FINE_STEP) for k in count)
+        if all(misfit(r[keep]).explained for r, keep in zip(rest, problem.keep, strict=True)):
+            break
+    if best is None:
+        raise ValueError("no guess to begin with")
+    x, cost, information = best
     inner = information[:n, :n]
     if problem.size > n:  # start states eliminated
         cross = information[:n, n:]
         inner = inner - cross @ np.linalg.pinv(information[n:, n:], hermitian=True) @ cross.T
-    count = range(len(problem.experiments))
     return GreyBoxFit(
         x[:n],
         tuple(problem.start(x, i) for i in count),
@@ -307,3 +312,10 @@ def fit_grey_box(
         problem.turn,
         problem.angles(x, information),
     )
+
+
+def _homotopy(problem: GreyBoxProblem, x: Array, rounds: int) -> tuple[Array, float, Array]:
+    """(coordinates, cost, information) at the end of the way from the observer to the free run."""
+    for gain in GAINS:
+        x = problem.descend(x, gain, COARSE_STEP, rounds)[0]
+    return problem.descend(x, GAINS[-1], FINE_STEP, rounds)

@@ -1,8 +1,9 @@
 """Which effects to add to a machine so that it explains an experiment: a search over structures.
 
 Every effect of a library is tried, beside those that are there and in their place, under the
-observer of `grey_box`, which needs few steps. The machine's uncertain parameters are eliminated to
-first order meanwhile, under their prior: what they explain as well is no evidence for an effect.
+observer of `grey_box`, which needs few steps; then a further one beside the best, and so on. The
+machine's uncertain parameters are eliminated to first order meanwhile, under their prior: what they
+explain as well is no evidence for an effect.
 The best structures are then fitted whole, and ranked by the squared residuals plus the price of
 their parameters (Bayesian information criterion: Schwarz, Annals of Statistics 6, 1978).
 """
@@ -37,7 +38,7 @@ SCREENING_STEPS = 4
 #: Observer gains of the screening: all of the innovation, for what captures the shaft; a tenth, for
 #: what is weak and lasts, which so many samples' noise would hide.
 SCREENING_GAINS = (1.0, 0.1)
-#: Structures of each screening that are fitted whole.
+#: Structures of each screening that are fitted whole, the best and its rival.
 FINALISTS = 2
 #: Effects of a structure; of what one experiment tells, more cannot be told apart.
 MOST_EFFECTS = 4
@@ -73,11 +74,6 @@ class FittedStructure:
         """Whether the residuals of all experiments are noise."""
         return all(misfit(r).explained for r in self.fit.residuals)
 
-    def as_present(self, prior: Prior) -> Present:
-        """Where a search for further effects goes on."""
-        given = {e.name: values for e, values in self.box.values(self.fit.q)[1]}
-        return Present(self.box.effects, given, prior)
-
 
 @dataclass(frozen=True, eq=False)
 class Present:
@@ -92,6 +88,21 @@ class Present:
     effects: tuple[Effect, ...]
     given: dict[str, dict[str, float]]
     prior: Prior
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """A structure under the observer.
+
+    Attributes:
+        cost: squared innovations in noise deviations plus the price of the parameters.
+        given: values of its effects.
+        explains: whether the innovations are noise.
+    """
+
+    cost: float
+    given: dict[str, dict[str, float]]
+    explains: bool
 
 
 class StructureSearch:
@@ -121,10 +132,7 @@ class StructureSearch:
         """These effects with the machine's parameters, fitted whole."""
         box = GreyBox(self.machine, effects, self.tolerances)
         problem = self._problem(box, present.prior)
-        known = {n: g for n, g in present.given.items() if n in {e.name for e in effects}}
-        guesses = box.first_guesses({})
-        if known:
-            guesses += box.first_guesses(known)
+        guesses = box.first_guesses(present.given, again=True)
         starts = [np.concatenate([present.prior.mean, g]) for g in guesses]
         fit = fit_grey_box(problem, starts)
         own = box.size - len(box.uncertain)
@@ -133,50 +141,55 @@ class StructureSearch:
     def search(self, present: Present, library: Sequence[Effect]) -> list[FittedStructure]:
         """The best structures, fitted whole, the best first.
 
-        One effect more at a time, the values of the others being fitted along, until the residual
-        is noise or nothing is gained.
+        Effects are added one by one under the observer, the values of the others being estimated
+        along, until the innovations are noise or nothing is gained.
 
         Args:
             present: to which effects are added, or which they replace.
             library: of effects that this machine can have.
         """
-        found = self._with_one_more(present, library, bool(present.effects))
-        while found and not found[0].explains:
-            best = found[0]
-            if len(best.box.effects) >= MOST_EFFECTS:
-                break
-            further = self._with_one_more(best.as_present(present.prior), library, False)
-            if not further or further[0].score >= best.score:
-                break
-            found = sorted([*further, *found], key=lambda s: s.score)
-        return found
-
-    def _with_one_more(
-        self, present: Present, library: Sequence[Effect], instead: bool
-    ) -> list[FittedStructure]:
-        """The present effects and one more, or also one in their place; the best first."""
-        here = {e.name for e in present.effects}
-        tried = [(*present.effects, e) for e in library if e.name not in here]
-        if instead:
-            tried += [(e,) for e in library]
-        chosen: list[int] = []
+        chosen: list[Present] = []
         for gain in SCREENING_GAINS:
-            costs = [math.inf] * len(tried)
-            slopes = self._machine_slopes(present, gain)
+            for structure in self._grown(present, library, gain):
+                if all(set(structure.effects) != set(other.effects) for other in chosen):
+                    chosen.append(structure)
+        return sorted((self.fitted(s, s.effects) for s in chosen), key=lambda s: s.score)
+
+    def _grown(self, present: Present, library: Sequence[Effect], gain: float) -> list[Present]:
+        """The best structure under an observer of this gain, and the rival of its last effect."""
+        found: list[Present] = []
+        while len(present.effects) < MOST_EFFECTS:
+            here = {e.name for e in present.effects}
+            tried = [(*present.effects, e) for e in library if e.name not in here]
+            if not found:  # and other ones in the place of those that were there
+                tried += [(e,) for e in library if here]
+            basis = self._machine_slopes(present, gain)
+            before = self._screened(present, present.effects, basis, gain)
 
             def screen(
-                i: int, costs: list[float] = costs, slopes: Array = slopes, gain: float = gain
-            ) -> None:
-                costs[i] = self._screened(present, tried[i], slopes, gain)
+                i: int,
+                tried: Sequence[tuple[Effect, ...]] = tried,
+                present: Present = present,
+                basis: Array = basis,
+            ) -> Screened:
+                return self._screened(present, tried[i], basis, gain)
 
-            for _ in spread(screen, len(tried), self.workers):
-                pass
+            results = list(spread(screen, len(tried), self.workers))
+            order = sorted(range(len(tried)), key=lambda i: results[i].cost)
+            best = results[order[0]]
+            if not best.cost < before.cost:
+                break
             # What recovers less than half of what the best does is no rival of it.
-            start = self._screened(present, present.effects, slopes, gain)
-            limit = min(costs) + SERIOUS * max(start - min(costs), 0.0)
-            best = np.argsort(costs, kind="stable")[:FINALISTS]
-            chosen += [int(i) for i in best if costs[i] <= limit and i not in chosen]
-        return sorted((self.fitted(present, tried[i]) for i in chosen), key=lambda s: s.score)
+            limit = best.cost + SERIOUS * (before.cost - best.cost)
+            found = [
+                Present(tried[i], results[i].given, present.prior)
+                for i in order[:FINALISTS]
+                if results[i].cost <= limit
+            ]
+            present = found[0]
+            if best.explains:
+                break
+        return found
 
     def _problem(self, box: GreyBox, prior: Prior, workers: int | None = None) -> GreyBoxProblem:
         count = self.workers if workers is None else workers
@@ -198,7 +211,7 @@ class StructureSearch:
 
     def _screened(
         self, present: Present, effects: Sequence[Effect], basis: Array, gain: float
-    ) -> float:
+    ) -> Screened:
         """Least squared residuals under the observer, the machine's parameters eliminated."""
         box = GreyBox(self.machine, effects, self.tolerances)
         problem = self._problem(box, present.prior, workers=1)
@@ -212,10 +225,9 @@ class StructureSearch:
             x = problem.point(np.concatenate([present.prior.mean, q]))
             return projected(problem.rows(x, gain, COARSE_STEP))
 
-        known = {n: g for n, g in present.given.items() if n in {e.name for e in effects}}
         best, q = math.inf, np.zeros(box.size - k)
         rows = np.zeros(below)
-        for guess in box.first_guesses(known):
+        for guess in box.first_guesses(present.given):
             here = rows_at(guess)
             if float(here @ here) < best:
                 best, q, rows = float(here @ here), guess, here
@@ -234,4 +246,8 @@ class StructureSearch:
             if not float(better @ better) < best:
                 break
             best, q, rows = float(better @ better), tried, better
-        return best + q.size * math.log(self._samples)
+        given = {e.name: values for e, values in box.values(np.concatenate([np.zeros(k), q]))[1]}
+        ends = np.cumsum([int(kept.sum()) for kept in problem.keep])
+        parts = np.split(rows[: ends[-1]], ends[:-1])
+        explains = all(misfit(part).explained for part in parts)
+        return Screened(best + q.size * math.log(self._samples), given, explains)

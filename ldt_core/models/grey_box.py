@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 DIRECTIONS = 3
 #: Samples that a free run needs to tell anything about a machine.
 LEAST_SAMPLES = 20
+#: Probability of one and the same start angle from which on it is used, and its rounding error:
+#: one angle alone leaves it even.
+EVEN, ROUNDED = 0.5, 1e-9
 #: Noise [rad/s] as a part of the speed's root mean square, at least: the simulation's own error.
 NOISE_FLOOR = 1e-4
 
@@ -120,7 +123,7 @@ class GreyBoxModel(Model):
         rest = self.box.at_rest(experiment, noise) if noise else False
         start = np.zeros(3)
         variance = np.full(len(experiment), noise**2)
-        if rest and self.angle is not None and self.angle.same < 0.5:
+        if rest and self.angle is not None and self.angle.same < EVEN - ROUNDED:
             runs = [
                 self.box.speed(self.q, experiment, True, np.array([angle, 0.0, 0.0]), step=step)
                 for angle, step in ((self.turn * k / ANGLES, COARSE_STEP) for k in range(ANGLES))

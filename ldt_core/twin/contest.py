@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from joblib import cpu_count
 
 from ldt_core.base.errors import LdtError, ModelError
 from ldt_core.base.experiment import PAUSED, Action, Adaptation, Experiment, Level, Signal, rms
@@ -74,6 +75,8 @@ class ContestAdaptor(Adaptor):
         self.errors: deque[tuple[float, float]] = deque(maxlen=WATCHED)
         #: What the machine was like, and how that follows upon each other.
         self.chain = ConditionChain()
+        # The last search: version that it began with and experiments, and what it found.
+        self._searched: tuple[tuple[int, tuple[int, ...]], list[Model]] | None = None
         #: The version that explains the present experiment.
         self._explaining: Model | None = None
         #: Experiments to learn from, by what competes at the next one.
@@ -234,12 +237,19 @@ class ContestAdaptor(Adaptor):
 
     def _cause(self, experiment: Experiment) -> Model | None:
         """The cause that explains this experiment alone, if one does."""
+        found = self._structures([experiment])
+        return next((m for m in found if _explains(m, experiment)), None)
+
+    def _structures(self, pool: Sequence[Experiment]) -> list[Model]:
+        """The best of what a search finds; found once, where it is asked for twice."""
         start = self._grey()
         if not isinstance(start, GreyBoxModel):
-            return None
-        with one_thread():
-            found = _structures(start, [experiment])
-        return next((m for m in found if _explains(m, experiment)), None)
+            return []
+        asked = (start.version, tuple(id(e) for e in pool))
+        if self._searched is None or self._searched[0] != asked:
+            with one_thread():
+                self._searched = asked, _structures(start, pool)
+        return self._searched[1]
 
     def _unexplained(self, experiment: Experiment) -> list[Experiment]:
         """The newest experiments that neither the present model nor the original explains."""
@@ -266,11 +276,10 @@ class ContestAdaptor(Adaptor):
         """New models that have learned from these experiments."""
         found: list[Model] = []
         with one_thread():
-            if isinstance(start := self._grey(), GreyBoxModel):
-                found += _structures(start, pool)
+            found += self._structures(pool)
             for kind in FLEXIBLE:
                 try:
-                    flexible = build_model(kind, start.machine, self._settings)
+                    flexible = build_model(kind, self.model.machine, self._settings)
                     found.append(flexible.fit(pool))
                 except (LdtError, np.linalg.LinAlgError, ArithmeticError):
                     continue
@@ -328,7 +337,7 @@ def library(machine: Any) -> list[Effect]:
 def _structures(start: GreyBoxModel, pool: Sequence[Experiment]) -> list[Model]:
     """Causes beside and in place of the present ones, the best of them."""
     try:
-        search = start.search_on(pool)
+        search = start.search_on(pool, cpu_count())
         ranked = search.search(start.present, library(start.machine))
     except (LdtError, np.linalg.LinAlgError, ArithmeticError):
         return []
