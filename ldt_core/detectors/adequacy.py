@@ -8,7 +8,8 @@ import numpy as np
 
 from ldt_core.base.experiment import Level, Samples
 from ldt_core.detectors.base import Detector, declared
-from ldt_core.estimation.misfit import MOST_LOG, misfit
+from ldt_core.detectors.excited_range import Hull, hull, within
+from ldt_core.estimation.misfit import MOST_LOG, STRETCH, misfit
 
 #: Exponents of the bets on ranks (Vovk, Gammerman, Shafer, "Algorithmic Learning in a Random
 #: World", 2022, section 8): small ones win by rare ranks, large ones by slightly low ones.
@@ -34,11 +35,14 @@ class Adequacy(Detector):
     | `holds` | the model explains the experiment down to the noise | negative |
     | `changed` | it does not any more | positive |
     | `inadequate` | it does not, learning was tried and no better model was found | warning |
+    | `new_range` | it does not, but only where the voltage is as it never was before | negative |
 
     In the state `inadequate` learning is tried again, positive, after 1, 2, 4, 8 ... experiments,
     and at once where the residuals are no longer like those since the first trial. So it is in the
-    state `learning`, where the residual is no noise. Nothing is learned as usual from experiments
-    that the model has not explained.
+    state `learning`, where the residual is no noise. A range is new to a model that has learned if
+    neither what it learned from nor what it explained since lies there (`excited_range`); the
+    second experiment there is positive and `inadequate`, not `changed`. Nothing is learned as
+    usual from experiments that the model has not explained.
 
     **Guarantee.** While the model in force is the machine's, the mean number of experiments to a
     false positive is at least `false_alarm_every`, if the noise is independent from sample to
@@ -93,6 +97,12 @@ class Adequacy(Detector):
         self.adequacy: float | None = None
         #: How often it was learned from in the state `learning`, experiments to wait before more.
         self.lessons, self.pause = 0, 0
+        #: Ranges of excitation: what the model in force has explained, what it was tried in, and
+        #: that of the last experiment. Empty: everywhere, as of a model that has not learned.
+        self.explained: Hull = []
+        self.seen: Hull = []
+        self.last: Hull = []
+        self._voltage: Samples | None = None
         self._clear()
 
     def _clear(self) -> None:
@@ -113,6 +123,7 @@ class Adequacy(Detector):
         """Hear what came of a positive: a new model, or none."""
         if adapted:
             self._clear()
+            self.explained = self.seen = self.last
         elif self.model_state != "learning":
             self.trials += 1
             self.wait = 2 ** (self.trials - 1)
@@ -121,6 +132,18 @@ class Adequacy(Detector):
 
     def judge(self, residual: Samples, deviation: Samples | None) -> Level:
         """The answer to one experiment."""
+        voltage, self._voltage = self._voltage, None
+        if voltage is None or voltage.size != residual.size:
+            voltage = np.zeros(residual.size)  # of nothing else is known that it differs
+        level = self._judged(residual, deviation, voltage)
+        if self.explained:
+            self.seen = hull(voltage, self.seen)
+            if self.model_state == "holds":
+                self.explained = hull(voltage, self.explained)
+        self.last = hull(voltage, [])
+        return level
+
+    def _judged(self, residual: Samples, deviation: Samples | None, voltage: Samples) -> Level:
         if residual.size < LEAST_SAMPLES:
             self.model_state, self.adequacy = "learning", None
             return Level.NEGATIVE
@@ -129,15 +152,18 @@ class Adequacy(Detector):
         self.unexplained = min(plain.evidence * max(self.unexplained, 1.0), math.exp(MOST_LOG))
         self.misfit = min(found.evidence * max(self.misfit, 1.0), math.exp(MOST_LOG))
         if self.trials > 0 and found.excess > 0:
-            return self._inadequate(math.log(found.relative))
+            return self._inadequate(residual, deviation, voltage)
         if self.trials > 0:
             self._clear()
         if self.unexplained < self.false_alarm_every:
             self.model_state = "holds" if plain.explained else "learning"
             return Level.NEGATIVE
         if self.misfit >= self.false_alarm_every:
+            self.lessons, self.pause = 0, 0
+            if not self._fails_within(self.explained, residual, deviation, voltage):
+                return self._beyond(voltage)
             self.errors = [math.log(found.relative)]
-            self.model_state, self.lessons, self.pause = "changed", 0, 0
+            self.model_state = "changed"
             return Level.POSITIVE
         self.model_state = "learning"
         self.pause -= 1
@@ -147,18 +173,49 @@ class Adequacy(Detector):
         self.lessons += 1
         return Level.POSITIVE
 
-    def _inadequate(self, error: float) -> Level:
+    def _fails_within(
+        self, tried: Hull, residual: Samples, deviation: Samples | None, voltage: Samples
+    ) -> bool:
+        """Whether the model does not explain what lies within a range either."""
+        known = within(voltage, tried)
+        if known.all():
+            return True
+        if np.count_nonzero(known) < STRETCH:
+            return False
+        part = None if deviation is None else deviation[known]
+        return misfit(residual[known], part).evidence >= self.false_alarm_every
+
+    def _beyond(self, voltage: Samples) -> Level:
+        """The model fails, but not where it has been right: only the excitation is another."""
+        self.unexplained, self.misfit = 0.0, 0.0
+        if within(voltage, self.seen).all():
+            self.model_state = "inadequate"
+            return Level.POSITIVE
+        self.model_state = "new_range"
+        return Level.NEGATIVE
+
+    def _inadequate(self, residual: Samples, deviation: Samples | None, voltage: Samples) -> Level:
+        self.wait -= 1
+        known = within(voltage, self.seen)
+        if np.count_nonzero(known) < min(STRETCH, residual.size):
+            self.model_state = "new_range"
+            return Level.NEGATIVE
+        part = None if deviation is None else deviation[known]
+        error = math.log(misfit(residual[known], part).relative)
         rank = (1 + sum(e >= error for e in self.errors)) / (1 + len(self.errors))
         bet = float(np.mean([k * rank ** (k - 1) for k in EXPONENTS]))
         self.change = min(bet * max(self.change, 1.0), math.exp(MOST_LOG))
         self.errors = [*self.errors, error][-REMEMBERED:]
-        self.wait -= 1
         if self.change >= self.false_alarm_every:
             self.trials = 0
             self.model_state = "changed"
             return Level.POSITIVE
         self.model_state = "inadequate"
         return Level.POSITIVE if self.wait <= 0 else Level.WARNING
+
+    def excited(self, voltage: Samples) -> None:
+        """Hear the voltage of the experiment that the next update is about."""
+        self._voltage = np.asarray(voltage, dtype=np.float64)
 
     @property
     def statistics(self) -> dict[str, float]:

@@ -12,6 +12,9 @@ from ldt_core.twin.stage import Archive
 
 #: Experiments remembered: enough for a frequency to be known within a tenth.
 REMEMBERED = 100
+#: Experiments that a condition is taken to have lasted before any were counted: one that has been
+#: left once is still more likely to last than not.
+LASTED = 2.0
 
 
 class ConditionChain:
@@ -42,10 +45,10 @@ class ConditionChain:
     def following(self, condition: int | None) -> dict[int | None, float]:
         """Probability of each condition in the next experiment, from how often it followed.
 
-        It stays once more often than counted: without any evidence it stays. What followed and no
-        version explained counts as staying, since no other one is known to be nearer.
+        It stays `LASTED` times more often than counted. What followed and no version explained
+        counts as staying, since no other one is known to be nearer.
         """
-        counts: dict[int | None, float] = {condition: 1.0}
+        counts: dict[int | None, float] = {condition: LASTED}
         for before, after in itertools.pairwise(self.path):
             if before == condition and condition is not None:
                 known = condition if after is None else after

@@ -138,8 +138,10 @@ class DetectorStage:
                 self.assessor.answered(adapted)
         self._version = prediction.model_version
         residual, deviation = prediction.residual(experiment), prediction.speed_std
+        self.detector.excited(experiment.voltage)
         self.detector.update(residual, deviation)
         if self.assessor is not None:
+            self.assessor.judge.excited(experiment.voltage)
             self.assessor.update(residual, deviation)
 
 

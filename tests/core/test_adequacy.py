@@ -144,3 +144,42 @@ def test_too_few_samples_tell_nothing():
     detector = Adequacy()
     detector.update(np.ones(5))
     assert (detector.model_state, detector.adequacy, detector.signal) == ("learning", None, -1)
+
+
+def told(detector, voltage, residual):
+    detector.excited(voltage)
+    detector.update(residual)
+    return detector.model_state, detector.signal
+
+
+def test_another_excitation_alone_is_a_new_range():
+    """Of a model that has learned: first negative, then learned from, and never `changed`."""
+    random, detector = np.random.default_rng(6), Adequacy()
+    steady, steps = np.full(600, 12.0), np.repeat(random.uniform(2, 18, 12), 50)
+    wave = 5 * np.sin(np.arange(600) / 30)
+    assert told(detector, steady, random.normal(size=600) + wave) == ("changed", Level.POSITIVE)
+    detector.answered(True)
+    for _ in range(3):
+        assert told(detector, steady, random.normal(size=600)) == ("holds", Level.NEGATIVE)
+    assert told(detector, steps, random.normal(size=600) + wave) == ("new_range", Level.NEGATIVE)
+    assert told(detector, steps, random.normal(size=600) + wave) == ("inadequate", Level.POSITIVE)
+
+
+def test_a_change_within_the_known_range_is_no_new_range():
+    """However new the rest of the excitation is."""
+    random, detector = np.random.default_rng(7), Adequacy()
+    steps = np.repeat(random.uniform(4, 16, 12), 50)
+    wave = 5 * np.sin(np.arange(600) / 30)
+    told(detector, steps, random.normal(size=600) + wave)
+    detector.answered(True)
+    told(detector, steps, random.normal(size=600))
+    wider = np.where(np.arange(600) > 500, 23.0, steps)
+    assert told(detector, wider, random.normal(size=600) + wave) == ("changed", Level.POSITIVE)
+
+
+def test_a_model_that_has_not_learned_is_valid_everywhere():
+    """The machine file knows no range of excitation."""
+    random, detector = np.random.default_rng(8), Adequacy()
+    told(detector, np.full(600, 3.0), random.normal(size=600))
+    wave = 5 * np.sin(np.arange(600) / 30)
+    assert told(detector, np.full(600, 20.0), random.normal(size=600) + wave)[0] == "changed"

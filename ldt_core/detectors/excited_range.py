@@ -1,0 +1,59 @@
+"""The range of excitation that a model has been tried in, and what lies outside it.
+
+A range is the hull of the voltage and of its distance from its own running means.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.base.arrays import Array
+
+#: Times [samples] over which the voltage's mean is taken: how fast it changes shows against each.
+MEMORIES = (3, 30, 300)
+#: Part of the range seen, or of its size, by which a voltage beyond it is still known: a model
+#: whose error grows in proportion errs by as much more there.
+MARGIN = 0.1
+#: Samples after one outside the range that count as outside too, as a part of the experiment: a
+#: free run remembers.
+AFTER = 0.05
+
+
+Hull = list[list[float]]
+
+
+def hull(voltage: Array, other: Hull) -> Hull:
+    """[lowest, highest] of each quantity in a voltage (L,) [V], joined with another hull."""
+    seen = _quantities(voltage)
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    if other:
+        low, high = np.minimum(low, other[0]), np.maximum(high, other[1])
+    return [low.tolist(), high.tolist()]
+
+
+def within(voltage: Array, range_: Hull) -> NDArray[np.bool_]:
+    """(L,) samples of a voltage (L,) [V] inside a hull; all inside an empty one."""
+    if not range_:
+        return np.ones(voltage.size, dtype=bool)
+    low, high = np.array(range_)
+    slack = MARGIN * np.maximum(high - low, np.abs(high))
+    seen = _quantities(voltage)
+    outside = ((seen < low - slack) | (seen > high + slack)).any(axis=1)
+    wide = max(1, round(AFTER * voltage.size))
+    return np.asarray(np.convolve(outside, np.ones(wide))[: voltage.size] == 0)
+
+
+def _quantities(voltage: Array) -> Array:
+    """(L, 4) voltage, and its size of distance from each running mean [V]."""
+    columns = [voltage]
+    for memory in MEMORIES:
+        columns.append(np.abs(voltage - _running_mean(voltage, memory)))
+    return np.stack(columns, axis=1)
+
+
+def _running_mean(voltage: Array, memory: int) -> Array:
+    """Mean over the last samples, before the first of which the voltage was what it is there."""
+    padded = np.concatenate([np.full(memory, voltage[0]), voltage])
+    total = np.cumsum(padded)
+    return np.asarray((total[memory:] - total[:-memory]) / memory)
