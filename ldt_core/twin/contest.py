@@ -119,7 +119,8 @@ class ContestAdaptor(Adaptor):
         self.memory.remember(experiment)
         details["warning_set"] = len(self.memory)
         version, reason = self.model.version, self._reason(before, experiment, origin)
-        return Adaptation(experiment.number, Action.ADAPTED, version, reason, details), self.model
+        told = Adaptation(experiment.number, Action.ADAPTED, version, reason, details)
+        return self._warned(told, experiment), self.model
 
     def _adopt(self, model: Model) -> None:
         same = [m for m in (*self.earlier[1:], self.model) if _alike(m, model)]
