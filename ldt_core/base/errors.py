@@ -1,6 +1,7 @@
 """Everything that can go wrong, as one family.
 
 LdtError (exit code 1: the work itself failed)
+├── UnansweredExperiment
 └── BadInput (exit code 2: what the user gave cannot be used; also a ValueError)
     ├── MachineFileError
     ├── RecordingError
@@ -20,7 +21,10 @@ import difflib
 from collections.abc import Iterable
 from typing import Any
 
+from ldt_core.base.printable import one_line
+
 LONGEST_SHOWN = 60  # characters of a value in a message
+LONGEST_REASON = 400  # characters of a reason that is passed on: foreign text may be of any size
 
 
 class LdtError(Exception):
@@ -64,6 +68,22 @@ class RepeatedExperiment(ExperimentError):
     """The same experiment once more: nothing is wrong with it, and it must not count twice."""
 
 
+class UnansweredExperiment(LdtError):
+    """An experiment that the twin could not deal with, though nothing is wrong with it.
+
+    Args:
+        number: of the experiment.
+        reason: what was raised.
+    """
+
+    def __init__(self, number: int, reason: str) -> None:
+        self.number, self.reason = number, reason
+        super().__init__(f"experiment {number} is not answered: {reason}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.number, self.reason)
+
+
 class ModelError(BadInput):
     """A model record that cannot become a model."""
 
@@ -87,6 +107,18 @@ def described(value: object) -> str:
         return f"an array of shape {shape}"
     text = repr(value)
     return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 3]}..."
+
+
+def reason_of(error: BaseException) -> str:
+    """What was raised, in one bounded line; of errors that are not this project's, with their kind.
+
+    >>> reason_of(OptionError("x", "1", 2)), reason_of(ZeroDivisionError("division by zero"))
+    ('x: expected 1, got 2', 'ZeroDivisionError: division by zero')
+    """
+    text = one_line(str(error))
+    if not isinstance(error, LdtError):
+        text = f"{type(error).__name__}: {text}" if text else type(error).__name__
+    return text if len(text) <= LONGEST_REASON else f"{text[: LONGEST_REASON - 3]}..."
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

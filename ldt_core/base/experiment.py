@@ -226,7 +226,8 @@ class Level(enum.IntEnum):
 
 
 #: In an adaptation's details: nothing was to be learned; the machine file rules the speed out.
-PAUSED, DOUBTFUL = "paused", "doubtful_sensor"
+#: The detector (a signal's statistics have it too) or the adaptor failed.
+PAUSED, DOUBTFUL, FAILED = "paused", "doubtful_sensor", "failed"
 
 
 class Action(enum.StrEnum):

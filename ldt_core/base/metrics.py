@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ldt_core.base.errors import ExperimentError, RepeatedExperiment
+from ldt_core.base.errors import LdtError, RepeatedExperiment, UnansweredExperiment
 from ldt_core.base.experiment import (
     DOUBTFUL,
+    FAILED,
     PAUSED,
     Action,
     Adaptation,
@@ -40,9 +41,11 @@ class Summary:
         #: Of machine and model after the last experiment, and its number; None before any.
         self.last_state: tuple[int, ModelState] | None = None
         self._actions: Counter[Action] = Counter()
-        self._doubtful = False
+        self._noted: set[str] = set()
         self.model_version = 0
         self.rejected = 0
+        #: What makes a run fail: experiments not answered or not recorded, a sentence each.
+        self.failures: list[str] = []
         #: Experiments that came again, and were left out.
         self.repeated = 0
         #: Verdicts of the diagnoses that were made, in their order.
@@ -56,8 +59,15 @@ class Summary:
         """Add what a person should know."""
         self.notes += [s for s in sentences if s not in self.notes]
 
-    def reject(self, error: ExperimentError) -> None:
+    def fail(self, *sentences: str) -> None:
+        """Add what makes the run fail."""
+        self.failures += [s for s in sentences if s not in self.failures]
+
+    def reject(self, error: LdtError) -> None:
         """Count an experiment that could not be used, or came again; the first says why."""
+        if isinstance(error, UnansweredExperiment):
+            self.fail(str(error))
+            return
         if isinstance(error, RepeatedExperiment):
             self.repeated += 1
             return
@@ -93,10 +103,13 @@ class Summary:
         self._actions[Action(adaptation.action)] += 1
         if adaptation.details.get(PAUSED):
             self.note("learning was switched off for a while")
-        if adaptation.details.get(DOUBTFUL) and not self._doubtful:
-            self._doubtful = True
+        if adaptation.details.get(DOUBTFUL) and DOUBTFUL not in self._noted:
+            self._noted.add(DOUBTFUL)
             _, _, words = adaptation.reason.rpartition("; ")
             self.note(f"experiment {adaptation.number}, {words}; it was not passed over")
+        if adaptation.details.get(FAILED) and FAILED not in self._noted:
+            self._noted.add(FAILED)
+            self.note(f"experiment {adaptation.number}: {adaptation.reason}")
         self.model_version = adaptation.model_version
 
     def _add(self, whose: str, error: float) -> None:
@@ -186,7 +199,7 @@ class Summary:
             ],
             "advice": self.advice
             and {"experiment": self.advice.experiment, "sentence": self.advice.sentence},
-            "notes": list(self.notes),
+            "notes": [*self.notes, *self.failures],
         }
 
     def rows(self) -> list[tuple[str, str]]:

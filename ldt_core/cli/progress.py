@@ -20,6 +20,7 @@ from rich.progress import (
 from rich.progress import track as _track
 from rich.table import Table
 
+from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Adaptation, Signal, Step
 from ldt_core.base.metrics import Summary
 from ldt_core.base.model_state import shown_state, times_noise
@@ -31,6 +32,7 @@ Item = TypeVar("Item")
 #: Tone of a state → colour of a terminal.
 COLOURS = {"good": "green", "found": "cyan", "bad": "red", "vague": "yellow", "open": "dim"}
 MAX_DIAGNOSES = 5  # shown when a run has ended, the last ones; the recording has all
+MAX_FAILURES = 3  # told in the sentence that a run fails with; --json has all
 MAX_COLUMNS = 3  # machines in the table that a run ends with; more are a row each
 
 
@@ -146,11 +148,22 @@ def print_summaries(
         runs: (machine, what happened, where the recording is), one a machine.
         settings: of the run.
         as_json: one JSON object instead of the table.
+
+    Raises:
+        LdtError: an experiment that was sent was not answered, or is not recorded.
     """
     if as_json:
         listed = [{"machine": m, **s.as_dict(), "recording": bag or None} for m, s, bag in runs]
         echo_json({"settings": dict(settings), "runs": listed})
-        return
+    else:
+        _print_table(runs, settings)
+    told = [f"{machine}: {words}" for machine, s, _ in runs for words in s.failures]
+    if told:
+        more = f"; and {len(told) - MAX_FAILURES} more" if len(told) > MAX_FAILURES else ""
+        raise LdtError("; ".join(told[:MAX_FAILURES]) + more)
+
+
+def _print_table(runs: Sequence[tuple[str, Summary, str]], settings: Mapping[str, Any]) -> None:
     console = Console()
     title = one_line(f"{settings['model']} model, {settings['detector']} detector")
     console.print(_table(title, {machine: summary for machine, summary, _ in runs}))

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-import numpy as np
 import yaml
 
 import msgs_config
@@ -22,6 +21,7 @@ from ldt_core.base.errors import (
     did_you_mean,
 )
 from ldt_core.effects import get_effect
+from ldt_core.machine.experiment_limits import Declared, refuse_impossible
 from ldt_core.machine.file_values import (
     check_keys,
     mapping_of,
@@ -42,7 +42,6 @@ REQUIRED = ("name", "physics", "parameters", "limits", "experiment")
 OPTIONAL = ("effects", "simulation", "calibration")
 MAX_BYTES = 1_000_000  # a machine file is a page of text; more is a mistake or an attack
 EFFECTS_REMEMBERED = 64  # each keeps its compiled term: more than a library and a file hold
-VOLTAGE_SLACK = 1e-6  # of the range: measured voltages are rounded when they are written to text
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -177,17 +176,9 @@ class Machine:
         return machine_from_dict(record, self.source)
 
     def check(self, experiment: Experiment) -> None:
-        """Refuse (ExperimentError) a voltage outside the machine's limits."""
-        low, high = self.voltage_limits
-        slack = VOLTAGE_SLACK * (high - low)
-        outside = (experiment.voltage < low - slack) | (experiment.voltage > high + slack)
-        if outside.any():
-            at = int(np.argmax(outside))
-            raise ExperimentError(
-                f"experiment {experiment.number}, voltage",
-                f"{low:g} to {high:g} V (limits of machine {self.name!r})",
-                f"{experiment.voltage[at]:g} V at sample {at} ({int(outside.sum())} in all)",
-            )
+        """Refuse (ExperimentError) what it cannot have made, see `experiment_limits`."""
+        told = self.name, self.voltage_limits, self.sample_period, self.duration, self.parameters
+        refuse_impossible(Declared(*told), experiment)
 
     def may_have_made(self, experiment: Experiment) -> bool:
         """Whether `check` lets the experiment pass."""

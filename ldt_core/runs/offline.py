@@ -90,7 +90,7 @@ def run_unrecorded(
 
 def _troubles(twin: Twin) -> list[str]:
     advised = twin.advisor.trouble if twin.advisor else ""
-    found = {"no diagnosis": twin.trouble, "no advice": advised}
+    found = {"no signal": twin.detector.trouble, "no diagnosis": twin.trouble, "no advice": advised}
     return [f"{what}: {reason}" for what, reason in found.items() if reason]
 
 

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ldt_core.base.errors import LdtError, RecordingError
+from ldt_core.base.errors import LdtError, RecordingError, reason_of
 from ldt_core.base.experiment import (
     DOUBTFUL,
+    FAILED,
     PAUSED,
     Action,
     Adaptation,
@@ -43,6 +44,8 @@ EARLIER = 8
 FAULTY = "faulty_sensor"
 #: In the details of an adaptation: the version that came into force again by hand.
 ROLLED_BACK = "rolled_back_to"
+#: In the details of an adaptation: the experiment is kept out of all that is ever learned from.
+PASSED_OVER = (FAULTY, PAUSED, FAILED)
 
 
 class Adaptor:
@@ -118,9 +121,28 @@ class Adaptor:
         self.named: DiagnosisRecord | None = None
 
     def step(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
-        """Deal with one experiment; (what was done, the model that goes on)."""
+        """Deal with one experiment; (what was done, the model that goes on).
+
+        Whatever is raised, the experiment is refused with the reason, and the model stays.
+        """
+        self.diagnosis = None
+        before = self.model, self.earlier
+        if signal.statistics.get(FAILED):
+            return self._failed(experiment, "the detector failed"), self.model
+        try:
+            return self._dealt(experiment, signal)
+        except Exception as error:
+            self.model, self.earlier = before
+            return self._failed(experiment, reason_of(error)), self.model
+
+    def _failed(self, experiment: Experiment, why: str) -> Adaptation:
+        version = self.model.version
+        reason = f"nothing is learned: {why}; version {version} stays"
+        details = {FAILED: 1.0, "warning_set": len(self.memory)}
+        return Adaptation(experiment.number, Action.REFUSED, version, reason, details)
+
+    def _dealt(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
         if passed_over := self._passed_over(experiment):
-            self.diagnosis = None
             return passed_over, self.model
         details: dict[str, float] = {}
         if self.diagnoser is not None:
@@ -210,7 +232,7 @@ class Adaptor:
         if ROLLED_BACK in told.details and model is not None:
             self._roll_back(step, model)
             return
-        if told.details.get(FAULTY) or told.details.get(PAUSED):
+        if any(told.details.get(why) for why in PASSED_OVER):
             self._check_version(told)
             return
         if self.diagnoser is not None:

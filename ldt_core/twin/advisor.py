@@ -6,11 +6,9 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from ldt_core.advice.advise import advise
 from ldt_core.advice.machine_estimate import estimate_machine
-from ldt_core.base.errors import LdtError
+from ldt_core.base.errors import reason_of
 from ldt_core.base.experiment import AdviceRecord, DiagnosisRecord, Experiment, ModelRecord
 from ldt_core.base.settings import resolve
 from ldt_core.base.threads import one_thread
@@ -54,8 +52,8 @@ class Advisor:
             belief = estimate_machine(self.machine, model, self._diagnosis)
             with one_thread():
                 return advise(self.machine, belief, list(self._recent), model, self._diagnosis)
-        except (LdtError, np.linalg.LinAlgError, ArithmeticError) as error:
-            self.trouble = str(error)
+        except Exception as error:
+            self.trouble = reason_of(error)
             return None
 
     def recall(self, step: RecordedStep) -> None:

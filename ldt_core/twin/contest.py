@@ -10,7 +10,7 @@ import numpy as np
 from joblib import cpu_count
 
 from ldt_core.base.errors import LdtError, ModelError
-from ldt_core.base.experiment import PAUSED, Action, Adaptation, Experiment, Level, Signal, rms
+from ldt_core.base.experiment import FAILED, Action, Adaptation, Experiment, Level, Signal, rms
 from ldt_core.base.threads import one_thread
 from ldt_core.effects import EFFECTS
 from ldt_core.estimation.misfit import misfit
@@ -18,7 +18,7 @@ from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.physics.effect import Effect
-from ldt_core.twin.adaptor import FAULTY, ROLLED_BACK, Adaptor
+from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK, Adaptor
 from ldt_core.twin.condition_chain import ConditionChain
 from ldt_core.twin.memory import Memory
 from ldt_core.twin.stage import Archive, RecordedStep
@@ -82,14 +82,13 @@ class ContestAdaptor(Adaptor):
         #: Experiments to learn from, by what competes at the next one.
         self.pending: list[Experiment] = []
 
-    def step(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
-        """Deal with one experiment; (what was done, the model that goes on)."""
+    def _dealt(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
         self._compared(experiment, signal)
         pool, self.pending = self.pending, []
         if self._passed_over(experiment):
-            return super().step(experiment, signal)
+            return super()._dealt(experiment, signal)
         self._explaining = self._explained_by(experiment)
-        done = self._contested(pool, experiment, signal) or super().step(experiment, signal)
+        done = self._contested(pool, experiment, signal) or super()._dealt(experiment, signal)
         self._saw(experiment)
         return done
 
@@ -293,6 +292,10 @@ class ContestAdaptor(Adaptor):
 
     def recall(self, step: RecordedStep) -> None:
         """Take over what a recorded step says."""
+        if step.adaptation.details.get(FAILED):
+            self.pending = []
+            super().recall(step)
+            return
         self._compared(step.experiment, step.signal)
         pool = self._unexplained(step.experiment)
         self._explaining = self._explained_by(step.experiment)
@@ -300,7 +303,7 @@ class ContestAdaptor(Adaptor):
         told = step.adaptation.details
         if ROLLED_BACK in told:
             self.chain = ConditionChain()
-        elif not (told.get(FAULTY) or told.get(PAUSED)):
+        elif not any(told.get(why) for why in PASSED_OVER):
             self._saw(step.experiment)
         if told.get(ORIGINAL):
             self.errors.clear()

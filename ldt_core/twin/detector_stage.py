@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ldt_core.base.errors import OptionError, RecordingError
-from ldt_core.base.experiment import Experiment, Level, Prediction, Samples, Signal
+from ldt_core.base.errors import ExperimentError, OptionError, RecordingError, reason_of
+from ldt_core.base.experiment import FAILED, Experiment, Level, Prediction, Samples, Signal
 from ldt_core.detectors import as_detector, build_detector
 from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.detectors.base import Detector
@@ -58,14 +58,25 @@ class DetectorStage:
         self.assessor = None if detector.model_state else assessor or Assessor()
         #: Version of the model whose prediction was judged last.
         self._version: int | None = None
+        #: Why the detector failed at the last experiment, "" if it did not.
+        self.trouble = ""
 
     def step(self, experiment: Experiment, prediction: Prediction) -> Signal:
-        """The signal for one experiment.
+        """The signal for one experiment: a warning that says so where the detector fails.
 
         Raises:
             ExperimentError: experiment and prediction do not belong together.
         """
-        self._update(experiment, prediction)
+        if not self._judged(experiment, prediction):
+            return Signal(
+                experiment.number,
+                Level.WARNING,
+                self.name,
+                prediction.model_version,
+                prediction.max_error(experiment),
+                {FAILED: 1.0},
+                "learning",  # too little is known to judge
+            )
         statistics = dict(self.detector.statistics)
         statistics.pop("max_error", None)  # every signal has it
         judge = self.detector
@@ -88,8 +99,10 @@ class DetectorStage:
         Raises:
             RecordingError: this detector answers otherwise than the recorded one.
         """
-        self._update(step.experiment, step.prediction)
+        judged = self._judged(step.experiment, step.prediction)
         recorded, answer = step.signal.level, self.detector.signal
+        if not judged:
+            answer = Level.WARNING
         if step.signal.detector != self.name or answer is not recorded:
             raise RecordingError(
                 f"signal of experiment {step.experiment.number}",
@@ -127,6 +140,18 @@ class DetectorStage:
                 self.assessor.judge.reset()
             raise
         self._version = version
+
+    def _judged(self, experiment: Experiment, prediction: Prediction) -> bool:
+        """Take in one experiment; False where the detector fails, which costs it this one alone."""
+        try:
+            self._update(experiment, prediction)
+        except ExperimentError:
+            raise
+        except Exception as error:  # of a detector of the user's own, for one
+            self.trouble = f"experiment {experiment.number}: {reason_of(error)}"
+            return False
+        self.trouble = ""
+        return True
 
     def _update(self, experiment: Experiment, prediction: Prediction) -> None:
         adapted = prediction.model_version != self._version

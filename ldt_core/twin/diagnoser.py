@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ldt_core.base.errors import LdtError
+from ldt_core.base.errors import LdtError, reason_of
 from ldt_core.base.experiment import (
     AMOUNT_PREFIX,
     DiagnosisRecord,
@@ -171,8 +171,8 @@ class Diagnoser:
         self.trouble = ""
         try:
             found = asked.answer.result() if asked.answer else self._made(asked)
-        except (LdtError, np.linalg.LinAlgError, ArithmeticError) as error:
-            self._last, self.trouble = None, str(error)
+        except Exception as error:
+            self._last, self.trouble = None, reason_of(error)
             return None
         self._last, self._last_at = found.known, signal.experiment
         return _record(found, signal)

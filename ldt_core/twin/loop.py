@@ -13,8 +13,15 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
 import msgs_config
-from ldt_core.base.errors import ArgumentTypeError, ExperimentError, described
-from ldt_core.base.experiment import Experiment, Step
+from ldt_core.base.errors import (
+    ArgumentTypeError,
+    ExperimentError,
+    LdtError,
+    UnansweredExperiment,
+    described,
+    reason_of,
+)
+from ldt_core.base.experiment import FAILED, DiagnosisRecord, Experiment, Signal, Step
 from ldt_core.base.settings import preset as preset_of
 from ldt_core.base.settings import resolve
 from ldt_core.detectors.base import Detector
@@ -123,17 +130,18 @@ class Twin:
 
         Raises:
             ExperimentError: as `Predictor.predict`; the twin is as before then.
+            UnansweredExperiment: likewise.
             ArgumentTypeError: no experiment at all.
         """
         if not isinstance(experiment, Experiment):
             raise ArgumentTypeError("experiment", "an ldt.Experiment", described(experiment))
         prediction = self.predictor.predict(experiment)
-        original = self.predictor.original.predict(experiment)
+        original = self.predictor.predict_original(experiment)
         signal = self.detector.step(experiment, prediction)
         adaptation, model = self.adaptor.step(experiment, signal)
         diagnosis = self.adaptor.diagnosis
         if self.diagnoser is not None:
-            diagnosis = self.diagnoser.step(experiment, signal)
+            diagnosis = self._beside(experiment, signal)
         changed = model.version != self.model.version
         self.predictor.model = model
         record = model.record() if changed else None
@@ -143,6 +151,15 @@ class Twin:
                 self.advisor.informed(diagnosis)
             advice = self.advisor.step(experiment, model.record())
         return Step(experiment, prediction, original, signal, adaptation, record, diagnosis, advice)
+
+    def _beside(self, experiment: Experiment, signal: Signal) -> DiagnosisRecord | None:
+        """What a diagnosis beside the loop finds; it never ends a step."""
+        assert self.diagnoser is not None
+        try:
+            return self.diagnoser.step(experiment, signal)
+        except Exception as error:
+            self.diagnoser.trouble = reason_of(error)
+            return None
 
     @property
     def stages(self) -> dict[str, Stage]:
@@ -158,22 +175,36 @@ class Twin:
     def steps(
         self,
         experiments: Iterable[Experiment],
-        rejected: Callable[[ExperimentError], None] = lambda error: None,
+        rejected: Callable[[LdtError], None] = lambda error: None,
     ) -> Iterator[Step]:
         """The loop over a stream of experiments.
 
         Args:
             experiments: in the order of their numbers.
-            rejected: told of each experiment that cannot be used, or that comes again; the loop
-                goes on with the next.
+            rejected: told of each experiment that cannot be used, that comes again, or that is
+                not answered, whatever was raised; the loop goes on with the next.
         """
         for experiment in experiments:
             try:
                 step = self.step(experiment)
-            except ExperimentError as error:
+            except (ExperimentError, UnansweredExperiment) as error:
                 rejected(error)
+            except Exception as error:  # a fault of ours: it costs one experiment, not the run
+                rejected(UnansweredExperiment(experiment.number, reason_of(error)))
             else:
                 yield step
+
+
+def faultless(steps: Iterable[Step]) -> Iterator[Step]:
+    """The steps, for whoever computes figures of them.
+
+    Raises:
+        LdtError: detector or adaptor failed at one of them.
+    """
+    for step in steps:
+        if step.adaptation.details.get(FAILED):
+            raise LdtError(f"experiment {step.number}: {step.adaptation.reason}")
+        yield step
 
 
 def build_diagnoser(machine: Machine, settings: Mapping[str, Any], after: int = 0) -> Diagnoser:

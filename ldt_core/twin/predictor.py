@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from ldt_core.base.bounded import forget_oldest
-from ldt_core.base.errors import ExperimentError, RepeatedExperiment
+from ldt_core.base.errors import (
+    ExperimentError,
+    RepeatedExperiment,
+    UnansweredExperiment,
+    reason_of,
+)
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
@@ -41,14 +46,25 @@ class Predictor:
             ExperimentError: the machine cannot have made this experiment, or its number is not
                 above the last one's (a duplicate would be learned from twice).
             RepeatedExperiment: it is one of the last ones again.
+            UnansweredExperiment: the model failed.
         """
         self.machine.check(experiment)
         if self.last is not None and experiment.number <= self.last:
             known = self._starts.get(experiment.number) == experiment.start
             raise out_of_order(experiment, self.last, known)
-        prediction = self.model.predict(experiment)
+        prediction = self._free_run(self.model, experiment)
         self._took(experiment)
         return prediction
+
+    def predict_original(self, experiment: Experiment) -> Prediction:
+        """The same by the model that never learns; raises UnansweredExperiment."""
+        return self._free_run(self.original, experiment)
+
+    def _free_run(self, model: Model, experiment: Experiment) -> Prediction:
+        try:
+            return model.predict(experiment)
+        except Exception as error:  # of a model of the user's own, for one
+            raise UnansweredExperiment(experiment.number, reason_of(error)) from error
 
     def _took(self, experiment: Experiment) -> None:
         self.last = experiment.number

@@ -59,7 +59,7 @@ class MachineRun(Member):
         summary = self.summary
         for role, told in health.items():
             for key, count in told.values.items():
-                if key in ("no diagnosis", "no advice"):
+                if key in ("no signal", "no diagnosis", "no advice"):
                     summary.note(f"{key}: {count}")
                 elif key.startswith(SECOND_PUBLISHER):
                     summary.note(f"alarm: a {key}, {count}x as {role} saw it")

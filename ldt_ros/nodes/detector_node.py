@@ -33,7 +33,8 @@ class DetectorNode(LdtNode):
 
     def health(self) -> dict[str, Any]:
         """Last signal, and the state of machine and model beside it."""
-        return {**self._last, **super().health()}
+        values = {**self._last, **super().health()}
+        return {**values, "no signal": trouble} if (trouble := self.detector.trouble) else values
 
     def _pair(self, experiment: Experiment, beside: Prediction) -> None:
         self.worker.deal(experiment, partial(self._detect, experiment, beside), long=False)

@@ -12,7 +12,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
-from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.machine import Plant
 from ldt_core.recording.bag import read_bag
@@ -286,7 +285,7 @@ class ExperimentSource(NodePart):
                 self._message = to_message(self._next)
             if self._samples is not None:
                 self._samples.load(self._next)
-        except LdtError as error:  # no fault of the message that it follows
+        except Exception as error:  # no fault of the message that it follows
             self._node.failure = error
 
 

@@ -202,10 +202,8 @@ class RecorderNode(LdtNode):
         try:
             if not self.writer.write_raw(name, kind, data, at):
                 self._repeated += 1
-        except LdtError as error:
-            self.topics.reject(topic, error)
         except Exception as error:  # would be lost in the thread
-            self.failure = error
+            self.topics.reject(topic, error)
 
     def _go_on_later(self) -> None:
         # Not from the callback of a message: it would do away with its own subscription.

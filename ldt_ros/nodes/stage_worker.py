@@ -7,7 +7,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.stage_restart import StageRestart
@@ -115,7 +114,7 @@ class StageWorker(NodePart):
         """Do the work on an experiment in its turn: on the thread where it, or one before, is long.
 
         Raises:
-            LdtError: whatever work that is not long raises.
+            Exception: whatever work that is not long raises.
         """
         if self.pending > self.waiting:
             self.left_out += 1
@@ -143,10 +142,8 @@ class StageWorker(NodePart):
     def _on_thread(self, experiment: Experiment, work: Callable[[], None]) -> None:
         try:
             self._in_turn(experiment, work)
-        except LdtError as error:
-            self._node.topics.reject(self._beside, error)
         except Exception as error:  # would be lost in the thread's future
-            self._node.failure = error
+            self._node.topics.reject(self._beside, error)
         finally:
             self.finished_with = experiment.number
             self._ended += 1

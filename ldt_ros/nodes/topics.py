@@ -14,13 +14,11 @@ from rclpy.qos import QoSProfile, qos_policy_name_from_kind
 from rclpy.subscription import Subscription
 
 import msgs_config
-from ldt_core.base.errors import LdtError
+from ldt_core.base.errors import reason_of
 from ldt_core.base.printable import one_line
 from ldt_core.recording.node_status import LIFELESS, SECOND_PUBLISHER, UNMATCHED
 from ldt_ros.nodes.interfaces import listener_qos, message_type, qos
 
-#: Longest reason of a rejection [characters]; a foreign message may be of any size.
-REASON_LENGTH = 400
 #: Time after which a killed node's topics are gone [s]; its lease is 5 (msgs_config/fastdds.xml).
 LEASE = 6.0
 #: Topics on which a message moves the twin.
@@ -171,7 +169,7 @@ class Topics:
     def listens(
         self, topic: str, callback: Callable[[Any], None], *, raw: bool = False, depth: int = 0
     ) -> None:
-        """Subscribe to a declared topic; what the callback refuses is counted, not raised.
+        """Subscribe to a declared topic; whatever the callback raises is counted, and ends nothing.
 
         A second time it is in place of the first.
         """
@@ -183,7 +181,7 @@ class Topics:
                 self.counts[topic] += 1
                 self.links.heard(topic)
                 callback(message)
-            except LdtError as error:
+            except Exception as error:
                 self.reject(topic, error)
 
         self._inputs[topic] = self._node.create_subscription(
@@ -209,9 +207,7 @@ class Topics:
         """Count a message that cannot be used; log the first of its kind."""
         kind = f"{topic}: {type(error).__name__}"
         self.rejected[kind] += 1
-        reason = one_line(str(error))
-        reason = reason if len(reason) <= REASON_LENGTH else reason[: REASON_LENGTH - 3] + "..."
-        self.last_rejection = f"{topic}: {reason}"
+        self.last_rejection = f"{topic}: {reason_of(error)}"
         if self.rejected[kind] == 1:
             self._node.get_logger().error(f"rejected a message on {self.last_rejection}")
 

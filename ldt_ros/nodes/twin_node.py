@@ -252,7 +252,7 @@ class TwinNode(LdtNode):
         self._predicted_at = time.monotonic()
         try:
             # Nobody waits for the yardstick, so it is made while the detector works.
-            self._original.publish(to_message(self.predictor.original.predict(experiment)))
+            self._original.publish(to_message(self.predictor.predict_original(experiment)))
         except LdtError as error:
             self.topics.reject("experiment", error)
 

@@ -380,3 +380,50 @@ def test_garbage_does_not_end_the_launching_process(monitor, stranger):
     stranger.until(lambda: steps)
     assert len(steps) == 1
     assert node.last_experiment == 0
+
+
+def test_absurd_content_costs_its_experiment_alone(stranger):
+    """Largest finite speeds, seconds for milliseconds; the whole graph goes on."""
+    nodes = [stranger.start(kind, model="linear") for kind in (TwinNode, DetectorNode, AdaptorNode)]
+    stranger.listen("adaptation", "/diagnostics")
+    good = {number: experiment(number) for number in (1, 4)}
+    bad = [
+        replace(experiment(2), speed=np.where(np.arange(LENGTH) % 2, 1e308, -1e308)),
+        replace(experiment(3), period=10.0),
+    ]
+    for one in (good[1], *bad, good[4]):
+        stranger.send("experiment", one)
+        number = one.number
+        if one in good.values():
+            stranger.until(lambda n=number: n in stranger.numbers("adaptation"))
+        else:
+            stranger.until(
+                lambda n=number: stranger.health("twin").get("refused experiment") == str(n)
+            )
+    assert stranger.numbers("adaptation") == [1, 4]
+    assert nodes[0].topics.rejected == {"experiment: ExperimentError": 2}
+    assert not any(node.topics.rejected or node.failure for node in nodes[1:])
+
+
+def test_whatever_a_node_raises_refuses_the_message_and_ends_nothing(stranger, monkeypatch):
+    """In a callback and on a worker's thread; counted by kind, with the reason."""
+    node = stranger.start(DetectorNode)
+    stranger.listen("signal", "/diagnostics")
+    step = node.detector.step
+
+    def fail(experiment, prediction):
+        if experiment.number == 1:
+            raise FloatingPointError("somewhere")
+        return step(experiment, prediction)
+
+    monkeypatch.setattr(node.detector, "step", fail)
+    for number in (1, 2):
+        stranger.send("experiment", experiment(number))
+        stranger.send("prediction", prediction(number))
+    stranger.until(lambda: stranger.numbers("signal") == [2])
+    assert sum(node.topics.rejected.values()) == 1
+    assert node.topics.last_rejection.endswith("FloatingPointError: somewhere")
+    node.worker.deal(experiment(3), lambda: 1 / 0, long=True)
+    stranger.until(lambda: not node.worker.busy)
+    assert node.failure is None
+    assert node.topics.last_rejection == "prediction: ZeroDivisionError: division by zero"

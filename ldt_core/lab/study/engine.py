@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.code_version import code_version
-from ldt_core.base.errors import BadInput, ExperimentError, LdtError
+from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.experiment import Experiment, Level, Prediction, Signal, Step
 from ldt_core.base.parallel import Workers
 from ldt_core.base.result_files import ResultFolder, write
@@ -34,7 +34,7 @@ from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.models import build_model
 from ldt_core.twin.detector_stage import DetectorStage
-from ldt_core.twin.loop import Twin
+from ldt_core.twin.loop import Twin, faultless
 
 FORMAT = "ldt-study-1"
 
@@ -273,11 +273,11 @@ def run_case(case: StudyCase, machine: Machine | None = None) -> RunResult:
     detector = None if case.alarms is None else Scripted(case.detector, case.alarms)
     begin = time.thread_time()
     twin = Twin.from_settings(machine, case.resolved, detector)
-    steps = list(twin.steps(given.experiments, _refuse))
+    steps = list(faultless(twin.steps(given.experiments, _refuse)))
     return _result(case, given, steps, time.thread_time() - begin)
 
 
-def _refuse(error: ExperimentError) -> None:
+def _refuse(error: LdtError) -> None:
     raise error
 
 

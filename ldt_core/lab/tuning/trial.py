@@ -13,13 +13,13 @@ from typing import Any, Self
 import numpy as np
 
 from ldt_core.base.code_version import code_version
-from ldt_core.base.errors import BadInput, ExperimentError, LdtError
+from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.experiment import Action, Experiment, Level
 from ldt_core.detectors import build_detector
 from ldt_core.lab.tuning.candidates import DetectorSetting
 from ldt_core.lab.tuning.control import FalseAlarms, Row, false_alarms
 from ldt_core.machine.machine_file import Machine
-from ldt_core.twin.loop import Twin
+from ldt_core.twin.loop import Twin, faultless
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,8 @@ def try_setting(task: tuple[DetectorSetting, Job]) -> Tried:
 def _try(setting: DetectorSetting, job: Job) -> Tried:
     settings = {**job.settings, **setting.settings}
     begin = time.perf_counter()
-    steps = list(Twin.from_settings(job.machine, settings).steps(job.experiments, _refuse))
+    twin = Twin.from_settings(job.machine, settings)
+    steps = list(faultless(twin.steps(job.experiments, _refuse)))
     seconds = time.perf_counter() - begin
     detector = build_detector(setting.detector, settings)
     return Tried(
@@ -129,7 +130,7 @@ def _try(setting: DetectorSetting, job: Job) -> Tried:
     )
 
 
-def _refuse(error: ExperimentError) -> None:
+def _refuse(error: LdtError) -> None:
     raise error
 
 

@@ -1,0 +1,114 @@
+"""What no experiment of a machine can be, told before anything is computed from it.
+
+| of an experiment | held to |
+|---|---|
+| sample period | `PERIOD_FACTOR` times the file's at most, and as much below it |
+| samples | `MOST_SAMPLES` |
+| duration | `LONGEST`, or ten times the file's duration where that is more |
+| voltage | the file's limits |
+| speed, current | `AMPLITUDE_FACTOR` times what the file's motor reaches at the highest voltage |
+
+Whatever keeps these limits can be squared and summed in floating point, and simulated in seconds.
+A speed that is merely strange is judged elsewhere (`sensor_check`): the machine may have changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ldt_core.base.errors import ExperimentError
+from ldt_core.base.experiment import Experiment, Samples
+
+VOLTAGE_SLACK = 1e-6  # of the range: measured voltages are rounded when they are written to text
+#: A unit's error makes it a thousand; sampling in earnest differs by a hundred from the file's.
+PERIOD_FACTOR = 300.0
+#: A thousand is a unit's error or a strange machine, of which the twin warns; a million is none.
+AMPLITUDE_FACTOR = 1e4
+#: Four times the longest experiment that is measured in the growth tables; 64 MB of a message.
+MOST_SAMPLES = 4_000_000
+#: 10^8 Runge-Kutta steps of 0.25 ms, 6 s of a processor for one free run [s].
+LONGEST = 25_000.0
+#: Times the declared duration that a slow machine's experiment may last.
+DURATION_FACTOR = 10.0
+
+
+class Declared(NamedTuple):
+    """What a machine file says of experiments.
+
+    Args:
+        name: of the machine.
+        voltage_limits: (lowest, highest) [V].
+        sample_period, duration: [s].
+        parameters: of its physics, SI units.
+    """
+
+    name: str
+    voltage_limits: tuple[float, float]
+    sample_period: float
+    duration: float
+    parameters: Mapping[str, float]
+
+
+def refuse_impossible(machine: Declared, experiment: Experiment) -> None:
+    """Refuse what the machine cannot have made, or nobody can compute.
+
+    Raises:
+        ExperimentError: says which limit is broken, and where.
+    """
+    where = f"experiment {experiment.number}"
+    _refuse_time(machine, experiment, where)
+    low, high = machine.voltage_limits
+    slack = VOLTAGE_SLACK * (high - low)
+    _refuse_beyond(
+        experiment.voltage,
+        (low - slack, high + slack),
+        f"{where}, voltage",
+        (f"{low:g} to {high:g} V (limits of machine {machine.name!r})", "V"),
+    )
+    for name, samples, most, unit in _amplitudes(machine, experiment):
+        expected = f"at most {most:.3g} {unit} either way ({AMPLITUDE_FACTOR:g} times what machine "
+        expected += f"{machine.name!r} reaches)"
+        _refuse_beyond(samples, (-most, most), f"{where}, {name}", (expected, unit))
+
+
+def _refuse_time(machine: Declared, experiment: Experiment, where: str) -> None:
+    declared = machine.sample_period
+    low, high = declared / PERIOD_FACTOR, declared * PERIOD_FACTOR
+    if not low <= experiment.period <= high:
+        expected = f"{low:.3g} to {high:.3g} s (machine {machine.name!r}: {declared:g} s)"
+        raise ExperimentError(f"{where}, sample period", expected, f"{experiment.period:g} s")
+    if len(experiment) > MOST_SAMPLES:
+        expected = f"at most {MOST_SAMPLES} samples"
+        raise ExperimentError(where, expected, f"{len(experiment)}")
+    longest = max(LONGEST, DURATION_FACTOR * machine.duration)
+    if experiment.duration > longest:
+        expected = f"at most {longest:g} s, which can be computed in time"
+        raise ExperimentError(f"{where}, duration", expected, f"{experiment.duration:g} s")
+
+
+def _amplitudes(
+    machine: Declared, experiment: Experiment
+) -> Iterator[tuple[str, Samples, float, str]]:
+    """(channel, samples, highest size, unit) of what the voltage brings about."""
+    volts = max(abs(limit) for limit in machine.voltage_limits)
+    values = machine.parameters
+    # Physics of a user's own may lack these; nothing is known of its amplitudes then.
+    if values.get("K_t", 0.0) > 0:
+        yield "speed", experiment.speed, AMPLITUDE_FACTOR * volts / values["K_t"], "rad/s"
+    if values.get("R", 0.0) > 0 and experiment.current is not None:
+        yield "current", experiment.current, AMPLITUDE_FACTOR * volts / values["R"], "A"
+
+
+def _refuse_beyond(
+    samples: Samples, limits: tuple[float, float], where: str, told: tuple[str, str]
+) -> None:
+    """`told` is what was expected, and the samples' unit."""
+    outside = (samples < limits[0]) | (samples > limits[1])
+    if outside.any():
+        at = int(np.argmax(outside))
+        expected, unit = told
+        got = f"{samples[at]:g} {unit} at sample {at} ({int(outside.sum())} in all)"
+        raise ExperimentError(where, expected, got)
