@@ -11,7 +11,11 @@ FOLDER = Path(__file__).parent
 
 def names() -> list[str]:
     """Names of all pages, in the order in which a newcomer needs them."""
-    order = ("connect", "machine", "python", "physics", "effect", "diagnosis", "detector", "deploy")
+    order = (
+        *("start", "watch", "python", "connect", "machine", "deploy", "real"),
+        *("diagnosis", "detector", "advice", "effect", "physics"),
+        *("accuracy", "paper", "promises", "speed"),
+    )
     found = {file.stem for file in FOLDER.glob("*.md")}
     return [n for n in order if n in found] + sorted(found.difference(order))
 

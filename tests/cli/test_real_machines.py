@@ -1,4 +1,4 @@
-"""Measured machines, from their files to a diagnosis, by the commands of the README."""
+"""Measured machines, from their files to a diagnosis, by the commands of `ldt docs real`."""
 
 from __future__ import annotations
 

@@ -136,11 +136,13 @@ def run_figure(run: PlottedRun, title: str = "") -> Figure:
 def _experiment(axes: Axes, shown: ShownStep) -> None:
     experiment, prediction, original, signal = shown
     time = experiment.time
-    axes.plot(time, experiment.speed, color=style.INK, lw=1.0, label="measured")
+    # Wide and pale: seen also where a twin that is right lies on top.
+    wide: dict[str, Any] = {"lw": 3.0, "alpha": 0.4}
+    axes.plot(time, experiment.speed, color=style.INK, label="measured", **wide)
     if original is not None:
         axes.plot(time, original.speed, color=style.ORANGE, lw=1.4, label="original model")
     label = f"learning twin, model {prediction.model_version}"
-    axes.plot(time, prediction.speed, color=style.BLUE, lw=1.4, label=label)
+    axes.plot(time, prediction.speed, color=style.BLUE, lw=1.0, label=label)
     if prediction.speed_std is not None:
         low = prediction.speed - 2 * prediction.speed_std
         high = prediction.speed + 2 * prediction.speed_std
