@@ -40,8 +40,8 @@ SCREENING_STEPS = 4
 SCREENING_GAINS = (1.0, 0.1)
 #: Structures of each screening that are fitted whole, the best and its rival.
 FINALISTS = 2
-#: Effects of a structure; of what one experiment tells, more cannot be told apart.
-MOST_EFFECTS = 4
+#: Effects of a structure: of what few experiments tell, more are rarely told apart.
+MOST_EFFECTS = 3
 #: Part of the squared error that the best structure removes under the observer: one that leaves
 #: more than this of it is not fitted whole.
 SERIOUS = 0.5
@@ -142,18 +142,21 @@ class StructureSearch:
         """The best structures, fitted whole, the best first.
 
         Effects are added one by one under the observer, the values of the others being estimated
-        along, until the innovations are noise or nothing is gained.
+        along, until the innovations are noise or nothing is gained. The weaker observer is asked
+        only where what the stronger one found does not explain the experiments.
 
         Args:
             present: to which effects are added, or which they replace.
             library: of effects that this machine can have.
         """
-        chosen: list[Present] = []
+        found: list[FittedStructure] = []
         for gain in SCREENING_GAINS:
-            for structure in self._grown(present, library, gain):
-                if all(set(structure.effects) != set(other.effects) for other in chosen):
-                    chosen.append(structure)
-        return sorted((self.fitted(s, s.effects) for s in chosen), key=lambda s: s.score)
+            for grown in self._grown(present, library, gain):
+                if all(set(grown.effects) != set(other.box.effects) for other in found):
+                    found.append(self.fitted(grown, grown.effects))
+            if any(structure.explains for structure in found):
+                break
+        return sorted(found, key=lambda s: s.score)
 
     def _grown(self, present: Present, library: Sequence[Effect], gain: float) -> list[Present]:
         """The best structure under an observer of this gain, and the rival of its last effect."""
