@@ -168,6 +168,7 @@ class Adequacy(Detector):
         self.model_state = "learning"
         self.pause -= 1
         if self.pause > 0:
+            self.unexplained = 0.0  # heard and put off: one that is explained is no occasion
             return Level.NEGATIVE
         self.pause = 2**self.lessons
         self.lessons += 1
