@@ -42,6 +42,9 @@ DIFFERENCE = 1e-3
 LONGEST_STEP = 1.0
 #: Levenberg-Marquardt damping, as a part of the curvature: at the start, and its bounds.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-9, 1e6
+#: Steps at each further gain where even the strongest observer leaves more than noise: such a
+#: structure cannot explain the machine, and only its size is of interest.
+HOPELESS = 2
 #: Relative gain of one step below which a fit has ended: far below what one sample changes.
 LEAST_GAIN = 1e-4
 
@@ -230,6 +233,11 @@ class GreyBoxProblem:
                 break
         return x, cost, information
 
+    def explains(self, x: Array, gain: float, step: float) -> bool:
+        """Whether the innovations are noise, of a free run the residuals."""
+        rest = (self.residual(x, i, gain, step) for i in range(len(self.experiments)))
+        return all(misfit(r[kept]).explained for r, kept in zip(rest, self.keep, strict=True))
+
     def point(self, q: Array) -> Array:
         """(size,) these coordinates of the grey box, and first states as they are guessed."""
         return np.concatenate([q, np.zeros(self.size - self.box.size)])
@@ -293,8 +301,7 @@ def fit_grey_box(
         found = _homotopy(problem, points[i], rounds)
         if best is None or found[1] < best[1]:
             best = found
-        rest = (problem.residual(best[0], k, GAINS[-1], FINE_STEP) for k in count)
-        if all(misfit(r[keep]).explained for r, keep in zip(rest, problem.keep, strict=True)):
+        if problem.explains(best[0], GAINS[-1], FINE_STEP):
             break
     if best is None:
         raise ValueError("no guess to begin with")
@@ -318,4 +325,6 @@ def _homotopy(problem: GreyBoxProblem, x: Array, rounds: int) -> tuple[Array, fl
     """(coordinates, cost, information) at the end of the way from the observer to the free run."""
     for gain in GAINS:
         x = problem.descend(x, gain, COARSE_STEP, rounds)[0]
+        if gain == GAINS[0] and not problem.explains(x, gain, COARSE_STEP):
+            rounds = min(rounds, HOPELESS)
     return problem.descend(x, GAINS[-1], FINE_STEP, rounds)

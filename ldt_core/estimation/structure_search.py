@@ -10,6 +10,7 @@ their parameters (Bayesian information criterion: Schwarz, Annals of Statistics 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -156,7 +157,23 @@ class StructureSearch:
                     found.append(self.fitted(grown, grown.effects))
             if any(structure.explains for structure in found):
                 break
-        return sorted(found, key=lambda s: s.score)
+        found = sorted(found, key=lambda s: s.score)
+        return [self.pruned(found[0]), *found[1:]] if found else []
+
+    def pruned(self, found: FittedStructure) -> FittedStructure:
+        """The structure without the effects that do not pay the price of their parameters."""
+        best = found
+        while len(best.box.effects) > 1:
+            given = {e.name: values for e, values in best.box.values(best.fit.q)[1]}
+            fewer = [
+                self.fitted(Present(rest, given, best.prior), rest)
+                for rest in itertools.combinations(best.box.effects, len(best.box.effects) - 1)
+            ]
+            least = min(fewer, key=lambda s: s.score)
+            if least.score > best.score:
+                break
+            best = least
+        return best
 
     def _grown(self, present: Present, library: Sequence[Effect], gain: float) -> list[Present]:
         """The best structure under an observer of this gain, and the rival of its last effect."""

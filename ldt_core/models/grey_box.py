@@ -143,13 +143,13 @@ class GreyBoxModel(Model):
         return Prediction(*about, speed, np.sqrt(variance))
 
     def fit(self, experiments: Sequence[Experiment]) -> Self:
-        """The same effects and the machine's parameters, re-estimated.
+        """The same effects and the machine's parameters, re-estimated; unneeded effects leave.
 
         Raises:
             LdtError: no or too few samples.
         """
         search = self.search_on(experiments)
-        return self.adopt(search.fitted(self.present, self.effects), experiments)
+        return self.adopt(search.pruned(search.fitted(self.present, self.effects)), experiments)
 
     def search_on(self, experiments: Sequence[Experiment], workers: int = 1) -> StructureSearch:
         """A search for what explains these experiments.

@@ -88,7 +88,9 @@ class ContestAdaptor(Adaptor):
         if self._passed_over(experiment):
             return super()._dealt(experiment, signal)
         self._explaining = self._explained_by(experiment)
+        before = self.model
         done = self._contested(pool, experiment, signal) or super()._dealt(experiment, signal)
+        self._same(before, signal)
         self._saw(experiment)
         return done
 
@@ -136,6 +138,11 @@ class ContestAdaptor(Adaptor):
     def _explained_by(self, experiment: Experiment) -> Model | None:
         """The version that explains the experiment, the present one before all others."""
         return self.model if _explains(self.model, experiment) else self._known(experiment)
+
+    def _same(self, before: Model, signal: Signal) -> None:
+        """More was learned of the same condition: its version is another, the condition is not."""
+        if signal.state == "learning" and before is not self.original:
+            self.chain.rename(before.version, self.model.version)
 
     def _saw(self, experiment: Experiment) -> None:
         model = self._explaining
@@ -208,8 +215,8 @@ class ContestAdaptor(Adaptor):
         return f"since experiment {experiment.number}: {change}; {words}" if change else words
 
     def _known(self, experiment: Experiment) -> Model | None:
-        """The earlier version that explains the experiment best, if one does."""
-        best, least = None, np.inf
+        """The earlier version that explains the experiment best, if better than the present."""
+        best, least = None, _error(self.model, experiment)
         for version in self.earlier:
             error = _error(version, experiment)
             if error < least and _explains(version, experiment):
@@ -299,11 +306,13 @@ class ContestAdaptor(Adaptor):
         self._compared(step.experiment, step.signal)
         pool = self._unexplained(step.experiment)
         self._explaining = self._explained_by(step.experiment)
+        before = self.model
         super().recall(step)
         told = step.adaptation.details
         if ROLLED_BACK in told:
             self.chain = ConditionChain()
         elif not any(told.get(why) for why in PASSED_OVER):
+            self._same(before, step.signal)
             self._saw(step.experiment)
         if told.get(ORIGINAL):
             self.errors.clear()
