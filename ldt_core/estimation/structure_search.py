@@ -161,9 +161,9 @@ class StructureSearch:
         return [self.pruned(found[0]), *found[1:]] if found else []
 
     def pruned(self, found: FittedStructure) -> FittedStructure:
-        """The structure without the effects that do not pay the price of their parameters."""
+        """What explains, without the effects that do not pay the price of their parameters."""
         best = found
-        while len(best.box.effects) > 1:
+        while len(best.box.effects) > 1 and best.explains:
             given = {e.name: values for e, values in best.box.values(best.fit.q)[1]}
             fewer = [
                 self.fitted(Present(rest, given, best.prior), rest)
