@@ -40,7 +40,8 @@ class Coordinate:
     @property
     def logarithmic(self) -> bool:
         """Whether 0 is excluded, so that the logarithm exists."""
-        return self.parameter.open_low and self.parameter.low >= 0
+        known = self.parameter.relative and self.nominal > 0
+        return (self.parameter.open_low or known) and self.parameter.low >= 0
 
     def value(self, z: float) -> float:
         """The parameter at a coordinate, never outside its physical bounds."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.motor import memory
+from ldt_core.physics.motor_rates import memory
 from ldt_core.physics.parameter import Parameter
 
 # Where searches begin: close enough to each other that a fit gets from one to the next.

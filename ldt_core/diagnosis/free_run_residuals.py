@@ -35,7 +35,8 @@ from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE, CURRENT, NOT_TRACKED, SPEED
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import propagate
-from ldt_core.physics.motor import MOTOR, memory
+from ldt_core.physics.motor import MOTOR
+from ldt_core.physics.motor_rates import memory
 
 Values = Mapping[str, float]
 Used = tuple[Effect, Values]

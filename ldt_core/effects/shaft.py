@@ -6,7 +6,7 @@ import math
 
 from ldt_core.effects.base import factor_of, scaled
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.motor import fastest_root
+from ldt_core.physics.motor_rates import fastest_root
 from ldt_core.physics.parameter import Parameter
 
 STEPS_PER_RADIAN = 2  # of a ripple's phase: 13 integration steps a period

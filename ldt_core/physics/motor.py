@@ -8,13 +8,12 @@ States: theta [rad], omega [rad/s], current [A].
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.physics.base import Values
 from ldt_core.physics.motor_driven import Constants, MotorDriven
+from ldt_core.physics.motor_rates import inductance, motor_rate
 from ldt_core.physics.parameter import Parameter
 
 #: Relative standard deviation of what a data sheet states: makers of small motors promise 10 %,
@@ -29,7 +28,7 @@ MOTOR_PARAMETERS = (
         "K_t", "N m/A", 0.0, open_low=True, description="torque constant = back-EMF constant"
     ),
     Parameter("R", "Ohm", 0.0, open_low=True, description="armature resistance"),
-    Parameter("L", "H", 0.0, open_low=True, description="armature inductance"),
+    Parameter("L", "H", 0.0, relative=True, description="armature inductance; 0 for none"),
     Parameter("b", "N m s", 0.0, description="viscous friction of the shaft"),
 )
 
@@ -48,7 +47,7 @@ class Motor(MotorDriven):
 
     def constants(self, values: Values) -> Constants:
         """The rotor's equations without an eccentric mass; the foundation's numbers are unused."""
-        motor = (values["K_t"], values["b"], values["R"], values["L"], values["J"])
+        motor = (values["K_t"], values["b"], values["R"], inductance(values), values["J"])
         return Constants(*motor, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
     def rate(self, values: Values, voltage: float) -> float:
@@ -60,32 +59,16 @@ class Motor(MotorDriven):
         return motor_system(values, 3)
 
 
-def motor_rate(values: Values) -> float:
-    """Largest magnitude of the roots of the motor's characteristic polynomial [1/s]."""
-    k, r, inductance, j, b = (values[n] for n in ("K_t", "R", "L", "J", "b"))
-    return fastest_root(r / inductance + b / j, (r * b + k * k) / (inductance * j))
-
-
-def memory(values: Values) -> float:
-    """Time constant with which the motor forgets its speed, its inductance left out [s]."""
-    return values["R"] * values["J"] / (values["R"] * values["b"] + values["K_t"] ** 2)
-
-
-def fastest_root(damping: float, stiffness: float) -> float:
-    """Largest |s| with s^2 + damping s + stiffness = 0, for damping, stiffness >= 0 [1/s]."""
-    under = damping * damping - 4 * stiffness
-    return math.sqrt(stiffness) if under < 0 else (damping + math.sqrt(under)) / 2
-
-
 def motor_system(values: Values, n: int) -> tuple[Array, Array]:
     """The motor in the first three of n states: A (n, n), B (n,)."""
-    k, r, inductance, j, b = (values[name] for name in ("K_t", "R", "L", "J", "b"))
+    k, r, j, b = (values[name] for name in ("K_t", "R", "J", "b"))
+    own = inductance(values)
     a = np.zeros((n, n))
     a[0, 1] = 1.0
     a[1, 1:3] = -b / j, k / j
-    a[2, 1:3] = -k / inductance, -r / inductance
+    a[2, 1:3] = -k / own, -r / own
     drive = np.zeros(n)
-    drive[2] = 1 / inductance
+    drive[2] = 1 / own
     return a, drive
 
 

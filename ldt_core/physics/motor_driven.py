@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import functools
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,10 +21,21 @@ from ldt_core.physics.base import (
     Tracked,
     Values,
 )
+from ldt_core.physics.motor_rates import inductance, memory, motor_rate
 from ldt_core.physics.zero_order_hold import zero_order_hold
 
+if TYPE_CHECKING:
+    from ldt_core.physics.terms import Terms
+
 DISCRETISATIONS_REMEMBERED = 256  # machines at a sample period; each is some 100 numbers
+SAME_LENGTH = 1e-9  # of a step, the rounding of its ends: sample times are sums
+#: Of the largest speed, what a step may get wrong where a term bends; a search is content with a
+#: hundredth of a usual sensor's noise.
+BEND, BEND_IN_SEARCH = 3e-7, 1e-5
+TINY = 1e-9  # V, so that a machine at rest without a voltage divides by no 0
 MAX_STEPS = 2_000_000_000  # of one simulation: some minutes of computing; more is a mistake
+#: Of the time in which the motor forgets its speed, an L/R with which it does so fastest.
+SETTLED = 0.25
 QUIET_CHANGE = 1e-3  # of stall torque and voltage: a term that changes less needs no short steps
 
 
@@ -80,9 +91,10 @@ class MotorDriven(Physics):
 
     def state_space(self, values: Values) -> tuple[Array, Array, Array, Array]:
         """The motor: states current and speed, see `Physics`."""
-        k, r, inductance, j, b = (values[n] for n in ("K_t", "R", "L", "J", "b"))
-        a = np.array([[-r / inductance, -k / inductance], [k / j, -b / j]])
-        return a, np.array([[1 / inductance], [0.0]]), np.array([[0.0, 1.0]]), np.zeros((1, 1))
+        k, r, j, b = (values[n] for n in ("K_t", "R", "J", "b"))
+        own = inductance(values)
+        a = np.array([[-r / own, -k / own], [k / j, -b / j]])
+        return a, np.array([[1 / own], [0.0]]), np.array([[0.0, 1.0]]), np.zeros((1, 1))
 
     def initial_state(self, values: Values, speed: float, current: float | None = None) -> Array:
         """The angle is 0 and the foundation at rest; see `Physics` for the rest."""
@@ -156,22 +168,31 @@ class MotorDriven(Physics):
         from ldt_core.physics.integrate import MAX_STEP_RATE, RIGID_STATES, STATES, runge_kutta
 
         at, levels = switches
+        values = {**values, "L": inductance(values)}
         c = self.constants(values)
         most = float(np.abs(levels).max())
         own_rate = self.rate(values, most)
         rates = [effect.rate(values, most, given) for effect, given in terms]
+        solved = [effect.terminal is not None and not effect.states for effect, _ in terms]
+        electrical = [r for r, one in zip(rates, solved, strict=True) if one]
+        fast = max([motor_rate(values), *electrical]) * MAX_STEP > MAX_STEP_RATE
+        if fast:  # then the current is solved for, and asks for no shorter steps
+            calm = max(values["L"], SETTLED * values["R"] * memory(values))
+            own_rate = self.rate({**values, "L": calm}, most)
+            rates = [0.0 if one else r for r, one in zip(rates, solved, strict=True)]
         rate = max(own_rate, *rates) if rates else own_rate
         step = max(min(max_step, MAX_STEP_RATE / rate), least_step)
         if times[-1] / step > MAX_STEPS:
             raise BadInput(
                 "machine parameters",
-                f"a fastest rate of at most {MAX_STEPS / times[-1]:.3g} 1/s (R/L, for instance)",
+                f"a fastest rate of at most {MAX_STEPS / times[-1]:.3g} 1/s (sqrt(K_x / (M + m)), "
+                "for instance)",
                 f"{rate:.3g} 1/s, which takes steps of {step:.3g} s",
             )
         edges, volts, samples = _edges(times, at, levels)
         steps = np.maximum(1, np.ceil(np.diff(edges) / step - 1e-9)).astype(np.int64)
         long, watched = steps, [False] * len(terms)
-        if least_step > 0 and terms:  # a search, which can do with less
+        if least_step > 0 and terms and not fast:  # a search, which can do with less
             calm = max(min(max_step, MAX_STEP_RATE / own_rate), least_step)
             watched = [min(MAX_STEP_RATE / r, calm) < calm if r > 0 else False for r in rates]
             long = np.maximum(1, np.ceil(np.diff(edges) / calm - 1e-9)).astype(np.int64)
@@ -187,10 +208,17 @@ class MotorDriven(Physics):
         states[0] = start
         quiet = QUIET_CHANGE * values["K_t"] * most / values["R"], QUIET_CHANGE * most
         begin = tuple(start[: RIGID_STATES if rigid else STATES].tolist())
-        failed = runge_kutta(
-            *(edges, volts, steps, long, samples, begin, start[STATES:], _coefficients(c)),
-            *(states, *tracked, gather(terms, values, watched, quiet) if terms else None),
-        )
+        used, k = gather(terms, values, watched, quiet) if terms else None, _coefficients(c)
+        if fast:
+            failed = _collocated(
+                *(edges, volts, steps, samples, begin, start[STATES:], k, states, tracked, used),
+                *(values, most, BEND_IN_SEARCH if least_step > 0 else BEND),
+            )
+        else:
+            failed = runge_kutta(
+                *(edges, volts, steps, long, samples, begin, start[STATES:], k),
+                *(states, *tracked, used),
+            )
         if failed >= 0:
             raise LdtError(
                 f"the simulation of {self.name} diverged: its state is not finite "
@@ -243,6 +271,41 @@ def _coefficients(c: Constants) -> Coefficients:
         stiffness_y=c.stiffness_y / c.mass,
         damping_x=c.damping_x / c.mass,
         damping_y=c.damping_y / c.mass,
+    )
+
+
+def _collocated(
+    edges: Array,
+    volts: Array,
+    steps: NDArray[np.int64],
+    samples: NDArray[np.int64],
+    begin: tuple[float, ...],
+    own: Array,
+    c: Coefficients,
+    states: Array,
+    tracked: Tracked,
+    terms: Terms | None,
+    values: Values,
+    most: float,
+    bend: float,
+) -> int:
+    """`fast_current.collocate` with its table of moves; see there."""
+    from ldt_core.physics.fast_current import collocate, moves
+
+    length = np.diff(edges) / steps
+    # Lengths that differ by rounding are the same.
+    _, first, kind = np.unique(
+        np.round(np.log(length) / SAME_LENGTH), return_index=True, return_inverse=True
+    )
+    motor = np.array([[-c.drag, c.pull], [-c.emf, -c.loss]])
+    table = moves(motor, 1 / c.supply, length[first])
+    volt = max(most, abs(begin[SPEED]) * values["K_t"], abs(begin[CURRENT]) * values["R"], TINY)
+    scale = (volt / values["K_t"], volt / values["R"])
+    return int(
+        collocate(
+            *(edges, volts, steps, kind.astype(np.int64), table, samples),
+            *(begin, own, c, states, *tracked, terms, scale, bend * scale[0]),
+        )
     )
 
 

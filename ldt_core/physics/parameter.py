@@ -19,6 +19,7 @@ class Parameter:
         description: one line for people.
         open_low: the bound itself is not allowed (a mass of 0).
         scale: typical size, for scaling a fit and for a first guess away from 0.
+        relative: where it may be 0 but is not, a fit changes it by factors all the same.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Parameter:
     description: str = ""
     open_low: bool = False
     scale: float | None = None
+    relative: bool = False
 
     def accepts(self, value: float) -> bool:
         """Whether value is finite and within the bounds."""

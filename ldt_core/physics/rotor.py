@@ -22,11 +22,10 @@ from ldt_core.physics.motor import (
     MOTOR_PARAMETERS,
     MOTOR_TOLERANCES,
     STATED,
-    fastest_root,
-    motor_rate,
     motor_system,
 )
 from ldt_core.physics.motor_driven import Constants, MotorDriven
+from ldt_core.physics.motor_rates import fastest_root, inductance, motor_rate
 from ldt_core.physics.parameter import Parameter
 
 STEPS_PER_RADIAN = 4  # the unbalance force turns with the shaft: 25 steps a turn, error below 1e-4
@@ -65,7 +64,7 @@ class Rotor(MotorDriven):
         mass = v["M"] + v["m"]
         inertia = v["J"] + unbalance * v["e"] - unbalance**2 / mass
         return Constants(
-            *(v["K_t"], v["b"], v["R"], v["L"], inertia, unbalance, mass),
+            *(v["K_t"], v["b"], v["R"], inductance(v), inertia, unbalance, mass),
             *(v["K_x"], v["K_y"], v["R_x"], v["R_y"], unbalance * v["g"]),
         )
 

@@ -99,10 +99,10 @@ def test_a_stiffer_motor_gets_shorter_steps():
 
 
 def test_a_hopelessly_stiff_machine_is_refused():
-    """An inductance of a femtohenry would take 2e16 steps."""
+    """A foundation of 1e20 N/m swings so fast that it would take 7e10 steps."""
     times, volts = steps(np.random.default_rng(0))
-    with pytest.raises(BadInput, match=r"fastest rate of at most .* \(R/L"):
-        run({**VALUES, "L": 1e-15}, times, volts, MAX_STEP)
+    with pytest.raises(BadInput, match=r"fastest rate of at most .* \(sqrt\(K_x"):
+        run({**VALUES, "K_x": 1e20}, times, volts, MAX_STEP)
 
 
 def test_divergence_is_an_error_not_a_number():

@@ -55,10 +55,10 @@ def test_a_rotor_without_eccentricity_turns_like_the_motor():
 
 @pytest.mark.parametrize("name", ["dc_motor", "dc_motor_rotor"])
 def test_every_parameter_is_described_and_bounded_as_physics_has_it(name):
-    """Masses, inertias, stiffnesses and the like above 0, damping from 0."""
+    """Masses, inertias, stiffnesses and the like above 0, damping and inductance from 0."""
     for p in PHYSICS.get(name).parameters:
         assert p.unit
         assert p.description
         assert not p.accepts(-1.0)
-        assert p.accepts(0.0) == (p.name in ("b", "R_x", "R_y", "e", "g"))
+        assert p.accepts(0.0) == (p.name in ("L", "b", "R_x", "R_y", "e", "g"))
         assert (p.default is None) == (p.name not in ("e", "g"))

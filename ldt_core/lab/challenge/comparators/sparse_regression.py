@@ -24,7 +24,7 @@ from ldt_core.lab.challenge.comparators.compare import ComparatorAnswer, Data
 from ldt_core.lab.challenge.comparators.selection import block_errors, improves
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.hybrid import HybridModel
-from ldt_core.physics.motor import memory
+from ldt_core.physics.motor_rates import memory
 
 Array = NDArray[np.float64]
 Signals = Mapping[str, Array]
