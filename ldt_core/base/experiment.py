@@ -46,8 +46,8 @@ def _samples(where: str, values: ArrayLike, length: int | None = None) -> Sample
 
 def _number(where: str, value: Any, least: int) -> int:
     number = _real(value)
-    if not number.is_integer() or number < least:
-        raise ExperimentError(where, f"a whole number from {least}", described(value))
+    if not (number.is_integer() and least <= number < 2**53):  # beyond, float64 is not exact
+        raise ExperimentError(where, f"a whole number from {least} below 2^53", described(value))
     return int(value)
 
 

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ldt_core.base.bounded import forget_oldest
-from ldt_core.base.errors import (
-    ExperimentError,
-    RepeatedExperiment,
-    UnansweredExperiment,
-    reason_of,
-)
+from ldt_core.base.errors import UnansweredExperiment, reason_of
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
 from ldt_core.models.physics import PhysicsModel
-from ldt_core.twin.stage import WINDOW, RecordedStep
+from ldt_core.twin.numbering import Numbering
+from ldt_core.twin.stage import RecordedStep
 
 #: Samples of the idle experiment; compiled code is loaded whatever the length.
 WARM_UP_SAMPLES = 3
@@ -30,7 +25,7 @@ class Predictor:
         self.original = PhysicsModel(machine)
         #: Number of the experiment predicted last; None before the first.
         self.last: int | None = None
-        self._starts: dict[int, float] = {}  # of the last ones
+        self.numbering = Numbering()
 
     def warm_up(self) -> None:
         """Predict a short experiment that is nobody's, so that the first real one is not late."""
@@ -43,17 +38,23 @@ class Predictor:
         """Free run of the present model.
 
         Raises:
-            ExperimentError: the machine cannot have made this experiment, or its number is not
-                above the last one's (a duplicate would be learned from twice).
+            ExperimentError: the machine cannot have made this experiment, or its number does not
+                follow (`Numbering`; a duplicate would be learned from twice).
             RepeatedExperiment: it is one of the last ones again.
             UnansweredExperiment: the model failed.
         """
+        self.admit(experiment)
+        return self.answer(experiment)
+
+    def admit(self, experiment: Experiment) -> None:
+        """Take an experiment, to answer it later; raises ExperimentError as `predict`."""
         self.machine.check(experiment)
-        if self.last is not None and experiment.number <= self.last:
-            known = self._starts.get(experiment.number) == experiment.start
-            raise out_of_order(experiment, self.last, known)
+        self.numbering.admit(experiment)
+
+    def answer(self, experiment: Experiment) -> Prediction:
+        """Free run of the present model over one that was admitted; raises as `predict`."""
         prediction = self._free_run(self.model, experiment)
-        self._took(experiment)
+        self.last = experiment.number
         return prediction
 
     def predict_original(self, experiment: Experiment) -> Prediction:
@@ -66,27 +67,12 @@ class Predictor:
         except Exception as error:  # of a model of the user's own, for one
             raise UnansweredExperiment(experiment.number, reason_of(error)) from error
 
-    def _took(self, experiment: Experiment) -> None:
-        self.last = experiment.number
-        self._starts[experiment.number] = experiment.start
-        forget_oldest(self._starts, WINDOW)
-
     def recall(self, step: RecordedStep) -> None:
         """Take note of the experiment of a recorded step; the model is set by who restores it."""
-        self._took(step.experiment)
+        self.numbering.recall(step.experiment)
+        self.last = step.number
 
     @property
     def starts(self) -> dict[int, float]:
         """Number and start [s since the epoch] of the last experiments that were taken."""
-        return dict(self._starts)
-
-
-def out_of_order(experiment: Experiment, last: int, known: bool) -> ExperimentError:
-    """Why an experiment is not taken whose number is not above the last one's.
-
-    Args:
-        last: number of the last one taken.
-        known: whether it has been taken itself.
-    """
-    kind = RepeatedExperiment if known else ExperimentError
-    return kind(f"experiment {experiment.number}", f"a number above {last}", experiment.number)
+        return self.numbering.starts

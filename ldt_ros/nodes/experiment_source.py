@@ -264,6 +264,8 @@ class ExperimentSource(NodePart):
             self._send()
 
     def _send(self) -> None:
+        if self._sent and self._next and self._next.number <= self._sent.number:
+            self.adapted = 0  # a recording whose counter began anew
         self._sent = self._next
         self._count += 1
         self._waiting_since = time.monotonic()

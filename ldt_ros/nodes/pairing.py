@@ -42,41 +42,55 @@ class Pairing(Generic[Left, Right]):
         self.callback = callback
         self.capacity = capacity
         self.dropped = self.repeated = 0
-        self._met: dict[int, None] = {}  # the last ones
-        self._left: dict[int, Left] = {}
-        self._right: dict[int, Right] = {}
+        self._met: dict[int, float | None] = {}  # the last ones, and their times
+        self._left: dict[int, tuple[Left, float | None]] = {}
+        self._right: dict[int, tuple[Right, float | None]] = {}
 
     def __len__(self) -> int:
         """Halves that wait."""
         return len(self._left) + len(self._right)
 
-    def left(self, number: int, item: Left) -> None:
-        """Take in a left half."""
+    def left(self, number: int, item: Left, time: float | None = None) -> None:
+        """Take in a left half; its time, if known, tells it from an earlier one of its number."""
+        if self._is_repeated(number, time):
+            return
         if number in self._right:
-            self._meet(number, item, self._right.pop(number))
+            right, _ = self._right.pop(number)
+            self._meet(number, item, right, time)
         else:
-            self._wait(self._left, number, item)
+            self._wait(self._left, number, (item, time))
 
-    def right(self, number: int, item: Right) -> None:
-        """Take in a right half."""
+    def right(self, number: int, item: Right, time: float | None = None) -> None:
+        """Take in a right half; its time as of `left`."""
+        if self._is_repeated(number, time):
+            return
         if number in self._left:
-            self._meet(number, self._left.pop(number), item)
+            left, own = self._left.pop(number)
+            self._meet(number, left, item, own)
         else:
-            self._wait(self._right, number, item)
+            self._wait(self._right, number, (item, time))
 
-    def met(self, number: int) -> None:
-        """Take what comes of a number for a repetition from now on."""
-        self._met[number] = None
+    def met(self, number: int, time: float | None = None) -> None:
+        """Take what comes of a number, and has this time, for a repetition from now on."""
+        self._met.pop(number, None)
+        self._met[number] = time
         forget_oldest(self._met, self.capacity)
 
-    def _meet(self, number: int, left: Left, right: Right) -> None:
-        self.met(number)
+    def _meet(self, number: int, left: Left, right: Right, time: float | None) -> None:
+        self.met(number, time)
         self.callback(left, right)
 
-    def _wait(self, side: dict[int, Any], number: int, item: Left | Right) -> None:
-        if number in self._met:
-            self.repeated += 1
-            return
+    def _is_repeated(self, number: int, time: float | None) -> bool:
+        """A counter that began anew comes by a number again, at another time."""
+        if number not in self._met:
+            return False
+        known = self._met[number]
+        if time is not None and known is not None and abs(time - known) > TIME_TOLERANCE:
+            return False
+        self.repeated += 1
+        return True
+
+    def _wait(self, side: dict[int, Any], number: int, item: Any) -> None:
         if number in side:
             self.dropped += 1
             return
@@ -115,7 +129,7 @@ class ExperimentPairs(NodePart):
 
     def met(self, step: RecordedStep) -> None:
         """Take what comes of a recorded step for a repetition from now on."""
-        self.pairing.met(step.number)
+        self.pairing.met(step.number, step.experiment.end)
 
     def health(self) -> dict[str, Any]:
         """What never found its other half, and what came again."""
@@ -125,11 +139,15 @@ class ExperimentPairs(NodePart):
         experiment = from_message("experiment", message)
         # What the twin refuses and tells of must not wait here for its corrected successor.
         if self._node.machine.may_have_made(experiment):
-            self.pairing.left(experiment.number, experiment)
+            self.pairing.left(experiment.number, experiment, _sayable(experiment.end))
 
     def _on_beside(self, message: Any) -> None:
         record = from_message(self._beside, message)
-        self.pairing.right(record.number, (record, stamp_of(message)))
+        stamp = stamp_of(message)
+        end = stamp
+        if isinstance(record, Prediction):
+            end = record.start + len(record) * record.period
+        self.pairing.right(record.number, (record, stamp), end)
 
     def _together(self, experiment: Experiment, beside: tuple[Any, float | None]) -> None:
         """Deal with the two, unless they are of two machines that count alike."""
@@ -141,3 +159,8 @@ class ExperimentPairs(NodePart):
             what = f"{self._beside} of experiment {experiment.number}"
             raise ExperimentError(what, f"the time {own:.3f} s, as the experiment's", f"{said:.3f}")
         self._callback(experiment, record)
+
+
+def _sayable(time: float) -> float | None:
+    """A time that stamps can say, else None."""
+    return time if 0 < time < STAMP_END else None

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ldt_core.base.bounded import forget_oldest
-from ldt_core.base.errors import LdtError, RepeatedExperiment
+from ldt_core.base.errors import ExperimentError, LdtError, RepeatedExperiment
 from ldt_core.base.experiment import Adaptation, Experiment
 from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
@@ -16,7 +16,7 @@ from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.node_status import REFUSED
 from ldt_core.restart.checkpoint import Lookup
 from ldt_core.restart.recorded_run import END
-from ldt_core.twin.predictor import Predictor, out_of_order
+from ldt_core.twin.predictor import Predictor
 from ldt_core.twin.stage import WINDOW, RecordedStep
 from ldt_ros.nodes.interfaces import from_message, to_message
 from ldt_ros.nodes.model_versions import ModelVersions
@@ -50,10 +50,9 @@ class Arrivals(NodePart):
         self._since = clock()
         self._told = False
 
-    def came(self, number: int) -> None:
+    def heard(self) -> None:
         """One has come, whatever becomes of it."""
         self._since, self._told = self._clock(), False
-        self.known(number)
 
     def known(self, number: int) -> None:
         """One is not missing: it has come, or is recorded."""
@@ -99,7 +98,7 @@ class TwinNode(LdtNode):
     | `experiment` | predicted, once the adaptation of the last one and its model are there |
     | no such adaptation within `adaptation_timeout` | predicted all the same; logged, counted |
     | `experiment`, one of the last again | left out, counted |
-    | `experiment`, another of a number not above the last | rejected, `refused experiment` told |
+    | `experiment`, its number does not follow (`Numbering`) | rejected, `refused experiment` told |
     | `experiment`, impossible for the machine | rejected, `refused experiment` told |
     | more than 200 experiments waiting | the oldest is dropped and counted |
     | a number above the next | those between are counted as missing, and told of |
@@ -187,18 +186,13 @@ class TwinNode(LdtNode):
 
     def _on_experiment(self, message: Any) -> None:
         experiment = from_message("experiment", message)
-        self._arrivals.came(experiment.number)
-        last = self._waiting[-1][0].number if self._waiting else 0
-        if experiment.number <= last:
-            known = any(
-                (e.number, e.start) == (experiment.number, experiment.start)
-                for e, _ in self._waiting
-            )
-            self._refuse(experiment, out_of_order(experiment, last, known))
+        self._arrivals.heard()
+        try:
+            self.predictor.admit(experiment)
+        except ExperimentError as error:
+            self._refuse(experiment, error)
             return
-        if self.predictor.last is not None and experiment.number <= self.predictor.last:
-            self._predict(experiment)  # which refuses it
-            return
+        self._arrivals.known(experiment.number)
         self._waiting.append((experiment, time.monotonic()))
         if len(self._waiting) > QUEUE:
             _, since = self._waiting.popleft()
@@ -243,8 +237,10 @@ class TwinNode(LdtNode):
             self._predict(experiment)
 
     def _predict(self, experiment: Experiment) -> None:
+        if experiment.number <= (self.predictor.last or 0):  # its counter began anew
+            self._adapted.clear()
         try:
-            prediction = self.predictor.predict(experiment)
+            prediction = self.predictor.answer(experiment)
         except LdtError as error:
             self._refuse(experiment, error)
             return

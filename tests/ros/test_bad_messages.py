@@ -427,3 +427,19 @@ def test_whatever_a_node_raises_refuses_the_message_and_ends_nothing(stranger, m
     stranger.until(lambda: not node.worker.busy)
     assert node.failure is None
     assert node.topics.last_rejection == "prediction: ZeroDivisionError: division by zero"
+
+
+def test_a_counter_that_begins_anew_is_followed_by_the_whole_graph(stranger):
+    """One experiment is refused; a number out of nowhere costs itself alone."""
+    nodes = [stranger.start(kind, **PHYSICS) for kind in (TwinNode, DetectorNode, AdaptorNode)]
+    stranger.listen("adaptation", "/diagnostics")
+    for turn, number in enumerate((1, 2, 2**53 - 1, 3, 1, 2, 3)):
+        one = replace(experiment(number), start=1e9 + 100 * turn)
+        stranger.send("experiment", one)
+        if turn in (2, 4):
+            stranger.until(lambda n=str(number): stranger.health("twin")["refused experiment"] == n)
+        else:
+            stranger.until(lambda n=number: stranger.numbers("adaptation")[-1:] == [n])
+    assert stranger.numbers("adaptation") == [1, 2, 3, 2, 3]
+    assert not any(node.topics.rejected for node in nodes[1:])
+    assert stranger.health("twin")["missing"] == "0"

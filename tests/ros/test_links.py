@@ -38,7 +38,7 @@ def test_an_experiment_is_overdue_once_until_one_comes():
         now[0] = at
         assert arrivals.newly_overdue() is newly
     assert arrivals.complaint() == "no experiment for 9 s, one is due every 5 s"
-    arrivals.came(1)
+    arrivals.heard()
     assert arrivals.complaint() == ""
     now[0] = 15.0
     assert arrivals.newly_overdue()
@@ -57,9 +57,9 @@ def test_numbers_that_were_left_out_are_missing_until_they_come():
     """Late is not lost; what came before the first is not known."""
     arrivals = Arrivals(0.0)
     for number in (7, 8, 12, 14):
-        arrivals.came(number)
+        arrivals.known(number)
     assert arrivals.complaint() == "4 experiments are missing, last 13"
-    arrivals.came(13)
+    arrivals.known(13)
     assert arrivals.complaint() == "3 experiments are missing, last 9 to 11"
     for number in (9, 10, 11):
         arrivals.known(number)
