@@ -11,6 +11,8 @@ from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 
+Amounts = Mapping[str, Mapping[str, float]]  # effect → parameter → value
+
 
 @dataclass(frozen=True)
 class MachineEstimate:
@@ -32,22 +34,44 @@ def estimate_machine(
     """What is known best: a model that has learned a cause, else a diagnosis, else the file.
 
     Raises:
-        ModelError: a diagnosed model without its cause.
+        ModelError: a model that has learned causes, without them.
         OptionError: amounts that the machine cannot have.
+        MachineFileError: parameters that it cannot have.
     """
-    if model is not None and model.kind == "diagnosed" and model.version > 0:
-        try:
-            cause = model.parameters["cause"]
-            name, given = cause["effect"], cause["parameters"]
-            amounts = {str(name): {str(k): float(v) for k, v in given.items()}} if name else {}
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
-            where = f"model version {model.version}, parameters.cause"
-            raise ModelError(where, "an effect and its parameters", repr(error)) from None
+    if model is not None and model.kind in LEARNERS and model.version > 0:
+        amounts, own = LEARNERS[model.kind](model)
         if amounts:
-            return _with(machine, amounts, f"model {model.version}")
+            return _with(machine.with_parameters(**own), amounts, f"model {model.version}")
     if diagnosis is not None and diagnosis.effects:
         return _with(machine, diagnosis.amounts, f"the diagnosis at {diagnosis.experiment}")
     return with_effects(machine, ())
+
+
+def _diagnosed(model: ModelRecord) -> tuple[Amounts, dict[str, float]]:
+    try:
+        cause = model.parameters["cause"]
+        name, given = cause["effect"], cause["parameters"]
+        return ({str(name): _numbers(given)} if name else {}), {}
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        where = f"model version {model.version}, parameters.cause"
+        raise ModelError(where, "an effect and its parameters", repr(error)) from None
+
+
+def _grey_box(model: ModelRecord) -> tuple[Amounts, dict[str, float]]:
+    try:
+        found = {str(n): _numbers(given) for n, given in model.parameters["effects"].items()}
+        return found, _numbers(model.parameters["machine"])
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        where = f"model version {model.version}, parameters"
+        raise ModelError(where, "effects and a machine with numbers", repr(error)) from None
+
+
+def _numbers(given: Mapping[str, float]) -> dict[str, float]:
+    return {str(k): float(v) for k, v in given.items()}
+
+
+#: Kind of a model that learns causes → what it has learned: effects' values, and the machine's own.
+LEARNERS = {"diagnosed": _diagnosed, "grey_box": _grey_box}
 
 
 def with_effects(
@@ -75,9 +99,7 @@ def with_effects(
     return MachineEstimate(machine.model.folded(values), source, tuple(left_out))
 
 
-def _with(
-    machine: Machine, amounts: Mapping[str, Mapping[str, float]], source: str
-) -> MachineEstimate:
+def _with(machine: Machine, amounts: Amounts, source: str) -> MachineEstimate:
     known = {n: g for n, g in amounts.items() if n in EFFECTS.names()}
     acting = [(effect, effect.check(g)) for n, g in known.items() for effect in [get_effect(n)]]
     found = with_effects(machine, acting)

@@ -227,6 +227,23 @@ def test_a_model_that_has_learned_comes_before_a_diagnosis_and_that_before_the_f
     assert estimate_machine(ROTOR).source == "the machine file"
 
 
+def test_what_the_default_model_has_learned_is_known():
+    """The causes and the machine's own parameters of a grey box; without causes a diagnosis."""
+    own = {**ROTOR.parameters, "K_t": 1.01 * ROTOR.parameters["K_t"]}
+    effects = {"unbalance": {"e": 0.006}, "coulomb_friction": {"torque": 0.1}}
+    record = ModelRecord(3, "grey_box", (4,), {"machine": own, "effects": effects})
+    belief = estimate_machine(ROTOR, record)
+    assert (belief.source, belief.left_out) == ("model 3", ("coulomb_friction",))
+    assert belief.values["e"] == 0.006
+    assert belief.values["K_t"] == own["K_t"]
+    told = {"verdict.kind": "effect", "amount.unbalance.e": 0.004}
+    diagnosis = DiagnosisRecord(7, 0, "because", ("unbalance",), told)
+    bare = ModelRecord(3, "grey_box", (4,), {"machine": own, "effects": {}})
+    assert estimate_machine(ROTOR, bare, diagnosis).values["e"] == 0.004
+    with pytest.raises(ModelError, match="effects and a machine"):
+        estimate_machine(ROTOR, ModelRecord(1, "grey_box", (), {"effects": 3}))
+
+
 def test_effects_that_are_not_parameters_are_named_as_left_out():
     """They shift the voltages, by how much is not computed."""
     told = {"verdict.kind": "effect", "amount.unbalance.e": 0.01}
