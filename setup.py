@@ -176,6 +176,7 @@ def build() -> None:
                 "calibrate = ldt_core.cli.calibrate:command",
                 "challenge = ldt_core.cli.challenge:command",
                 "completion = ldt_core.cli.completion:command",
+                "demo = ldt_core.cli.demo:command",
                 "diagnose = ldt_core.cli.diagnose:command",
                 "docs = ldt_core.cli.docs:command",
                 "doctor = ldt_core.cli.doctor:command",

@@ -22,8 +22,34 @@ GROUP = "ldt.command"
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
+#: Headings of `ldt --help` → commands, in the order in which a newcomer needs them.
+SECTIONS = {
+    "Run": ("demo", "up", "run", "replay", "simulate"),
+    "Look": ("report", "watch", "plot"),
+    "Understand": ("diagnose", "effects", "predict", "advise"),
+    "Your machine": ("import", "calibrate", "identify", "tune"),
+    "Research": ("study", "challenge"),
+    "Care": ("docs", "doctor", "rollback", "learning", "security", "completion"),
+}
+
+
 class Commands(SuggestingGroup):
     """Commands by entry point, imported when they are called."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """By what they are for; those of other packages come last."""
+        names = self.list_commands(ctx)
+        others = sorted(set(names).difference(*SECTIONS.values()))
+        width = max(map(len, names))
+        for heading, members in {**SECTIONS, "Others": others}.items():
+            rows = [
+                (name.ljust(width), command.get_short_help_str(formatter.width))
+                for name in members
+                if name in names and (command := self.get_command(ctx, name)) is not None
+            ]
+            if rows:
+                with formatter.section(heading):
+                    formatter.write_dl(rows)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of all commands."""
@@ -49,6 +75,8 @@ def ldt() -> None:
     """LDT, the learning digital twin.
 
     Runs a digital twin beside a machine, notices when the machine has changed, and learns again.
+
+    Begin with `ldt demo`, then `ldt docs start`.
 
     Example: ldt up --experiments 40 --seed 3
     """

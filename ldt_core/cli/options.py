@@ -14,6 +14,8 @@ import msgs_config
 from ldt_core.base.errors import BadInput, OptionError, did_you_mean
 from ldt_core.base.settings import PRESETS, UNSET, check, preset
 from ldt_core.cli.completion import among, known
+from ldt_core.cli.idle_options import warn_of_idle
+from ldt_core.cli.recorded_machine import machine_of
 
 _TYPES = {"integer": click.INT, "double": click.FLOAT, "string": click.STRING}
 # Headings in --help by the parameters' groups; those of other groups come first, under Options.
@@ -104,7 +106,7 @@ def parameters(*groups: str) -> Callable[..., Any]:
     """Decorator: an option for each declared parameter of the groups.
 
     The command receives the checked values of all of them, defaults included, in one mapping named
-    `settings`.
+    `settings`. Of a recording's machine the file is taken that goes with it.
     """
     declared = msgs_config.parameters(*groups)
 
@@ -112,6 +114,12 @@ def parameters(*groups: str) -> Callable[..., Any]:
         @functools.wraps(function)
         def call(**values: Any) -> Any:
             settings = {name: values.pop(name) for name in declared}
+            warn_of_idle(settings, declared)
+            named = [values.get("recording"), *values.get("recordings", ()), settings.get("play")]
+            if "machine" in settings and any(named):
+                space = values.get("namespace") or settings.get("play_namespace", "")
+                played = [recording for recording in named if recording]
+                settings["machine"] = machine_of(settings["machine"], played, space)
             return function(settings=settings, **values)
 
         for name, declaration in reversed(declared.items()):

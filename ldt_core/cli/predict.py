@@ -49,9 +49,9 @@ def command(
     from ldt_core.base.metrics import FreeRunError
     from ldt_core.base.stopping import stop_on_signals, until_stopped
     from ldt_core.cli.progress import track
-    from ldt_core.cli.recordings import open_recording
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.models.physics import PhysicsModel
+    from ldt_core.recording.bag import read_bag
     from ldt_core.recording.writer import BagWriter
 
     machine = load_machine(settings["machine"])
@@ -65,7 +65,7 @@ def command(
             effect.require(machine.model)
     model = PhysicsModel(machine, effects=acting)
     error = FreeRunError()
-    played = open_recording(recording, namespace, machine)
+    played = read_bag(recording, namespace)
     with (
         stop_on_signals() as stop,
         BagWriter(out, namespace=namespace, machine=machine.name) as writer,

@@ -8,19 +8,7 @@ from dataclasses import replace
 from ldt_core.base.experiment import Experiment
 from ldt_core.cli.terminal import warn
 from ldt_core.machine.machine_file import Machine
-from ldt_core.recording.bag import Bag, read_bag
-
-
-def open_recording(recording: str, namespace: str, machine: Machine) -> Bag:
-    """A recording to predict or to play; says where it is of another machine.
-
-    Raises:
-        RecordingError: a recording that cannot be read.
-    """
-    bag = read_bag(recording, namespace)
-    if odd := bag.other_machine(machine):
-        warn(odd)
-    return bag
+from ldt_core.recording.bag import read_bag
 
 
 def read_recordings(

@@ -41,14 +41,14 @@ def command(
     Example: ldt replay my_run --detector lddm --error-threshold 0.5 --out my_run_lddm
     """
     from ldt_core.base.stopping import INTERRUPTED, stop_on_signals
-    from ldt_core.cli.recordings import open_recording
     from ldt_core.machine.machine_file import load_machine
+    from ldt_core.recording.bag import read_bag
     from ldt_core.recording.pace import paced, parse_rate
     from ldt_core.runs import offline
 
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
-    played = open_recording(recording, namespace, machine)
+    played = read_bag(recording, namespace)
     with stop_on_signals() as stop, RunProgress({machine.name: None}) as progress:
         summary = offline.run(
             machine,

@@ -31,9 +31,9 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
     """
     from ldt_core.base.errors import BadInput
     from ldt_core.base.stopping import INTERRUPTED, stop_on_signals
-    from ldt_core.cli.recordings import open_recording
     from ldt_core.machine import Plant
     from ldt_core.machine.machine_file import load_machine
+    from ldt_core.recording.bag import read_bag
     from ldt_core.recording.pace import paced, parse_rate
     from ldt_core.restart.run_key import begin_of, resumed
     from ldt_core.runs import offline
@@ -53,7 +53,7 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
         for member in members:
             own = member.settings
             if own["play"]:
-                played = open_recording(own["play"], own["play_namespace"], machine)
+                played = read_bag(own["play"], own["play_namespace"])
                 experiments = played.experiments()
             else:
                 begin = own["start_time"]

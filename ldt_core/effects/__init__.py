@@ -9,6 +9,7 @@ from ldt_core.base.registry import Registry
 
 if TYPE_CHECKING:
     from ldt_core.physics.effect import Effect
+    from ldt_core.physics.parameter import Parameter
 
 _FILES = {
     "friction": (
@@ -36,6 +37,8 @@ _FILES = {
     "load": ("constant_load", "gravity_imbalance"),
     "sensor": ("sensor_gain", "sensor_bias", "sensor_lag"),
 }
+
+PREFIXES = {"": 1.0, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3}  # of SI
 
 EFFECTS = Registry(
     "effect",
@@ -66,9 +69,10 @@ def parse_effect(text: str) -> tuple[Effect, dict[str, float]]:
     """The effect and all its values from "NAME[:param=value,...]".
 
     The bare name means the effect's typical values; with any value given, the others are neutral.
+    A value may have its unit behind it, `e=5mm`; without, it is in SI units.
 
     Raises:
-        OptionError: an unknown effect or parameter, or a value outside its bounds.
+        OptionError: an unknown effect, parameter or unit, or a value outside its bounds.
     """
     split = text.find(".py:") + len(".py:") if ".py:" in text else 0
     name, colon, rest = text[split:].partition(":")
@@ -86,8 +90,23 @@ def parse_effect(text: str) -> tuple[Effect, dict[str, float]]:
             raise OptionError(where, did_you_mean(parameter, names), repr(parameter))
         if parameter in given:
             raise OptionError(f"{where}, {parameter}", "one value", "two")
-        try:
-            given[parameter] = float(value)
-        except ValueError:
-            raise OptionError(f"{where}, {parameter}", "a number", repr(value)) from None
+        declared = effect.parameters[names.index(parameter)]
+        given[parameter] = _amount(f"{where}, {parameter}", value, declared)
+    for p in effect.parameters:
+        size, unit = given.get(p.name, 0.0), p.unit
+        if abs(size) > p.meant:
+            expected = f"at most {p.meant:g} {unit} ({size:g}m{unit} is {size / 1000:g} {unit})"
+            raise OptionError(f"effect {effect.name}, {p.name}", expected, f"{size:g} {unit}")
     return effect, effect.check(given)
+
+
+def _amount(where: str, text: str, parameter: Parameter) -> float:
+    """The number of "5mm" in the parameter's unit."""
+    base, number = parameter.unit.replace(" ", ""), text.replace(" ", "").replace("μ", "µ")
+    units = {p + base: factor for p, factor in PREFIXES.items() if base}
+    unit = next((u for u in sorted(units, key=len, reverse=True) if number.endswith(u)), "")
+    try:
+        return float(number.removesuffix(unit)) * units.get(unit, 1.0)
+    except ValueError:
+        expected = f"a number, in {parameter.unit} or with its unit" if base else "a number"
+        raise OptionError(where, expected, repr(text)) from None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from ldt_core.effects.base import factor_of
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
@@ -16,12 +18,16 @@ def _axes(values, name, x, y):
     return {**values, f"{name}_x": values[f"{name}_x"] * x, f"{name}_y": values[f"{name}_y"] * y}
 
 
+MOST_E = 1.0  # m; no rotor's mass sits so far off its axis: it is millimetres without their unit
+
 UNBALANCE = Effect(
     name="unbalance",
     family="foundation",
     description="the rotor's mass sits beside its axis and shakes the foundation (Sommerfeld)",
     equation="e := e + increment",
-    parameters=(Parameter("e", "m", 0.0, default=0.0, description="increment of e", scale=0.008),),
+    parameters=(
+        Parameter("e", "m", 0.0, math.inf, 0.0, "increment of e", scale=0.008, meant=MOST_E),
+    ),
     typical={"e": 0.008},
     search={"e": (0.001, 0.002, 0.003, 0.0045, 0.006, 0.008, 0.01, 0.013)},
     on_parameters=lambda values, e: {**values, "e": values["e"] + e},

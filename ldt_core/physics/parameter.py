@@ -20,6 +20,7 @@ class Parameter:
         open_low: the bound itself is not allowed (a mass of 0).
         scale: typical size, for scaling a fit and for a first guess away from 0.
         relative: where it may be 0 but is not, a fit changes it by factors all the same.
+        meant: largest size that a person can mean who types it; more is a slip of the unit.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Parameter:
     open_low: bool = False
     scale: float | None = None
     relative: bool = False
+    meant: float = math.inf
 
     def accepts(self, value: float) -> bool:
         """Whether value is finite and within the bounds."""

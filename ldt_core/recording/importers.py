@@ -16,7 +16,7 @@ from ldt_core.base.sentences import counted
 from ldt_core.recording.csv_table import CsvTable
 from ldt_core.recording.message_fields import parse_field_path, read_fields
 from ldt_core.recording.storage import Storage
-from ldt_core.recording.units import Field, parse_field
+from ldt_core.recording.units import UNITS, Field, parse_field
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
 from ldt_core.segmenter.resampling import (
     GAP_PERIODS,
@@ -31,6 +31,9 @@ from ldt_core.segmenter.resampling import (
 LEAST_GAP = 1.5  # periods of the experiments; a stream far faster than they are may not pause less
 LEAST_SAMPLES = 2  # of an experiment: one sample has no dynamics
 ROUNDING = 1e-6  # of a period: what floating point loses in a length or an end time
+# What hardly any motor does, but a column in another unit seems to do.
+FAST = 1000.0  # rad/s, which is 9549 rpm
+SLOW = 1.0  # s between samples
 MOST_SAMPLES = 100_000_000  # of a stretch; more is a period in the wrong unit
 
 
@@ -78,7 +81,23 @@ def import_file(
     bag = path.is_dir() or path.name.endswith((".mcap", ".db3", ".zstd", ".bag"))
     read = _from_bag if bag else _from_table
     series, notes = read(path, given, sample_period)
+    notes += _doubts(series, given)
     return _cut(str(path), series, notes, sample_period, length, cut)
+
+
+def _doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[str]:
+    """Where a column that names no unit has the size of another one."""
+    bare = [q for q, text in given.items() if not text.endswith(tuple(f":{u}" for u in UNITS[q]))]
+    speed, notes = series["speed"], []
+    fastest = float(np.nanmax(np.abs(speed.values), initial=0.0))
+    if "speed" in bare and fastest > FAST:
+        notes.append(
+            f"speeds up to {fastest:.5g} rad/s are rare; if they are rpm: {given['speed']}:rpm"
+        )
+    step = float(np.median(np.diff(speed.time))) if speed.time.size > 1 else 0.0
+    if "time" in bare and step >= SLOW:
+        notes.append(f"{step:g} s between samples are long; if they are ms: {given['time']}:ms")
+    return notes
 
 
 def _from_table(

@@ -25,6 +25,7 @@ UNITS: dict[str, dict[str, float]] = {
         "rad/min": 1 / 60,
         "deg/s": TURN / 360,
         "rpm": TURN / 60,
+        "RPM": TURN / 60,
         "1/min": TURN / 60,
         "krpm": 1000 * TURN / 60,
         "rps": TURN,
@@ -53,16 +54,29 @@ def parse_field(text: str, quantity: str, columns: Collection[str] = ()) -> Fiel
         columns: names that exist; one that contains a colon is taken as a whole.
 
     Raises:
-        OptionError: no field, or an unknown unit.
+        OptionError: no field, an unknown unit, or none where the name ends in one that is not SI.
     """
     units = UNITS[quantity]
     si = next(iter(units))
     name, colon, unit = text.rpartition(":")
     if not colon or text in columns:
         name, unit = text, si
+        if (named := _named_unit(text, units)) and units[named] != 1:
+            expected = f"its unit, {text}:{named} or {text}:{si}, since the name says {named}"
+            raise OptionError(f"--{quantity}", expected, repr(text))
     unit = unit.replace("μ", "µ")  # the Greek letter looks like the micro sign
     if not name.strip():
         raise OptionError(f"--{quantity}", "FIELD or FIELD:UNIT", repr(text))
     if unit not in units:
         raise OptionError(f"--{quantity}, unit", did_you_mean(unit, units), repr(unit))
     return Field(quantity, name.strip(), units[unit], unit)
+
+
+def _named_unit(name: str, units: Collection[str]) -> str:
+    """The unit that a name ends in, as of "time_ms", "n [rpm]" or "Speed (RPM)"; "" if in none."""
+    ending = name.strip().rstrip(")]}")
+    for unit in sorted(units, key=len, reverse=True):
+        before = ending.removesuffix(unit)
+        if before != ending and not before[-1:].isalnum():
+            return unit
+    return ""

@@ -14,7 +14,7 @@ from pathlib import Path
 import click
 import pytest
 
-from ldt_core.cli import invoke, ldt
+from ldt_core.cli import SECTIONS, invoke, ldt
 from ldt_core.effects import EFFECTS
 
 BIN = Path(sys.executable).parent
@@ -51,11 +51,54 @@ def test_a_command_reports_as_json_and_shows_an_example(name):
 
 
 def test_the_list_of_commands_says_each_in_one_line_that_is_whole(capsys):
-    """No line ends in dots, as click's would that is cut out of a longer text."""
+    """Each once, under what it is for; no line ends in dots, as click's would that is cut."""
     assert invoke(ldt, ["--help"]) == 0
-    lines = capsys.readouterr().out.split("Commands:\n")[1].splitlines()
-    assert [line.split()[0] for line in lines] == ldt.list_commands(click.Context(ldt))
+    shown = capsys.readouterr().out.split("Options:\n")[1]
+    headings = re.findall(r"^(\w[\w ]*):$", shown, flags=re.MULTILINE)
+    assert headings == list(SECTIONS)
+    lines = [line for line in shown.splitlines() if re.match(r"  \w", line)]
+    assert sorted(line.split()[0] for line in lines) == ldt.list_commands(click.Context(ldt))
     assert [line for line in lines if not line.endswith(".") or line.endswith("...")] == []
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (
+            "--model hybrid --order 2",
+            "--order changes nothing beside --model hybrid; it belongs to",
+        ),
+        ("--detector window --threshold 2", "--threshold changes nothing beside --detector window"),
+        ("--advice-every 3", "--advice-every changes nothing without --advice; it belongs to"),
+        ("--preset paper --window 3", "--window changes nothing beside --detector threshold"),
+        ("--model linear --order 2", ""),
+        ("--order 2", ""),  # auto has linear models among its own
+        ("--preset paper --threshold 2", ""),
+    ],
+)
+def test_an_option_that_does_nothing_here_is_told_of(options, sentence, short_rotor, capsys):
+    """In one sentence on standard error; an option that serves the choice is not."""
+    given = ["--machine", short_rotor, "--experiments", "1", "--no-bag", *options.split()]
+    assert invoke(ldt, ["run", *given]) == 0
+    said = capsys.readouterr().err
+    assert said.startswith(sentence) if sentence else said == ""
+    assert said.count("\n") == bool(sentence)
+
+
+@pytest.mark.slow
+def test_the_demo_shows_a_twin_that_learns_and_what_to_do_next(tmp_path, monkeypatch, capsys):
+    """The first command's figures; its page is there, and what it proposes works."""
+    monkeypatch.chdir(tmp_path)
+    assert invoke(ldt, ["demo"]) == 0
+    said = capsys.readouterr().out
+    assert "25% of the error" in said
+    assert Path("ldt_demo/run.html").stat().st_size > 100_000
+    assert "Open in a browser: ldt_demo/run.html\n" in said
+    advise = re.search(r"ldt (advise .*)", said)[1].split()
+    assert invoke(ldt, advise) == 0
+    assert "Do not hold" in capsys.readouterr().out
+    assert invoke(ldt, ["demo"]) == 2
+    assert "a folder that does not exist yet" in capsys.readouterr().err
 
 
 def test_a_long_help_has_sections_and_says_what_a_flag_is_by_default(capsys):

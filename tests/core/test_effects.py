@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
 
@@ -303,13 +304,35 @@ def test_a_bare_name_means_typical_values_and_a_value_leaves_the_rest_neutral():
 
 
 @pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("unbalance:e=5mm", 0.005),
+        ("unbalance:e= 5 mm ", 0.005),
+        ("unbalance:e=0.5cm", 0.005),
+        ("unbalance:e=5000 μm", 0.005),
+        ("unbalance:e=5e-3m", 0.005),
+        ("coulomb_friction:torque=50 mN m", 0.05),
+        ("input_delay:delay=20ms", 0.02),
+        ("sensor_bias:bias=-1rad/s", -1.0),
+    ],
+)
+def test_a_value_may_have_its_unit(text, value):
+    """The SI unit, also with a prefix."""
+    (found,) = parse_effect(text)[1].values()
+    assert found == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
     ("text", "words"),
     [
         ("unbalanse", "did you mean 'unbalance'"),
         ("unbalance:f=1", "effect unbalance: expected one of 'e'"),
         ("unbalance:e=-1", "effect unbalance, e: expected at least 0 m, got -1"),
         ("unbalance:e=nan", "effect unbalance, e: expected at least 0 m"),
-        ("unbalance:e=wide", "expected a number, got 'wide'"),
+        ("unbalance:e=wide", "expected a number, in m or with its unit, got 'wide'"),
+        ("unbalance:e=5V", "expected a number, in m or with its unit, got '5V'"),
+        ("unbalance:e=5", "expected at most 1 m (5mm is 0.005 m), got 5 m"),
+        ("unbalance:e=5m", "got 5 m"),
         ("unbalance:", "param=value"),
         ("unbalance:e=1,e=2", "expected one value, got two"),
         ("torsional_compliance:share=2", "at least 0 and at most 0.95"),
@@ -319,7 +342,7 @@ def test_a_bare_name_means_typical_values_and_a_value_leaves_the_rest_neutral():
 )
 def test_what_is_no_effect_is_refused_with_a_sentence(text, words):
     """Unknown names, values out of bounds, things that are no effects."""
-    with pytest.raises(OptionError, match="(?s).*" + words.replace("(", "\\(")):
+    with pytest.raises(OptionError, match="(?s).*" + re.escape(words)):
         parse_effect(text)
 
 

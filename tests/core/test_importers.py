@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -128,6 +129,40 @@ def test_a_table_without_time_takes_the_sample_period(tmp_path):
 def test_units_are_converted_to_si(unit, quantity, value):
     """One of each in SI units; a speed in Hz is revolutions per second."""
     assert parse_field(f"a:{unit}", quantity).factor == pytest.approx(value, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "unit"),
+    [
+        ("rpm", "speed", "rpm"),
+        ("Speed (RPM)", "speed", "RPM"),
+        ("n [1/min]", "speed", "1/min"),
+        ("time_ms", "time", "ms"),
+        ("voltage_mV", "voltage", "mV"),
+    ],
+)
+def test_a_name_that_says_another_unit_is_not_taken_for_si(name, quantity, unit):
+    """The sentence has both ways to say which it is; either is taken."""
+    with pytest.raises(OptionError, match=re.escape(f"{name}:{unit} or {name}:")):
+        parse_field(name, quantity)
+    assert parse_field(f"{name}:{unit}", quantity).factor == UNITS[quantity][unit]
+    assert parse_field(f"{name}:{next(iter(UNITS[quantity]))}", quantity).factor == 1
+
+
+@pytest.mark.parametrize("name", ["speed_rad_s", "omega [rad/s]", "alarms", "t_s", "w", "trpm"])
+def test_a_name_that_says_si_or_nothing_is_si(name):
+    """A word that merely ends like a unit is none."""
+    assert parse_field(name, "speed" if "t_s" not in name else "time").factor == 1
+
+
+def test_a_size_that_speaks_for_another_unit_is_told(tmp_path):
+    """1500 of a column without a unit, and rows 10 apart; a unit that is given is believed."""
+    path = table(tmp_path / "x.csv", rows(TIME * 100, VOLTS, 1500 + SPEED))
+    notes = " ".join(load(path).notes)
+    assert "if they are rpm: n:rpm" in notes
+    assert "if they are ms: t:ms" in notes
+    assert "if they are" not in " ".join(load(path, speed="n:rpm", time="t:ms").notes)
+    assert "if they are" not in " ".join(load(path, speed="n:rad/s", time="t:s").notes)
 
 
 def test_an_unknown_unit_is_refused_with_the_list(tmp_path):

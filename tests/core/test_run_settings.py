@@ -162,8 +162,11 @@ def test_settings_that_cannot_be_read_concern_nothing_else(value, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["predict", "replay", "run"])
-def test_another_machine_s_recording_is_said_to_be_that(command, tmp_path, capsys, short_rotor):
-    """In a line on standard error, and the work is done; of its own machine nothing is said."""
+def test_a_recording_is_taken_with_its_own_machine_alone(command, tmp_path, capsys, short_rotor):
+    """Its own file, also a calibrated one; another's is refused with what to do about it.
+
+    Without --machine it is the one that ships with LDT under the recorded name.
+    """
     data = yaml.safe_load(Path(short_rotor).read_text())
     calibrated, other = tmp_path / "calibrated.yaml", tmp_path / "press.yaml"
     data["parameters"]["K_t"] *= 1.01
@@ -178,7 +181,20 @@ def test_another_machine_s_recording_is_said_to_be_that(command, tmp_path, capsy
         for experiment in read_bag(bare).experiments():
             writer.write("experiment", experiment, experiment.end)
     capsys.readouterr()
-    named = "recorded of the machine 'rotor', while the machine file is of 'press'"
+    pressed = tmp_path / "pressed"
+    assert (
+        invoke(ldt, ["simulate", "--machine", str(other), *given[2:], "--out", str(pressed)]) == 0
+    )
+    capsys.readouterr()
+    refused = (
+        "--machine: expected the file of 'rotor', of which {} was recorded (leave --machine out"
+    )
+    renamed = tmp_path / "renamed.yaml"
+    renamed.write_text(yaml.safe_dump({**data, "name": "mill"}))
+    told = "{}: recorded of the machine 'press', while the file is of 'mill'"
+    refused_rotor = "--machine: expected the file of 'press', of which {} was recorded (write"
+    asked = "--machine: expected the file of 'press', of which {} was recorded, got none"
+    doubt = "{} does not say of which machine it is; taken for rotor (--machine)"
     for index, (bag, machine, words) in enumerate(
         (
             (run, short_rotor, ""),
@@ -186,16 +202,25 @@ def test_another_machine_s_recording_is_said_to_be_that(command, tmp_path, capsy
             (bare, calibrated, ""),
             (nameless, other, ""),
             (run, calibrated, ""),  # which is what a calibrated one is for
-            (run, other, named),
-            (bare, other, named),
+            (bare, None, ""),
+            (nameless, None, doubt),
+            (run, other, refused),
+            (bare, other, refused),
+            (pressed, None, asked),
+            (pressed, short_rotor, refused_rotor),
+            (pressed, renamed, told),
         )
     ):
-        given = [str(bag), "--machine", str(machine)]
+        given = [str(bag), *(["--machine", str(machine)] if machine else [])]
         if command == "run":
             given = ["--play", *given, "--no-bag"]
         else:
             given += ["--out", str(tmp_path / f"out_{index}")]
         if command != "predict":
             given += ["--model", "physics"]
-        assert invoke(ldt, [command, *given]) == 0
-        assert capsys.readouterr().err == (f"{bag}: {words}\n" if words else "")
+        code = 2 if words.startswith("--machine") else 0
+        assert invoke(ldt, [command, *given]) == code
+        said = capsys.readouterr().err
+        assert (
+            said.startswith(f"{'ldt: ' * (code == 2)}{words}".format(bag)) if words else said == ""
+        ), said
