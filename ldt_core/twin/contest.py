@@ -13,7 +13,6 @@ from ldt_core.base.errors import LdtError, ModelError
 from ldt_core.base.experiment import FAILED, Action, Adaptation, Experiment, Level, Signal, rms
 from ldt_core.base.threads import one_thread
 from ldt_core.effects import EFFECTS
-from ldt_core.estimation.misfit import misfit
 from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
@@ -22,6 +21,7 @@ from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK, Adaptor
 from ldt_core.twin.condition_chain import ConditionChain
 from ldt_core.twin.memory import Memory
 from ldt_core.twin.stage import Archive, RecordedStep
+from ldt_core.twin.version_errors import alike, explains, largest_error, rms_error
 
 #: A model comes into force on data that it has not learned from if its error is less than this part
 #: of the present one's: chance makes the errors of equally good models differ by less.
@@ -46,7 +46,8 @@ ORIGINAL = "original_again"
 class ContestAdaptor(Adaptor):
     """Lets every earlier version, causes old and new, and flexible models compete at a positive.
 
-    At a positive, in this order, until one explains the experiment:
+    Where the present model claims not to know enough, it is re-estimated from more experiments. At
+    any other positive, in this order, until one explains the experiment:
 
     1. an earlier version, the original included: a machine that goes back and forth gets its
        version back at once, without training;
@@ -79,6 +80,8 @@ class ContestAdaptor(Adaptor):
         self._searched: tuple[tuple[int, tuple[int, ...]], list[Model]] | None = None
         #: The version that explains the present experiment.
         self._explaining: Model | None = None
+        # Whether the present model claims that it does not know enough.
+        self._learning = False
         #: Experiments to learn from, by what competes at the next one.
         self.pending: list[Experiment] = []
 
@@ -88,6 +91,7 @@ class ContestAdaptor(Adaptor):
         if self._passed_over(experiment):
             return super()._dealt(experiment, signal)
         self._explaining = self._explained_by(experiment)
+        self._learning = signal.state == "learning"
         before = self.model
         done = self._contested(pool, experiment, signal) or super()._dealt(experiment, signal)
         self._same(before, signal)
@@ -124,7 +128,7 @@ class ContestAdaptor(Adaptor):
         return self._warned(told, experiment), self.model
 
     def _adopt(self, model: Model) -> None:
-        same = [m for m in (*self.earlier[1:], self.model) if _alike(m, model)]
+        same = [m for m in (*self.earlier[1:], self.model) if alike(m, model)]
         super()._adopt(model)
         self.earlier = [m for i, m in enumerate(self.earlier) if i == 0 or m not in same]
         for m in same:
@@ -133,11 +137,11 @@ class ContestAdaptor(Adaptor):
 
     def _condition(self, model: Model) -> int:
         """The condition that a version stands for: its number, of what is the original again 0."""
-        return 0 if _alike(model, self.original) else model.version
+        return 0 if alike(model, self.original) else model.version
 
     def _explained_by(self, experiment: Experiment) -> Model | None:
         """The version that explains the experiment, the present one before all others."""
-        return self.model if _explains(self.model, experiment) else self._known(experiment)
+        return self.model if explains(self.model, experiment) else self._known(experiment)
 
     def _same(self, before: Model, signal: Signal) -> None:
         """More was learned of the same condition: its version is another, the condition is not."""
@@ -147,8 +151,8 @@ class ContestAdaptor(Adaptor):
     def _saw(self, experiment: Experiment) -> None:
         model = self._explaining
         if model is None and experiment.number in self.model.trained_on:
-            model = self.model if _explains(self.model, experiment) else None
-        elif model is not None and _alike(model, self.model):
+            model = self.model if explains(self.model, experiment) else None
+        elif model is not None and alike(model, self.model):
             model = self.model
         self.chain.saw(None if model is None else self._condition(model), experiment)
 
@@ -163,7 +167,7 @@ class ContestAdaptor(Adaptor):
         for condition, probability in self.chain.following(here).items():
             shown = experiment if condition == here else self.chain.shown.get(condition or 0)
             for model in (version, self.model):
-                error = _largest(model, shown or experiment)
+                error = largest_error(model, shown or experiment)
                 expected[id(model)] += probability * error
         return expected[id(version)] <= expected[id(self.model)]
 
@@ -191,8 +195,10 @@ class ContestAdaptor(Adaptor):
             self._adopt(version.again(before.version + 1))
             origin = f"is version {version.version} again"
             return Action.ADAPTED, self._reason(before, experiment, origin), {}
+        if self._learning and version is before:
+            return self._learn_more(experiment, present)
         best, origin = self._refitted(experiment), "re-estimated"
-        explained = best is not None and _explains(best, experiment)
+        explained = best is not None and explains(best, experiment)
         if not explained and (cause := self._cause(experiment)) is not None:
             best, origin, explained = cause, "with another cause", True
         details: dict[str, float] = {}
@@ -209,6 +215,25 @@ class ContestAdaptor(Adaptor):
         reason = f"no known cause explains it, other models compete at the next experiment; {stays}"
         return Action.REFUSED, reason, details
 
+    def _learn_more(
+        self, experiment: Experiment, present: float
+    ) -> tuple[Action, str, dict[str, float]]:
+        """The present model, re-estimated from what it claims to explain, the newest included."""
+        before = self.model
+        valid = [e for e in self._recent(experiment) if explains(before, e)]
+        try:
+            with one_thread():
+                fitted = before.fit([*valid[-POOL + 1 :], experiment])
+        except (LdtError, np.linalg.LinAlgError, ArithmeticError) as error:
+            return Action.REFUSED, f"{error}; version {before.version} stays", {}
+        reached = rms_error(fitted, experiment)
+        details = {"candidate_rmse": reached, "present_rmse": present}
+        if not reached < present:
+            reason = f"no better for learning more; version {before.version} stays"
+            return Action.REFUSED, reason, details
+        self._adopt(fitted.again(before.version + 1))
+        return Action.ADAPTED, self._reason(before, experiment, "re-estimated"), details
+
     def _reason(self, before: Model, experiment: Experiment, origin: str) -> str:
         words = f"version {self.model.version} {origin}"
         change = self.model.change(before)
@@ -216,10 +241,10 @@ class ContestAdaptor(Adaptor):
 
     def _known(self, experiment: Experiment) -> Model | None:
         """The earlier version that explains the experiment best, if better than the present."""
-        best, least = None, _error(self.model, experiment)
+        best, least = None, rms_error(self.model, experiment)
         for version in self.earlier:
-            error = _error(version, experiment)
-            if error < least and _explains(version, experiment):
+            error = rms_error(version, experiment)
+            if error < least and explains(version, experiment):
                 best, least = version, error
         return best
 
@@ -234,18 +259,18 @@ class ContestAdaptor(Adaptor):
             try:
                 with one_thread():
                     fitted = model.fit([experiment])
-                    valid = [e for e in self._recent(experiment) if _explains(fitted, e)]
-                    if valid and _explains(fitted, experiment):
+                    valid = [e for e in self._recent(experiment) if explains(fitted, e)]
+                    if valid and explains(fitted, experiment):
                         fitted = model.fit([*valid[-POOL + 1 :], experiment])
                 found.append(fitted)
             except (LdtError, np.linalg.LinAlgError, ArithmeticError):
                 continue
-        return min(found, key=lambda m: _error(m, experiment), default=None)
+        return min(found, key=lambda m: rms_error(m, experiment), default=None)
 
     def _cause(self, experiment: Experiment) -> Model | None:
         """The cause that explains this experiment alone, if one does."""
         found = self._structures([experiment])
-        return next((m for m in found if _explains(m, experiment)), None)
+        return next((m for m in found if explains(m, experiment)), None)
 
     def _structures(self, pool: Sequence[Experiment]) -> list[Model]:
         """The best of what a search finds; found once, where it is asked for twice."""
@@ -262,7 +287,7 @@ class ContestAdaptor(Adaptor):
         """The newest experiments that neither the present model nor the original explains."""
         pool = [experiment]
         for e in reversed(self._recent(experiment)):
-            if len(pool) == POOL or _explains(self.model, e) or _explains(self.original, e):
+            if len(pool) == POOL or explains(self.model, e) or explains(self.original, e):
                 break
             pool.insert(0, e)
         return pool
@@ -274,8 +299,10 @@ class ContestAdaptor(Adaptor):
         if not pool or signal.level is Level.NEGATIVE:
             return None
         candidates = self.candidates(pool)
-        best = min(candidates, key=lambda m: _error(m, experiment), default=None)
-        if best is None or not _error(best, experiment) < BETTER * _error(self.model, experiment):
+        best = min(candidates, key=lambda m: rms_error(m, experiment), default=None)
+        if best is None or not rms_error(best, experiment) < BETTER * rms_error(
+            self.model, experiment
+        ):
             return None
         return best, f"learned from experiment {pool[-1].number} and does best in this one"
 
@@ -356,36 +383,8 @@ def _structures(start: GreyBoxModel, pool: Sequence[Experiment]) -> list[Model]:
         return []
     if not ranked:
         return []
-    alike = [s.names[-1] for s in ranked[1:] if s.score - ranked[0].score < ALIKE]
+    rivals = [s.names[-1] for s in ranked[1:] if s.score - ranked[0].score < ALIKE]
     try:
-        return [start.adopt(ranked[0], pool, alike)]
+        return [start.adopt(ranked[0], pool, rivals)]
     except (ModelError, np.linalg.LinAlgError, ArithmeticError):
         return []
-
-
-def _alike(one: Model, other: Model) -> bool:
-    return one.kind == other.kind and one.parameters == other.parameters
-
-
-def _largest(model: Model, experiment: Experiment) -> float:
-    """Largest error [rad/s]; infinite where the model cannot predict."""
-    try:
-        return model.predict(experiment).max_error(experiment)
-    except LdtError:
-        return float("inf")
-
-
-def _error(model: Model, experiment: Experiment) -> float:
-    """Root mean square error [rad/s]; infinite where the model cannot predict."""
-    try:
-        return rms(model.predict(experiment).residual(experiment))
-    except LdtError:
-        return float("inf")
-
-
-def _explains(model: Model, experiment: Experiment) -> bool:
-    try:
-        prediction = model.predict(experiment)
-    except LdtError:
-        return False
-    return misfit(prediction.residual(experiment), prediction.speed_std).explained

@@ -1,0 +1,56 @@
+"""The conditions that a machine was in, and which one may come next."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ldt_core.base.experiment import Experiment
+from ldt_core.twin.condition_chain import ConditionChain
+
+
+def experiment(number):
+    return Experiment(number, float(number), 0.01, np.ones(4), np.ones(4))
+
+
+def chain_of(path):
+    chain = ConditionChain()
+    for number, condition in enumerate(path, start=1):
+        chain.saw(condition, experiment(number))
+    return chain
+
+
+def test_without_evidence_a_condition_lasts():
+    """A machine that changed once is taken to stay so."""
+    assert chain_of([0, 0, 1]).following(1) == {1: 1.0}
+
+
+def test_a_machine_that_goes_back_at_once_each_time_is_expected_to():
+    """Condition 1 was left whenever it came."""
+    following = chain_of([0, 1, 0, 1, 0, 1, 0, 1]).following(1)
+    assert following[0] > 0.5 > following[1]
+
+
+def test_what_no_version_explains_is_nothing_to_expect():
+    """It counts as staying: no known condition is nearer."""
+    assert chain_of([1, None, 1, None]).following(1) == {1: 1.0}
+
+
+@given(path=st.lists(st.sampled_from([None, 0, 1, 2]), max_size=150))
+def test_probabilities_sum_to_one_and_all_conditions_are_shown(path):
+    """Every condition that may follow has an experiment to compare by."""
+    chain = chain_of(path)
+    for condition in {c for c in chain.path if c is not None}:
+        following = chain.following(condition)
+        assert sum(following.values()) == pytest.approx(1.0)
+        assert set(following) - {condition} <= set(chain.shown)
+
+
+def test_a_version_that_comes_again_is_the_same_condition():
+    """Under its new number."""
+    chain = chain_of([1, 0, 1, 0])
+    chain.rename(1, 5)
+    assert list(chain.path) == [5, 0, 5, 0]
+    assert chain.shown[5].number == 3
