@@ -25,6 +25,7 @@ MOST_STARTS = 96  # of one effect: bounds the time that it takes
 LEAST_VOLTAGE = 0.05  # of the largest voltage: a lower limit would have stopped the machine
 LEAST_FACTOR = 0.05  # a machine further below its file than that is another machine
 OPEN_BOUND_MARGIN = 1e-6  # of a parameter's scale: a fit stays so far inside an open bound
+LIMIT_MARGIN = 1e-3  # of a coordinate: nearer to its limit, a fit has ended there
 # How large an effect may be on this machine.
 #: The worked case at 16 V: torque [N m], speed [rad/s], voltage [V], current [A], memory [s].
 REFERENCE = (4.8, 53.3, 16.0, 16.0, 0.2)
@@ -130,6 +131,21 @@ class Candidate:
                 low.append((p.low + OPEN_BOUND_MARGIN * s * p.open_low - (p.default or 0.0)) / s)
                 high.append((p.high - (p.default or 0.0)) / s)
         return np.array(low), np.array(high)
+
+    def at_limit(self, z: Array) -> list[str]:
+        """Parameters that ended where the search does, and not the physics.
+
+        A friction of 0 or a share of 1 is a machine; a factor that would go on growing is none.
+        """
+        low, high = self.bounds
+        found = []
+        for j, p in enumerate(self.parameters):
+            near = LIMIT_MARGIN * max(1.0, min(high[j] - low[j], 1.0))
+            if (logarithmic(p) and min(z[j] - low[j], high[j] - z[j]) <= near) or (
+                0 < p.low < (p.default or 0.0) and z[j] - low[j] <= near
+            ):
+                found.append(p.name)
+        return found
 
     def scaled(self, z: Array, scale: float) -> Array:
         """Coordinates at which the effect is so many times as strong, as far as one can tell.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,7 +47,8 @@ from ldt_core.diagnosis.residual_torque import (
     depends_on,
     residual_torque,
 )
-from ldt_core.diagnosis.sentence import not_measured, sentence
+from ldt_core.diagnosis.sentence import not_measured, not_standing, sentence
+from ldt_core.diagnosis.standing import objection
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import Decision, decide
 from ldt_core.machine.machine_file import Machine
@@ -113,6 +115,15 @@ def diagnose(
         return report.diagnosis(silent, groups)
 
 
+def share(part: float) -> float:
+    """A part of a gap between nothing and all of it: noise and misfits may lead beyond."""
+    return float(np.clip(part, 0.0, 1.0))
+
+
+def _unsimulated(name: str) -> RankedCandidate:
+    return RankedCandidate(name, {}, None, None, None, None, "could not be simulated")
+
+
 @dataclass(eq=False)
 class _Report:
     """Puts the diagnosis together from what was decided."""
@@ -134,6 +145,8 @@ class _Report:
         self.residuals = d.residuals
         self.named = d.best if d.kind in ("effect", "ambiguous") else None
         self.use = self.named.use if self.named else []
+        #: Why what fitted best is not the answer after all.
+        self.objection = ""
 
     def diagnosis(self, silent: list[str], groups: list[list[str]]) -> Diagnosis:
         """All of it."""
@@ -143,18 +156,28 @@ class _Report:
         after = [free_run(self.machine, e, self.use) for e in self.held] if self.use else before
         band = self.search.found.band.limit
         noise = noise_there(self.held, after, self.residuals.noise[0], band)
+        was, now = errors(self.held, before), errors(self.held, after)
+        if self.named:
+            self.objection = objection(
+                self.machine, self.named, self.fitted, self.held, was, now, noise
+            )
+        if self.objection:
+            sure = THRESHOLDS.confidence_without_search
+            d = self.decision = replace(d, kind="unknown", confidence=sure)
+            self.named, self.use, after, now = None, [], before, was
         part, interval = closed(self.held, before, after, noise, self.seed)
         if d.kind == "none":
             part, interval = None, None
         by = regimes(self.held, before, after, noise) if d.kind != "none" else []
-        was, now = errors(self.held, before), errors(self.held, after)
         gap = Gap(noise, was, now, part, interval, by)
         where = self._where()
         found = amounts(self.named, d.left, d.excess) if self.named else {}
-        left = d.left / d.excess if d.kind != "none" and d.excess > 0 else None
+        left = share(d.left / d.excess) if d.kind != "none" and d.excess > 0 else None
         acting = d.acting if self.named else []
         effects = list(dict.fromkeys(n for group in acting for n in group))
         words = sentence(self.machine.name, d.kind, acting, found, gap, where, left)
+        if self.objection and d.best:
+            words = not_standing(d.best.names, gap, where, self.objection)
         if self.fault:
             words = not_measured(self.fault, "" if self.faulty else words)
         best = d.best.use if d.best else []
@@ -173,7 +196,7 @@ class _Report:
             gap=gap,
             where=where,
             candidates=self._ranked(found, before, noise),
-            remainder=Remainder(left and max(left, 0.0), d.structured, depends),
+            remainder=Remainder(left, d.structured, depends),
             undetectable=silent,
             ambiguities=self._all_groups(groups, acting),
             next_experiment=self._next(),
@@ -232,14 +255,20 @@ class _Report:
                 after = [free_run(self.machine, e, alone.use) for e in self.held]
                 part, _ = closed(self.held, before, after, noise)
                 rmse = errors(self.held, after).rmse
+                if not math.isfinite(rmse):
+                    ranked.append(_unsimulated(c.name))
+                    continue
                 whole = alone.residual.size == self.residuals.size
                 base = explained.base if whole else explained.responses.base
                 band = explained.band if whole else self.search.band
                 power = max(band.excess(base), float(base @ base) - alone.loss)
-                score = 1 - band.excess(alone.residual) / power if power > 0 else None
+                score = share(1 - band.excess(alone.residual) / power) if power > 0 else None
                 if not parameters:
                     left = max(band.excess(alone.residual), 0.0)
                     parameters = amounts(alone, left, max(power, 0.0))[c.name]
+            elif not self.residuals.can_simulate([(c.effect, c.typical)]):
+                ranked.append(_unsimulated(c.name))
+                continue
             ranked.append(
                 RankedCandidate(
                     c.name,
@@ -267,12 +296,14 @@ class _Report:
             return None
         if self.faulty:
             return "not tried: the sensor is faulty"
+        if self.objection and d.best and name in d.best.names:
+            return self.objection
         if score is None or score < LEAST_SCORE:
             return "explains nothing of the gap"
         if d.kind == "unknown":
             return f"leaves {1 - score:.0%} of the gap"
         best = " and ".join(d.best.names) if d.best else ""
-        return f"leaves {1 - score:.1%} of the gap, {best} {max(d.left / d.excess, 0.0):.1%}"
+        return f"leaves {1 - score:.1%} of the gap, {best} {share(d.left / d.excess):.1%}"
 
     def _shown(self, before: Sequence[Array], after: Sequence[Array]) -> list[DrawnExperiment]:
         """All experiments for the page, from the free runs of those held out."""

@@ -55,6 +55,11 @@ class ErrorBand:
         """Power of the band when there is noise alone."""
         return sum(f * size**2 for f, size in zip(self.free, self.level, strict=True))
 
+    @property
+    def samples(self) -> int:
+        """Of all channels that were measured."""
+        return self.residuals.size
+
     def _frequency(self, i: int) -> Array:
         e = self.residuals.experiments[i]
         return np.asarray(np.fft.rfftfreq(len(e), e.period), dtype=np.float64)

@@ -201,6 +201,11 @@ class FreeRunResiduals:
         limit = DIVERGED_SPEED / self.noise[0]
         return np.clip(np.nan_to_num(rest, nan=limit, posinf=limit, neginf=-limit), -limit, limit)
 
+    def can_simulate(self, use: Use) -> bool:
+        """Whether the machine with these effects has a free run of the first experiment at all."""
+        speed, _ = self.outputs(0, use, follow=False)
+        return bool(np.all(np.abs(speed) < DIVERGED_SPEED))
+
     def outputs(
         self,
         i: int,

@@ -117,7 +117,8 @@ def closed(
         for run in (before, after)
     )
     gap = was - size * noise**2
-    if not gap.sum() > LEAST_GAP * noise**2 * size.sum():
+    # A run that diverged is no number: nothing is said of what it closes.
+    if not math.isfinite(float(now.sum())) or not gap.sum() > LEAST_GAP * noise**2 * size.sum():
         return None, None
     part = float(np.clip((was - now).sum() / gap.sum(), 0.0, 1.0))
     if len(experiments) < 2:
@@ -160,7 +161,7 @@ def regimes(
                 "samples": int(np.count_nonzero(inside)),
                 "rmse_before": math.sqrt(one),
                 "rmse_after": math.sqrt(other),
-                "closed_fraction": (one - other) / gap
+                "closed_fraction": float(np.clip((one - other) / gap, 0.0, 1.0))
                 if gap > LEAST_REGIME_GAP * noise**2
                 else None,
             }

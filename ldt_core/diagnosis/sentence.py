@@ -48,6 +48,23 @@ def sentence(
     )
 
 
+def not_standing(
+    names: Sequence[str], gap: Gap, where: Sequence[GapLocation], objection: str
+) -> str:
+    """The sentence where what fits best is not the answer.
+
+    Args:
+        names: of the effects that fit best together.
+        objection: why they are not, as the end of a sentence.
+    """
+    place = f", {_lies(where)}," if where and where[0].share_of_data < 1 else ""
+    best = " and ".join(spoken(n) for n in names)
+    return (
+        f"Unknown: the gap of {gap.before.rmse:.3g} rad/s on held-out experiments{place} is not "
+        f"explained. {best[0].upper()}{best[1:]} fits it best, but {objection}."
+    )
+
+
 def not_measured(fault: str, verdict: str) -> str:
     """The sentence where a sensor is at fault.
 

@@ -49,6 +49,9 @@ class Thresholds:
     noise_frequencies: float = _limit(
         20, "frequencies of one experiment", CASES, "Fewer do not tell the noise anew."
     )
+    least_gap: float = _limit(
+        0.005, "power of the noise", CHOSEN, "Gaps of a 14th of the noise matter to no prediction."
+    )
     gap_false_alarm: float = _limit(
         0.002, CHANCE, CHOSEN, "Two tests each: one false alarm in 250 recordings."
     )
@@ -103,6 +106,15 @@ class Thresholds:
     )
     unexplained_of_gap: float = _limit(
         0.05, OF_GAP, CASES, "A set that leaves more is not the cause: the verdict is unknown."
+    )
+    unexplained_of_signal: float = _limit(
+        0.5,
+        "power of the signal",
+        CHOSEN,
+        "A set that leaves half of the motion explains no motion.",
+    )
+    behind_linear_model: float = _limit(
+        4.0, "power that a linear model leaves", CHOSEN, "Twice its error: it knows less physics."
     )
     # What the recording and a further experiment can show
     visible_change: float = _limit(

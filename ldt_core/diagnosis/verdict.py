@@ -64,12 +64,14 @@ def is_gap(found: FittedSets, seed: int) -> bool:
     """Whether the residuals without any effect are more than white noise.
 
     Two tests: power at low frequencies, and the best match with a candidate's response, whose limit
-    comes from draws of white noise on this very input.
+    comes from draws of white noise on this very input. A gap far below the noise is none.
     """
-    if found.excess > found.band.limit_of(THRESHOLDS.gap_false_alarm):
-        return True
     d = found.responses
     score = np.max(d.target / d.length)
+    if max(found.excess, float(score) ** 2) < THRESHOLDS.least_gap * found.band.samples:
+        return False
+    if found.excess > found.band.limit_of(THRESHOLDS.gap_false_alarm):
+        return True
     random = np.random.default_rng(seed)
     values, vectors = np.linalg.eigh(d.cosine)
     root = vectors * np.sqrt(np.maximum(values, 0.0))

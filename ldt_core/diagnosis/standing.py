@@ -1,0 +1,84 @@
+"""Whether what was named stands by itself on experiments that it was not fitted to.
+
+A share of a huge gap proves nothing: a shaft that stands still closes most of it, too. So the error
+that a named set leaves is compared with what needs no machine at all, and with a linear model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ldt_core.base.arrays import Array
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.sentences import spoken
+from ldt_core.diagnosis.diagnosis import HeldOutErrors
+from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.holdout import errors
+from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.machine.machine_file import Machine
+from ldt_core.models.linear import LinearModel
+
+LINEAR_ORDER = 2  # of the linear model: a motor's, speed and current
+
+
+def objection(
+    machine: Machine,
+    best: EffectFit,
+    fitted: Sequence[Experiment],
+    held: Sequence[Experiment],
+    before: HeldOutErrors,
+    after: HeldOutErrors,
+    noise: float,
+) -> str:
+    """Why a set of effects is not the answer, as the end of a sentence; "" if it stands.
+
+    Args:
+        fitted, held: experiments that it was fitted to, and those held out.
+        before, after: errors on the latter without it and with it.
+        noise: deviation of the sensor's there [rad/s].
+    """
+    if not np.isfinite(after.rmse):
+        return "with it held-out experiments cannot be simulated"
+    # An error without it that is no number is one without bound, which anything finite improves.
+    if np.isfinite(before.rmse) and after.rmse >= before.rmse:
+        return (
+            f"it leaves {after.rmse:.3g} rad/s on held-out experiments, where {before.rmse:.3g} "
+            "were without it"
+        )
+    ends = [
+        f"{name} of {spoken(c.name)}"
+        for c, z in zip(best.members, best.z, strict=True)
+        for name in c.at_limit(z)
+    ]
+    if ends:
+        return f"its fit ended at the limit of the search ({', '.join(ends)})"
+    left = max(after.rmse**2 - noise**2, 0.0)
+    speed = np.concatenate([e.speed for e in held])
+    mean = float(np.mean(np.concatenate([e.speed for e in fitted])))
+    for name, level in (("a shaft that stands still", 0.0), ("a constant speed", mean)):
+        power = float(np.mean((speed - level) ** 2))
+        if left > THRESHOLDS.unexplained_of_signal * max(power - noise**2, 0.0):
+            return f"it leaves {after.rmse:.3g} rad/s, hardly better than {name} ({power**0.5:.3g})"
+    linear = _linear(machine, fitted, held)
+    if linear is not None:
+        power = errors(held, linear).rmse ** 2
+        if left > THRESHOLDS.behind_linear_model * max(power - noise**2, noise**2):
+            return (
+                f"it leaves {after.rmse:.3g} rad/s, where a linear model without physics leaves "
+                f"{power**0.5:.3g}"
+            )
+    return ""
+
+
+def _linear(
+    machine: Machine, fitted: Sequence[Experiment], held: Sequence[Experiment]
+) -> list[Array] | None:
+    """Its predictions; None where these experiments determine no linear model."""
+    try:
+        model = LinearModel(machine, order=LINEAR_ORDER).fit(fitted)
+        return [model.predict(e).speed for e in held]
+    except LdtError:
+        return None

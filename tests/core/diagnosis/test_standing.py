@@ -1,0 +1,112 @@
+"""Verdicts that stand by themselves, and numbers that lie between sensible ends."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from recorded_machines import MOTOR, NOISE, candidates, record
+
+from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.diagnosis.diagnosis import HeldOutErrors
+from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.effect_set_search import EffectSetSearch
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.standing import objection
+from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.diagnosis.verdict import is_gap
+from ldt_core.effects import get_effect
+from ldt_core.physics.effect import Effect
+from ldt_core.physics.parameter import Parameter
+
+
+def _pushing(t, theta, omega, current, voltage, p):
+    return p[0] * omega * omega * omega
+
+
+PUSH = Effect(
+    name="cubic_push",
+    description="drives itself, ever faster",
+    equation="torque = c omega^3",
+    parameters=(Parameter("c", "N m s^3", 0.0, default=0.0, description="c", scale=1e3),),
+    typical={"c": 1e3},
+    search={"c": (1e2, 1e3)},
+    torque=_pushing,
+)
+
+
+def numbers(content):
+    """All numbers of a diagnosis under a key that is a share."""
+    if isinstance(content, dict):
+        for key, value in content.items():
+            shares = ("score", "closed_fraction", "share_of_gap", "shapley_share", "confidence")
+            if key in shares and value is not None:
+                yield value
+            yield from numbers(value)
+    elif isinstance(content, list):
+        for value in content:
+            yield from numbers(value)
+
+
+def test_a_candidate_that_cannot_be_simulated_says_so():
+    """No score, and no "explains nothing"; every share lies from 0 to 1."""
+    effects = [PUSH, get_effect("constant_load"), get_effect("inertia")]
+    found = diagnose(
+        MOTOR, record(MOTOR, "constant_load:torque=0.02", count=4), effects=effects, workers=1
+    )
+    pushed = next(c for c in found.candidates if c.effect == PUSH.name)
+    assert pushed.rejected_because == "could not be simulated"
+    assert pushed.score is None
+    assert found.verdict.effects == ["constant_load"]
+    assert all(0 <= n <= 1 for n in numbers(found.as_dict()))
+    assert not any("-" in (c.rejected_because or "") for c in found.candidates)
+
+
+def test_a_shaft_that_stands_still_is_no_explanation():
+    """Friction that stops the shaft closes nearly all of the gap, and explains no motion."""
+    random = np.random.default_rng(0)
+    experiments = [
+        replace(
+            e,
+            speed=3.5 * np.sin(9 * np.arange(len(e)) * e.period) + random.normal(0, NOISE, len(e)),
+        )
+        for e in record(MOTOR, count=4)
+    ]
+    effects = [get_effect("coulomb_friction"), get_effect("viscous_friction")]
+    found = diagnose(MOTOR, experiments, effects=effects, workers=1)
+    assert found.verdict.kind == "unknown"
+    assert found.effects == []
+    assert found.gap.after == found.gap.before
+    assert "hardly better than a shaft that stands still" in found.verdict.sentence
+
+
+def test_a_gap_far_below_the_noise_gets_no_verdict():
+    """A twentieth of the noise, which so many samples would show."""
+    experiments = record(MOTOR, f"sensor_bias:bias={0.05 * NOISE}", count=8, samples=4000)
+    residuals = FreeRunResiduals(MOTOR, experiments, workers=1, tolerance=THRESHOLDS.law_error)
+    search = EffectSetSearch(residuals, candidates(MOTOR, ["sensor_bias", "inertia"]))
+    assert not is_gap(search.found, 0)
+
+
+@pytest.mark.parametrize(
+    ("effect", "z", "before", "after", "said"),
+    [
+        ("inertia", 0.3, 0.578, 0.668, "where 0.578 were without it"),
+        ("inertia", 0.3, 0.578, math.nan, "cannot be simulated"),
+        ("inertia", math.log(20.0), 5.0, 0.11, "limit of the search (factor of inertia)"),
+        ("inertia", 0.3, 300.0, 200.0, "hardly better than"),
+        ("inertia", 0.3, 5.0, 4.0, "a linear model without physics"),
+        ("inertia", 0.3, 5.0, 0.11, ""),
+        ("coulomb_friction", 0.0, 5.0, 0.11, ""),  # none is a machine, and no limit of a search
+    ],
+)
+def test_what_was_named_is_held_against_the_signal(effect, z, before, after, said):
+    """By errors on the held-out experiments of a machine that a linear model predicts."""
+    own = tuple(candidates(MOTOR, [effect]))
+    fit = EffectFit(own, (np.array([z]),), np.zeros(1), np.zeros((1, 1)), 0.0)
+    experiments = record(MOTOR, count=4)
+    was, now = (HeldOutErrors(x, x) for x in (before, after))
+    got = objection(MOTOR, fit, experiments[:3], experiments[3:], was, now, NOISE)
+    assert (said in got) if said else got == ""
