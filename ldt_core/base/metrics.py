@@ -44,6 +44,9 @@ class Summary:
         self._noted: set[str] = set()
         self.model_version = 0
         self.rejected = 0
+        #: In the recording of a run: experiments that are in it, and those with an adaptation.
+        self.recorded: set[int] = set()
+        self.answered: set[int] = set()
         #: What makes a run fail: experiments not answered or not recorded, a sentence each.
         self.failures: list[str] = []
         #: Experiments that came again, and were left out.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from ldt_core.recording.mcap_records import LIBRARY
 from ldt_core.recording.messages import offered_qos_text, schema
 from ldt_core.recording.metadata import METADATA, FileInformation
 from ldt_core.recording.storage import PROFILE
+
+VANISHED = "the file or its folder was deleted or renamed while it was written"
 
 
 def describe_channel(topic: str, kind: str) -> tuple[Channel, Schema]:
@@ -94,6 +97,20 @@ class McapWriter:
         self._writer.flush()
         self._measure()
 
+    def require_place(self) -> None:
+        """Refuse to go on where the file is no longer there: it would vanish with the last message.
+
+        Raises:
+            FileNotFoundError: it, or its folder, was deleted, renamed or replaced.
+        """
+        own = os.fstat(self._stream.fileno())
+        try:
+            there = self.file.stat()
+        except OSError:
+            there = None
+        if there is None or (there.st_dev, there.st_ino) != (own.st_dev, own.st_ino):
+            raise FileNotFoundError(errno.ENOENT, VANISHED)
+
     def descriptor(self) -> int:
         """A descriptor of the file that is the caller's to close."""
         return os.dup(self._stream.fileno())
@@ -104,6 +121,7 @@ class McapWriter:
         Args:
             information: the recording's, for whoever has this file alone.
         """
+        self.require_place()
         self._writer.add_metadata("rosbag2", {"serialized_metadata": information})
         self._writer.finish()
         self._stream.flush()

@@ -28,7 +28,7 @@ from ldt_core.recording.codec import Record, encode_cdr
 from ldt_core.recording.duplicate_filter import DuplicateFilter
 from ldt_core.recording.experiment_numbers import ExperimentNumbers, number_of, numbers_text
 from ldt_core.recording.lock import FolderLock
-from ldt_core.recording.mcap_writer import McapWriter, describe_channel
+from ldt_core.recording.mcap_writer import VANISHED, McapWriter, describe_channel
 from ldt_core.recording.messages import declaration, schema, serialize
 from ldt_core.recording.metadata import TopicInformation, bag_information, text_of, write_metadata
 from ldt_core.recording.node_status import HEALTH_TOPIC
@@ -206,6 +206,11 @@ class BagWriter:
         with self._lock:
             if self.failure is not None:
                 raise self.failure
+            if not self._closed.is_set():
+                try:
+                    self._part.require_place()
+                except OSError as error:
+                    raise self._fail(error) from None
             if self._dirty and not self._closed.is_set():
                 try:
                     self._part.flush()
@@ -320,9 +325,9 @@ class BagWriter:
         full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
         reason = "the disk is full" if full else (getattr(error, "strerror", None) or str(error))
         written = sum(topic.count for topic in self._held.topics.values())
+        left = "which went with it" if reason == VANISHED else "those already on disk stay readable"
         self.failure = LdtError(
-            f"{self.path}: {reason}; recording stopped after {written} messages, "
-            "those already on disk stay readable"
+            f"{self.path}: {reason}; recording stopped after {written} messages, {left}"
         )
         return self.failure
 

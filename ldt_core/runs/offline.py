@@ -123,7 +123,7 @@ def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary:
     try:
         opened = read_bag(bag, namespace or "/")
         adaptations = list(opened.records("adaptation"))
-        done = {a.experiment for a in adaptations}
+        done = summary.answered = {a.experiment for a in adaptations}
         for adaptation in adaptations:
             summary.add_adaptation(adaptation)
         for signal in opened.records("signal"):
@@ -137,6 +137,7 @@ def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary:
         predictions = opened.records("original_prediction")
         # Without one that went all the way there may be none: it ended before, which is no damage.
         for experiment in opened.experiments() if done else ():
+            summary.recorded.add(experiment.number)
             # A number may come twice: the one that was predicted has the prediction's start.
             if originals.get(experiment.number) != experiment.start:
                 continue

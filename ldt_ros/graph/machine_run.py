@@ -12,13 +12,15 @@ from typing import Any
 import yaml
 
 import msgs_config
-from ldt_core.base.errors import BadInput
+from ldt_core.base.errors import BadInput, UnansweredExperiment
 from ldt_core.base.metrics import Summary
+from ldt_core.base.sentences import numbered
 from ldt_core.base.settings import FROM_FILE
 from ldt_core.detectors import DETECTORS
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.models import MODELS
 from ldt_core.recording.bag import read_bag
+from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.node_status import LEFT_OUT, SECOND_PUBLISHER, NodeStatus
 from ldt_core.recording.pace import parse_rate
 from ldt_core.recording.run_settings import settings_text
@@ -29,6 +31,7 @@ from ldt_ros.graph.process import machine_arguments
 from ldt_ros.graph.secure import enclave_arguments
 
 #: Counts in a node's health that are worth a note unless they are 0.
+MOST_LISTED = 5  # stretches of missing experiments that a sentence lists
 NOTED_COUNTS = ("dropped", "adaptation time-outs", "unpaired", "missing", "overdue")
 
 
@@ -54,8 +57,13 @@ class MachineRun(Member):
         wanted = (t for t, d in declared if d["recorded"] or self.settings["stream"])
         return [topic for topic in wanted if not topic.startswith("/")]
 
-    def note_health(self, health: Mapping[str, NodeStatus]) -> None:
-        """Note in the summary what the nodes counted, and how many experiments are missing."""
+    def note_health(self, health: Mapping[str, NodeStatus], answered: ExperimentNumbers) -> None:
+        """Note in the summary what the nodes counted, and which experiments are missing.
+
+        Args:
+            health: what each node told of itself last, by role.
+            answered: experiments of which an adaptation was heard.
+        """
         summary = self.summary
         for role, told in health.items():
             for key, count in told.values.items():
@@ -68,14 +76,38 @@ class MachineRun(Member):
             for kind, times in told.rejected.items():
                 summary.note(f"{role} rejected {kind}: {times} ({told.last_rejection})")
         if twin := health.get("twin"):
-            refused = (n for kind, n in twin.rejected.items() if kind.startswith("experiment:"))
-            summary.rejected += sum(refused)
+            refused = {k: n for k, n in twin.rejected.items() if k.startswith("experiment:")}
+            failed = f"experiment: {UnansweredExperiment.__name__}"
+            summary.rejected += sum(n for kind, n in refused.items() if kind != failed)
             summary.repeated += twin.number("repeated") or 0
         source = health.get(self.source)
         sent = (source.number("sent") if source else 0) or 0
         missing = sent - summary.rejected - summary.repeated - summary.experiments
         if missing > 0:
-            summary.note(f"{missing} of {sent} experiments sent did not go all the way")
+            recorder = health.get("recorder")
+            why = recorder.last_rejection if recorder and recorder.rejected else ""
+            summary.fail(self._missing(missing, sent, answered, why))
+
+    def _missing(self, missing: int, sent: int, answered: ExperimentNumbers, why: str) -> str:
+        """Which of those sent are not answered, or not in the recording, and why the latter."""
+        summary = self.summary
+        lost, open_ = ExperimentNumbers(), ExperimentNumbers()
+        for number in answered:
+            if number not in summary.answered:
+                lost.add(number)
+        for number in summary.recorded - summary.answered:
+            open_.add(number)
+        told = []
+        if lost:
+            which = numbered("experiment", lost.spans, MOST_LISTED)
+            reason = f" ({why.partition(': ')[2]})" if why else ""
+            told.append(f"answered and not in the recording: {which}{reason}")
+        if missing > len(lost):
+            # One that the twin refused is recorded too: it is answered so.
+            among = "among " if summary.rejected else ""
+            which = numbered("experiment", open_.spans, MOST_LISTED)
+            told.append(f"not answered: {among}{which}" if open_ else "not answered")
+        return f"{missing} of {sent} experiments sent are missing, {'; '.join(told)}"
 
 
 def machine_runs(settings: Mapping[str, Any]) -> list[MachineRun]:

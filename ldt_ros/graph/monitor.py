@@ -17,6 +17,7 @@ from rclpy.node import Node
 from ldt_core.base.bounded import forget_oldest
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Adaptation, Signal
+from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.node_status import REFUSED, NodeStatus
 from ldt_core.runs.fleet_members import SOURCES
 from ldt_ros.nodes.interfaces import LISTENER_DEPTH, from_message, listener_qos, message_type
@@ -45,6 +46,8 @@ class Monitor(Node):
         self.last_step = 0
         self.last_adapted = 0
         self.last_signal = 0
+        #: Experiments of which an adaptation came.
+        self.answered = ExperimentNumbers()
         self.first_step_at: float | None = None
         self._signals: dict[int, Signal] = {}
         for topic, callback in (("signal", self._on_signal), ("adaptation", self._on_adaptation)):
@@ -104,6 +107,7 @@ class Monitor(Node):
     def _on_adaptation(self, message: Any) -> None:
         with contextlib.suppress(LdtError):
             adaptation = from_message("adaptation", message)
+            self.answered.add(adaptation.experiment)
             if adaptation.experiment <= self.last_adapted:
                 return  # an adaptor that was started again says once more what it said
             self.first_step_at = self.first_step_at or time.monotonic()

@@ -109,7 +109,7 @@ class Graph:
             recorded_summary(run.bag, run.namespace, run.machine, run.summary)
         respawner.note()
         for run, monitor in zip(self.runs, self.monitors, strict=True):
-            run.note_health(monitor.health)
+            run.note_health(monitor.health, monitor.answered)
 
     def _sources(self) -> list[Child]:
         """Processes of their own that send the experiments."""

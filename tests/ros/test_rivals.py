@@ -113,5 +113,5 @@ def test_the_summary_tells_of_the_alarm(stranger, intruder, monitor, tmp_path):
     key = "second publisher of model"
     stranger.until(lambda: node.health["twin"].values.get(key) if "twin" in node.health else "")
     run = MachineRun("rotor", "", resolve({}), tmp_path, load_machine("rotor"))
-    run.note_health(node.health)
+    run.note_health(node.health, node.answered)
     assert run.summary.notes == [f"alarm: a {key}, 1x as twin saw it"]

@@ -1,0 +1,47 @@
+"""What was sent and not answered, or not recorded, makes a run fail, and which is said."""
+
+from __future__ import annotations
+
+import pytest
+
+from ldt_core.base.settings import resolve
+from ldt_core.machine.machine_file import load_machine
+from ldt_core.recording.experiment_numbers import ExperimentNumbers
+from ldt_core.recording.node_status import LAST_REJECTION, REJECTED, NodeStatus
+
+pytest.importorskip("rclpy")
+
+from ldt_ros.graph.machine_run import MachineRun
+
+VANISHED = "r1: the file or its folder was deleted"
+LOST = {REJECTED + "signal: LdtError": "1", LAST_REJECTION: f"signal: {VANISHED}"}
+FAILED = {REJECTED + "experiment: UnansweredExperiment": "1", LAST_REJECTION: "x"}
+REFUSED = {REJECTED + "experiment: ExperimentError": "1", LAST_REJECTION: "x"}
+
+
+def failures(in_bag, adapted, heard, **nodes) -> list[str]:
+    """Of a run of four experiments."""
+    run = MachineRun("rotor", "", resolve({}), "r1", load_machine("rotor"))
+    run.summary.recorded, run.summary.answered = set(in_bag), set(adapted)
+    run.summary._signals[0] = len(adapted)
+    told = {"plant": {"sent": "4", "experiment": "4"}, **nodes}
+    health = {role: NodeStatus(role, "", values) for role, values in told.items()}
+    run.note_health(health, ExperimentNumbers((n, n) for n in heard))
+    return run.summary.failures
+
+
+def test_what_is_not_in_the_recording_is_named_with_the_cause():
+    """The experiments went all the way; the recording is what failed."""
+    assert failures([], [], [1, 2, 3, 4], recorder=LOST) == [
+        "4 of 4 experiments sent are missing, "
+        f"answered and not in the recording: experiments 1 to 4 ({VANISHED})"
+    ]
+
+
+def test_what_nobody_answered_is_named():
+    """Also where the twin says that it failed; a refusal is an answer."""
+    words = "1 of 4 experiments sent are missing, not answered: experiment 3"
+    assert failures([1, 2, 3, 4], [1, 2, 4], [1, 2, 4]) == [words]
+    assert failures([1, 2, 3, 4], [1, 2, 4], [1, 2, 4], twin=FAILED) == [words]
+    assert failures([1, 2, 3, 4], [1, 2, 4], [1, 2, 4], twin=REFUSED) == []
+    assert failures([1, 2, 3, 4], [1, 2, 3, 4], [1, 2, 3, 4]) == []
