@@ -22,6 +22,7 @@ from ldt_core.diagnosis.diagnosis import (
     NextExperiment,
     ParameterAmount,
     RankedCandidate,
+    Refit,
     Remainder,
     Verdict,
 )
@@ -41,6 +42,7 @@ from ldt_core.diagnosis.holdout import (
 from ldt_core.diagnosis.isolability import isolability
 from ldt_core.diagnosis.library import library, refitted_effects
 from ldt_core.diagnosis.next_experiment import next_experiment
+from ldt_core.diagnosis.nominal import enough, refits, said
 from ldt_core.diagnosis.residual_torque import (
     TorqueEstimator,
     added_torque,
@@ -178,6 +180,10 @@ class _Report:
         words = sentence(self.machine.name, d.kind, acting, found, gap, where, left)
         if self.objection and d.best:
             words = not_standing(d.best.names, gap, where, self.objection)
+        refit = self._refit(before, noise)
+        if d.kind == "none":
+            words = enough(refit, was.rmse) or words
+        words = " ".join(w for w in (words, said(refit, was.rmse)) if w)
         if self.fault:
             words = not_measured(self.fault, "" if self.faulty else words)
         best = d.best.use if d.best else []
@@ -200,12 +206,23 @@ class _Report:
             undetectable=silent,
             ambiguities=self._all_groups(groups, acting),
             next_experiment=self._next(),
+            refit=refit,
             notes=self._notes(),
             effects=[
                 {"effect": effect.name, "parameters": dict(given)} for effect, given in self.use
             ],
             shown=self._shown(before, after),
         )
+
+    def _refit(self, before: Sequence[Array], noise: float) -> list[Refit]:
+        """The machine's own parameters, as the set in force has them; alone without one."""
+        alone = self.search.found.fits[frozenset()]
+        if not alone.own or self.faulty:
+            return []
+        after = [free_run(self.machine, e, alone.use) for e in self.held]
+        part, _ = closed(self.held, before, after, noise)
+        d = self.decision
+        return refits(self.machine, d.best or alone, d.left, d.excess, part)
 
     def _where(self) -> list[GapLocation]:
         """By what was named, free of noise, or else by all that is wrong."""
@@ -275,7 +292,7 @@ class _Report:
                     parameters,
                     rmse,
                     None if d.kind == "none" else part,
-                    shares.get(c.name),
+                    share(shares[c.name]) if c.name in shares else None,
                     score,
                     self._why_not(c.name, score),
                 )

@@ -131,6 +131,25 @@ class Gap:
 
 
 @dataclass(frozen=True)
+class Refit:
+    """A nominal parameter that was fitted along.
+
+    Attributes:
+        parameter: of the machine file.
+        factor: what it became, as a multiple of the file's value.
+        ci95: of the factor; None where the recording does not determine it.
+        prior_std: relative deviation that the file allows it; None where that is unknown.
+        closed_fraction: of the gap, by all refitted parameters together and nothing else.
+    """
+
+    parameter: str
+    factor: float
+    ci95: tuple[float, float] | None
+    prior_std: float | None
+    closed_fraction: float | None
+
+
+@dataclass(frozen=True)
 class Remainder:
     """What is left after the best set."""
 
@@ -200,6 +219,7 @@ class Diagnosis:
     notes: Sequence[str] = ()
     effects: Sequence[Mapping[str, Any]] = ()
     shown: Sequence[DrawnExperiment] = field(default=(), compare=False)
+    refit: Sequence[Refit] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """The content of `diagnosis.json`: JSON values only, undefined quantities null."""

@@ -107,6 +107,12 @@ class Thresholds:
     unexplained_of_gap: float = _limit(
         0.05, OF_GAP, CASES, "A set that leaves more is not the cause: the verdict is unknown."
     )
+    prior_deviations: float = _limit(
+        3.0,
+        "deviations of a parameter's prior",
+        CHOSEN,
+        "Beyond, it is a finding: 1 in 370 by chance.",
+    )
     unexplained_of_signal: float = _limit(
         0.5,
         "power of the signal",

@@ -127,6 +127,7 @@ TOP = {
     "where": list,
     "candidates": list,
     "remainder": dict,
+    "refit": list,
     "undetectable": list,
     "ambiguities": list,
     "next_experiment": (dict, type(None)),

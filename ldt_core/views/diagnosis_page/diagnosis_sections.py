@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ldt_core.base.sentences import listed, ranges, spans
-from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate
+from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate, Refit
 from ldt_core.views.diagnosis_page import gap_curves, ranking, time_curves
 from ldt_core.views.diagnosis_page.number_format import (
     NOTHING,
@@ -208,11 +208,28 @@ def remainder(diagnosis: Diagnosis) -> Section:
     section.blocks.append(Pairs(pairs))
     if diagnosis.gap.regimes:
         section.blocks.append(_regimes(diagnosis.gap.regimes))
+    if diagnosis.refit:
+        section.blocks.append(_refits(diagnosis.refit))
     return section
 
 
+def _refits(found: Sequence[Refit]) -> Table:
+    made: list[list[Value]] = [
+        [
+            r.parameter,
+            f"× {r.factor:.3g}",
+            "not determined" if r.ci95 is None else f"{r.ci95[0]:.3g} to {r.ci95[1]:.3g}",
+            "unknown" if r.prior_std is None else f"± {percent(r.prior_std)}",
+            percent(r.closed_fraction),
+        ]
+        for r in found
+    ]
+    head = ["parameter", "fitted", "95 % interval", "tolerance", "closed by all of these alone"]
+    return Table("Nominal parameters that were fitted along", head, made, range(1, len(head)))
+
+
 def _regimes(found: Sequence[Mapping[str, Any]]) -> Table:
-    worse = [known(r["closed_fraction"]) and r["closed_fraction"] < 0 for r in found]
+    worse = [known(r["closed_fraction"]) and r["rmse_after"] > r["rmse_before"] for r in found]
     made: list[list[Value]] = [[r["regime"], *_regime_figures(r)] for r in found]
     head = ["regime", "samples", "RMSE before", "RMSE after", "closed"]
     if any(worse):

@@ -110,3 +110,24 @@ def test_what_was_named_is_held_against_the_signal(effect, z, before, after, sai
     was, now = (HeldOutErrors(x, x) for x in (before, after))
     got = objection(MOTOR, fit, experiments[:3], experiments[3:], was, now, NOISE)
     assert (said in got) if said else got == ""
+
+
+@pytest.mark.parametrize(("factor", "far"), [(1.05, False), (1.6, True)])
+def test_what_nominal_parameters_close_is_told(factor, far):
+    """A row with its prior; beyond three deviations of it the sentence says so."""
+    found = diagnose(
+        MOTOR,
+        record(MOTOR, f"motor_constant:factor={factor}", count=4),
+        effects=[get_effect("coulomb_friction"), get_effect("inertia")],
+        refit=["K_t"],
+        workers=1,
+    )
+    (row,) = found.as_dict()["refit"]
+    assert row["parameter"] == "K_t"
+    assert row["factor"] == pytest.approx(factor, rel=0.01)
+    low, high = row["ci95"]
+    assert low < row["factor"] < high
+    assert row["prior_std"] == MOTOR.tolerances["K_t"]
+    assert row["closed_fraction"] > 0.99
+    assert found.verdict.sentence.startswith("No effect is needed: nominal parameters")
+    assert ("moved beyond their tolerance: K_t × 1.6" in found.verdict.sentence) == far
