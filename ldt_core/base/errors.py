@@ -18,13 +18,21 @@ on standard error and the exit code.
 from __future__ import annotations
 
 import difflib
+import reprlib
 from collections.abc import Iterable
 from typing import Any
 
 from ldt_core.base.printable import one_line
 
 LONGEST_SHOWN = 60  # characters of a value in a message
+LONGEST_GOT = 1000  # characters of what came, whatever it is
 LONGEST_REASON = 400  # characters of a reason that is passed on: foreign text may be of any size
+
+#: Makes no more of a value's text than is shown; of a nested one, all of it may not fit in memory.
+_BRIEF = reprlib.Repr()
+_BRIEF.maxlevel = 3
+_BRIEF.maxstring = _BRIEF.maxlong = _BRIEF.maxother = 4 * LONGEST_SHOWN
+_BRIEF.maxlist = _BRIEF.maxtuple = _BRIEF.maxdict = _BRIEF.maxset = LONGEST_SHOWN // 2
 
 
 class LdtError(Exception):
@@ -45,7 +53,7 @@ class BadInput(LdtError, ValueError):
     exit_code = 2
 
     def __init__(self, where: object, expected: str, got: object) -> None:
-        self.where, self.expected, self.got = str(where), expected, str(got)
+        self.where, self.expected, self.got = str(where), expected, _cut(str(got), LONGEST_GOT)
         super().__init__(f"{self.where}: expected {self.expected}, got {self.got}")
 
     def __reduce__(self) -> tuple[Any, ...]:  # errors cross process boundaries in parallel studies
@@ -105,8 +113,7 @@ def described(value: object) -> str:
     shape = getattr(value, "shape", None)
     if shape:
         return f"an array of shape {shape}"
-    text = repr(value)
-    return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 3]}..."
+    return _cut(_BRIEF.repr(value), LONGEST_SHOWN)
 
 
 def reason_of(error: BaseException) -> str:
@@ -118,7 +125,11 @@ def reason_of(error: BaseException) -> str:
     text = one_line(str(error))
     if not isinstance(error, LdtError):
         text = f"{type(error).__name__}: {text}" if text else type(error).__name__
-    return text if len(text) <= LONGEST_REASON else f"{text[: LONGEST_REASON - 3]}..."
+    return _cut(text, LONGEST_REASON)
+
+
+def _cut(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

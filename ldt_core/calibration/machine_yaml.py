@@ -149,8 +149,14 @@ def _entries(mapping: Any) -> list[str]:
     return [f"{_flow(key)}: {_flow(value)}" for key, value in mapping.items()]
 
 
+class _Plain(yaml.SafeDumper):  # type: ignore[misc]
+    """Without anchors: a machine file with aliases is not read."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
 def _flow(value: Any) -> str:
-    text = yaml.safe_dump(
-        value, default_flow_style=True, sort_keys=False, width=10**9, allow_unicode=True
-    )
+    style = {"default_flow_style": True, "sort_keys": False, "allow_unicode": True}
+    text: str = yaml.dump(value, Dumper=_Plain, width=10**9, **style)
     return text.removesuffix("\n").removesuffix("\n...")

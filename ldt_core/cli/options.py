@@ -12,6 +12,7 @@ import yaml
 
 import msgs_config
 from ldt_core.base.errors import BadInput, OptionError, did_you_mean
+from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.base.settings import PRESETS, UNSET, check, preset
 from ldt_core.cli.completion import among, known
 from ldt_core.cli.idle_options import warn_of_idle
@@ -180,7 +181,7 @@ def read_settings(file: str) -> dict[str, Any]:
         OptionError: a parameter that does not exist, or a value out of its range.
     """
     try:
-        found = yaml.safe_load(Path(file).read_text(encoding="utf-8"))
+        found = load_yaml(Path(file).read_text(encoding="utf-8"))
     except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
         got = getattr(error, "strerror", None) or "neither YAML nor JSON"
         raise BadInput(file, "a readable file of parameters", got) from error

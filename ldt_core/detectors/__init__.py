@@ -12,6 +12,7 @@ import yaml
 
 import msgs_config
 from ldt_core.base.errors import ArgumentTypeError, BadInput, OptionError, described, did_you_mean
+from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.base.registry import Registry
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ def _parse(entry: str) -> tuple[str, Any]:
     if not (equals and name.strip().isidentifier()):
         raise OptionError("detector_argument", "NAME=VALUE", repr(entry))
     try:
-        value = yaml.safe_load(text)
+        value = load_yaml(text)
     except (yaml.YAMLError, ValueError, RecursionError):
         value = [text]  # refused below
     if isinstance(value, str):

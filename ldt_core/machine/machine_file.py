@@ -20,6 +20,7 @@ from ldt_core.base.errors import (
     described,
     did_you_mean,
 )
+from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.effects import get_effect
 from ldt_core.machine.experiment_limits import Declared, refuse_impossible
 from ldt_core.machine.file_values import (
@@ -261,7 +262,7 @@ def load_machine(file: str | Path) -> Machine:
 def parse_machine(text: str, source: str) -> Machine:
     """A machine from the text of a machine file; `source` is what messages call it."""
     try:
-        data = yaml.safe_load(text)
+        data = load_yaml(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         line = f"line {mark.line + 1}: " if mark else ""

@@ -26,6 +26,9 @@ UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 COMMENTS = ("#", "%")
 DELIMITERS = ";\t,| "  # in this order: a decimal comma may stand between semicolons or tabs
 MAX_BYTES = 2_000_000_000  # unpacked; a packed file may claim anything
+PIECE = 1 << 20  # bytes that are unpacked at a time
+FREE_BYTES = 50_000_000  # unpacked from anything
+MOST_RATIO = 100  # of a larger text to what is packed; numbers reach 20
 LOOK_AHEAD = 20  # rows by which the delimiter is chosen: beyond every header
 
 
@@ -97,18 +100,21 @@ class CsvTable:
         return where, [self._numbers(i, c, where) for i, c in zip(columns, by_column, strict=True)]
 
     def _read_text(self) -> str:
+        most = MAX_BYTES
         try:
             data = self.path.read_bytes()
             if data.startswith(GZIP_MAGIC):
+                most = min(MAX_BYTES, max(FREE_BYTES, MOST_RATIO * len(data)))
                 with gzip.open(io.BytesIO(data)) as stream:
-                    data = stream.read(MAX_BYTES + 1)
+                    # A buffer of what is allowed would be made at once.
+                    data = b"".join(stream.read(PIECE) for _ in range(0, most + PIECE, PIECE))
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
             raise RecordingError(self.path, "an intact gzip file", error) from None
         except OSError as error:
             reason = error.strerror or str(error)
             raise RecordingError(self.path, "a readable CSV file or recording", reason) from None
-        if len(data) > MAX_BYTES:
-            raise RecordingError(self.path, f"at most {MAX_BYTES} bytes", f"{len(data)} or more")
+        if len(data) > most:
+            raise RecordingError(self.path, f"at most {most} bytes", f"{len(data)} or more")
         if data.startswith(UTF16_MARKS):
             return data.decode("utf-16", errors="replace")
         if b"\0" in data[:4096]:
@@ -121,8 +127,16 @@ class CsvTable:
 
     def _lines(self) -> Iterator[str]:
         """Lines with comments blanked, so that numbers of lines stay right."""
-        for line in io.StringIO(self._text):
+        for line in self._raw_lines():
             yield "\n" if line.lstrip().startswith(COMMENTS) else line
+
+    def _raw_lines(self) -> Iterator[str]:
+        """Lines as they are, without a second copy of them all."""
+        at = 0
+        while at < len(self._text):
+            end = self._text.find("\n", at) + 1 or len(self._text)
+            yield self._text[at:end]
+            at = end
 
     def _sniff(self) -> str:
         rows = [line.strip("\r\n ") for _, line in zip(range(500), self._lines(), strict=False)]
@@ -155,7 +169,7 @@ class CsvTable:
             return line, [cell.strip() for cell in row]
         comments = [
             text.lstrip(" #%").rstrip("\r\n")
-            for text, _ in zip(io.StringIO(self._text), range(line - 1), strict=False)
+            for text, _ in zip(self._raw_lines(), range(line - 1), strict=False)
             if text.lstrip().startswith(COMMENTS)
         ]
         if comments:  # numpy's savetxt writes the header as a comment

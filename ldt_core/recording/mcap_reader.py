@@ -131,7 +131,8 @@ class TolerantMcapReader:
         summary = self.summary(places=False)
         if summary:
             return summary.channels
-        first: list[Any] = next((b for opcode, b in self._framed() if opcode == Opcode.CHUNK), [])
+        chunks = (body for opcode, body in self._framed() if opcode == Opcode.CHUNK)
+        first: Iterable[Any] = next(chunks, ())
         return self._spare() | _described(first)
 
     def messages(self, begin: int = 0) -> Iterator[ChannelMessage]:
@@ -264,7 +265,7 @@ class TolerantMcapReader:
                 if opcode == Opcode.CHUNK:
                     chunked = True
                     try:
-                        content = opened(body)
+                        content = self._told(opened(body), stream.at)
                     except DAMAGE_ERRORS as error:
                         whole = False
                         self._note(
@@ -277,6 +278,14 @@ class TolerantMcapReader:
             self._note(
                 f"{self.path}: damaged at byte {stream.at} ({reason(error)}); read up to there"
             )
+
+    def _told(self, records: Iterator[Any], at: int) -> Iterator[Any]:
+        """The records of a chunk; what is behind a damaged one is left out, with a note."""
+        try:
+            yield from records
+        except DAMAGE_ERRORS as error:
+            words = f"is damaged inside ({reason(error)}); the rest of it is left out"
+            self._note(f"{self.path}: a chunk before byte {at} {words}")
 
     def _pass_over(self, stream: ByteStream, at: int, error: Exception) -> bool:
         """Go on behind damage; False when nothing is found there."""

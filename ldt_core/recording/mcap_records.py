@@ -22,6 +22,8 @@ from mcap.records import Channel, ChunkIndex, Header, Message, Schema, Statistic
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 LIBRARY = "ldt"  # what a file that LDT wrote names as its writer
+FREE_CHUNK = 100 << 20  # bytes of a chunk that unpack from anything: the longest message, constant
+MOST_RATIO = 100  # of a larger chunk to what is packed; recordings reach 20
 MAX_CHUNK = 1 << 30  # bytes of one record or chunk; rosbag2 cuts at 1 MB, a larger claim is damage
 HEAD = struct.Struct("<BQ")  # of every record: what it is, and how many bytes follow
 CHUNK = struct.Struct("<QQQIL")  # first and last time, size, checksum, length of the method's name
@@ -196,14 +198,17 @@ def agrees(fields: bytes, length: int) -> bool:
     return bool(length == CHUNK.size + named + 8 + data)
 
 
-def opened(body: bytes) -> list[Any]:
-    """The records in a chunk, checked."""
-    return [record for _, record in located(content(body))]
+def opened(body: bytes) -> Iterator[Any]:
+    """The records in a chunk, made one after the other; its checksum is checked at once."""
+    data = content(body)
+    return (record for _, record in located(data))
 
 
 def content(body: bytes) -> bytes:
     """What a chunk holds, with its checksum checked."""
     _, _, size, crc, named = CHUNK.unpack_from(body)
+    if size > max(FREE_CHUNK, MOST_RATIO * len(body)):
+        raise ValueError(f"it claims to unpack {len(body)} bytes to {size}")
     method = body[CHUNK.size : CHUNK.size + named].decode()
     data = decompress(method, body[CHUNK.size + named + 8 :], size)
     if len(data) != size:

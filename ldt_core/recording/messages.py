@@ -18,6 +18,7 @@ import yaml
 
 import msgs_config
 from ldt_core.base.errors import RecordingError
+from ldt_core.base.plain_yaml import load_yaml
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -213,13 +214,12 @@ def dump(data: Any) -> str:
 
 
 def load(text: str) -> Any:
-    """The data in YAML of others, by the fast loader where there is one; no tags are obeyed.
+    """The data in YAML of others, see `load_yaml`.
 
     Raises:
         yaml.YAMLError, ValueError, RecursionError: it is none.
     """
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    return yaml.load(text, loader)  # noqa: S506 - both loaders are safe ones
+    return load_yaml(text)
 
 
 @functools.cache

@@ -15,13 +15,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.parallel import Workers
 from ldt_core.lab.challenge.case_plan import CasePlan, plan_case, rounded
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
+from ldt_core.recording.messages import dump
 from ldt_core.recording.writer import BagWriter
 
 #: Shares of the kinds of cases, in percent.
@@ -203,7 +203,7 @@ def write_case(item: tuple[Path, CasePlan]) -> None:
     """Write the folder of a case."""
     folder, plan = item
     folder.mkdir()
-    text = yaml.safe_dump(rounded(plan.machine), sort_keys=False)
+    text = dump(rounded(plan.machine))
     (folder / MACHINE).write_text(text, encoding="utf-8")
     _write_bag(folder / SHOWN, plan, plan.experiments())
     _write_bag(folder / FURTHER, plan, plan.further())

@@ -1,0 +1,121 @@
+"""Small files that unpack to much: refused in one short sentence, in little memory."""
+
+from __future__ import annotations
+
+import gzip
+import tracemalloc
+from collections.abc import Callable
+
+import pytest
+import yaml
+from mcap.writer import CompressionType, Writer
+
+import msgs_config
+from ldt_core.base.errors import LdtError, MachineFileError, RecordingError, described
+from ldt_core.base.plain_yaml import load_yaml
+from ldt_core.machine.machine_file import load_machine, machine_from_dict
+from ldt_core.recording.csv_table import CsvTable
+from ldt_core.recording.mcap_reader import TolerantMcapReader
+
+SENTENCE = 1500  # characters of the longest sentence about a file
+MEGABYTE = 2**20
+
+
+def peak(work: Callable[[], object]) -> float:
+    """Most memory that work holds at a time [MB]."""
+    tracemalloc.start()
+    try:
+        work()
+        return tracemalloc.get_traced_memory()[1] / MEGABYTE
+    finally:
+        tracemalloc.stop()
+
+
+def laughs(levels: int = 9) -> str:
+    """A list of ten lists of ten lists."""
+    lines = ["a0: &a0 [lol, lol, lol, lol, lol, lol, lol, lol, lol, lol]"]
+    for n in range(1, levels):
+        lines.append(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]")
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("key", ["name", "physics", "parameters", "effects", "limits"])
+def test_a_machine_file_of_aliases_is_refused(key, tmp_path):
+    """Wherever the billion is asked for."""
+    file = tmp_path / "machine.yaml"
+    text = msgs_config.machine_text("dc_motor").replace(f"{key}:", f"was_{key}:")
+    file.write_text(f"{laughs()}\n{text}\n{key}: *a8\n")
+
+    def read() -> None:
+        with pytest.raises(
+            MachineFileError, match=r"line 2: the alias \*a0, which is not read"
+        ) as e:
+            load_machine(file)
+        assert len(str(e.value)) < SENTENCE
+
+    assert peak(read) < 10
+
+
+def test_a_sentence_is_short_whatever_came():
+    """Of a nested value no more is made a text than is shown."""
+    nested: list[object] = ["lol"] * 10
+    for _ in range(6):
+        nested = [nested] * 10
+    assert peak(lambda: described(nested)) < 10
+    long = {**yaml.safe_load(msgs_config.machine_text("dc_motor")), "name": 10**5 * ["x"]}
+    with pytest.raises(MachineFileError) as error:
+        machine_from_dict(long, "file")
+    assert len(str(error.value)) < SENTENCE
+    assert load_yaml("a: '*b'") == {"a": "*b"}
+
+
+def bomb(file, size: int) -> None:
+    """An MCAP file with one chunk of tiny messages."""
+    with file.open("wb") as stream:
+        writer = Writer(stream, chunk_size=2**31, compression=CompressionType.ZSTD)
+        writer.start("ros2")
+        schema = writer.register_schema("x", "ros2msg", b"")
+        channel = writer.register_channel("/x", "cdr", schema)
+        for _ in range(size // 31):
+            writer.add_message(channel, 0, b"", 0)
+        writer.finish()
+
+
+def test_the_messages_of_a_chunk_are_made_one_after_the_other(tmp_path):
+    """A hundred thousand in a chunk of 3 MB take no more than the chunk."""
+    bomb(tmp_path / "a.mcap", 3 * MEGABYTE)
+    reader = TolerantMcapReader(tmp_path / "a.mcap", pytest.fail)
+    found = []
+    assert peak(lambda: found.append(sum(1 for _ in reader.messages()))) < 15
+    assert found[0] > 90_000
+
+
+def test_a_chunk_that_claims_too_much_is_left_out(tmp_path, monkeypatch):
+    """Beyond a hundred megabytes it may unpack to a hundred times what is packed."""
+    monkeypatch.setattr("ldt_core.recording.mcap_records.FREE_CHUNK", MEGABYTE)
+    bomb(tmp_path / "a.mcap", 3 * MEGABYTE)
+    notes: list[str] = []
+    assert list(TolerantMcapReader(tmp_path / "a.mcap", notes.append).messages()) == []
+    assert any("claims to unpack" in note for note in notes)
+
+
+def test_a_packed_table_of_nothing_is_refused(tmp_path, monkeypatch):
+    """The same rule; and reading one that is allowed takes a small multiple of it."""
+    text = b"t,u,n\n" + b"0.00,1.00,2.00\n" * 200_000
+    file = tmp_path / "a.csv.gz"
+    file.write_bytes(gzip.compress(text))
+    assert peak(lambda: CsvTable(file)) < 4 * len(text) / MEGABYTE
+    monkeypatch.setattr("ldt_core.recording.csv_table.FREE_BYTES", MEGABYTE)
+    monkeypatch.setattr("ldt_core.recording.csv_table.MOST_RATIO", 10)
+
+    def refuse() -> None:
+        with pytest.raises(RecordingError, match="expected at most 1048576 bytes"):
+            CsvTable(file)
+
+    assert peak(refuse) < 6
+
+
+def test_every_error_of_bad_input_is_bounded():
+    """Whatever a caller puts into it."""
+    error: LdtError = RecordingError("file", "a thing", "x" * 10**6)
+    assert len(str(error)) < SENTENCE
