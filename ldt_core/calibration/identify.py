@@ -173,7 +173,7 @@ def _refuse(form: MotorResponse, linear: Identified, experiments: list[Experimen
         raise LdtError(
             f"the recording shows no motor but {shown}, which leaves {linear.noise_std:.3g} rad/s "
             f"where a motor leaves {form.noise_std:.3g} rad/s: a machine with more than two time "
-            "constants needs a physics of its own"
+            "constants needs a physics of its own (ldt docs physics)"
         )
 
 

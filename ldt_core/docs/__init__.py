@@ -13,7 +13,7 @@ def names() -> list[str]:
     """Names of all pages, in the order in which a newcomer needs them."""
     order = (
         *("start", "watch", "python", "connect", "machine", "deploy", "real"),
-        *("diagnosis", "detector", "advice", "effect", "physics"),
+        *("diagnosis", "detector", "advice", "defaults", "effect", "physics"),
         *("accuracy", "paper", "promises", "speed"),
     )
     found = {file.stem for file in FOLDER.glob("*.md")}

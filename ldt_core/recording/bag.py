@@ -268,7 +268,8 @@ def read_bag(path: str | Path, namespace: str | None = None, listed: bool = Fals
     if not machines:
         there = ", ".join(f"{t} ({k})" for t, k in sorted(storage.topics.items())) or "no messages"
         got = f"only {there}" if storage.topics else f"{there}{_because(storage)}"
-        raise RecordingError(path, f"a topic named {' or '.join(DECODERS)}", got)
+        wanted = "a topic named experiment (ldt import makes one of any other recording)"
+        raise RecordingError(path, wanted, got)
     if not namespace:
         if len(machines) > 1:
             shown = ", ".join(m or "/" for m in machines)

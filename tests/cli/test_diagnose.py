@@ -416,11 +416,12 @@ REFUSED = {
     "share that is no number": (["{bag}", "--holdout", "nan"], "holdout"),
     "unknown effect left out": (["{bag}", "--without", "inertai"], "inertia"),
     "a parameter that the machine lacks": (["{bag}", "--refit", "mass"], "--refit"),
-    "the motor's e": (["{bag}", "--machine", "dc_motor", "--refit", "e"], "--refit"),
+    "the motor's e": (["{motor}", "--refit", "e"], "--refit"),
+    "another machine's file": (["{bag}", "--machine", "dc_motor"], "leave --machine out"),
     "no effect file": (["{bag}", "--effect", "{folder}/none.py:X"], "none.py"),
     "nothing of that name in it": (["{bag}", "--effect", "{folder}/cubic_drag.py:X"], "X"),
     "an effect that the machine cannot have": (
-        ["{bag}", "--machine", "dc_motor", "--effect", "unbalance"],
+        ["{motor}", "--effect", "unbalance"],
         "unbalance",
     ),
     "--out is a file": (["{bag}", "--out", "{folder}/cubic_drag.py"], "--out"),
@@ -439,7 +440,10 @@ REFUSED = {
 def bad(folder, friction, own):
     record(folder / "short", count=1, samples=150)
     record(folder / "strong", volts=(30.0, 40.0), samples=100)
-    return {"folder": folder, "bag": friction.bag}
+    motor = folder / "motor"
+    given = ["--machine", "dc_motor", "--experiments", "1", "--out", str(motor)]
+    assert invoke(simulate, given) == 0
+    return {"folder": folder, "bag": friction.bag, "motor": str(motor)}
 
 
 @pytest.mark.parametrize("name", sorted(REFUSED))

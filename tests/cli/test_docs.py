@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from pages import execute
 
+import msgs_config
 from ldt_core import docs
 from ldt_core.cli import invoke, ldt
 
@@ -65,6 +66,17 @@ def test_the_readme_links_to_every_page():
     """A newcomer finds them without the command."""
     readme = (REPOSITORY / "README.md").read_text()
     assert [n for n in docs.names() if f"(ldt_core/docs/{n}.md)" not in readme] == []
+
+
+def test_the_defaults_of_their_page_are_those_that_hold():
+    """Each option of its table, with the value that `parameters.yaml` declares."""
+    rows = re.findall(r"^\| `--([\w-]+)` \| `?([^`|]+?)`? \|", docs.text("defaults"), re.MULTILINE)
+    declared = {n.replace("_", "-"): d["default"] for n, d in msgs_config.parameters().items()}
+    assert len(rows) > 10
+    for name, shown in rows:
+        value = declared[name]
+        told = {True: "on", False: "off"}[value] if isinstance(value, bool) else value
+        assert shown == (f"{told:g}" if isinstance(told, float) else str(told)), name
 
 
 def test_pages_are_listed_and_printed(capsys):
