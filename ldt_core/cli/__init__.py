@@ -89,6 +89,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code; a failure becomes one sentence on stderr."""
+    _open_streams()
     if VARIABLE in os.environ:  # a shell asks what can follow
         register()
     try:
@@ -112,6 +113,21 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
         return 1
     except OSError as error:
         return _say(f"{error.filename or 'input or output'}: {error.strerror or error}", 1)
+
+
+def _open_streams() -> None:
+    """Stand in for standard streams that the caller has closed, as `2>&-` does.
+
+    What is opened first would take their place, and get what is meant for them.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+        if getattr(sys, name) is None:
+            stream = open(os.devnull, "r+" if number == 0 else "w", encoding="utf-8")  # noqa: SIM115
+            setattr(sys, name, stream)
 
 
 def _name(command: click.Command) -> str:

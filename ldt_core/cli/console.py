@@ -13,6 +13,8 @@ from ldt_core.base.printable import printable
 
 WIDTH = 110  # characters of a wide table in a file or pipe
 
+NARROWEST = 40  # characters in which a run's table still has all its figures
+
 
 class Console(rich.console.Console):
     """Prints tables, sentences and progress; square brackets are no markup."""
@@ -21,6 +23,8 @@ class Console(rich.console.Console):
         super().__init__(**{"markup": False, "highlight": False, "soft_wrap": True, **options})
         if wide and not self.is_terminal:
             self.width = WIDTH
+        # Whatever the terminal claims: cells of no width would leave an empty table.
+        self.width = max(self.width, NARROWEST)
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None

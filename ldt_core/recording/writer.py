@@ -260,6 +260,10 @@ class BagWriter:
 
     def _make_folder(self, resume: bool) -> bool:
         """Whether it was not there before."""
+        try:
+            str(self.path).encode()
+        except UnicodeEncodeError:  # metadata.yaml is UTF-8, and names the files
+            raise RecordingError(self.path, "a name in UTF-8", "other bytes") from None
         made = not self.path.exists()
         try:
             self.path.mkdir(parents=True, exist_ok=resume)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import re
 import signal
@@ -238,26 +239,46 @@ def test_a_browser_that_does_not_read_holds_up_nobody():
     served(task)
 
 
-def test_there_is_room_for_many_browsers_but_not_for_all(monkeypatch):
-    """One too many is told so, and one that has left makes room."""
+def test_one_browser_too_many_takes_the_place_of_the_one_most_behind(monkeypatch):
+    """Those that take nothing keep nobody out; else the oldest leaves, and comes back by itself."""
     monkeypatch.setattr(server, "STREAMS", 3)
 
     async def task(_fleet: Fleet, client: ClientSession, url: str) -> None:
         open_now = [events(client, f"{url}events") for _ in range(3)]
         for stream in open_now:
             await until(stream, "fleet", lambda data: data["machines"] == [])
-        async with client.get(f"{url}events") as answer:
-            assert answer.status == 503
-        await open_now[0].aclose()
-        while True:
-            async with client.get(f"{url}events") as answer:
-                if answer.status == 200:
-                    break
-            await asyncio.sleep(0.1)
-        for stream in open_now[1:]:
+        late = events(client, f"{url}events")
+        await until(late, "fleet", lambda data: data["machines"] == [])
+        with pytest.raises((aiohttp.ClientError, StopAsyncIteration)):
+            await until(open_now[0], "fleet", lambda data: data["machines"])
+        for stream in (*open_now[1:], late):
             await stream.aclose()
 
     served(task)
+
+
+def test_a_connection_that_asks_for_nothing_is_ended(monkeypatch):
+    """Half-sent headers included; one that has asked stays open."""
+    monkeypatch.setattr(server, "ASKED_WITHIN", 0.3)
+
+    async def both() -> None:
+        pages = Pages(Fleet(), assets("a test"), "127.0.0.1")
+        async with test_utils.TestServer(pages.application()) as real, ClientSession() as client:
+            watch = asyncio.create_task(pages.end_the_silent(real.runner.server))
+            stream = events(client, str(real.make_url("/events")))
+            await until(stream, "fleet", lambda data: data["machines"] == [])
+            reader, writer = await asyncio.open_connection("127.0.0.1", real.port)
+            writer.write(b"GET / HTTP/1.1\r\nHost: loc")
+            with contextlib.suppress(ConnectionError):
+                assert await asyncio.wait_for(reader.read(), PATIENCE) == b""
+            writer.close()
+            pages._notice()
+            assert pages._open
+            await stream.aclose()
+            watch.cancel()
+            pages.close()
+
+    asyncio.run(both())
 
 
 class Source:

@@ -70,6 +70,12 @@ def fill(template: str, **values: object) -> str:
     return environment.get_template(template).render(**values)
 
 
+def plot_library() -> str:
+    """uPlot's script, with the licence that goes with every copy of it."""
+    folder = "report/uplot"
+    return f"/*\n{view_file(f'{folder}/LICENSE')}*/\n{view_file(f'{folder}/uPlot.iife.min.js')}"
+
+
 def one_script(names: Sequence[str]) -> str:
     """Scripts by their places as one that leaves nothing behind in the page."""
     parts = "".join(view_file(name) for name in names)

@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from ldt_core.views.packed_samples import PackedSamples
-from ldt_core.views.page.page_builder import Program, one_script, render, view_file
+from ldt_core.views.page.page_builder import Program, one_script, plot_library, render, view_file
 from ldt_core.views.report import report_sections
 from ldt_core.views.report.reported_run import ReportedRun, read_run
 from ldt_core.views.step_view import STATE_WORDS, DetectorStatistic, rounded, statistic
 
 STYLES = ("report/uplot/uPlot.min.css", "report/templates/run.css")
-LIBRARY = "report/uplot/uPlot.iife.min.js"
 #: Parts of one script, in the order in which they build on each other.
 PARTS = tuple(f"report/templates/{name}.js" for name in ("rows", "plot", "group", "page"))
 
@@ -36,7 +35,7 @@ def page(run: ReportedRun) -> str:
     """The page as text."""
     compared = statistic(run.signals)
     program = Program(
-        [view_file(LIBRARY), one_script(PARTS)],
+        [plot_library(), one_script(PARTS)],
         "".join(view_file(name) for name in STYLES),
         plotted_data(run, compared),
     )

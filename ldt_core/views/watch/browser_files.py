@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from ldt_core.views.page.page_builder import escaped_json, fill, one_script, view_file
+from ldt_core.views.page.page_builder import (
+    escaped_json,
+    fill,
+    one_script,
+    plot_library,
+    view_file,
+)
 from ldt_core.views.step_view import STATE_WORDS, StepView
 
-LIBRARY = "report/uplot/uPlot.iife.min.js"
 SHEETS = (
     "page/templates/style.css",
     "report/uplot/uPlot.min.css",
@@ -38,7 +43,7 @@ def assets(words: str) -> dict[str, tuple[str, bytes]]:
     page = fill("watch/templates/watch.html", words=words, data=escaped_json(EMPTY))
     texts = {
         "/": ("text/html", page),
-        "/watch.js": ("text/javascript", f"{view_file(LIBRARY)}\n{one_script(PARTS)}"),
+        "/watch.js": ("text/javascript", f"{plot_library()}\n{one_script(PARTS)}"),
         "/watch.css": ("text/css", "".join(view_file(sheet) for sheet in SHEETS)),
     }
     return {path: (kind, text.encode()) for path, (kind, text) in texts.items()}

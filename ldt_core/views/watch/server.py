@@ -16,7 +16,9 @@ from __future__ import annotations
 import asyncio
 import errno
 import ipaddress
+import itertools
 import json
+import logging
 import signal
 import socket
 import threading
@@ -37,7 +39,9 @@ except ImportError as error:
 HEARTBEAT = 1.0  # s, how soon a page learns that nothing happens, and that a node is silent
 GATHER = 0.01  # s after a change: an experiment's prediction follows it closely
 FASTEST = 0.05  # s between two events to one browser, faster than which nobody looks
-STREAMS = 100  # browsers at a time
+STREAMS = 100  # browsers at a time; one more takes the place of the one that is most behind
+ASKED_WITHIN = 10.0  # s in which who connects must have sent a request
+STALLED = 10.0  # s in which a browser must take what it is sent
 RETRY = 1000  # ms until a browser that lost the server tries again
 CLOSING = 1.0  # s that the end waits for answers under way
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
@@ -53,6 +57,8 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
+#: What strangers send that is no HTTP gets its answer, and is nobody's to read about.
+SILENT = logging.Logger("watch", logging.CRITICAL + 1)
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -68,7 +74,9 @@ class Pages:
         self.fleet, self.assets = fleet, assets
         self.names = names_of(host)
         self.open_to_others = not is_loopback(host)
-        self.streams = 0
+        self._asked: set[Any] = set()  # connections that have sent a request
+        self._places = itertools.count()
+        self._open: dict[int, asyncio.WriteTransport | None] = {}  # by the order of their coming
         self._changed = asyncio.Event()
         self._closing = asyncio.Event()
         self._woken = False
@@ -92,6 +100,19 @@ class Pages:
         self._closing.set()
         self._changed.set()
 
+    async def end_the_silent(self, server: web.Server) -> None:
+        """End connections that have not asked for anything in time, until this is cancelled."""
+        since: dict[Any, float] = {}
+        while True:
+            await asyncio.sleep(ASKED_WITHIN / 4)
+            now = self._loop.time()
+            self._asked &= set(server.connections)
+            there = [c for c in server.connections if c not in self._asked]
+            since = {c: since.get(c, now) for c in there}
+            for connection, began in since.items():
+                if now - began > ASKED_WITHIN and connection.transport is not None:
+                    connection.transport.abort()
+
     def _notice(self) -> None:
         """Of the source's thread, which never waits: a browser that is behind gets the newest."""
         if not self._woken:
@@ -105,6 +126,7 @@ class Pages:
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        self._asked.add(request.protocol)
         try:
             if request.method not in ("GET", "HEAD"):
                 raise web.HTTPMethodNotAllowed(request.method, ["GET", "HEAD"])
@@ -151,19 +173,32 @@ class Pages:
         return web.Response(text=_json(found), content_type="application/json")
 
     async def _events(self, request: web.Request) -> web.StreamResponse:
-        if self.streams >= STREAMS:
-            raise web.HTTPServiceUnavailable(text=f"{STREAMS} pages are open already\n")
+        while len(self._open) >= STREAMS:
+            self._make_room()
         response = web.StreamResponse(headers={**HEADERS, "Content-Type": "text/event-stream"})
-        self.streams += 1
+        key = next(self._places)
+        place = self._open[key] = request.transport
         try:
             await response.prepare(request)
             await response.write(f"retry: {RETRY}\n\n".encode())
             await self._tell(response, request.query.get("machine", ""))
-        except ConnectionError:
-            pass  # the browser has left
+        except (ConnectionError, TimeoutError):
+            if place is not None:
+                place.abort()  # the browser has left, or takes nothing any more
         finally:
-            self.streams -= 1
+            self._open.pop(key, None)
         return response
+
+    def _make_room(self) -> None:
+        """End the stream that has most to take yet, of those alike the oldest."""
+
+        def behind(key: int) -> tuple[int, int]:
+            there = self._open[key]
+            return (there.get_write_buffer_size() if there is not None else 0), -key
+
+        leaving = self._open.pop(max(self._open, key=behind))
+        if leaving is not None:
+            leaving.abort()
 
     async def _tell(self, response: web.StreamResponse, key: str) -> None:
         """Tell one browser the newest there is, as fast as it takes it."""
@@ -173,19 +208,23 @@ class Pages:
             overview = self._overview_now()
             if overview != known:
                 known = overview
-                await response.write(f"event: fleet\ndata: {overview}\n\n".encode())
+                await self._send(response, f"event: fleet\ndata: {overview}\n\n".encode())
             machine = self.fleet.machine(key, since) if key else None
             if machine is not None:
                 since = machine["count"]
-                await response.write(f"event: machine\ndata: {_json(machine)}\n\n".encode())
+                await self._send(response, f"event: machine\ndata: {_json(machine)}\n\n".encode())
             elif key:
-                await response.write(b"event: missing\ndata: {}\n\n")
+                await self._send(response, b"event: missing\ndata: {}\n\n")
             await asyncio.sleep(FASTEST)
             try:
                 await asyncio.wait_for(changed.wait(), HEARTBEAT)
                 await asyncio.sleep(GATHER)
             except TimeoutError:
-                await response.write(b": still here\n\n")
+                await self._send(response, b": still here\n\n")
+
+    async def _send(self, response: web.StreamResponse, data: bytes) -> None:
+        """Raises TimeoutError where the browser takes nothing."""
+        await asyncio.wait_for(response.write(data), STALLED)
 
 
 async def serve(
@@ -210,7 +249,9 @@ async def serve(
     loop, ended = asyncio.get_running_loop(), asyncio.Event()
     settled = asyncio.Event()  # the source has begun, or nobody waits for it any more
     pages = Pages(fleet, assets, host)
-    runner = web.AppRunner(pages.application(), access_log=None, shutdown_timeout=CLOSING)
+    runner = web.AppRunner(
+        pages.application(), access_log=None, logger=SILENT, shutdown_timeout=CLOSING
+    )
     await runner.setup()
     stop, failed = threading.Event(), list[BaseException]()
 
@@ -225,6 +266,8 @@ async def serve(
             failed.append(error)
             loop.call_soon_threadsafe(end)
 
+    assert runner.server is not None
+    silent = asyncio.create_task(pages.end_the_silent(runner.server))
     thread = threading.Thread(target=feed, name="source")
     try:
         site = web.TCPSite(runner, host, port)
@@ -241,6 +284,7 @@ async def serve(
         await ended.wait()
     finally:
         stop.set()
+        silent.cancel()
         pages.close()
         await runner.cleanup()
         if thread.ident is not None:
