@@ -82,7 +82,12 @@ class MachineRun(Member):
             summary.repeated += twin.number("repeated") or 0
         source = health.get(self.source)
         sent = (source.number("sent") if source else 0) or 0
-        missing = sent - summary.rejected - summary.repeated - summary.experiments
+        resumed = (source.number("resumed") if source else 0) or 0
+        done = summary.experiments
+        if resumed:  # what became of those before, the nodes of this run cannot tell
+            sent, done = sent - resumed, sum(n > resumed for n in summary.answered)
+            summary.recorded = {n for n in summary.recorded if n > resumed}
+        missing = sent - summary.rejected - summary.repeated - done
         if missing > 0:
             recorder = health.get("recorder")
             why = recorder.last_rejection if recorder and recorder.rejected else ""

@@ -147,8 +147,9 @@ class ExperimentSource(NodePart):
         self._ticker = node.create_timer(LONGEST_TICK, self._tick, clock=node.steady)
 
     def health(self) -> dict[str, Any]:
-        """Number of the last experiment sent, and how many were."""
-        return {"experiment": self._sent.number if self._sent else 0, "sent": self._count}
+        """Number of the last experiment sent, how many were, and after which a run goes on."""
+        sent = self._sent.number if self._sent else 0
+        return {"experiment": sent, "sent": self._count, "resumed": self._resumed}
 
     def halt(self) -> None:
         """Send no further experiment, and say which was the last."""

@@ -45,3 +45,11 @@ def test_what_nobody_answered_is_named():
     assert failures([1, 2, 3, 4], [1, 2, 4], [1, 2, 4], twin=FAILED) == [words]
     assert failures([1, 2, 3, 4], [1, 2, 4], [1, 2, 4], twin=REFUSED) == []
     assert failures([1, 2, 3, 4], [1, 2, 3, 4], [1, 2, 3, 4]) == []
+
+
+def test_a_run_that_goes_on_is_judged_by_what_it_sends_itself():
+    """Of those before, refused ones among them, its nodes know nothing."""
+    began = {"sent": "4", "experiment": "4", "resumed": "3"}
+    assert failures([1, 2, 3, 4], [1, 3, 4], [4], plant=began) == []
+    words = "1 of 1 experiments sent are missing, not answered: experiment 4"
+    assert failures([1, 2, 3, 4], [1, 3], [], plant=began) == [words]
