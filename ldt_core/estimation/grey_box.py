@@ -125,12 +125,15 @@ class GreyBox:
                 changed = effect.change_parameters(self.physics, changed, given)
             seen = self.physics.behind_sensor(experiment.speed, experiment.period, use, machine)
             current = None if experiment.current is None else float(experiment.current[0])
+            offset = np.zeros(CURRENT + 1) if start is None else start
             if rest:
                 first = self.physics.initial_state(changed, 0.0, current)
-            else:
-                first = self.physics.running_state(changed, float(seen[0]), 0.0, current)
-            if start is not None:
-                first[: CURRENT + 1] += start
+                first[ANGLE] += offset[ANGLE]
+            else:  # what the shaft shakes moves by its angle
+                angle = float(offset[ANGLE])
+                first = self.physics.running_state(changed, float(seen[0]), angle, current)
+            first[SPEED] += offset[SPEED]
+            first[CURRENT] += offset[CURRENT]
             about = experiment.voltage, experiment.period, first, use, step
             if gain > 0:
                 states = self.physics.simulate(machine, *about, (seen, gain))
@@ -142,20 +145,21 @@ class GreyBox:
         return np.nan_to_num(speed, nan=DIVERGED, posinf=DIVERGED, neginf=-DIVERGED)
 
     def turn(self, q: Array, experiment: Experiment, noise: float) -> float:
-        """Angle [rad] by which a start at rest may differ without any difference in speed.
+        """Angle [rad] by which the start may differ without any difference in speed.
 
         0 where the start angle moves the speed by less than the noise at any sample, half a turn
         for a vertical shaft on a symmetrical foundation, else a whole turn.
 
         Args:
             q: (n,) coordinates.
-            experiment: at rest at its first sample.
+            experiment: with its first sample.
             noise: standard deviation of the measured speed [rad/s].
         """
+        rest = self.at_rest(experiment, noise)
 
         def started(angle: float) -> Array:
             start = np.array([angle, 0.0, 0.0])
-            return self.speed(q, experiment, True, start, step=COARSE_STEP)
+            return self.speed(q, experiment, rest, start, step=COARSE_STEP)
 
         nominal = started(0.0)
         if float(np.abs(started(1.0) - nominal).max()) <= noise:

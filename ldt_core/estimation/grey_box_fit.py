@@ -124,8 +124,8 @@ class GreyBoxProblem:
         for e, rest in zip(self.experiments, self.rest, strict=True):
             known = [] if rest else [SPEED] if e.current is not None else [SPEED, CURRENT]
             wide = [noise, float(np.abs(e.voltage).max()) / box.nominal["R"]][: len(known)]
-            if rest and turn > 0:
-                known, wide = [ANGLE], [1.0]
+            if turn > 0:
+                known, wide = [ANGLE, *known], [1.0, *wide]
             self._own.append(known)
             self._spread.append(np.maximum(np.array(wide), 1e-12))
         ends = box.size + np.cumsum([0, *(len(own) for own in self._own)])
@@ -139,8 +139,8 @@ class GreyBoxProblem:
         self._precision = np.zeros((self.size, self.size))
         self._precision[:k, :k] = prior.precision
         for own_states, place in zip(self._own, self._places, strict=True):
-            if own_states != [ANGLE]:  # of an angle nothing is known beforehand
-                self._precision[place, place] = np.eye(len(own_states))
+            # Of an angle nothing is known beforehand.
+            self._precision[place, place] = np.diag([float(s != ANGLE) for s in own_states])
         self._mean = np.zeros(self.size)
         self._mean[:k] = prior.mean
 
@@ -244,10 +244,7 @@ class GreyBoxProblem:
 
     def turned(self, tried: Sequence[Array]) -> GreyBoxProblem:
         """The problem with the start angles as unknowns, where at one of some q they matter."""
-        at = next((i for i, rest in enumerate(self.rest) if rest), None)
-        if at is None:
-            return self
-        turn = max(self.box.turn(q, self.experiments[at], self.noise) for q in tried)
+        turn = max(self.box.turn(q, self.experiments[0], self.noise) for q in tried)
         if turn == 0:
             return self
         given = (self.box, self.experiments, self.noise, self.prior, self.keep)
@@ -257,14 +254,14 @@ class GreyBoxProblem:
         """(size,) these coordinates with the best of some start angles for each experiment."""
         x = self.point(q)
         for i, place in enumerate(self._places):
-            if self._own[i] != [ANGLE]:
+            if ANGLE not in self._own[i]:
                 continue
             costs = []
             for part in range(ANGLES):
-                x[place] = self.turn * part / ANGLES
+                x[place.start] = self.turn * part / ANGLES
                 rest = self.residual(x, i, gain, COARSE_STEP)[self.keep[i]] / self.noise
                 costs.append(float(rest @ rest))
-            x[place] = self.turn * int(np.argmin(costs)) / ANGLES
+            x[place.start] = self.turn * int(np.argmin(costs)) / ANGLES
         return x
 
     def angles(self, x: Array, information: Array) -> tuple[FoundAngle, ...]:

@@ -123,9 +123,10 @@ class GreyBoxModel(Model):
         rest = self.box.at_rest(experiment, noise) if noise else False
         start = np.zeros(3)
         variance = np.full(len(experiment), noise**2)
-        if rest and self.angle is not None and self.angle.same < EVEN - ROUNDED:
+        unknown = self.angle is not None and (not rest or self.angle.same < EVEN - ROUNDED)
+        if unknown and noise:
             runs = [
-                self.box.speed(self.q, experiment, True, np.array([angle, 0.0, 0.0]), step=step)
+                self.box.speed(self.q, experiment, rest, np.array([angle, 0.0, 0.0]), step=step)
                 for angle, step in ((self.turn * k / ANGLES, COARSE_STEP) for k in range(ANGLES))
             ]
             speed = np.median(runs, axis=0)
