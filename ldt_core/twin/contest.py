@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -35,8 +36,9 @@ WORSE = 1.1
 ALIKE = 2 * float(np.log(20.0))
 #: Experiments learned from at most, the newest included.
 POOL = 3
-#: Flexible models that compete where no cause explains the machine.
-FLEXIBLE = ("hybrid", "linear")
+#: The model that competes where no cause explains the machine. A linear one is no rival: without
+#: physics it errs without bound where the excitation is new.
+FLEXIBLE = "hybrid"
 #: In the details of an adaptation: what learns from it competes at the next experiment.
 SEARCHING = "searching"
 #: In the details of an adaptation: the original has come into force again.
@@ -44,7 +46,7 @@ ORIGINAL = "original_again"
 
 
 class ContestAdaptor(Adaptor):
-    """Lets every earlier version, causes old and new, and flexible models compete at a positive.
+    """Lets every earlier version, causes old and new, and a flexible model compete at a positive.
 
     Where the present model claims not to know enough, it is re-estimated from more experiments. At
     any other positive, in this order, until one explains the experiment:
@@ -53,7 +55,7 @@ class ContestAdaptor(Adaptor):
        version back at once, without training;
     2. the causes known so far, re-estimated with the machine's parameters, under their priors;
     3. one more effect of the library, or another one, that explains the experiment to the noise;
-    4. what comes nearest of these, and the flexible models. They compete at the next experiment,
+    4. what comes nearest of these, and the flexible model. They compete at the next experiment,
        from which none of them has learned.
 
     Over ten experiments the twin's largest errors may sum to 1.1 times the original's; beyond, the
@@ -107,6 +109,9 @@ class ContestAdaptor(Adaptor):
             found = self.original, "is the original again, which erred less over ten experiments"
             details[ORIGINAL] = 1.0
             self.errors.clear()
+        if found is None and signal.state == "new_range" and self._original_errs_less():
+            found = self.original, "is the original again, which errs less in this new range"
+            details[ORIGINAL] = 1.0
         known = self._explaining
         if found is None and signal.level is Level.WARNING and known not in (None, self.model):
             assert known is not None
@@ -182,6 +187,11 @@ class ContestAdaptor(Adaptor):
         (now, first), (twin, original) = self.errors[-1], map(sum, zip(*self.errors, strict=True))
         return now > first and twin > WORSE * original
 
+    def _original_errs_less(self) -> bool:
+        """In the last experiment, by as much as the twin may err more over several."""
+        now, first = self.errors[-1]
+        return now > WORSE * first
+
     def _learn(self, experiment: Experiment) -> tuple[Action, str, dict[str, float]]:
         self.memory.clear()
         before = self.model
@@ -211,6 +221,11 @@ class ContestAdaptor(Adaptor):
             if explained or reached < BETTER * present:
                 self._adopt(best.again(before.version + 1))
                 return Action.ADAPTED, self._reason(before, experiment, origin), details
+        nearest = min((self.original, *self.earlier), key=lambda m: rms_error(m, experiment))
+        if rms_error(nearest, experiment) < BETTER * present and self._serves(nearest, experiment):
+            self._adopt(nearest.again(before.version + 1))
+            origin = f"is version {nearest.version} again, which errs least"
+            return Action.ADAPTED, self._reason(before, experiment, origin), details
         stays = f"version {before.version} stays"
         reason = f"no known cause explains it, other models compete at the next experiment; {stays}"
         return Action.REFUSED, reason, details
@@ -308,15 +323,9 @@ class ContestAdaptor(Adaptor):
 
     def candidates(self, pool: Sequence[Experiment]) -> list[Model]:
         """New models that have learned from these experiments."""
-        found: list[Model] = []
-        with one_thread():
-            found += self._structures(pool)
-            for kind in FLEXIBLE:
-                try:
-                    flexible = build_model(kind, self.model.machine, self._settings)
-                    found.append(flexible.fit(pool))
-                except (LdtError, np.linalg.LinAlgError, ArithmeticError):
-                    continue
+        found = list(self._structures(pool))
+        with one_thread(), suppress(LdtError, np.linalg.LinAlgError, ArithmeticError):
+            found.append(build_model(FLEXIBLE, self.model.machine, self._settings).fit(pool))
         return found
 
     def _grey(self) -> Model:
