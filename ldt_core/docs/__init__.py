@@ -14,7 +14,7 @@ def names() -> list[str]:
     order = (
         *("start", "watch", "python", "connect", "machine", "deploy", "real"),
         *("diagnosis", "detector", "advice", "defaults", "effect", "physics"),
-        *("accuracy", "paper", "promises", "speed"),
+        *("accuracy", "streams", "paper", "promises", "speed"),
     )
     found = {file.stem for file in FOLDER.glob("*.md")}
     return [n for n in order if n in found] + sorted(found.difference(order))

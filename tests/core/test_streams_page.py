@@ -1,0 +1,11 @@
+"""The table of the page about other machines is that of its result file."""
+
+from __future__ import annotations
+
+from ldt_core.docs import text
+from tests.robustness_table import KEPT, page, rows
+
+
+def test_the_table_is_that_of_the_result_file():
+    """As `python -m tests.robustness_table` writes it."""
+    assert page(text("streams"), rows(KEPT)) == text("streams")
