@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from functools import lru_cache
@@ -355,7 +356,7 @@ def fingerprint() -> str:
 def test_result_is_the_same_to_the_last_bit():
     """Another process, with more BLAS threads, finds the identical model."""
     program = f"from {__name__} import fingerprint; print(fingerprint())"
-    env = {"OPENBLAS_NUM_THREADS": "4", "PYTHONPATH": ":".join(sys.path)}
+    env = {**os.environ, "OPENBLAS_NUM_THREADS": "4", "PYTHONPATH": ":".join(sys.path)}
     other = subprocess.run(
         [sys.executable, "-c", program], env=env, capture_output=True, text=True, check=True
     )
