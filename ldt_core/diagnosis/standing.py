@@ -57,6 +57,8 @@ def objection(
     ]
     if ends:
         return f"its fit ended at the limit of the search ({', '.join(ends)})"
+    if not apart:
+        return ""
     left = max(after.rmse**2 - noise**2, 0.0)
     speed = np.concatenate([e.speed for e in held])
     mean = float(np.mean(np.concatenate([e.speed for e in fitted])))
