@@ -21,7 +21,6 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.calibration.identifiability import uncertainty
 from ldt_core.calibration.parameter_fit import CalibrationRuns
-from ldt_core.effects import EFFECTS
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 
@@ -56,7 +55,7 @@ def lack_of_fit(
     base = [runs.free_run(i, values) for i in chosen]
     found = []
     tested = 0
-    for effect in _possible(machine):
+    for effect in machine.possible_effects():
         response = _response(runs, values, effect, chosen, base)
         if response is None:
             continue
@@ -73,18 +72,6 @@ def _basis(sensitivities: Sequence[Array]) -> list[Array]:
     columns, size, _ = np.linalg.svd(np.vstack(sensitivities), full_matrices=False)
     kept = columns[:, size > LEAST_DIRECTION * size.max(initial=0.0)]
     return np.split(kept, np.cumsum([len(s) for s in sensitivities])[:-1])
-
-
-def _possible(machine: Machine) -> list[Effect]:
-    found = []
-    for name in EFFECTS.names():
-        effect = machine.effect(name)
-        try:
-            effect.require(machine.model)
-        except LdtError:
-            continue
-        found.append(effect)
-    return found
 
 
 def _response(

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldt_core.base.experiment import Level, Samples
 from ldt_core.detectors.base import Detector, declared
-from ldt_core.detectors.excited_range import Hull, hull, within
-from ldt_core.estimation.misfit import MOST_LOG, STRETCH, misfit
+from ldt_core.detectors.excited_range import Hull, hull, joined, within
+from ldt_core.estimation.misfit import MOST_LOG, STRETCH, Misfit, misfit
 
 #: Exponents of the bets on ranks (Vovk, Gammerman, Shafer, "Algorithmic Learning in a Random
 #: World", 2022, section 8): small ones win by rare ranks, large ones by slightly low ones.
@@ -136,18 +137,19 @@ class Adequacy(Detector):
         if voltage is None or voltage.size != residual.size:
             voltage = np.zeros(residual.size)  # of nothing else is known that it differs
         level = self._judged(residual, deviation, voltage)
+        self.last = hull(voltage)
         if self.explained:
-            self.seen = hull(voltage, self.seen)
+            self.seen = joined(self.seen, self.last)
             if self.model_state == "holds":
-                self.explained = hull(voltage, self.explained)
-        self.last = hull(voltage, [])
+                self.explained = joined(self.explained, self.last)
         return level
 
     def _judged(self, residual: Samples, deviation: Samples | None, voltage: Samples) -> Level:
         if residual.size < LEAST_SAMPLES:
             self.model_state, self.adequacy = "learning", None
             return Level.NEGATIVE
-        plain, found = misfit(residual), misfit(residual, deviation)
+        plain = misfit(residual)
+        found = plain if deviation is None else misfit(residual, deviation)
         self.adequacy = plain.ratio
         self.unexplained = min(plain.evidence * max(self.unexplained, 1.0), math.exp(MOST_LOG))
         self.misfit = min(found.evidence * max(self.misfit, 1.0), math.exp(MOST_LOG))
@@ -183,8 +185,7 @@ class Adequacy(Detector):
             return True
         if np.count_nonzero(known) < STRETCH:
             return False
-        part = None if deviation is None else deviation[known]
-        return misfit(residual[known], part).evidence >= self.false_alarm_every
+        return _misfit_where(known, residual, deviation).evidence >= self.false_alarm_every
 
     def _beyond(self, voltage: Samples) -> Level:
         """The model fails, but not where it has been right: only the excitation is another."""
@@ -201,8 +202,7 @@ class Adequacy(Detector):
         if np.count_nonzero(known) < min(STRETCH, residual.size):
             self.model_state = "new_range"
             return Level.NEGATIVE
-        part = None if deviation is None else deviation[known]
-        error = math.log(misfit(residual[known], part).relative)
+        error = math.log(_misfit_where(known, residual, deviation).relative)
         rank = (1 + sum(e >= error for e in self.errors)) / (1 + len(self.errors))
         bet = float(np.mean([k * rank ** (k - 1) for k in EXPONENTS]))
         self.change = min(bet * max(self.change, 1.0), math.exp(MOST_LOG))
@@ -227,3 +227,7 @@ class Adequacy(Detector):
             "change": self.change,
             "drift_limit": self.false_alarm_every,
         }
+
+
+def _misfit_where(known: NDArray[np.bool_], residual: Samples, deviation: Samples | None) -> Misfit:
+    return misfit(residual[known], None if deviation is None else deviation[known])

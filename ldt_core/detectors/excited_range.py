@@ -23,13 +23,15 @@ AFTER = 0.05
 Hull = list[list[float]]
 
 
-def hull(voltage: Array, other: Hull) -> Hull:
-    """[lowest, highest] of each quantity in a voltage (L,) [V], joined with another hull."""
+def hull(voltage: Array) -> Hull:
+    """[lowest, highest] of each quantity in a voltage (L,) [V]."""
     seen = _quantities(voltage)
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    if other:
-        low, high = np.minimum(low, other[0]), np.maximum(high, other[1])
-    return [low.tolist(), high.tolist()]
+    return [seen.min(axis=0).tolist(), seen.max(axis=0).tolist()]
+
+
+def joined(one: Hull, other: Hull) -> Hull:
+    """The hull of two, neither empty."""
+    return [np.minimum(one[0], other[0]).tolist(), np.maximum(one[1], other[1]).tolist()]
 
 
 def within(voltage: Array, range_: Hull) -> NDArray[np.bool_]:

@@ -44,18 +44,9 @@ def library(
     Raises:
         OptionError: a name that is not known, or an own effect that this machine cannot have.
     """
-    known = EFFECTS.names()
     for name in without:
         EFFECTS.require(name)
-    found = []
-    for name in known:
-        effect = machine.effect(name)
-        try:
-            effect.require(machine.model)
-        except OptionError:
-            continue
-        if name not in without:
-            found.append(effect)
+    found = [effect for effect in machine.possible_effects() if effect.name not in without]
     for name in more:
         effect = get_effect(name)
         effect.require(machine.model)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 from collections.abc import Mapping, Sequence
@@ -21,7 +22,7 @@ from ldt_core.base.errors import (
     did_you_mean,
 )
 from ldt_core.base.plain_yaml import load_yaml
-from ldt_core.effects import get_effect
+from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.experiment_limits import Declared, refuse_impossible
 from ldt_core.machine.file_values import (
     check_keys,
@@ -135,6 +136,15 @@ class Machine:
         """
         known = next((given for effect, given in self.effects if effect.name == name), None)
         return _effect(name) if known is None else _about(name, tuple(known.items()))
+
+    def possible_effects(self) -> list[Effect]:
+        """The effects of the library that this machine can have, as changes of it."""
+        found = []
+        for effect in map(self.effect, EFFECTS.names()):
+            with contextlib.suppress(OptionError):
+                effect.require(self.model)
+                found.append(effect)
+        return found
 
     @property
     def tolerances(self) -> dict[str, float]:

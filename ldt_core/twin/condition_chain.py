@@ -42,15 +42,15 @@ class ConditionChain:
         if old in self.shown:
             self.shown[new] = self.shown.pop(old)
 
-    def following(self, condition: int | None) -> dict[int | None, float]:
+    def following(self, condition: int) -> dict[int, float]:
         """Probability of each condition in the next experiment, from how often it followed.
 
         It stays `LASTED` times more often than counted. What followed and no version explained
         counts as staying, since no other one is known to be nearer.
         """
-        counts: dict[int | None, float] = {condition: LASTED}
+        counts = {condition: LASTED}
         for before, after in itertools.pairwise(self.path):
-            if before == condition and condition is not None:
+            if before == condition:
                 known = condition if after is None else after
                 counts[known] = counts.get(known, 0.0) + 1.0
         total = sum(counts.values())

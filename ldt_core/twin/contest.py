@@ -13,11 +13,9 @@ from joblib import cpu_count
 from ldt_core.base.errors import LdtError, ModelError
 from ldt_core.base.experiment import FAILED, Action, Adaptation, Experiment, Level, Signal, rms
 from ldt_core.base.threads import one_thread
-from ldt_core.effects import EFFECTS
 from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
-from ldt_core.physics.effect import Effect
 from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK, Adaptor
 from ldt_core.twin.condition_chain import ConditionChain
 from ldt_core.twin.memory import Memory
@@ -170,10 +168,9 @@ class ContestAdaptor(Adaptor):
         here = self._condition(version)
         expected = {id(version): 0.0, id(self.model): 0.0}
         for condition, probability in self.chain.following(here).items():
-            shown = experiment if condition == here else self.chain.shown.get(condition or 0)
+            shown = experiment if condition == here else self.chain.shown[condition]
             for model in (version, self.model):
-                error = largest_error(model, shown or experiment)
-                expected[id(model)] += probability * error
+                expected[id(model)] += probability * largest_error(model, shown)
         return expected[id(version)] <= expected[id(self.model)]
 
     def _compared(self, experiment: Experiment, signal: Signal) -> None:
@@ -340,11 +337,11 @@ class ContestAdaptor(Adaptor):
             super().recall(step)
             return
         self._compared(step.experiment, step.signal)
-        pool = self._unexplained(step.experiment)
+        told = step.adaptation.details
+        pool = self._unexplained(step.experiment) if told.get(SEARCHING) else []
         self._explaining = self._explained_by(step.experiment)
         before = self.model
         super().recall(step)
-        told = step.adaptation.details
         if ROLLED_BACK in told:
             self.chain = ConditionChain()
         elif not any(told.get(why) for why in PASSED_OVER):
@@ -352,7 +349,7 @@ class ContestAdaptor(Adaptor):
             self._saw(step.experiment)
         if told.get(ORIGINAL):
             self.errors.clear()
-        self.pending = pool if told.get(SEARCHING) else []
+        self.pending = pool
 
     def state(self) -> dict[str, Any]:
         """Its state by the numbers of what is recorded; `return_to` takes it back."""
@@ -370,24 +367,11 @@ class ContestAdaptor(Adaptor):
         self.errors, self.pending, self.chain = deque(errors, WATCHED), pending, chain
 
 
-def library(machine: Any) -> list[Effect]:
-    """The effects that a machine can have."""
-    found = []
-    for name in EFFECTS.names():
-        effect = machine.effect(name)
-        try:
-            effect.require(machine.model)
-        except LdtError:
-            continue
-        found.append(effect)
-    return found
-
-
 def _structures(start: GreyBoxModel, pool: Sequence[Experiment]) -> list[Model]:
     """Causes beside and in place of the present ones, the best of them."""
     try:
         search = start.search_on(pool, cpu_count())
-        ranked = search.search(start.present, library(start.machine))
+        ranked = search.search(start.present, start.machine.possible_effects())
     except (LdtError, np.linalg.LinAlgError, ArithmeticError):
         return []
     if not ranked:
