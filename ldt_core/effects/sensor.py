@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from ldt_core.effects.base import Effect, factor_of
 from ldt_core.physics.parameter import Parameter
@@ -22,9 +21,10 @@ def _lagging(speed: Array, period: float, time_constant: float) -> Array:
     decay = math.exp(-ratio)
     gain = -math.expm1(-ratio) / ratio
     now, before = 1.0 - gain, gain - decay
-    # The state that makes the output begin at the first speed, as of a sensor that has settled.
-    settled = np.array([before * speed[0] + decay * speed[0]])
-    return lfilter([now, before], [1.0, -decay], speed, zi=settled)[0]
+    # With its compiler it takes longer to import than all else of an effect.
+    from ldt_core.physics.integrate import lagged
+
+    return lagged(np.ascontiguousarray(speed, dtype=np.float64), decay, now, before)
 
 
 SENSOR_GAIN = Effect(

@@ -48,6 +48,17 @@ def propagate(ad, bd, volts, initial, seen, gain):  # pragma: no cover - compile
 
 
 @njit(cache=True, nogil=True)
+def lagged(x, decay, now, before):  # pragma: no cover - compiled
+    """y[k] = decay y[k-1] + now x[k] + before x[k-1]: (L,), settled at the first sample."""
+    y = np.empty_like(x)
+    kept = before * x[0] + decay * x[0]
+    for k in range(x.size):
+        y[k] = kept + now * x[k]
+        kept = before * x[k] + decay * y[k]
+    return y
+
+
+@njit(cache=True, nogil=True)
 def turned(s, o, theta, delta):  # pragma: no cover - compiled
     """Sine and cosine of theta + delta from those of theta: a step turns the shaft very little.
 
