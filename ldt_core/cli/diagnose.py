@@ -52,8 +52,8 @@ MAX_CANDIDATES = 8  # candidates in the table of the terminal; the page has all
 @click.option(
     "--refit",
     metavar="NAME,...",
-    help="Parameters of the machine to fit along and never to name, or none; those that the file "
-    "says were calibrated if not given.",
+    help="Parameters of the machine to fit along within their tolerances, or none; if not given, "
+    "those of which the file states a deviation or says that they were calibrated.",
 )
 @namespace_option
 @click.option(
@@ -103,7 +103,8 @@ def command(
     from ldt_core.base.errors import BadInput
     from ldt_core.cli.recordings import read_recordings
     from ldt_core.diagnosis.diagnose import diagnose
-    from ldt_core.diagnosis.library import library, refitted_effects
+    from ldt_core.diagnosis.library import library
+    from ldt_core.diagnosis.nominal_prior import nominal_prior
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.runs.each_recording import Options
     from ldt_core.views.diagnosis_page.diagnosis_page import as_json as in_json
@@ -113,7 +114,7 @@ def command(
     machine = load_machine(settings["machine"])
     effects = library(machine, more, without)
     fitted_along = None if refit is None else [n.strip() for n in refit.split(",")]
-    refitted_effects(machine, fitted_along)
+    nominal_prior(machine, fitted_along)
     if (jobs or scheduler) and not each:
         raise BadInput("--jobs" if jobs else "--scheduler", "--each with it", "a single diagnosis")
     if figure:

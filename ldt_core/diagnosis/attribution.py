@@ -24,26 +24,32 @@ TRACELESS_ERROR = 0.005  # of the gap's power, by which a law may be off and lea
 UNDETERMINED = 3.0  # standard deviation, in coordinates, from which a parameter has no interval
 
 
-def deviations(fit: EffectFit, left: float, gap: float) -> tuple[Array, ...]:
-    """Standard deviation of each member's coordinates; infinite where nothing depends on them.
+def covariance(fit: EffectFit, left: float, gap: float) -> Array:
+    """(p, p) of all coordinates; infinite variance where nothing depends on one.
 
     The set leaves the power `left` beyond noise, of the power `gap` of the whole gap.
     """
-    size = np.linalg.norm(fit.jacobian, axis=0)
-    seen = size > 1e-9
-    found = np.full(size.size, math.inf)
-    if seen.any():
-        scaled = fit.jacobian[:, seen] / size[seen]
+    # What is known beforehand does not get wider with what the laws leave.
+    wider = 1 + (max(left, 0.0) + TRACELESS_ERROR * gap) / REMAINDER_SHAPES
+    rows = np.vstack([fit.jacobian / math.sqrt(wider), fit.prior_rows])
+    size = np.linalg.norm(rows, axis=0)
+    seen = np.flatnonzero(size > 1e-9)
+    found = np.diag(np.full(size.size, math.inf))
+    if seen.size:
+        scaled = rows[:, seen] / size[seen]
         _, s, right = np.linalg.svd(scaled, full_matrices=False)
-        variance = np.sum((right.T / np.maximum(s, 1e-7)) ** 2, axis=1) / size[seen] ** 2
-        found[seen] = np.sqrt(
-            variance * (1 + (max(left, 0.0) + TRACELESS_ERROR * gap) / REMAINDER_SHAPES)
-        )
-    return by_member(fit.members, found)
+        half = right.T / np.maximum(s, 1e-7) / size[seen][:, None]
+        found[np.ix_(seen, seen)] = half @ half.T
+    return found
+
+
+def deviations(fit: EffectFit, left: float, gap: float) -> tuple[Array, ...]:
+    """Standard deviation of each member's coordinates; arguments as of `covariance`."""
+    return by_member(fit.members, np.sqrt(np.diag(covariance(fit, left, gap))))
 
 
 def amounts(fit: EffectFit, left: float, gap: float) -> dict[str, dict[str, ParameterAmount]]:
-    """Effect to parameter to amount, of every member of a set; arguments as of `deviations`."""
+    """Effect to parameter to amount, of every member of a set; arguments as of `covariance`."""
     found: dict[str, dict[str, ParameterAmount]] = {}
     for c, z, spread in zip(fit.effects, fit.z, deviations(fit, left, gap), strict=False):
         low, high = c.bounds

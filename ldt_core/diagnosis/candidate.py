@@ -21,6 +21,7 @@ START_SHAPES = (0.3, 1.0, 3.0)  # of the default of a shape, such as a time cons
 START_VOLTAGES = (0.4, 0.55, 0.7, 0.85, 0.95)  # of the largest voltage, for a limit on it
 START_PHASES = 8  # of a turn
 MOST_STARTS = 96  # of one effect: bounds the time that it takes
+DIFFERENCE_STEP = 1e-3  # of a coordinate: far above rounding, far below any curvature
 # How far a fit may go.
 LEAST_VOLTAGE = 0.05  # of the largest voltage: a lower limit would have stopped the machine
 LEAST_FACTOR = 0.05  # a machine further below its file than that is another machine
@@ -60,6 +61,14 @@ class Candidate:
 
     def __len__(self) -> int:
         return len(self.effect.parameters)
+
+    #: Whether all that a fit may try moves the residuals in proportion.
+    steady = False
+
+    @property
+    def differences(self) -> Array:
+        """(d,) steps of the coordinates for difference quotients."""
+        return np.full(len(self), DIFFERENCE_STEP)
 
     def scale(self, j: int) -> float:
         """Typical size of parameter j on this machine."""

@@ -40,9 +40,10 @@ from ldt_core.diagnosis.holdout import (
     split,
 )
 from ldt_core.diagnosis.isolability import isolability
-from ldt_core.diagnosis.library import library, refitted_effects
+from ldt_core.diagnosis.library import library
 from ldt_core.diagnosis.next_experiment import next_experiment
 from ldt_core.diagnosis.nominal import enough, refits, said
+from ldt_core.diagnosis.nominal_prior import NOMINAL, NominalPrior, merged, nominal_prior
 from ldt_core.diagnosis.residual_torque import (
     TorqueEstimator,
     added_torque,
@@ -81,7 +82,7 @@ def diagnose(
     Args:
         effects: candidates; None takes the library. One that is known of the machine is a candidate
             for what has become of it.
-        refit: parameters of the machine to fit with every set, see `library.refitted_effects`.
+        refit: parameters of the machine to fit with every set, see `nominal_prior`.
         workers: threads; None takes one for each processor.
 
     Raises:
@@ -95,8 +96,8 @@ def diagnose(
     fitted, held = split(experiments, holdout, seed)
     most = max(float(np.abs(e.voltage).max()) for e in fitted)
     sizes = machine_scales(machine.parameters, most or 1.0)
-    own = [Candidate(e, most or 1.0, sizes) for e in refitted_effects(machine, refit)]
-    mine = [c.name for c in own]
+    prior = nominal_prior(machine, refit, recordings)
+    mine = prior.swallowed if prior else set()
     candidates = [
         Candidate(machine.effect(e.name) if e.name in machine.acting else e, most or 1.0, sizes)
         for e in (library(machine) if effects is None else effects)
@@ -106,14 +107,16 @@ def diagnose(
         residuals = FreeRunResiduals(
             machine, fitted, workers=workers, tolerance=THRESHOLDS.law_error
         )
-        search = EffectSetSearch(residuals, candidates, tick, own)
+        search = EffectSetSearch(residuals, candidates, tick, prior.candidate() if prior else None)
         tick("what this recording can tell apart")
         silent, groups = isolability(search)
         search.twins = {
             n: {o for g in groups if n in g for o in g} - {n} for g in groups for n in g
         }
         decision = decide(search, seed, bool(fault) and only)
-        report = _Report(machine, search, decision, fitted, held, recordings, seed, tick, fault)
+        report = _Report(
+            machine, search, decision, fitted, held, recordings, seed, tick, fault, prior
+        )
         return report.diagnosis(silent, groups)
 
 
@@ -139,6 +142,7 @@ class _Report:
     seed: int
     tick: Callable[[str], None]
     fault: str
+    prior: NominalPrior | None
 
     def __post_init__(self) -> None:
         d = self.decision
@@ -183,7 +187,7 @@ class _Report:
         refit = self._refit(before, noise)
         if d.kind == "none":
             words = enough(refit, was.rmse) or words
-        words = " ".join(w for w in (words, said(refit, was.rmse)) if w)
+        words = " ".join(w for w in (words, said(self.machine, refit, was.rmse)) if w)
         if self.fault:
             words = not_measured(self.fault, "" if self.faulty else words)
         best = d.best.use if d.best else []
@@ -201,7 +205,7 @@ class _Report:
             verdict=Verdict(d.kind, effects, acting, d.confidence, words),
             gap=gap,
             where=where,
-            candidates=self._ranked(found, before, noise),
+            candidates=[*self._ranked(found, before, noise), *self._nominal_row(refit, before)],
             remainder=Remainder(left, d.structured, depends),
             undetectable=silent,
             ambiguities=self._all_groups(groups, acting),
@@ -209,7 +213,8 @@ class _Report:
             refit=refit,
             notes=self._notes(),
             effects=[
-                {"effect": effect.name, "parameters": dict(given)} for effect, given in self.use
+                {"effect": effect.name, "parameters": dict(given)}
+                for effect, given in merged(self.machine, self.use)
             ],
             shown=self._shown(before, after),
         )
@@ -217,12 +222,12 @@ class _Report:
     def _refit(self, before: Sequence[Array], noise: float) -> list[Refit]:
         """The machine's own parameters, as the set in force has them; alone without one."""
         alone = self.search.found.fits[frozenset()]
-        if not alone.own or self.faulty:
+        if self.prior is None or self.faulty:
             return []
         after = [free_run(self.machine, e, alone.use) for e in self.held]
         part, _ = closed(self.held, before, after, noise)
         d = self.decision
-        return refits(self.machine, d.best or alone, d.left, d.excess, part)
+        return refits(self.prior, d.best or alone, d.left, d.excess, part)
 
     def _where(self) -> list[GapLocation]:
         """By what was named, free of noise, or else by all that is wrong."""
@@ -304,6 +309,29 @@ class _Report:
             return place, -(r.score if r.score is not None else -np.inf)
 
         return sorted(ranked, key=order)
+
+    def _nominal_row(
+        self, refit: Sequence[Refit], before: Sequence[Array]
+    ) -> list[RankedCandidate]:
+        """What the machine file's own numbers close by themselves, as one candidate."""
+        alone = self.search.found.fits[frozenset()]
+        if not refit or not alone.own:
+            return []
+        d, band = self.decision, self.search.found.band
+        amount = (
+            {
+                name: ParameterAmount(factor, "", None)
+                for name, factor in self.prior.factors(alone.z[-1]).items()
+            }
+            if self.prior
+            else {}
+        )
+        after = errors(self.held, [free_run(self.machine, e, alone.use) for e in self.held]).rmse
+        file = band.excess(self.search.found.residuals.of())
+        score = share(1 - band.excess(alone.residual) / file) if file > 0 else None
+        reason = None if d.kind == "none" else "leaves more than the noise within the tolerances"
+        part = refit[0].closed_fraction
+        return [RankedCandidate(NOMINAL, amount, after, part, None, score, reason)]
 
     def _why_not(self, name: str, score: float | None) -> str | None:
         d = self.decision

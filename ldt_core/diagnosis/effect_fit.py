@@ -15,7 +15,6 @@ from ldt_core.diagnosis.start_states import SEARCH_STEP, StartStates, turns
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.estimation.least_squares import ForwardDifferences, trust_region
 
-DIFFERENCE_STEP = 1e-3  # of a coordinate: far above rounding, far below any curvature
 STEPS = 12  # least-squares steps of one fit: from good starts, more gain nothing
 STEPS_TO_START_STATES = 4  # least-squares steps after which start states are estimated again
 PRECISION = 1e-5  # of the loss: a step that gains less ends the fit
@@ -28,12 +27,12 @@ class EffectFit:
     """A set of effects, fitted.
 
     Attributes:
-        members: its candidates, then those of the machine's own parameters that are fitted with it.
+        members: its candidates, then that of the machine's own parameters, fitted with it.
         z: their coordinates, one array each.
         residual: (size,) residuals that it leaves, in noise deviations.
         jacobian: (size, p) change of the residuals per coordinate.
-        loss: sum of squares of `residual`.
-        own: how many of the members are the machine's own parameters.
+        loss: sum of squares of `residual`, and of the own coordinates: their prior's.
+        own: how many of the members are the machine's own parameters, 1 or 0.
     """
 
     members: tuple[Candidate, ...]
@@ -55,6 +54,11 @@ class EffectFit:
         return tuple(c.name for c in self.effects)
 
     @property
+    def prior_rows(self) -> Array:
+        """(k, p) what the prior of the machine's own parameters adds to the Jacobian."""
+        return _prior_rows(self.members, self.own)
+
+    @property
     def use(self) -> list[Used]:
         """The effects with all their values, as a simulation takes them."""
         return used(self.members, self.z)
@@ -63,6 +67,12 @@ class EffectFit:
     def free(self) -> int:
         """Parameters fitted."""
         return sum(len(c) for c in self.effects)
+
+
+def _prior_rows(members: Sequence[Candidate], own: int) -> Array:
+    count = sum(len(c) for c in members)
+    known = sum(len(c) for c in members[len(members) - own :])
+    return np.eye(count)[count - known :]
 
 
 def used(members: Sequence[Candidate], z: Sequence[Array]) -> list[Used]:
@@ -89,7 +99,8 @@ def fit(
     """Least squares of a set's parameters, from a start.
 
     Args:
-        members: the set, then the machine's own parameters.
+        members: the set, then the machine's own parameters, whose coordinates have a normal prior
+            of deviation 1.
         step: longest integration step [s].
         precision: part of the sum of squares; a step that gains less was the last.
         own: how many members are the machine's own parameters.
@@ -104,10 +115,17 @@ def fit(
     def rest(z: Array) -> Array:
         return residuals.of(used(members, by_member(members, z)), step, starts[0])
 
-    quotients = ForwardDifferences(rest, DIFFERENCE_STEP, high)
+    prior = _prior_rows(members, own)
+
+    def rows(z: Array) -> Array:
+        return np.concatenate([rest(z), prior @ z])
+
+    sizes = np.concatenate([c.differences for c in members])
+    steady = np.concatenate([np.full(len(c), c.steady) for c in members])
 
     def descend(z: Array, count: int) -> tuple[Array, Array, Array]:
         begin = np.clip(z, low + margin, high - margin)
+        quotients = ForwardDifferences(rows, sizes, high, steady)
         accuracy = {"ftol": precision, "xtol": 1e-6, "gtol": 1e-8, "max_nfev": count}
         found = trust_region(quotients.residual, begin, low, high, quotients.jacobian, **accuracy)
         return found.z, found.residual, found.jacobian
@@ -139,5 +157,11 @@ def fit(
         if gain < len(residuals.pieces) * THRESHOLDS.start_angle_gain:
             (z, left, slopes), starts[0] = shared, kept
     return EffectFit(
-        members, by_member(members, z), left, slopes, float(left @ left), own, starts[0]
+        members,
+        by_member(members, z),
+        left[: residuals.size],
+        slopes[: residuals.size],
+        float(left @ left),
+        own,
+        starts[0],
     )

@@ -62,7 +62,7 @@ class EffectSetSearch:
 
     Args:
         own: the machine's own parameters that are not known for certain: they are fitted with
-            every set, and never named.
+            every set under their prior, and never named.
     """
 
     def __init__(
@@ -70,17 +70,17 @@ class EffectSetSearch:
         residuals: FreeRunResiduals,
         candidates: Sequence[Candidate],
         tick: Callable[[str], None] = lambda doing: None,
-        own: Sequence[Candidate] = (),
+        own: Candidate | None = None,
     ) -> None:
         self.residuals, self.candidates, self.tick = residuals, tuple(candidates), tick
-        self.own = tuple(own)
+        self.own = () if own is None else (own,)
         #: Effect to those that this recording cannot tell from it, whatever the data are.
         self.twins: dict[str, set[str]] = {}
         # Its fits run side by side: over so few experiments each of them could not be spread well.
         self.scout, self.workers = residuals.part(scouted(residuals), workers=1), residuals.workers
         zeros = [np.zeros(len(c)) for c in self.own]
         count = len(self.own)
-        fitted = fit(self.scout, self.own, zeros, own=count) if own else None
+        fitted = fit(self.scout, self.own, zeros, own=count) if count else None
         self.responses = simulate_all(
             self.scout, self.candidates, lambda: tick("simulating effects"), fitted, self.workers
         )

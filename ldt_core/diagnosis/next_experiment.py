@@ -11,7 +11,7 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.diagnosis import NextExperiment
-from ldt_core.diagnosis.effect_fit import DIFFERENCE_STEP, EffectFit, by_member, used
+from ldt_core.diagnosis.effect_fit import EffectFit, by_member, used
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.start_states import SEARCH_STEP
 from ldt_core.diagnosis.thresholds import THRESHOLDS
@@ -91,11 +91,11 @@ def _separation(
         z = np.concatenate(f.z)
         base = _run(tried, f.use)
         columns = []
-        for j in range(z.size):
+        for j, by in enumerate(np.concatenate([c.differences for c in f.members])):
             moved = z.copy()
-            moved[j] += DIFFERENCE_STEP
+            moved[j] += by
             use = used(f.members, by_member(f.members, moved))
-            columns.append((_run(tried, use) - base) / DIFFERENCE_STEP)
+            columns.append((_run(tried, use) - base) / by)
         span = np.linalg.qr(np.column_stack(columns))[0]
         for other in alike:
             if other is f:

@@ -1,4 +1,4 @@
-"""The machine's own parameters that are fitted with every set, beside what is known of them.
+"""What became of the machine file's own numbers: how far from the file, and what they close.
 
 They may make up for a cause: a calibrated motor constant that moves by 61 % has swallowed a brake.
 So each is told with its prior, and one far outside it is said in the verdict's sentence.
@@ -6,66 +6,89 @@ So each is told with its prior, and one far outside it is said in the verdict's 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.sentences import listed
-from ldt_core.diagnosis.attribution import DEVIATIONS, deviations
+from ldt_core.diagnosis.attribution import DEVIATIONS, covariance
+from ldt_core.diagnosis.candidate import LIMIT_MARGIN
 from ldt_core.diagnosis.diagnosis import Refit
-from ldt_core.diagnosis.effect_fit import EffectFit, used
-from ldt_core.diagnosis.library import CHANGED_BY
+from ldt_core.diagnosis.effect_fit import EffectFit, by_member, used
+from ldt_core.diagnosis.nominal_prior import NominalPrior
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
 
 
 def refits(
-    machine: Machine, fitted: EffectFit, left: float, excess: float, part: float | None
+    prior: NominalPrior, fitted: EffectFit, left: float, excess: float, part: float | None
 ) -> list[Refit]:
-    """A row for each nominal parameter that was fitted along.
+    """A row for each nominal parameter that was fitted along, or that an effect changed.
 
     Args:
         fitted: the set in force, with the machine's own parameters behind its effects.
         left, excess: power beyond noise that it leaves, and that of the gap.
         part: what these parameters close by themselves, all together.
     """
-    count = len(fitted.members) - fitted.own
-    own, z = fitted.members[count:], fitted.z[count:]
-    spread = deviations(fitted, left, excess)[count:]
-    found = []
-    for k, (c, at) in enumerate(zip(own, z, strict=True)):
-        for name in (n for n, effect in CHANGED_BY.items() if effect == c.name):
-            nominal = machine.parameters.get(name, 0.0)
-            if nominal == 0:  # of which no factor can be told
-                continue
-
-            def factor(
-                moved: np.ndarray, k: int = k, name: str = name, nominal: float = nominal
-            ) -> float:
-                values = dict(machine.parameters)
-                for effect, given in used([own[k]], [moved]):
-                    values = dict(effect.change_parameters(machine.model, values, given))
-                return float(values[name]) / nominal
-
-            try:
-                low, high = c.bounds
-                ends = [np.clip(at + s * DEVIATIONS * spread[k], low, high) for s in (-1, 1)]
-                interval = sorted(factor(e) for e in ends) if np.isfinite(spread[k]).all() else None
-                here = factor(at)
-            except LdtError:  # an increment that no machine has at the interval's end
-                interval, here = None, factor(at)
-            if name == "e" or (here == 1.0 and interval and interval[0] == interval[1]):
-                continue
-            bounds = None if interval is None else (interval[0], interval[1])
-            found.append(Refit(name, here, bounds, machine.tolerances.get(name), part))
+    machine, spread = prior.machine, covariance(fitted, left, excess)
+    here = np.concatenate(fitted.z)
+    known = prior.deviations if prior.known else {}
+    try:
+        at = _logarithms(prior, fitted, here)
+        slopes = _slopes(prior, fitted, here, at)
+    except LdtError:  # numbers that no machine has, at the end of what was tried
+        return []
+    tolerances, found = machine.tolerances, []
+    for i, name in enumerate(prior.names):
+        seen = slopes[i] != 0
+        variance = float(slopes[i, seen] @ spread[np.ix_(seen, seen)] @ slopes[i, seen])
+        half = DEVIATIONS * variance**0.5
+        low, high = np.exp(at[i] - half), np.exp(at[i] + half)
+        bounds = (float(low), float(high)) if np.isfinite(high) and seen.any() else None
+        size = known.get(name, tolerances.get(name))
+        found.append(Refit(name, float(np.exp(at[i])), bounds, size, part))
     return found
+
+
+def _logarithms(prior: NominalPrior, fitted: EffectFit, z: Array) -> Array:
+    """(k,) of what the parameters are multiplied by, effects of the set included."""
+    machine = prior.machine
+    values: Mapping[str, float] = machine.parameters
+    for effect, given in used(fitted.members, by_member(fitted.members, z)):
+        if not effect.states:  # what moves into an effect's own states is still there
+            values = effect.change_parameters(machine.model, values, given)
+    return np.log([values[n] / machine.parameters[n] for n in prior.names])
+
+
+def _slopes(prior: NominalPrior, fitted: EffectFit, z: Array, at: Array) -> Array:
+    """(k, p) change of the logarithms per coordinate."""
+    steps = np.concatenate([c.differences for c in fitted.members])
+    high = np.concatenate([c.bounds[1] for c in fitted.members])
+    slopes = np.empty((len(prior.names), z.size))
+    for j, size in enumerate(steps):
+        moved = z.copy()
+        moved[j] += size if z[j] + size <= high[j] else -size
+        slopes[:, j] = (_logarithms(prior, fitted, moved) - at) / (moved[j] - z[j])
+    return slopes
+
+
+def at_the_end(fitted: EffectFit) -> bool:
+    """Whether the machine's own parameters went as far as their prior lets them."""
+    if not fitted.own:
+        return False
+    return bool(np.abs(fitted.z[-1]).max() >= THRESHOLDS.prior_deviations - LIMIT_MARGIN)
 
 
 def beyond(found: Sequence[Refit]) -> list[Refit]:
     """Those that lie further from the machine file than its tolerance allows."""
     most = THRESHOLDS.prior_deviations
-    return [r for r in found if r.prior_std and abs(r.factor - 1.0) > most * r.prior_std]
+    return [
+        r
+        for r in found
+        if r.prior_std and r.factor > 0 and abs(np.log(r.factor)) > most * r.prior_std
+    ]
 
 
 def enough(found: Sequence[Refit], before: float) -> str:
@@ -83,7 +106,7 @@ def enough(found: Sequence[Refit], before: float) -> str:
     )
 
 
-def said(found: Sequence[Refit], before: float) -> str:
+def said(machine: Machine, found: Sequence[Refit], before: float) -> str:
     """A sentence on those far from the file; "" where there are none.
 
     Args:
@@ -92,13 +115,18 @@ def said(found: Sequence[Refit], before: float) -> str:
     far = beyond(found)
     if not far:
         return ""
+    units = {p.name: p.unit for p in machine.model.parameters}
     what = listed(
-        f"{r.parameter} × {r.factor:.3g} ({abs(r.factor - 1) / (r.prior_std or 1):.2g} deviations "
-        "from the file)"
+        f"{r.parameter} is not {machine.parameters[r.parameter]:.4g} {units[r.parameter]} any more "
+        f"but {r.factor * machine.parameters[r.parameter]:.4g} (× {r.factor:.3g}, "
+        f"{abs(float(np.log(r.factor))) / (r.prior_std or 1):.2g} deviations)"
         for r in far
     )
     part = far[0].closed_fraction
     alone = (
-        "" if part is None else f"; nominal parameters alone close {part:.0%} of {before:.3g} rad/s"
+        ""
+        if part is None
+        else f"; within their tolerances nominal parameters alone close {part:.0%} of "
+        f"{before:.3g} rad/s"
     )
-    return f"Nominal parameters moved beyond their tolerance: {what}{alone}."
+    return f"Beyond its tolerance in the file: {what}{alone}."

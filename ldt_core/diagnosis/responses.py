@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.threads import spread
-from ldt_core.diagnosis.candidate import Candidate
+from ldt_core.diagnosis.candidate import LIMIT_MARGIN, Candidate
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 
@@ -81,7 +81,7 @@ class Responses:
         """
         left, moved = base.residual, self.responses
         if base.members:
-            span = np.linalg.qr(base.jacobian)[0]
+            span = following(base)
             moved = moved - (moved @ span) @ span.T
             left = left - span @ (span.T @ left)
         size, target = np.einsum("ij,ij->i", moved, moved), moved @ left
@@ -154,7 +154,7 @@ def simulate_all(
     """
     given = own.use if own else []
     base = residuals.of(given)
-    span = np.linalg.qr(own.jacobian)[0] if own else np.zeros((residuals.size, 0))
+    span = following(own) if own else np.zeros((residuals.size, 0))
     owner, z = [], []
     for i, c in enumerate(candidates):
         starts = c.starts()
@@ -180,6 +180,20 @@ def simulate_all(
         rows @ rows.T,
         base,
     )
+
+
+def following(base: EffectFit) -> Array:
+    """(size, q) orthonormal directions in which a set's own parameters follow a further effect.
+
+    Those that lie at a bound of theirs, or are known better than these data tell, do not follow.
+    """
+    low, high = (np.concatenate([c.bounds[k] for c in base.members]) for k in (0, 1))
+    z, rows = np.concatenate(base.z), base.jacobian
+    own = z.size - sum(len(c) for c in base.effects)
+    free = (z - low > LIMIT_MARGIN) & (high - z > LIMIT_MARGIN)
+    told = np.linalg.norm(rows, axis=0) > 1.0  # deviations: more than the prior says
+    free &= told | (np.arange(z.size) < z.size - own)
+    return np.linalg.qr(rows[:, free])[0]
 
 
 def best_alone(d: Responses, i: int) -> list[Array]:

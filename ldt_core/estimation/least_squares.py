@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
@@ -131,12 +132,22 @@ class ForwardDifferences:
 
     Args:
         residual: (p,) -> (N,).
-        step: of every coordinate.
+        step: (p,) of the coordinates, or one for all.
         high: (p,) upper bounds.
+        steady: (p,) coordinates whose derivative hardly changes: it is found once. None for none.
     """
 
-    def __init__(self, residual: Residual, step: float, high: Array) -> None:
-        self._residual, self._step, self._high = residual, step, high
+    def __init__(
+        self,
+        residual: Residual,
+        step: Array | float,
+        high: Array,
+        steady: NDArray[np.bool_] | None = None,
+    ) -> None:
+        self._residual, self._high = residual, high
+        self._steady = np.zeros(high.size, bool) if steady is None else steady
+        self._found: Array | None = None
+        self._step = np.broadcast_to(np.asarray(step, dtype=np.float64), high.shape)
         self._last: tuple[Array, Array] | None = None
 
     def residual(self, z: Array) -> Array:
@@ -149,9 +160,13 @@ class ForwardDifferences:
         """(N, p) at z (p,)."""
         known = self._last is not None and np.array_equal(self._last[0], z)
         base = self._last[1] if self._last is not None and known else self._residual(z)
-        columns = np.empty((base.size, z.size))
+        columns = np.empty((base.size, z.size)) if self._found is None else self._found.copy()
         for j in range(z.size):
+            if self._found is not None and self._steady[j]:
+                continue
             moved = z.copy()
-            moved[j] += self._step if z[j] + self._step <= self._high[j] else -self._step
+            step = float(self._step[j])
+            moved[j] += step if z[j] + step <= self._high[j] else -step
             columns[:, j] = (self._residual(moved) - base) / (moved[j] - z[j])
+        self._found = columns
         return columns

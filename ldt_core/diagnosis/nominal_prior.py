@@ -1,0 +1,194 @@
+"""What a machine file knows of its own numbers, as a prior of every fit of a diagnosis.
+
+The numbers take part in each fit as one candidate that is never named. Its coordinates are those in
+which the file's knowledge is round: independent, with deviation 1. A Gaussian prior alone restrains
+nothing where a gap is a thousand times the noise, so none of them leaves the range that the file
+allows. What is further off is a change of the machine, which an effect of the library names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePath
+
+import numpy as np
+
+from ldt_core.base.arrays import Array
+from ldt_core.base.errors import OptionError, did_you_mean
+from ldt_core.diagnosis.candidate import Candidate
+from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.machine.machine_file import Machine
+from ldt_core.physics.effect import Effect
+from ldt_core.physics.parameter import Parameter
+
+#: Parameter to the effect that changes it.
+CHANGED_BY = {
+    "J": "inertia",
+    "K_t": "motor_constant",
+    "R": "armature_resistance",
+    "L": "armature_inductance",
+    "b": "viscous_friction",
+    "K_x": "foundation_stiffness",
+    "K_y": "foundation_stiffness",
+    "R_x": "foundation_damping",
+    "R_y": "foundation_damping",
+    "e": "unbalance",
+}
+EQUIVALENT = ("J", "K_t", "L")  # of an identified motor; its R and b are convention
+NONE = "none"
+NOMINAL = "nominal_parameters"  # name of the candidate
+#: Deviation of a logarithm that stands for no knowledge: a file fitted to the very recording that
+#: is diagnosed knows nothing beside it, and its values have made up for what the file lacks.
+UNKNOWN = 1.0
+WELL_KNOWN = 0.1  # deviation of a logarithm, up to which what it moves hardly changes its shape
+DIFFERENCE = 1e-3  # of a parameter, for difference quotients
+LONGEST_DIFFERENCE = 0.1  # deviations, for those known very well
+
+
+@dataclass(frozen=True, eq=False)
+class NominalCandidate(Candidate):
+    """The numbers of a machine file that are not known for certain, as a candidate."""
+
+    @property
+    def steady(self) -> bool:  # type: ignore[override]
+        """Whether the numbers are known within a few per cent."""
+        return max(p.scale or 0.0 for p in self.parameters) < WELL_KNOWN
+
+    @property
+    def differences(self) -> Array:
+        """(k,) steps that move a parameter by about `DIFFERENCE`."""
+        root = np.array([p.scale or 0.0 for p in self.parameters])
+        return np.minimum(DIFFERENCE / np.maximum(root, 1e-12), LONGEST_DIFFERENCE)
+
+    def scale(self, j: int) -> float:
+        """1: coordinates are deviations."""
+        return 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class NominalPrior:
+    """A normal law of the logarithms of a machine's numbers over the file's.
+
+    Attributes:
+        names: parameters that are uncertain.
+        root: (k, k) square root of the covariance: logarithms per coordinate.
+        known: False where the file was fitted to this recording, and so knows nothing of its own.
+    """
+
+    machine: Machine
+    names: tuple[str, ...]
+    root: Array
+    known: bool = True
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Relative standard deviation of each parameter."""
+        sizes = np.sqrt(np.sum(self.root**2, axis=1)) if self.names else np.zeros(0)
+        return dict(zip(self.names, sizes.tolist(), strict=True))
+
+    @property
+    def swallowed(self) -> set[str]:
+        """Effects that no data tell from these numbers, as nothing is known of them."""
+        return set() if self.known else {CHANGED_BY[n] for n in self.names}
+
+    def factors(self, coordinates: Array) -> dict[str, float]:
+        """What the parameters are multiplied by at (k,) coordinates."""
+        ratios = np.exp(self.root @ coordinates)
+        return dict(zip(self.names, ratios.tolist(), strict=True))
+
+    def candidate(self) -> NominalCandidate:
+        """It, as a member of every set."""
+        far = THRESHOLDS.prior_deviations
+        sizes = np.abs(self.root).max(axis=0)
+
+        def changed(values: Mapping[str, float], **given: float) -> dict[str, float]:
+            found = self.factors(np.array(list(given.values())))
+            return {**values, **{n: values[n] * f for n, f in found.items()}}
+
+        effect = Effect(
+            name=NOMINAL,
+            description="the machine file's own numbers, as far as they are uncertain",
+            equation="parameter := parameter exp(root u)",
+            parameters=tuple(
+                Parameter(f"u_{j}", "", -far, far, 0.0, "coordinate", scale=float(size))
+                for j, size in enumerate(sizes)
+            ),
+            on_parameters=changed,
+        )
+        return NominalCandidate(effect, 1.0)
+
+
+def nominal_prior(
+    machine: Machine, refit: Sequence[str] | None = None, recordings: Sequence[str] = ()
+) -> NominalPrior | None:
+    """What is known of the numbers of a machine file; None where all of them are exact.
+
+    Those are uncertain of which the file states a deviation or says that they were fitted. A number
+    without either is exact.
+
+    Args:
+        refit: names instead, within their tolerances; ["none"] for no parameter.
+        recordings: that are diagnosed. A file that was fitted to one of them knows nothing else.
+
+    Raises:
+        OptionError: a name in `refit` that is no parameter of this machine.
+    """
+    known = [n for n in CHANGED_BY if n in machine.parameters]
+    if refit is not None:
+        names = [n for n in refit if n != NONE]
+        for name in names:
+            if name not in known:
+                raise OptionError("--refit", did_you_mean(name, [*known, NONE]), repr(name))
+    else:
+        names = _uncertain(machine)
+    names = [n for n in known if n in names and machine.parameters[n] != 0]
+    if not names:
+        return None
+    if refit is None and _fitted_to(machine, recordings):
+        return NominalPrior(machine, tuple(names), UNKNOWN * np.eye(len(names)), known=False)
+    tolerances = machine.tolerances
+    names = [n for n in names if tolerances.get(n, 0.0) > 0]
+    sizes = np.array([tolerances[n] for n in names])
+    return NominalPrior(machine, tuple(names), np.diag(sizes)) if names else None
+
+
+def _uncertain(machine: Machine) -> list[str]:
+    if machine.calibration.get("equivalent"):
+        return list(EQUIVALENT)
+    free = machine.calibration.get("free", {})
+    return [*machine.deviations, *(free if isinstance(free, dict) else ())]
+
+
+def _fitted_to(machine: Machine, recordings: Sequence[str]) -> bool:
+    """Whether the file says that it was fitted to one of these recordings, by their names."""
+    listed = machine.calibration.get("recordings")
+    told = [str(r) for r in listed] if isinstance(listed, list) else []
+    return bool({PurePath(r).name for r in told} & {PurePath(r).name for r in recordings})
+
+
+def merged(
+    machine: Machine, use: Sequence[tuple[Effect, Mapping[str, float]]]
+) -> list[tuple[Effect, Mapping[str, float]]]:
+    """The same with the nominal parameters as effects of the library, none of them twice."""
+    found: dict[str, tuple[Effect, dict[str, float]]] = {}
+    values: Mapping[str, float] = machine.parameters
+    for effect, given in use:
+        if effect.name != NOMINAL:
+            found[effect.name] = effect, dict(given)
+            values = effect.change_parameters(machine.model, values, given)
+            continue
+        after = effect.change_parameters(machine.model, values, given)
+        for name, change in CHANGED_BY.items():
+            if name not in after or after[name] == values.get(name):
+                continue
+            own = machine.effect(change)
+            _, now = found.setdefault(change, (own, dict(own.neutral)))
+            if "factor" in now:
+                now["factor"] *= after[name] / values[name]
+            elif name in now:
+                now[name] += after[name] - values[name]
+            else:  # stiffness and damping of a foundation, by their direction
+                now[name[-1]] *= after[name] / values[name]
+        values = after
+    return list(found.values())
