@@ -193,6 +193,8 @@ class EffectSetSearch:
     def _scout(self, tries: Sequence[TriedSet]) -> list[EffectFit]:
         """Fit sets on a few experiments, side by side; the best of each set so far."""
         none = self.found.scouted[frozenset()]
+        # Alone, the machine's own parameters went as far as they may; beside a cause they need not.
+        first = [np.zeros(len(c)) if c.steady else z for c, z in zip(self.own, none.z, strict=True)]
 
         def work(k: int) -> EffectFit:
             members, start, known = tries[k]
@@ -200,7 +202,7 @@ class EffectSetSearch:
             return fit(
                 self.scout,
                 [*(members[i] for i in order), *self.own],
-                [*(start[i] for i in order), *none.z],
+                [*(start[i] for i in order), *first],
                 steps=SCOUT_STEPS,
                 precision=SCOUT_PRECISION,
                 own=len(self.own),
