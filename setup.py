@@ -182,6 +182,7 @@ def build() -> None:
                 "doctor = ldt_core.cli.doctor:command",
                 "effects = ldt_core.cli.effects:command",
                 "identify = ldt_core.cli.identify:command",
+                "info = ldt_core.cli.info:command",
                 "import = ldt_core.cli.import_file:command",
                 "learning = ldt_ros.learning:command",
                 "plot = ldt_core.cli.plot:command",

@@ -20,6 +20,7 @@ from ldt_core.base.settings import resolve
 from ldt_core.base.stopping import stop_on_signals
 from ldt_core.cli import invoke
 from ldt_core.cli.options import Command, json_option, parameters, preset_option
+from ldt_core.cli.outputs import force_option, refuse_force, replacing
 from ldt_ros.graph.environment import prepare, require_ros
 from ldt_ros.graph.leftovers import shared_memory_cleared
 from ldt_ros.graph.secure import secured
@@ -116,20 +117,27 @@ def _roles(settings: Mapping[str, Any]) -> Iterator[str]:
 
 @click.command("up", cls=Command, short_help="Run the whole node graph: machine, twin, recording.")
 @parameters(*GROUPS, "place", "recorder", "graph", "security")
+@force_option
 @preset_option
 @json_option
-def command(settings: dict[str, Any], as_json: bool) -> None:
+def command(settings: dict[str, Any], force: bool, as_json: bool) -> None:
     """Run the whole node graph: machine, twin, detector, adaptor, recorder, and more if asked for.
 
     It simulates the machine as it degrades (or plays a recording, or listens to a machine's samples
     with --source stream), learns, records, ends by itself after the last experiment or on Ctrl-C,
     and prints what happened.
 
-    Example: ldt up --experiments 40 --seed 3 --bag my_run
+    Example: ldt up --experiments 40 --seed 3 --out my_run
     """
+    if settings["resume"]:
+        refuse_force(force)
     settings = _resumed(settings)
     given = resolve(settings)
-    with stop_on_signals(insist=False) as stop, _supervised(given) as supervisor:
+    with (
+        stop_on_signals(insist=False) as stop,
+        replacing("" if settings["resume"] else settings["bag"], force, [settings["play"]]),
+        _supervised(given) as supervisor,
+    ):
         from ldt_core.cli.progress import RunProgress, print_summaries
         from ldt_core.machine.machine_file import load_machine
 

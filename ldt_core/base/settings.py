@@ -91,8 +91,41 @@ def check(name: str, value: Any, declaration: Mapping[str, Any]) -> Any:
     return value
 
 
+def flag_of(name: str) -> str:
+    """The option of a parameter.
+
+    >>> flag_of("split_size"), flag_of("bag")
+    ('--split-size', '--out')
+    """
+    declared = msgs_config.parameters().get(name, {})
+    return "--" + str(declared.get("flag", name.replace("_", "-")))
+
+
+def idle_beside(name: str, settings: Mapping[str, Any]) -> str | None:
+    """The other parameter, beside whose value this one changes nothing; None where it may.
+
+    Beside a part of one's own any parameter may. What a named configuration sets counts as it does
+    there: spelled out it is that configuration.
+
+    >>> idle_beside("order", {"model": "hybrid", "order": 2})
+    'model'
+    """
+    declared = msgs_config.parameters()
+    if any(name in p and p[name] == settings.get(name) for p in PRESETS.values()):
+        return None
+    for other, served in declared[name].get("only_with", {}).items():
+        if other not in settings:
+            continue
+        chosen = settings[other]
+        if chosen not in served and chosen in declared[other].get("shipped", [chosen]):
+            return other
+    return next((o for o in declared[name].get("idle_beside", ()) if settings.get(o)), None)
+
+
 def as_options(settings: Mapping[str, Any]) -> str:
-    """Options of the command line that give these parameters; those at their defaults left out.
+    """Options of the command line that give these parameters.
+
+    Those at their defaults, and those that change nothing, are left out.
 
     >>> as_options({"model": "hybrid", "seed": 3, "offset": False, "effect": ["unbalance:e=0.005"]})
     '--seed 3 --no-offset --effect unbalance:e=0.005'
@@ -102,7 +135,9 @@ def as_options(settings: Mapping[str, Any]) -> str:
     for name, value in settings.items():
         if name in declared and value == declared[name]["default"]:
             continue
-        flag = name.replace("_", "-")
+        if name in declared and idle_beside(name, settings):
+            continue
+        flag = flag_of(name)[2:]
         if isinstance(value, bool):
             words.append(f"--{flag}" if value else f"--no-{flag}")
             continue

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ldt_core.cli.options import diagnosis_option, json_option, namespace_option, parameters
+from ldt_core.cli.outputs import check_file, force_option
 from ldt_core.cli.terminal import echo_result, one_line
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     metavar="FILE.png",
     help="Picture of the way that --reach asks for; SVG, PDF too.",
 )
+@force_option
 @namespace_option
 @json_option
 def command(
@@ -47,6 +49,7 @@ def command(
     given: tuple[str, ...],
     speed: float | None,
     out: str,
+    force: bool,
     namespace: str,
     as_json: bool,
 ) -> None:
@@ -69,6 +72,8 @@ def command(
 
     if out and speed is None:
         raise OptionError("--out", "--reach beside it, whose way to draw", "none")
+    if out:
+        check_file(out, force)
     machine = load_machine(settings["machine"])
     experiments: list[Experiment] = []
     model: ModelRecord | None = None

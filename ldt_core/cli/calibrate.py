@@ -11,13 +11,13 @@ from ldt_core.base.sentences import counted
 from ldt_core.cli.console import Console
 from ldt_core.cli.options import (
     diagnosis_option,
-    force_option,
     json_option,
     judged_option,
     namespace_option,
     new_file_option,
     parameters,
 )
+from ldt_core.cli.outputs import check_file, force_option
 from ldt_core.cli.progress import status
 from ldt_core.cli.terminal import echo_json, one_line
 
@@ -75,7 +75,7 @@ def command(
     from ldt_core.calibration import calibrate
     from ldt_core.calibration.calibrate import check_names
     from ldt_core.calibration.held_out import split
-    from ldt_core.calibration.machine_yaml import check_new, write_machine_file
+    from ldt_core.calibration.machine_yaml import write_machine_file
     from ldt_core.cli.recordings import read_recordings
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.views.figures.free_run_panels import draw_calibration
@@ -88,9 +88,10 @@ def command(
 
         acting = read_effects(diagnosis)
     check_names(machine.with_effects(acting), free, fixed)
-    check_new(out, force)
+    check_file(out, force)
     if figure:
         style.check_picture(figure, "--figure", "--figure")
+        check_file(figure, force, "--figure")
     experiments = read_recordings(recordings, namespace, machine)
     with status("{}: {} simulations of the recording") as tick:
         found = calibrate(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ldt_core.cli.options import compute_options, jobs_option, json_option
+from ldt_core.cli.outputs import no_empty_folder
 from ldt_core.cli.spelling import SuggestingGroup
 from ldt_core.cli.terminal import echo, echo_json, echo_result
 
@@ -141,7 +142,7 @@ def score(
     def say(file: str, digest: str) -> None:
         echo(f"SHA-256 of {file}: {digest}", err=as_json)
 
-    with ResumableProgress("score", "answers", str(target)) as progress:
+    with no_empty_folder(target), ResumableProgress("score", "answers", str(target)) as progress:
         found = score_challenge(
             folder,
             keys,

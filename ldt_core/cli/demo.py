@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from ldt_core.cli.options import json_option
+from ldt_core.cli.outputs import force_option, replacing
 from ldt_core.cli.progress import RunProgress
 from ldt_core.cli.terminal import echo_result, one_line
 
@@ -17,10 +18,11 @@ RUN = {"experiments": 40, "seed": 3}  # those of the README's first command; 20 
     "--out",
     default="ldt_demo",
     show_default=True,
-    help="Folder of the recording and the page, which must not exist.",
+    help="Folder of the recording and the page.",
 )
+@force_option
 @json_option
-def command(out: str, as_json: bool) -> None:
+def command(out: str, force: bool, as_json: bool) -> None:
     """Run a twin beside a simulated rotor that wears, with all defaults, and write the run's page.
 
     Takes half a minute. What it prints says what happened, where the page is, and what to do next.
@@ -36,18 +38,21 @@ def command(out: str, as_json: bool) -> None:
     from ldt_core.runs import offline
     from ldt_core.views.report.report_page import write_page
 
-    if Path(out).exists():
-        raise OptionError("--out", "a folder that does not exist yet", out)
+    if Path(out).exists() and not force:
+        raise OptionError("--out", "a folder that does not exist yet (or --force)", out)
     settings = resolve(RUN)
     machine = load_machine(settings["machine"])
     plant = Plant.from_settings(machine, settings)
     experiments = map(plant.experiment, range(1, settings["experiments"] + 1))
     bag, page = str(Path(out) / "run"), str(Path(out) / "run.html")
-    with RunProgress({machine.name: settings["experiments"]}) as progress:
+    with (
+        replacing(out, force, marks=("run/metadata.yaml",)),
+        RunProgress({machine.name: settings["experiments"]}) as progress,
+    ):
         summary = offline.run(
             machine, settings, experiments, bag, lambda step: progress.show_step(machine.name, step)
         )
-    write_page(bag, page)
+        write_page(bag, page)
     record = {"page": page, "recording": bag, **summary.as_dict()}
     echo_result(
         as_json,

@@ -12,6 +12,7 @@ from rich.table import Table
 from ldt_core.cli.completion import known
 from ldt_core.cli.console import Console
 from ldt_core.cli.options import compute_options, namespace_option, parameters
+from ldt_core.cli.outputs import check_file, check_results, force_option, no_empty_folder
 from ldt_core.cli.progress import ResumableProgress, status
 from ldt_core.cli.terminal import echo, echo_json, one_line, warn
 
@@ -62,6 +63,7 @@ MAX_CANDIDATES = 8  # candidates in the table of the terminal; the page has all
     required=True,
     help="Folder for diagnosis.json and diagnosis.html; made if need be.",
 )
+@force_option
 @click.option(
     "--each",
     is_flag=True,
@@ -85,6 +87,7 @@ def command(
     refit: str | None,
     namespace: str,
     out: str,
+    force: bool,
     each: bool,
     jobs: int,
     scheduler: str,
@@ -107,8 +110,8 @@ def command(
     from ldt_core.diagnosis.nominal_prior import nominal_prior
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.runs.each_recording import Options
+    from ldt_core.views.diagnosis_page.diagnosis_page import JSON, PAGE, picture, write_files
     from ldt_core.views.diagnosis_page.diagnosis_page import as_json as in_json
-    from ldt_core.views.diagnosis_page.diagnosis_page import picture, write_files
     from ldt_core.views.page import style
 
     machine = load_machine(settings["machine"])
@@ -121,13 +124,18 @@ def command(
         if each:
             raise BadInput("--figure", "a single diagnosis", "--each")
         style.check_picture(figure, "--figure", "--figure")
-    folder = _folder(out)
+        check_file(figure, force, "--figure")
+    folder = Path(out)
+    check_results(folder, () if each else (JSON, PAGE), force)
     if each:
         along = None if fitted_along is None else tuple(fitted_along)
         options = Options(namespace, more, without, along, holdout, seed)
-        return _each(recordings, machine, folder, options, (jobs, scheduler), as_json)
+        with no_empty_folder(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            return _each(recordings, machine, folder, options, (jobs, scheduler), as_json)
     experiments = read_recordings(recordings, namespace, machine)
-    with status("{}: {}") as tick:
+    with no_empty_folder(folder), status("{}: {}") as tick:
+        folder.mkdir(parents=True, exist_ok=True)
         found = diagnose(
             machine,
             experiments,
@@ -205,16 +213,6 @@ def _row(a: RecordingAnswer) -> list[str]:
     was, now = gap["before"]["rmse"], gap["after"]["rmse"]
     change = f"{was:.3g}" if was == now else f"{was:.3g} to {now:.3g}"
     return [a.recording, verdict["kind"], effects, closed, change]
-
-
-def _folder(out: str) -> Path:
-    from ldt_core.base.errors import BadInput
-
-    folder = Path(out)
-    if folder.exists() and not folder.is_dir():
-        raise BadInput("--out", "a folder", f"the file {out}")
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
 
 
 def _print(found: Diagnosis, folder: Path) -> None:

@@ -6,18 +6,25 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ldt_core.base.errors import LdtError
 from ldt_core.cli.options import (
-    force_option,
     json_option,
     judged_option,
     namespace_option,
     new_file_option,
 )
+from ldt_core.cli.outputs import check_file, force_option
 from ldt_core.cli.progress import status
 from ldt_core.cli.terminal import echo, echo_json, one_line
 
 if TYPE_CHECKING:
     from ldt_core.calibration.identify import EquivalentMotor
+
+#: What helps where the recordings determine no motor.
+NEXT = (
+    "next: record experiments whose voltage steps up and down and waits until the speed settles, "
+    "or begin with the data sheet's numbers and ldt calibrate (ldt docs connect)"
+)
 
 
 def _range(
@@ -78,21 +85,26 @@ def command(
     Example: ldt identify bag --out unknown.yaml
     """
     from ldt_core.calibration.identify import identify_machine
-    from ldt_core.calibration.machine_yaml import check_new, write_machine_file
+    from ldt_core.calibration.machine_yaml import write_machine_file
     from ldt_core.cli.recordings import read_recordings
 
-    check_new(out, force)
+    check_file(out, force)
     experiments = read_recordings(recordings, namespace)
-    with status() as tick:
-        found = identify_machine(
-            experiments,
-            name,
-            order=order,
-            offset=offset,
-            limits=limits,
-            holdout=holdout,
-            tick=tick,
-        ).with_recordings(recordings)
+    try:
+        with status() as tick:
+            found = identify_machine(
+                experiments,
+                name,
+                order=order,
+                offset=offset,
+                limits=limits,
+                holdout=holdout,
+                tick=tick,
+            ).with_recordings(recordings)
+    except LdtError as error:
+        if error.exit_code != LdtError.exit_code or "ldt docs" in str(error):
+            raise
+        raise LdtError(f"{error}; {NEXT}") from None
     write_machine_file(found, out, force)
     if as_json:
         machine = found.machine

@@ -1,4 +1,4 @@
-"""Options that change nothing beside the others that were given."""
+"""Options that change nothing beside the others that were given: refused, with what they serve."""
 
 from __future__ import annotations
 
@@ -8,23 +8,31 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from ldt_core.cli.terminal import warn
-from ldt_core.detectors import DETECTORS
-from ldt_core.models import MODELS
-
-#: Whose own arguments are known; parts of one's own may take any parameter.
-KNOWN = {"model": MODELS.builtin, "detector": DETECTORS.builtin}
+from ldt_core.base.errors import OptionError
+from ldt_core.base.settings import flag_of, idle_beside
 
 
-def warn_of_idle(settings: Mapping[str, Any], declared: Mapping[str, Mapping[str, Any]]) -> None:
-    """A sentence for each option typed that only serves another choice (`only_with`)."""
+def refuse_idle(settings: Mapping[str, Any], declared: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse an option typed that only serves another choice (`only_with`, `idle_beside`).
+
+    A run that goes on (`resume`) has its choices in its recording; nothing is refused there.
+
+    Raises:
+        OptionError: says which choice it serves.
+    """
     context = click.get_current_context(silent=True)
+    if context is None or settings.get("resume"):
+        return
     for name, declaration in declared.items():
-        typed = context and context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-        for other, served in declaration.get("only_with", {}).items() if typed else ():
-            chosen = settings.get(other)
-            if other in settings and chosen not in served and chosen in KNOWN.get(other, [chosen]):
-                flag, of = (f"--{n.replace('_', '-')}" for n in (name, other))
-                beside = f"beside {of} {chosen}" if chosen else f"without {of}"
-                ways = " or ".join(of if one is True else f"{of} {one}" for one in served)
-                warn(f"{flag} changes nothing {beside}; it belongs to {ways}")
+        if context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
+            continue
+        other = idle_beside(name, settings)
+        if other is None:
+            continue
+        of, chosen = flag_of(other), settings.get(other)
+        served = declaration.get("only_with", {}).get(other)
+        if served is None:
+            raise OptionError(flag_of(name), f"no {of}, beside which it changes nothing", of)
+        ways = " or ".join(of if one is True else f"{of} {one}" for one in served)
+        expected = f"{ways} beside it, without which it changes nothing"
+        raise OptionError(flag_of(name), expected, f"{of} {chosen}" if chosen else f"no {of}")

@@ -8,6 +8,7 @@ import click
 
 from ldt_core.base.sentences import counted
 from ldt_core.cli.options import declared_option, json_option, out_option
+from ldt_core.cli.outputs import force_option, replacing
 from ldt_core.cli.terminal import echo_result, one_line
 
 UNIT_HELP = "with a unit if it is not SI, for example"
@@ -16,6 +17,7 @@ UNIT_HELP = "with a unit if it is not SI, for example"
 @click.command("import", short_help="A CSV file or a foreign bag becomes a recording.")
 @click.argument("file")
 @out_option
+@force_option
 @click.option(
     "--voltage",
     required=True,
@@ -52,6 +54,7 @@ UNIT_HELP = "with a unit if it is not SI, for example"
 def command(
     file: str,
     out: str,
+    force: bool,
     voltage: str,
     speed: str,
     current: str | None,
@@ -79,7 +82,7 @@ def command(
         length=length,
         cut=cut,
     )
-    with stop_on_signals() as stop, BagWriter(out) as writer:
+    with stop_on_signals() as stop, replacing(out, force, [file]), BagWriter(out) as writer:
         for experiment in until_stopped(imported.experiments, stop):
             writer.write("experiment", experiment, experiment.end)
     first = imported.experiments[0]

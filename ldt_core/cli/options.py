@@ -13,10 +13,12 @@ import yaml
 import msgs_config
 from ldt_core.base.errors import BadInput, OptionError, did_you_mean
 from ldt_core.base.plain_yaml import load_yaml
-from ldt_core.base.settings import PRESETS, UNSET, check, preset
+from ldt_core.base.settings import PRESETS, UNSET, check, flag_of, preset
 from ldt_core.cli.completion import among, known
-from ldt_core.cli.idle_options import warn_of_idle
+from ldt_core.cli.idle_options import refuse_idle
+from ldt_core.cli.outputs import present_spelling
 from ldt_core.cli.recorded_machine import machine_of
+from ldt_core.cli.terminal import echo
 
 _TYPES = {"integer": click.INT, "double": click.FLOAT, "string": click.STRING}
 # Headings in --help by the parameters' groups; those of other groups come first, under Options.
@@ -38,32 +40,71 @@ _SECTIONS = {
 }
 
 
+MOST_SHOWN = 17  # options that --help lists all of; of more it lists those that are marked so
+
+
 class Command(click.Command):
-    """A command whose help lists its declared parameters by the part that they belong to."""
+    """A command whose help lists its declared parameters by the part that they belong to.
+
+    Of many it lists those that most runs need; `--help-all` lists all. Former spellings go on.
+    """
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """As click's, after former spellings."""
+        return super().parse_args(
+            ctx, present_spelling(args, [f for p in self.params for f in p.opts])
+        )
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """As click's, with --help-all where --help does not list all."""
+        own = super().get_params(ctx)
+        return [*own[:-1], _HELP_ALL, own[-1]] if self._many else own
+
+    @property
+    def _many(self) -> bool:
+        return sum(isinstance(p, click.Option) for p in self.params) > MOST_SHOWN
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """As click's, in sections."""
+        every = ctx.meta.get(_EVERY) or not self._many
         sections: dict[str, list[tuple[str, str]]] = {"Options": []}
         for parameter in self.get_params(ctx):
-            if record := parameter.get_help_record(ctx):
-                heading = getattr(parameter, "section", "Options")
+            shown = every or getattr(parameter, "shown", True)
+            if shown and (record := parameter.get_help_record(ctx)):
+                heading = getattr(parameter, "section", "Options") if every else "Options"
                 sections.setdefault(heading, []).append(record)
         for heading, records in sections.items():
             with formatter.section(heading):
                 formatter.write_dl(records)
 
 
+def _help_all(context: click.Context, _parameter: click.Parameter, asked: bool) -> None:
+    if asked and not context.resilient_parsing:
+        context.meta[_EVERY] = True
+        echo(context.get_help())
+        context.exit()
+
+
+_EVERY = "ldt.every_option"  # key of a context: all are listed
+_HELP_ALL = click.Option(
+    ["--help-all"],
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_help_all,
+    help="Show all options, by what they belong to, and exit.",
+)
+
+
 class _Declared(click.Option):
     """The option of a declared parameter."""
 
-    def __init__(self, *arguments: Any, section: str, **attributes: Any) -> None:
+    def __init__(self, *arguments: Any, section: str, shown: bool, **attributes: Any) -> None:
         super().__init__(*arguments, **attributes)
-        self.section = section
+        self.section, self.shown = section, shown
 
 
-out_option = click.option(
-    "-o", "--out", required=True, help="Folder of the new recording, which must not exist."
-)
+out_option = click.option("-o", "--out", required=True, help="Folder of the new recording.")
 namespace_option = click.option(
     "--namespace", default="", help="Machine whose topics are meant, if there are several."
 )
@@ -71,9 +112,6 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print the re
 
 
 new_file_option = click.option("-o", "--out", required=True, help="Machine file to write.")
-force_option = click.option(
-    "--force", is_flag=True, help="Overwrite the machine file if it exists."
-)
 judged_option = click.option(
     "--holdout",
     type=float,
@@ -115,7 +153,7 @@ def parameters(*groups: str) -> Callable[..., Any]:
         @functools.wraps(function)
         def call(**values: Any) -> Any:
             settings = {name: values.pop(name) for name in declared}
-            warn_of_idle(settings, declared)
+            refuse_idle(settings, declared)
             named = [values.get("recording"), *values.get("recordings", ()), settings.get("play")]
             if "machine" in settings and any(named):
                 space = values.get("namespace") or settings.get("play_namespace", "")
@@ -197,7 +235,7 @@ def read_settings(file: str) -> dict[str, Any]:
 
 
 def _option(name: str, declaration: Mapping[str, Any]) -> Callable[..., Any]:
-    flag = "--" + name.replace("_", "-")
+    flag = flag_of(name)
     kind, unit, default = declaration["type"], declaration.get("unit", ""), declaration["default"]
     text = declaration["description"] + (f" [{unit}]" if unit else "")
     choices = [c for c in declaration.get("choices", ()) if c]
@@ -206,6 +244,7 @@ def _option(name: str, declaration: Mapping[str, Any]) -> Callable[..., Any]:
     made: dict[str, Any] = {
         "cls": _Declared,
         "section": _SECTIONS.get(declaration["group"], "Options"),
+        "shown": declaration.get("shown", False),
     }
     if kind == "bool":
         both = f"{flag}/--no-{flag[2:]}"
@@ -220,6 +259,7 @@ def _option(name: str, declaration: Mapping[str, Any]) -> Callable[..., Any]:
     if "without_value" in declaration:
         alone = {"is_flag": False, "flag_value": declaration["without_value"]}
     return click.option(
+        *(["-o"] if flag == "--out" else []),
         flag,
         name,
         type=click.STRING if many else _TYPES[kind],

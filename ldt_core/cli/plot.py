@@ -5,12 +5,14 @@ from __future__ import annotations
 import click
 
 from ldt_core.cli.options import json_option, namespace_option
+from ldt_core.cli.outputs import check_file, force_option
 from ldt_core.cli.terminal import echo_result
 
 
 @click.command("plot", short_help="A run as a picture.")
 @click.argument("recording")
 @click.option("-o", "--out", required=True, help="File of the picture: .png, .svg or .pdf.")
+@force_option
 @click.option(
     "--experiment",
     type=int,
@@ -23,6 +25,7 @@ from ldt_core.cli.terminal import echo_result
 def command(
     recording: str,
     out: str,
+    force: bool,
     experiment: int | None,
     namespace: str,
     title: str,
@@ -34,6 +37,7 @@ def command(
     """
     from ldt_core.views.figures.run_figure import load_run, plot_run
 
+    check_file(out, force)
     run = load_run(recording, namespace, experiment)
     plot_run(run, out, title)
     shown, count = run.shown.experiment.number, len(run.steps)

@@ -14,6 +14,7 @@ from ldt_core.cli.options import (
     out_option,
     parameters,
 )
+from ldt_core.cli.outputs import force_option, replacing
 from ldt_core.cli.terminal import echo_result, warn
 
 
@@ -29,6 +30,7 @@ from ldt_core.cli.terminal import echo_result, warn
     help="Effect of your own that the diagnosis names; can be given several times.",
 )
 @out_option
+@force_option
 @namespace_option
 @json_option
 def command(
@@ -37,6 +39,7 @@ def command(
     diagnosis: str,
     own: tuple[str, ...],
     out: str,
+    force: bool,
     namespace: str,
     as_json: bool,
 ) -> None:
@@ -68,6 +71,7 @@ def command(
     played = read_bag(recording, namespace)
     with (
         stop_on_signals() as stop,
+        replacing(out, force, [recording]),
         BagWriter(out, namespace=namespace, machine=machine.name) as writer,
     ):
         for experiment in until_stopped(track(played.experiments(machine), "predicting"), stop):

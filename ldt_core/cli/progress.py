@@ -1,9 +1,14 @@
-"""How far the work is, on a terminal's standard error, and the table that a run ends with."""
+"""How far the work is, and the table that a run ends with.
+
+On a terminal it is a bar on standard error; on a pipe or in a log a line there now and then.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -36,6 +41,27 @@ MAX_FAILURES = 3  # told in the sentence that a run fails with; --json has all
 MAX_COLUMNS = 3  # machines in the table that a run ends with; more are a row each
 
 
+LINE_EVERY = 10.0  # s between two lines on a pipe: a log of an hour has 360, a quick command none
+
+
+class _Lines:
+    """Lines on a pipe's standard error, none oftener than each `LINE_EVERY`."""
+
+    def __init__(self) -> None:
+        self._piped = not sys.stderr.isatty()
+        self._told = time.monotonic()
+
+    def tell(self, words: Callable[[], str]) -> None:
+        """Print them if it is time."""
+        if self._piped and (now := time.monotonic()) - self._told >= LINE_EVERY:
+            self._told = now
+            echo(one_line(words()), err=True)
+
+
+def _of(done: int, total: int | None) -> str:
+    return f"{done}" if total is None else f"{done} of {total}"
+
+
 def _progress(*columns: ProgressColumn) -> Progress:
     console = Console(stderr=True, soft_wrap=False)
     remaining = TimeRemainingColumn(compact=True)
@@ -62,6 +88,8 @@ class RunProgress:
             )
             for machine, total in totals.items()
         }
+        self._lines, self._totals = _Lines(), dict(totals)
+        self._done = dict.fromkeys(totals, 0)
 
     def __enter__(self) -> Self:
         self._progress.start()
@@ -83,6 +111,14 @@ class RunProgress:
             f"{beside:20}  model {adaptation.model_version}"
         )
         self._progress.update(self._tasks[machine], advance=1, description=words)
+        self._done[machine] += 1
+        self._lines.tell(
+            lambda: (
+                f"{machine}: experiment {_of(self._done[machine], self._totals[machine])}, "
+                f"{state.brief}, max error {signal.max_error:.3g} rad/s, "
+                f"model {adaptation.model_version}"
+            )
+        )
 
 
 class ResumableProgress:
@@ -90,6 +126,7 @@ class ResumableProgress:
 
     def __init__(self, work: str, items: str, out: str) -> None:
         self._items, self._out, self._done, self._total = items, out, 0, 0
+        self._work, self._lines = work, _Lines()
         bar, count = BarColumn(bar_width=40), MofNCompleteColumn()
         self._progress = _progress(TextColumn(work), bar, count, TextColumn(items))
         self._task = self._progress.add_task("", total=None)
@@ -108,13 +145,19 @@ class ResumableProgress:
         """Items that are there, and how many there will be as far as is known."""
         self._done, self._total = done, total
         self._progress.update(self._task, completed=done, total=total)
+        self._lines.tell(lambda: f"{self._work}: {done} of {total} {self._items}")
 
 
 def track(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:
     """The items, with a progress bar; `total` where they do not know their number."""
     console = Console(stderr=True, soft_wrap=False)
     disable = not console.is_terminal
-    yield from _track(items, what, total, console=console, disable=disable, transient=True)
+    bar = _track(items, what, total, console=console, disable=disable, transient=True)
+    lines = _Lines()
+    many = len(items) if total is None and isinstance(items, Sized) else total
+    for done, item in enumerate(bar, start=1):
+        lines.tell(lambda done=done: f"{what}: {_of(done, many)}")  # type: ignore[misc]
+        yield item
 
 
 @contextmanager
@@ -125,16 +168,17 @@ def status(words: str = "{}") -> Iterator[Callable[[str], None]]:
         words: what to show of what is being done and of how often it was said.
     """
     console = Console(stderr=True, soft_wrap=False)
-    if not console.is_terminal:
-        yield lambda doing: None
-        return
-    with console.status("reading") as line:
-        count = 0
+    lines, count = _Lines(), 0
+    with console.status("reading") if console.is_terminal else nullcontext() as line:
 
         def tick(doing: str) -> None:
             nonlocal count
             count += 1
-            line.update(words.format(doing, count))
+            told = words.format(doing, count)
+            if line is None:
+                lines.tell(lambda: told)
+            else:
+                line.update(told)
 
         yield tick
 

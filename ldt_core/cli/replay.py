@@ -15,6 +15,7 @@ from ldt_core.cli.options import (
     parameters,
     preset_option,
 )
+from ldt_core.cli.outputs import force_option, replacing
 from ldt_core.cli.progress import RunProgress, print_summaries
 
 
@@ -23,6 +24,7 @@ from ldt_core.cli.progress import RunProgress, print_summaries
 )
 @click.argument("recording")
 @out_option
+@force_option
 @namespace_option
 @preset_option
 @json_option
@@ -31,6 +33,7 @@ def command(
     settings: dict[str, Any],
     recording: str,
     out: str,
+    force: bool,
     namespace: str,
     as_json: bool,
 ) -> None:
@@ -49,7 +52,11 @@ def command(
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
     played = read_bag(recording, namespace)
-    with stop_on_signals() as stop, RunProgress({machine.name: None}) as progress:
+    with (
+        stop_on_signals() as stop,
+        replacing(out, force, [recording]),
+        RunProgress({machine.name: None}) as progress,
+    ):
         summary = offline.run(
             machine,
             {**settings, "play": recording, "play_namespace": namespace},

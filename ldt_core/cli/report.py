@@ -5,15 +5,17 @@ from __future__ import annotations
 import click
 
 from ldt_core.cli.options import json_option, namespace_option
+from ldt_core.cli.outputs import check_file, force_option
 from ldt_core.cli.terminal import echo, echo_json
 
 
 @click.command("report", short_help="A run as one page to look into, in any browser.")
 @click.argument("recording")
 @click.option("-o", "--out", required=True, help="File of the page: .html.")
+@force_option
 @namespace_option
 @json_option
-def command(recording: str, out: str, namespace: str, as_json: bool) -> None:
+def command(recording: str, out: str, force: bool, namespace: str, as_json: bool) -> None:
     """Make one page of RECORDING, a run of `ldt up`, `run` or `replay`, that opens in any browser.
 
     It has every experiment measured and predicted, worst first, the error and the detector's
@@ -24,10 +26,9 @@ def command(recording: str, out: str, namespace: str, as_json: bool) -> None:
     """
     from pathlib import Path
 
-    from ldt_core.base.result_files import check_target
     from ldt_core.views.report.report_page import write_page
 
-    check_target(out, endings=(".html", ".htm"))
+    check_file(out, force, endings=(".html", ".htm"))
     run = write_page(recording, out, namespace)
     if as_json:
         facts = {"page": out, "bytes": Path(out).stat().st_size, **run.summary.as_dict()}

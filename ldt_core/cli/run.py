@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
+from threading import Event
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ldt_core.cli.options import Command, json_option, parameters, preset_option
+from ldt_core.cli.outputs import force_option, refuse_force, replacing
 from ldt_core.cli.progress import RunProgress, print_summaries
+
+if TYPE_CHECKING:
+    from ldt_core.base.metrics import Summary
 
 
 @click.command(
@@ -18,10 +23,11 @@ from ldt_core.cli.progress import RunProgress, print_summaries
     *("machine", "plant", "run", "model", "detector", "adaptor", "diagnosis", "advice"),
     *("player", "pace", "twin", "place", "recorder", "graph", "resume"),
 )
+@force_option
 @click.option("--no-bag", is_flag=True, help="Record nothing.")
 @preset_option
 @json_option
-def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
+def command(settings: dict[str, Any], force: bool, no_bag: bool, as_json: bool) -> None:
     """Run the same loop as `ldt up` without ROS: same options, same numbers.
 
     Several machines run one after the other; nothing is waited for, so that --adaptation-timeout
@@ -30,26 +36,37 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
     Example: ldt run --experiments 40 --seed 3 --model linear
     """
     from ldt_core.base.errors import BadInput
-    from ldt_core.base.stopping import INTERRUPTED, stop_on_signals
-    from ldt_core.machine import Plant
-    from ldt_core.machine.machine_file import load_machine
-    from ldt_core.recording.bag import read_bag
-    from ldt_core.recording.pace import paced, parse_rate
-    from ldt_core.restart.run_key import begin_of, resumed
-    from ldt_core.runs import offline
-    from ldt_core.runs.fleet_members import fleet
+    from ldt_core.base.stopping import stop_on_signals
+    from ldt_core.restart.run_key import resumed
 
     if settings["resume"]:
         if no_bag:
             raise BadInput("--no-bag", "none beside --resume, which goes on recording", "it")
+        refuse_force(force)
         settings = resumed(settings)
+    place = "" if no_bag or settings["resume"] else settings["bag"]
+    with stop_on_signals() as stop, replacing(place, force, [settings["play"]]):
+        runs = _conduct(settings, no_bag, stop)
+    print_summaries(runs, settings, as_json)
+
+
+def _conduct(settings: dict[str, Any], no_bag: bool, stop: Event) -> list[tuple[str, Summary, str]]:
+    """Run machine after machine: (name, what happened, where the recording is) of each."""
+    from ldt_core.base.stopping import INTERRUPTED
+    from ldt_core.machine import Plant
+    from ldt_core.machine.machine_file import load_machine
+    from ldt_core.recording.bag import read_bag
+    from ldt_core.recording.pace import paced, parse_rate
+    from ldt_core.restart.run_key import begin_of
+    from ldt_core.runs import offline
+    from ldt_core.runs.fleet_members import fleet
+
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
     members = fleet(machine, settings)
     total = None if settings["play"] else settings["experiments"]
     runs = []
-    names = {member.name: total for member in members}
-    with stop_on_signals() as stop, RunProgress(names) as progress:
+    with RunProgress({member.name: total for member in members}) as progress:
         for member in members:
             own = member.settings
             if own["play"]:
@@ -74,4 +91,4 @@ def command(settings: dict[str, Any], no_bag: bool, as_json: bool) -> None:
             if stop.is_set():
                 summary.note(INTERRUPTED)
                 break
-    print_summaries(runs, settings, as_json)
+    return runs

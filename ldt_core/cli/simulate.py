@@ -8,6 +8,7 @@ import click
 
 from ldt_core.base.sentences import counted
 from ldt_core.cli.options import Command, declared_option, json_option, out_option, parameters
+from ldt_core.cli.outputs import force_option, replacing
 from ldt_core.cli.terminal import echo_result
 
 
@@ -23,10 +24,11 @@ from ldt_core.cli.terminal import echo_result
     help="The diagnosis.json whose next experiment to run: its voltage, its channels.",
 )
 @out_option
+@force_option
 @declared_option("namespace")
 @json_option
 def command(
-    settings: dict[str, Any], designed: str, out: str, namespace: str, as_json: bool
+    settings: dict[str, Any], designed: str, out: str, force: bool, namespace: str, as_json: bool
 ) -> None:
     """Write the experiments of a simulated machine, with effects that its file does not know.
 
@@ -53,6 +55,7 @@ def command(
         plant.excitation = Given(volts)
     with (
         stop_on_signals() as stop,
+        replacing(out, force, [designed]),
         BagWriter(out, namespace=namespace, machine=machine.name) as writer,
     ):
         numbers = track(range(1, settings["experiments"] + 1), "simulating")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ldt_core.cli.options import compute_options, json_option, parameters
+from ldt_core.cli.outputs import no_empty_folder
 from ldt_core.cli.spelling import SuggestingChoice
 from ldt_core.cli.terminal import echo_json
 from ldt_core.lab.study import GROUPS, NAMED_ONLY
@@ -97,7 +98,7 @@ def command(
     usual = [name for name in GROUPS if name not in NAMED_ONLY]
     groups = tuple(name for name in GROUPS if name in (only or usual))
     plan = StudyPlan(**asked, machine=settings["machine"], groups=groups, first_seed=first_seed)
-    with ResumableProgress("study", "results", out) as progress:
+    with no_empty_folder(out), ResumableProgress("study", "results", out) as progress:
         study = conduct(plan, out, jobs=jobs, scheduler=scheduler, progress=progress.show)
     write_tables(out, study)
     write_figures(study, out)

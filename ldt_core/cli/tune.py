@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ldt_core.cli.options import Command, compute_options, json_option, namespace_option, parameters
+from ldt_core.cli.outputs import no_empty_folder
 from ldt_core.cli.spelling import SuggestingChoice
 from ldt_core.cli.terminal import echo, echo_json, warn
 
@@ -96,7 +97,7 @@ def command(
     style.require()
     budget = Budget(adaptations, false_alarms_every)
     bag = read_bag(recording, namespace)
-    with ResumableProgress("tuning", "settings", out) as progress:
+    with no_empty_folder(out), ResumableProgress("tuning", "settings", out) as progress:
         found = tune(
             load_machine(settings["machine"]),
             resolve(settings),

@@ -5,17 +5,22 @@
 - A bash block is run in the same folder; it must end without an error. One of plain `ldt` commands
   is run in this process, which saves each of them the seconds of its start.
 - A text block behind one is what it prints, line by line; `...` stands for anything.
+- `ldt demo`, with which some pages begin, is run once and its folder copied after that.
 - `<!-- not run: REASON -->` before a block leaves it out; the reason is kept.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
+import functools
 import io
 import os
 import re
 import shlex
+import shutil
 import sys
+import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,7 +30,7 @@ from ldt_core.cli import invoke, ldt
 
 BLOCK = re.compile(r"(?:<!-- not run: ([^>]*?) -->\n+)?^```(\w+)\n(.*?)^```$", re.S | re.M)
 FILE = re.compile(r"(?:#|<!--|//) ([\w.@/-]+\.\w+)(?: -->)?$", re.M)
-PLAIN = re.compile(r"(?:ldt (?!up )[^|&;<>$`*#\\n]*\n)+")  # no shell needed, no nodes started
+PLAIN = re.compile(r"(?:ldt (?!up )[^|&;<>$`*#\\\n]*\n)+")  # no shell needed, no nodes started
 PATIENCE = 900.0  # s; a stalled machine is not what is tested
 
 
@@ -85,6 +90,22 @@ def _run(block: str, folder: Path, programs: Programs) -> str:
 
 def _call(line: str, folder: Path) -> str:
     """What a command of ours prints, run in this process."""
+    if line != "ldt demo":
+        return _invoke(line, folder)
+    place, printed = _demo()
+    shutil.copytree(place, folder, dirs_exist_ok=True)
+    return printed
+
+
+@functools.cache
+def _demo() -> tuple[Path, str]:
+    """A folder that the demo has filled, and what it printed."""
+    place = Path(tempfile.mkdtemp(prefix="ldt-demo-"))
+    atexit.register(shutil.rmtree, place, ignore_errors=True)
+    return place, _invoke("ldt demo", place)
+
+
+def _invoke(line: str, folder: Path) -> str:
     printed = io.StringIO()
     with (
         contextlib.chdir(folder),

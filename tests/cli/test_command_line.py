@@ -14,8 +14,11 @@ from pathlib import Path
 import click
 import pytest
 
+import msgs_config
 from ldt_core.cli import SECTIONS, invoke, ldt
+from ldt_core.detectors import DETECTORS
 from ldt_core.effects import EFFECTS
+from ldt_core.models import MODELS
 
 BIN = Path(sys.executable).parent
 RUN = Path(__file__).resolve().parents[2] / "bags" / "rotor_drift"
@@ -66,54 +69,58 @@ def test_the_list_of_commands_says_each_in_one_line_that_is_whole(capsys):
     [
         (
             "--model hybrid --order 2",
-            "--order changes nothing beside --model hybrid; it belongs to",
+            "--order: expected --model linear or --model auto beside it, "
+            "without which it changes nothing, got --model hybrid",
         ),
-        ("--detector window --threshold 2", "--threshold changes nothing beside --detector window"),
-        ("--advice-every 3", "--advice-every changes nothing without --advice; it belongs to"),
-        ("--preset paper --window 3", "--window changes nothing beside --detector threshold"),
+        ("--detector window --threshold 2", "--threshold: expected --detector threshold"),
+        ("--advice-every 3", "--advice-every: expected --advice beside it"),
+        ("--preset paper --window 3", "--window: expected --detector window"),
         ("--model linear --order 2", ""),
         ("--order 2", ""),  # auto has linear models among its own
         ("--preset paper --threshold 2", ""),
+        ("--model hybrid --no-offset", ""),  # as --preset paper has it
     ],
 )
-def test_an_option_that_does_nothing_here_is_told_of(options, sentence, short_rotor, capsys):
+def test_an_option_that_does_nothing_here_is_refused(options, sentence, short_rotor, capsys):
     """In one sentence on standard error; an option that serves the choice is not."""
     given = ["--machine", short_rotor, "--experiments", "1", "--no-bag", *options.split()]
-    assert invoke(ldt, ["run", *given]) == 0
+    assert invoke(ldt, ["run", *given]) == (2 if sentence else 0)
     said = capsys.readouterr().err
-    assert said.startswith(sentence) if sentence else said == ""
+    assert said.startswith(f"ldt: {sentence}") if sentence else said == ""
     assert said.count("\n") == bool(sentence)
 
 
-@pytest.mark.slow
-def test_the_demo_shows_a_twin_that_learns_and_what_to_do_next(tmp_path, monkeypatch, capsys):
-    """The first command's figures; its page is there, and what it proposes works."""
-    monkeypatch.chdir(tmp_path)
-    assert invoke(ldt, ["demo"]) == 0
-    said = capsys.readouterr().out
-    assert "25% of the error" in said
-    assert Path("ldt_demo/run.html").stat().st_size > 100_000
-    assert "Open in a browser: ldt_demo/run.html\n" in said
-    advise = re.search(r"ldt (advise .*)", said)[1].split()
-    assert invoke(ldt, advise) == 0
-    assert "Do not hold" in capsys.readouterr().out
-    assert invoke(ldt, ["demo"]) == 2
-    assert "a folder that does not exist yet" in capsys.readouterr().err
+def test_what_ships_is_declared():
+    """Whose options are known, so that one that changes nothing beside them is refused."""
+    declared = msgs_config.parameters()
+    for name, registry in (("model", MODELS), ("detector", DETECTORS)):
+        assert sorted(declared[name]["shipped"]) == sorted(registry.builtin)
+
+
+def test_help_is_short_and_says_where_the_rest_is(capsys):
+    """No command lists more than 18 options at once; of those that have more, --help-all does."""
+    for name, command in ALL.items():
+        assert invoke(ldt, [*name.split(), "--help"]) == 0
+        options = capsys.readouterr().out.split("Options:\n")[1]
+        listed = re.findall(r"^  (?:-\w, )?--[\w-]+", options, re.MULTILINE)
+        assert len(listed) <= 18, name
+        assert ("  --help-all" in listed) == (len(command.params) > 17), name
 
 
 def test_a_long_help_has_sections_and_says_what_a_flag_is_by_default(capsys):
     """Every option of `ldt up` is once under one heading; a flag that is on says so."""
-    assert invoke(ldt, ["up", "--help"]) == 0
+    assert invoke(ldt, ["up", "--help-all"]) == 0
     sections = re.split(r"^(\w[^\n]*):$", capsys.readouterr().out, flags=re.MULTILINE)[1:]
     shown = dict(zip(sections[::2], sections[1::2], strict=True))
     assert {"Options", "Detector", "Simulated machine", "Graph"} <= set(shown)
     assert "--json" in shown["Options"]
     assert "--drift-level" in shown["Detector"]
     assert "[default: sensor-check]" in " ".join(shown["Adaptor"].split())
-    listed = re.findall(r"^  (--[\w-]+)", "".join(shown.values()), flags=re.MULTILINE)
+    listed = re.findall(r"^  (?:-o, )?(--[\w-]+)", "".join(shown.values()), flags=re.MULTILINE)
     # That of --help is click's, whose names are those of where it was asked for first.
     listed = [name for name in listed if name != "--help"]
-    assert sorted(listed) == sorted(p.opts[0] for p in ALL["up"].params if p.name != "help")
+    own = [p.opts[-1] for p in ALL["up"].params if p.name != "help"]
+    assert sorted(listed) == sorted([*own, "--help-all"])
 
 
 def test_one_name_means_one_kind_of_thing():

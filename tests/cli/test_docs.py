@@ -42,11 +42,20 @@ def test_a_page_is_one_page(name):
     assert len(docs.text(name).splitlines()) <= 250
 
 
-def test_the_readme_works_by_copy_and_paste(tmp_path, programs, monkeypatch):
-    """All but the two set-up commands, of which one runs this, and the environment's activation."""
+def test_the_readme_works_by_copy_and_paste(tmp_path, programs, monkeypatch, capsys):
+    """All but the two set-up commands, of which one runs this, and the environment's activation.
+
+    The page is there; what the demo proposes works; it does not replace what it made.
+    """
     monkeypatch.setenv("COLUMNS", "200")
     done = execute((REPOSITORY / "README.md").read_text(), tmp_path, programs)
     assert (done.commands, len(done.left_out)) == (1, 3)
+    monkeypatch.chdir(tmp_path)
+    assert Path("ldt_demo/run.html").stat().st_size > 100_000
+    assert invoke(ldt, ["advise", "ldt_demo/run"]) == 0
+    assert "Do not hold" in capsys.readouterr().out
+    assert invoke(ldt, ["demo"]) == 2
+    assert "a folder that does not exist yet (or --force)" in capsys.readouterr().err
 
 
 def test_the_readme_is_short_and_its_links_lead_somewhere():

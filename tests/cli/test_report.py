@@ -69,12 +69,14 @@ FRAME = """<!doctype html><pre id="result"></pre>
 
 
 def test_the_command_writes_one_page(tmp_path, capsys):
-    """And says where, or as JSON what is in it."""
+    """And says where, or as JSON what is in it; an earlier one is replaced by --force alone."""
     file = tmp_path / "run.html"
     assert invoke(command, [str(SAMPLE), "-o", str(file)]) == 0
     assert capsys.readouterr().out == f"{file}\n"
     assert list(tmp_path.iterdir()) == [file]
-    assert invoke(command, [str(SAMPLE), "--out", str(file), "--json"]) == 0
+    assert invoke(command, [str(SAMPLE), "--out", str(file)]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert invoke(command, [str(SAMPLE), "--out", str(file), "--force", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["bytes"] == file.stat().st_size
     assert (told["experiments"], told["positives"], told["adaptations"]) == (40, 29, 22)

@@ -44,7 +44,8 @@ def test_the_sample_recording_is_tuned_end_to_end(tmp_path, capsys):
         == 0
     )
     shown = capsys.readouterr()
-    assert shown.err == ""
+    # Where it takes long it says how far it is, and nothing else.
+    assert [line for line in shown.err.splitlines() if not line.startswith("tuning: ")] == []
     record = json.loads(shown.out)
     assert record["adaptations"] <= 6
     assert record["mme"] < record["mme_never"]

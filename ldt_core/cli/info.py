@@ -1,0 +1,199 @@
+"""`ldt info`: what is in a recording."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ldt_core.base.sentences import counted, numbered, ranges
+from ldt_core.cli.options import json_option, namespace_option
+from ldt_core.cli.terminal import echo_result, one_line, printable
+
+if TYPE_CHECKING:
+    from ldt_core.recording.bag import Bag
+    from ldt_core.recording.health import Health
+    from ldt_core.recording.storage import Storage
+
+MOST_TOPICS = 12  # of a foreign recording that are listed; a robot has hundreds
+CHANNELS = ("voltage [V]", "speed [rad/s]")
+JOINTS = "sensor_msgs/msg/JointState"
+NUMBERS = ("std_msgs/msg/Float64", "std_msgs/msg/Float32")
+
+
+@click.command("info", short_help="What is in a recording: machine, length, states, size.")
+@click.argument("recording")
+@namespace_option
+@json_option
+def command(recording: str, namespace: str, as_json: bool) -> None:
+    """Say what is in RECORDING: machine, experiments, channels, models, states, how it ended.
+
+    Of a recording that was not made by LDT it lists the topics, and the command that imports them.
+
+    Example: ldt info my_run
+    """
+    from ldt_core.recording.bag import namespaces, read_bag
+    from ldt_core.recording.health import inspect
+    from ldt_core.recording.storage import Storage
+
+    place = Path(recording)
+    if not (place / "metadata.yaml").exists() and (
+        several := sorted(place.glob("*/metadata.yaml"))
+    ):
+        folders = [str(file.parent) for file in several]
+        found = counted(len(folders), "recording")
+        echo_result(
+            as_json,
+            {"recording": recording, "recordings": folders},
+            f"{recording}: {found}",
+            *(f"ldt info {one_line(folder)}" for folder in folders),
+        )
+        return
+    storage = Storage(recording)
+    if storage.topics and not namespaces(storage.topics):
+        _tell_foreign(storage, as_json)
+        return
+    bag = read_bag(recording, namespace)
+    record, lines = _described(bag, inspect(bag))
+    width = max(map(len, lines))
+    echo_result(
+        as_json, record, *(f"{name:{width}}  {one_line(words)}" for name, words in lines.items())
+    )
+
+
+def _described(bag: Bag, health: Health) -> tuple[dict[str, Any], dict[str, str]]:
+    """What is in it: for programs, and in lines for people by their names."""
+    states: Counter[str] = Counter()
+    levels: Counter[str] = Counter()
+    last = ""
+    from ldt_core.base.model_state import shown_state
+
+    for signal in bag.records("signal"):
+        state = shown_state(signal)
+        states[state.brief] += 1
+        levels[str(signal.level.name).lower()] += 1
+        last = state.words
+    actions = Counter(str(a.action) for a in bag.records("adaptation"))
+    first = next(bag.records("experiment"), None)
+    current = first is not None and first.current is not None
+    channels = [*CHANNELS, *(["current [A]"] if current else [])] if first is not None else []
+    begin, end = health.span or (0.0, 0.0)
+    size, ended = sum(health.files.values()), _ended(health)
+    lengths = [
+        {"samples": n, "period": p, "experiments": k} for (n, p), k in health.samples.items()
+    ]
+    models = {kind: len(versions) for kind, versions in health.models.items()}
+    detectors = sorted(health.detectors)
+    record: dict[str, Any] = {
+        "recording": str(health.path),
+        "machine": health.machine or None,
+        "experiments": len(health.numbers),
+        "missing": [list(span) for span in health.missing],
+        "lengths": lengths,
+        "channels": channels,
+        "begin": begin,
+        "end": end,
+        "models": models,
+        "detectors": detectors,
+        "states": dict(states),
+        "signals": dict(levels),
+        "adaptations": dict(actions),
+        "settings": dict(health.settings),
+        "ended": ended,
+        "bytes": size,
+        "files": len(health.files),
+        "notes": [*health.notes],
+    }
+    lines = {"recording": str(health.path), "machine": health.machine or "not recorded"}
+    lines["experiments"] = _experiments(health)
+    lines["length"] = ", ".join(
+        f"{item['samples'] * item['period']:.4g} s ({item['samples']} samples at "
+        f"{1 / item['period']:.4g} Hz)" + (f" of {item['experiments']}" if len(lengths) > 1 else "")
+        for item in lengths[:3]
+    )
+    lines["channels"] = ", ".join(channels)
+    lines["recorded"] = _when(begin, end)
+    if health.judged:
+        lines["models"] = _counts(models)
+        lines["detector"] = ", ".join(detectors)
+        lines["states"] = _counts(states)
+        lines["signals"] = _counts(levels)
+        lines["adaptations"] = _counts(actions)
+        lines["at the end"] = last
+    lines["ended"] = ended
+    lines["size"] = f"{size / 1e6:.3g} MB in {counted(len(health.files), 'file')}"
+    for index, note in enumerate(health.notes):
+        lines["notes" if index == 0 else " " * index] = note
+    lines["next"] = f"ldt report {health.path} -o run.html" if health.judged else _next(bag, health)
+    return record, {name: words for name, words in lines.items() if words}
+
+
+def _experiments(health: Health) -> str:
+    if not health.numbers:
+        return "none"
+    told = f"{len(health.numbers)}, numbers {ranges(health.numbers.spans, 5)}"
+    if health.missing:
+        told += f"; {numbered('number', health.missing, 5)} missing"
+    return told
+
+
+def _next(bag: Bag, health: Health) -> str:
+    machine = "" if health.machine else " --machine FILE.yaml"
+    return f"ldt diagnose {bag.path}{machine} --out why" if health.numbers else ""
+
+
+def _ended(health: Health) -> str:
+    """In words how the recording came to its end."""
+    if health.writing:
+        return "it is still being recorded"
+    count, wanted = len(health.numbers), health.settings.get("experiments")
+    whole = not health.notes
+    if health.settings and not health.settings.get("play") and isinstance(wanted, int):
+        if count >= wanted:
+            return f"complete: {count} of {wanted} experiments" if whole else "damaged, see notes"
+        told = f"early, after {count} of {wanted} experiments"
+        return f"{told}; ldt run --resume {health.path} goes on"
+    return "complete" if whole else "damaged or cut short, see notes; ldt doctor says what to do"
+
+
+def _when(begin: float, end: float) -> str:
+    import time
+
+    day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(begin))
+    return f"{day}, over {end - begin:.4g} s"
+
+
+def _counts(counter: dict[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in sorted(counter.items()))
+
+
+def _tell_foreign(storage: Storage, as_json: bool) -> None:
+    """Topics of a recording that is not LDT's, and how to import it."""
+    counts = Counter(raw.topic for raw in storage.messages())
+    topics = {
+        topic: {"type": kind, "messages": counts[topic]}
+        for topic, kind in sorted(storage.topics.items())
+    }
+    fields = {kind: topic for topic, kind in sorted(storage.topics.items(), reverse=True)}
+    number = next((fields[kind] for kind in NUMBERS if kind in fields), "/TOPIC")
+    voltage = f"{number}.data" if number != "/TOPIC" else "/TOPIC.FIELD"
+    speed = f"{fields[JOINTS]}.velocity[0]" if JOINTS in fields else "/TOPIC.FIELD:UNIT"
+    proposed = f"ldt import {storage.path} --voltage {voltage} --speed {speed} --out imported"
+    width = max(map(len, topics))
+    listed = [
+        f"{topic:{width}}  {about['type']}, {counted(counts[topic], 'message')}"
+        for topic, about in topics.items()
+    ]
+    more = [f"  and {len(listed) - MOST_TOPICS} more"] if len(listed) > MOST_TOPICS else []
+    record = {"recording": str(storage.path), "foreign": True, "topics": topics, "next": proposed}
+    echo_result(
+        as_json,
+        record,
+        one_line(f"{storage.path} was not recorded by LDT; its topics are"),
+        *(f"  {printable(line)}" for line in listed[:MOST_TOPICS]),
+        *more,
+        "Say which of them is the voltage and which the speed:",
+        one_line(proposed),
+    )

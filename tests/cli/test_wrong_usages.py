@@ -1,0 +1,155 @@
+"""What people get wrong first, and the next step that the one sentence names."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import struct
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ldt_core.base.experiment import Experiment
+from ldt_core.cli import invoke, ldt, progress
+from ldt_core.cli.outputs import replacing
+from ldt_core.recording.messages import serialize, standard
+from ldt_core.recording.writer import BagWriter
+
+RUN = Path(__file__).resolve().parents[2] / "bags" / "rotor_drift"
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A motor's recording, a foreign one, a table, a result and a folder of a user's own."""
+    folder = tmp_path_factory.mktemp("files")
+    still = np.zeros(60)
+    with BagWriter(folder / "motor", machine="dc_motor") as writer:
+        writer.write("experiment", Experiment(1, 1e9, 0.01, still + 10.0, still), 1e9)
+    with BagWriter(folder / "foreign") as writer:
+        name = serialize(standard().String(data="press"))
+        writer.write_raw("/press/name", "std_msgs/msg/String", name, 1)
+        number = bytes([0, 1, 0, 0]) + struct.pack("<d", 6.0)  # CDR, little endian
+        writer.write_raw("/press/command", "std_msgs/msg/Float64", number, 1)
+    rows = "".join(f"{t},{t % 7},{t % 5}\n" for t in range(50))
+    (folder / "log.csv").write_text(f"time_ms,u,rpm\n{rows}")
+    (folder / "done").mkdir()
+    (folder / "done" / "diagnosis.json").write_text("{}")
+    (folder / "page.html").write_text("mine")
+    (folder / "mine").mkdir()
+    (folder / "mine" / "precious.txt").write_text("mine")
+    return folder
+
+
+#: What is typed → what the sentence has to name as the way on.
+WRONG = {
+    "diagnose {files}/foreign --out why": "ldt import makes one",
+    "replay {files}/motor --machine rotor --out out": "leave --machine out",
+    "run --experiment 4": "did you mean '--experiments'?",
+    "diagnos {files}/motor": "did you mean 'diagnose'?",
+    "simulate --effect unbalance:e=5 --out out": "5mm is 0.005 m",
+    "import {files}/log.csv --voltage u --speed rpm --time time_ms --out out": "rpm:rpm",
+    "run --model hybrid --order 2": "--model linear or --model auto",
+    "run --play {files}/motor --noise 1": "no --play",
+    "report {files}/motor -o run.html": "ldt replay makes one",
+    "diagnose {files}/motor --out {files}/done": "--force",
+    f"report {RUN} -o {{files}}/page.html": "--force",
+    "simulate --out {files}/mine": "--force",
+    "simulate --out {files}/mine --force": "that ldt has written",
+    "replay {files}/motor --out {files}/motor --force": "another recording",
+    "identify {files}/motor -o motor.yaml": "ldt calibrate (ldt docs connect)",
+    "run --resume {files}/motor --force": "none beside --resume",
+}
+
+
+@pytest.mark.parametrize(("line", "step"), WRONG.items(), ids=list(WRONG))
+def test_a_wrong_usage_is_told_the_next_step(line, step, files, tmp_path, monkeypatch, capsys):
+    """One sentence on standard error, no file touched, no folder left."""
+    monkeypatch.chdir(tmp_path)
+    before = sorted((p, p.stat().st_mtime_ns) for p in files.rglob("*"))
+    code = invoke(ldt, [word.replace("{files}", str(files)) for word in shlex.split(line)])
+    said = capsys.readouterr()
+    assert code == (1 if line.startswith("identify") else 2)
+    assert step in said.err
+    assert said.err.count("\n") == 1
+    assert said.out == ""
+    assert list(tmp_path.iterdir()) == []
+    assert sorted((p, p.stat().st_mtime_ns) for p in files.rglob("*")) == before
+
+
+def test_force_replaces_and_the_former_spelling_goes_on(short_rotor, tmp_path, monkeypatch, capsys):
+    """`--bag` is `--out`; what is there is refused without --force, which leaves nothing else."""
+    monkeypatch.chdir(tmp_path)
+    own = ["--machine", short_rotor, "--model", "physics"]
+    assert invoke(ldt, ["run", *own, "--experiments", "2", "--bag", "mine"]) == 0
+    assert invoke(ldt, ["run", *own, "--experiments", "1", "--bag=mine"]) == 2
+    assert invoke(ldt, ["run", *own, "--experiments", "1", "-o", "mine", "--force"]) == 0
+    assert [p.name for p in tmp_path.iterdir()] == ["mine"]
+    capsys.readouterr()
+    assert invoke(ldt, ["info", "mine", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["experiments"] == 1
+
+
+def test_what_was_there_comes_back_where_nothing_new_was_made(tmp_path):
+    """And stays beside what is incomplete."""
+    place = tmp_path / "run"
+    place.mkdir()
+    (place / "metadata.yaml").write_text("before")
+
+    def fail(new: str) -> None:
+        with replacing(str(place), True):
+            place.mkdir()
+            if new:
+                (place / "metadata.yaml").write_text(new)
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail("")
+    assert [p.name for p in tmp_path.iterdir()] == ["run"]
+    assert (place / "metadata.yaml").read_text() == "before"
+    with pytest.raises(RuntimeError):
+        fail("half")
+    (aside,) = tmp_path.glob(".run.*.before")
+    assert (aside / "metadata.yaml").read_text() == "before"
+
+
+def test_a_recording_says_what_is_in_it(capsys):
+    """Machine, number, length, channels, models, signals, and how it ended."""
+    assert invoke(ldt, ["info", str(RUN)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "machine rotor" in said
+    assert "20 s (2000 samples at 100 Hz)" in said
+    assert "voltage [V], speed [rad/s]" in said
+    assert "models hybrid 23" in said
+    assert "negative 6, positive 29, warning 5" in said
+    assert "complete: 40 of 40 experiments" in said
+
+
+def test_a_foreign_recording_says_its_topics_and_how_to_import_them(files, capsys):
+    """With the topics that may be the voltage and the speed in the command."""
+    assert invoke(ldt, ["info", str(files / "foreign")]) == 0
+    said = capsys.readouterr().out
+    assert "/press/command  std_msgs/msg/Float64, 1 message" in said
+    assert "--voltage /press/command.data --speed /TOPIC" in said
+
+
+def test_a_folder_of_recordings_lists_them(files, capsys):
+    """As a fleet's is."""
+    assert invoke(ldt, ["info", str(files)]) == 0
+    assert f"ldt info {files}/motor" in capsys.readouterr().out
+
+
+def test_long_work_says_on_a_pipe_how_far_it_is(monkeypatch, capsys):
+    """A line now and then on standard error; quick work says nothing."""
+    clock = iter(range(0, 1000, 6))
+    monkeypatch.setattr(time, "monotonic", lambda: float(next(clock)))
+    done = list(progress.track(range(6), "simulating"))
+    told = capsys.readouterr()
+    assert done == list(range(6))
+    assert told.out == ""
+    assert "simulating: 2 of 6\n" in told.err
+    assert told.err.count("\n") < 6
+    monkeypatch.undo()
+    assert list(progress.track(range(6), "simulating")) == done
+    assert capsys.readouterr().err == ""
