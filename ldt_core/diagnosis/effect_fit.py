@@ -112,13 +112,12 @@ def fit(
 
     starts = [residuals.starts]
 
-    def rest(z: Array) -> Array:
-        return residuals.of(used(members, by_member(members, z)), step, starts[0])
-
     prior = _prior_rows(members, own)
 
-    def rows(z: Array) -> Array:
-        return np.concatenate([rest(z), prior @ z])
+    def rows(points: list[Array]) -> list[Array]:
+        uses = [used(members, by_member(members, z)) for z in points]
+        rests = residuals.of_all(uses, step, starts[0])
+        return [np.concatenate([r, prior @ z]) for r, z in zip(rests, points, strict=True)]
 
     sizes = np.concatenate([c.differences for c in members])
     steady = np.concatenate([np.full(len(c), c.steady) for c in members])

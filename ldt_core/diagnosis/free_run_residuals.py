@@ -12,8 +12,9 @@ is linear, and smooth in every parameter where it is not.
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,10 +22,10 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
-from ldt_core.base.threads import spread
 from ldt_core.diagnosis.start_states import (
     NO_OFFSET,
     SEARCH_STEP,
+    Simulated,
     StartStates,
     searched_start_states,
     start_states_for,
@@ -32,7 +33,7 @@ from ldt_core.diagnosis.start_states import (
 from ldt_core.estimation.noise import white_noise
 from ldt_core.estimation.variable_projection import basis_of, project_out
 from ldt_core.machine.machine_file import Machine
-from ldt_core.physics.base import ANGLE, CURRENT, NOT_TRACKED, SPEED
+from ldt_core.physics.base import ANGLE, CURRENT, NOT_TRACKED, SPEED, FreeRun
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import propagate
 from ldt_core.physics.motor import MOTOR
@@ -154,15 +155,23 @@ class FreeRunResiduals:
             step: longest integration step [s].
             starts: as `start_states` found them for such effects; None takes `self.starts`.
         """
-        begun = self.starts if starts is None else starts
-        row = np.empty(self.size)
+        return self.of_all([use], step, starts)[0]
 
-        def fill(i: int) -> None:
-            rest = self.difference(i, use, step, float(begun.angles[i]), begun.offsets[i])
-            row[self.pieces[i].rows] = project_out(rest, begun.bases[i])
-
-        self.each(fill)
-        return row
+    def of_all(
+        self, uses: Sequence[Use], step: float = SEARCH_STEP, starts: StartStates | None = None
+    ) -> list[Array]:
+        """The same with each of these sets of effects, several simulations at once."""
+        begun, count = self.starts if starts is None else starts, len(self.pieces)
+        runs = [
+            Simulated(i, use, float(begun.angles[i]), begun.offsets[i])
+            for use in uses
+            for i in range(count)
+        ]
+        rows = [np.empty(self.size) for _ in uses]
+        for k, rest in enumerate(self.differences(runs, step)):
+            at = k % count
+            rows[k // count][self.pieces[at].rows] = project_out(rest, begun.bases[at])
+        return rows
 
     def start_states(
         self,
@@ -184,22 +193,16 @@ class FreeRunResiduals:
             return None
         return values
 
-    def each(self, work: Callable[[int], None]) -> None:
-        """Do something with every experiment, by its place."""
-        for _ in spread(work, len(self.pieces), self.workers):
-            pass
-
-    def difference(
-        self, i: int, use: Use, step: float, angle: float, offset: Array = NO_OFFSET
-    ) -> Array:
-        """(rows,) measured minus simulated of one experiment, in noise deviations."""
-        e = self.experiments[i]
-        speed, current = self.outputs(i, use, step, angle, offset=offset)
-        rest = (e.speed - speed) / self.noise[0]
-        if e.current is not None:
-            rest = np.concatenate([rest, (e.current - current) / self.noise[1]])
+    def differences(self, runs: Sequence[Simulated], step: float) -> Iterator[Array]:
+        """(rows,) measured minus simulated of each, in noise deviations."""
         limit = DIVERGED_SPEED / self.noise[0]
-        return np.clip(np.nan_to_num(rest, nan=limit, posinf=limit, neginf=-limit), -limit, limit)
+        for run, (speed, current) in zip(runs, self.simulated(runs, step), strict=True):
+            e = self.experiments[run.place]
+            rest = (e.speed - speed) / self.noise[0]
+            if e.current is not None:
+                rest = np.concatenate([rest, (e.current - current) / self.noise[1]])
+            rest = np.nan_to_num(rest, nan=limit, posinf=limit, neginf=-limit)
+            yield np.clip(rest, -limit, limit)
 
     def can_simulate(self, use: Use) -> bool:
         """Whether the machine with these effects has a free run of the first experiment at all."""
@@ -215,51 +218,58 @@ class FreeRunResiduals:
         follow: bool = True,
         offset: Array = NO_OFFSET,
     ) -> tuple[Array, Array]:
-        """(L,) speed as the sensor shows it [rad/s] and (L,) current [A] of experiment i.
+        """Speed and current of one simulation; see `simulated`, and `Simulated` for the rest."""
+        return self.simulated([Simulated(i, use, angle, offset, follow)], step)[0]
+
+    def simulated(self, runs: Sequence[Simulated], step: float) -> list[tuple[Array, Array]]:
+        """Of each (L,) speed as the sensor shows it [rad/s] and (L,) current [A].
 
         Args:
-            i: place of the experiment in the list.
             step: longest integration step [s].
-            angle: at the first sample [rad].
-            follow: False makes it a free run whatever the machine is.
-            offset: (states,) change of the states at the first sample, or none.
         """
-        piece = self.pieces[i]
+        found, begun, about = [], [], []
+        for place, asked in enumerate(runs):
+            wild = np.full(len(self.experiments[asked.place]), DIVERGED_SPEED)
+            found.append((wild, wild))
+            values = self.changed(asked.use)
+            with contextlib.suppress(LdtError):
+                if values is not None:
+                    begun.append(self._free_run(asked, values))
+                    about.append((place, values))
+        simulate = self.physics.simulate_all
+        for k, states in simulate(begun, step, SHORTEST_STEP, self.workers):
+            run, (place, values) = begun[k], about[k]
+            if isinstance(states, LdtError):
+                continue
+            with contextlib.suppress(LdtError):
+                if run.tracked[1] > 0:
+                    states[:, : CURRENT + 1] -= self._corrections(values, run, states)
+                speed = self.physics.measure(states, run.period, run.effects)
+                found[place] = speed, states[:, CURRENT].copy()
+        return found
+
+    def _free_run(self, run: Simulated, values: Values) -> FreeRun:
+        """What is simulated of a machine with these parameters, changed by the effects."""
+        piece, use = self.pieces[run.place], run.use
         e, physics = piece.experiment, self.physics
-        wild = np.full(len(e), DIVERGED_SPEED)
-        values = self.changed(use)
-        if values is None:
-            return wild, wild
-        try:
-            seen = physics.behind_sensor(e.speed, e.period, use)
-            first = 0.0 if piece.at_rest else float(seen[0])
-            known = None if e.current is None else float(e.current[0])
-            start = physics.initial_state(values, first, known)
-            if not piece.at_rest and physics.shakes(values):
-                start = physics.running_state(values, first, angle, known)
-            start[ANGLE] = angle
-            terms = [(x, p) for x, p in use if x.torque is not None or x.terminal is not None]
-            own = [v for x, p in terms for v in x.first_states(start, p)]
-            start = np.concatenate([start, own])
-            if offset.size:
-                start[: offset.size] += offset[: start.size]
-            about = e.voltage, e.period, start, use, step
-            if not (
-                follow
-                and (
-                    physics.shakes(values)
-                    or self.angular(effect for effect, _ in (*self.machine.effects, *use))
-                )
-            ):
-                states = physics.simulate(self.values, *about, least_step=SHORTEST_STEP)
-            else:
-                gain = -math.expm1(-e.period / self.memory)
-                states = physics.simulate(self.values, *about, (seen, gain), SHORTEST_STEP)
-                states = states.copy()
-                states[:, : CURRENT + 1] -= self._corrections(values, e, states, seen, gain)
-        except LdtError:
-            return wild, wild
-        return physics.measure(states, e.period, use), states[:, CURRENT]
+        seen = physics.behind_sensor(e.speed, e.period, use)
+        first = 0.0 if piece.at_rest else float(seen[0])
+        known = None if e.current is None else float(e.current[0])
+        start = physics.initial_state(values, first, known)
+        if not piece.at_rest and physics.shakes(values):
+            start = physics.running_state(values, first, run.angle, known)
+        start[ANGLE] = run.angle
+        terms = [(x, p) for x, p in use if x.torque is not None or x.terminal is not None]
+        own = [v for x, p in terms for v in x.first_states(start, p)]
+        start = np.concatenate([start, own])
+        if run.offset.size:
+            start[: run.offset.size] += run.offset[: start.size]
+        followed = run.follow and (
+            physics.shakes(values)
+            or self.angular(effect for effect, _ in (*self.machine.effects, *use))
+        )
+        tracked = (seen, -math.expm1(-e.period / self.memory)) if followed else NOT_TRACKED
+        return FreeRun(self.values, e.voltage, e.period, start, use, tracked)
 
     def angular(self, effects: Iterable[Effect]) -> bool:
         """Whether what one of the effects does depends on the angle.
@@ -268,19 +278,19 @@ class FreeRunResiduals:
         """
         for effect in effects:
             if effect.name not in self._angles:
-                given = [(effect, effect.check(effect.typical))]
-                one, other = (self.outputs(0, given, angle=a, follow=False)[0] for a in (0.0, 1.0))
+                use = [(effect, effect.check(effect.typical))]
+                turned = [Simulated(0, use, a, follow=False) for a in (0.0, 1.0)]
+                (one, _), (other, _) = self.simulated(turned, SEARCH_STEP)
                 moved = float(np.max(np.abs(one - other)))
                 self._angles[effect.name] = moved > ANGLE_SHOWS * self.noise[0]
             if self._angles[effect.name]:
                 return True
         return False
 
-    def _corrections(
-        self, values: Values, e: Experiment, states: Array, seen: Array, gain: float
-    ) -> Array:
+    def _corrections(self, values: Values, run: FreeRun, states: Array) -> Array:
         """(L, 3) what the observer has added to angle, speed and current so far."""
-        ad, _ = MOTOR.discretised(self.physics.folded(values), e.period)
+        seen, gain = run.tracked
+        ad, _ = MOTOR.discretised(self.physics.folded(values), run.period)
         pushed = gain * (seen - states[:, SPEED])
         moved = propagate(ad, np.ascontiguousarray(ad[:, SPEED]), pushed, np.zeros(3), *NOT_TRACKED)
         moved[:, ANGLE] = 0.0

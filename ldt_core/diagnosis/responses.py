@@ -162,12 +162,16 @@ def simulate_all(
         z += starts
     rows = np.empty((len(z), residuals.size))
 
-    def fill(k: int) -> None:
-        c = candidates[owner[k]]
-        rows[k] = base - residuals.of([(c.effect, c.given(z[k])), *given])
+    def fill(i: int) -> int:
+        c, own = candidates[i], [k for k, j in enumerate(owner) if j == i]
+        uses = [[(c.effect, c.given(z[k])), *given] for k in own]
+        for k, left in zip(own, residuals.of_all(uses), strict=True):
+            rows[k] = base - left
+        return len(own)
 
-    for _ in spread(fill, len(z), workers):
-        tick()
+    for count in spread(fill, len(candidates), workers):
+        for _ in range(count):
+            tick()
     rows -= (rows @ span) @ span.T
     shown = np.flatnonzero(np.einsum("ij,ij->i", rows, rows) > 1e-12)
     rows = rows[shown]

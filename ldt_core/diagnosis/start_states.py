@@ -8,12 +8,11 @@ still unknown of them is projected out of the residuals.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from ldt_core.base.arrays import Array
 from ldt_core.estimation.variable_projection import basis_of, least_squares_step, project_out
@@ -28,6 +27,7 @@ SEARCH_STEP = 2e-3  # s, longest integration step: its error is far below the no
 GAUSS_NEWTON_STEPS = 4  # for a foundation in motion, whose start is not linear in the speed
 LEAST_DECREASE = 0.98  # of the loss: a step after which more than that is left is the last
 ANGLES_TRIED = 13  # in a turn: a prime, so that a ripple of few periods a turn is seen at each
+ANGLES_AT_ONCE = 8  # in each finer grid: as many as are simulated at once
 ANGLE_TOLERANCE = 2e-3  # rad, to which the best angle is then found
 ANGLE_MATTERS = 0.1  # noise deviations by which a start angle moves some sample, if it matters
 DIFFERENCE_OF_START = 0.01  # rad, K, ...: of a start state, for difference quotients
@@ -51,6 +51,24 @@ class StartStates:
     offsets: tuple[Array, ...]
 
 
+class Simulated(NamedTuple):
+    """One simulation of an experiment.
+
+    Attributes:
+        place: of the experiment in the list.
+        use: effects that act, with all their values.
+        angle: at the first sample [rad].
+        offset: (states,) change of the states at the first sample, or none.
+        follow: False makes it a free run whatever the machine is.
+    """
+
+    place: int
+    use: Use
+    angle: float = 0.0
+    offset: Array = NO_OFFSET
+    follow: bool = True
+
+
 class SimulatedExperiments(Protocol):
     """What the estimation of start states needs of `FreeRunResiduals`."""
 
@@ -63,13 +81,8 @@ class SimulatedExperiments(Protocol):
     def changed(self, use: Use) -> Mapping[str, float] | None:
         """The machine's parameters with these effects; None where they are impossible."""
 
-    def difference(
-        self, i: int, use: Use, step: float, angle: float, offset: Array = NO_OFFSET
-    ) -> Array:
-        """(rows,) measured minus simulated of one experiment, in noise deviations."""
-
-    def each(self, work: Callable[[int], None]) -> None:
-        """Do something with every experiment, by its place."""
+    def differences(self, runs: Sequence[Simulated], step: float) -> Iterator[Array]:
+        """(rows,) measured minus simulated of each, in noise deviations."""
 
 
 def start_states_for(
@@ -136,26 +149,26 @@ def searched_start_states(
     if turning:
         unknown[ANGLE] = DIFFERENCE_OF_START
 
-    def work(i: int) -> None:
-        piece = residuals.pieces[i]
-        if turning and (free or not piece.at_rest):
-            about = None if near is None else float(near.angles[i])
-            angles[i] = _best_angle(residuals, i, use, step, about)
+    pieces = residuals.pieces
+    if turning:
+        sought = [i for i, piece in enumerate(pieces) if free or not piece.at_rest]
+        angles[sought] = _best_angles(residuals, sought, use, step, near)
+    if turning and free and not residuals.shaking:
+        # Else a fit could move the effects only as far as these angles let it.
+        still = [i for i, piece in enumerate(pieces) if piece.at_rest or not unknown]
+        turned = [
+            Simulated(i, use, float(angles[i]) + by)
+            for i in still
+            for by in (0.0, DIFFERENCE_OF_START)
+        ]
+        found = residuals.differences(turned, step)
+        for i, now, moved in zip(still, found, found, strict=False):
+            bases[i] = basis_of(np.column_stack([pieces[i].columns, moved - now]))
+    for i, piece in enumerate(pieces):
         if not piece.at_rest and unknown:
             rounds = GAUSS_NEWTON_STEPS if moving else 1
-            found = _start_of(
-                residuals, i, use, step, float(angles[i]), unknown, n + states, rounds
-            )
-            offsets[i], bases[i] = found
-        elif turning and free and not residuals.shaking:
-            # Else a fit could move the effects only as far as these angles let it.
-            now, moved = (
-                residuals.difference(i, use, step, float(angles[i]) + by)
-                for by in (0.0, DIFFERENCE_OF_START)
-            )
-            bases[i] = basis_of(np.column_stack([piece.columns, moved - now]))
-
-    residuals.each(work)
+            begun = residuals, i, use, step, float(angles[i]), unknown, n + states, rounds
+            offsets[i], bases[i] = _start_of(*begun)
     return StartStates(angles, tuple(bases), tuple(offsets))
 
 
@@ -179,16 +192,15 @@ def _start_of(
     best, basis, kept = math.inf, residuals.starts.bases[i], offset
     motor = basis_of(piece.columns)
     for _ in range(rounds):
-        rest = residuals.difference(i, use, step, angle, offset)
+        tried = [offset.copy() for _ in range(1 + len(names))]
+        for moved, state in zip(tried[1:], names, strict=True):
+            moved[state] += unknown[state]
+        asked = [Simulated(i, use, angle, begun) for begun in tried]
+        rest, *there = residuals.differences(asked, step)
         loss = float(rest @ rest - np.sum((motor.T @ rest) ** 2))
         if loss >= best * LEAST_DECREASE:
             break
-        columns = np.empty((rest.size, len(names)))
-        for j, state in enumerate(names):
-            moved = offset.copy()
-            moved[state] += unknown[state]
-            columns[:, j] = residuals.difference(i, use, step, angle, moved) - rest
-        both = np.column_stack([piece.columns, columns])
+        both = np.column_stack([piece.columns, *(moved - rest for moved in there)])
         directions = basis_of(both)
         left = project_out(rest, directions)
         best, basis, kept = loss, directions, offset
@@ -205,23 +217,45 @@ def turns(residuals: SimulatedExperiments, use: Use) -> bool:
     """Whether the start angle makes a difference with these effects."""
     if not use or not residuals.pieces:
         return False
-    one, other = (residuals.difference(0, use, SEARCH_STEP, angle) for angle in (0.0, 1.0))
+    asked = [Simulated(0, use, angle) for angle in (0.0, 1.0)]
+    one, other = residuals.differences(asked, SEARCH_STEP)
     return bool(np.max(np.abs(one - other)) > ANGLE_MATTERS)
 
 
-def _best_angle(
-    residuals: SimulatedExperiments, i: int, use: Use, step: float, about: float | None
-) -> float:
-    basis = residuals.starts.bases[i]
+def _best_angles(
+    residuals: SimulatedExperiments,
+    places: Sequence[int],
+    use: Use,
+    step: float,
+    near: StartStates | None,
+) -> Array:
+    """The start angles of these experiments at which least is left [rad].
 
-    def loss(angle: float) -> float:
-        rest = residuals.difference(i, use, step, angle)
-        along = basis.T @ rest
-        return float(rest @ rest - along @ along)
+    Grids about the best angle so far, each finer by half its points: all angles of a grid are
+    simulated at once.
+    """
+
+    def best_of(grids: Array) -> Array:
+        asked = [
+            Simulated(i, use, float(angle))
+            for i, grid in zip(places, grids, strict=True)
+            for angle in grid
+        ]
+        losses = []
+        for run, rest in zip(asked, residuals.differences(asked, step), strict=True):
+            along = residuals.starts.bases[run.place].T @ rest
+            losses.append(float(rest @ rest - along @ along))
+        least = np.argmin(np.reshape(losses, grids.shape), axis=1)
+        return np.asarray(grids[np.arange(len(places)), least])
 
     width = 2 * math.pi / ANGLES_TRIED
-    best = about
-    if best is None:
-        best = min((loss(k * width), k * width) for k in range(ANGLES_TRIED))[1]
-    near, exact = (best - width, best + width), {"xatol": ANGLE_TOLERANCE}
-    return float(minimize_scalar(loss, bounds=near, method="bounded", options=exact).x)
+    if near is None:
+        turn = width * np.arange(ANGLES_TRIED)
+        best = best_of(np.tile(turn, (len(places), 1)))
+    else:
+        best = near.angles[list(places)]
+    while width > ANGLE_TOLERANCE:
+        parts = np.arange(1, ANGLES_AT_ONCE + 1) * (2 / (ANGLES_AT_ONCE + 1)) - 1.0
+        best = best_of(best[:, None] + width * parts)
+        width *= 2 / (ANGLES_AT_ONCE + 1)
+    return best

@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.machine.machine_file import Machine
+from ldt_core.physics.base import NOT_TRACKED, FreeRun, Values
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
 
@@ -40,6 +42,22 @@ ANGLES = 8
 #: Distance that is kept from an open bound, as a part of the parameter's scale.
 OPEN = 1e-6
 ANGLE, SPEED, CURRENT = range(3)
+
+
+class Case(NamedTuple):
+    """One simulation of a grey box.
+
+    Attributes:
+        q: (n,) coordinates.
+        experiment: its voltage, first speed and first current; with a gain all its speeds.
+        rest: the machine stood still at the first sample, whatever that shows.
+        start: (3,) change of angle [rad], speed [rad/s] and current [A] at the first sample.
+    """
+
+    q: Array
+    experiment: Experiment
+    rest: bool
+    start: Array | None = None
 
 
 class GreyBox:
@@ -111,61 +129,89 @@ class GreyBox:
         """(L,) speed that the sensor shows [rad/s]; `DIVERGED` where it grows without bound.
 
         Args:
-            q: (n,) coordinates.
-            experiment: its voltage, first speed and first current; with a gain all its speeds.
-            rest: the machine stood still at the first sample, whatever that shows.
-            start: (3,) change of angle [rad], speed [rad/s] and current [A] at the first sample.
+            q, experiment, rest, start: as in `Case`.
             gain: part of the innovation by which an observer corrects the speed; 0 is a free run.
             step: longest integration step [s].
         """
-        machine, use = self.values(q)
         try:
-            changed: Mapping[str, float] = machine
-            for effect, given in use:
-                changed = effect.change_parameters(self.physics, changed, given)
-            seen = self.physics.behind_sensor(experiment.speed, experiment.period, use, machine)
-            current = None if experiment.current is None else float(experiment.current[0])
-            offset = np.zeros(CURRENT + 1) if start is None else start
-            if rest:
-                first = self.physics.initial_state(changed, 0.0, current)
-                first[ANGLE] += offset[ANGLE]
-            else:  # what the shaft shakes moves by its angle
-                angle = float(offset[ANGLE])
-                first = self.physics.running_state(changed, float(seen[0]), angle, current)
-            first[SPEED] += offset[SPEED]
-            first[CURRENT] += offset[CURRENT]
-            about = experiment.voltage, experiment.period, first, use, step
-            if gain > 0:
-                states = self.physics.simulate(machine, *about, (seen, gain))
-            else:
-                states = self.physics.simulate(machine, *about)
+            run, use = self._run(Case(q, experiment, rest, start), gain)
+            states = self.physics.simulate(*run[:5], step, run.tracked)
+        except LdtError:
+            return np.full(len(experiment), DIVERGED)
+        return self._shown(states, experiment, use, run.values)
+
+    def speeds(
+        self, cases: Sequence[Case], gain: float = 0.0, step: float = FINE_STEP, workers: int = 1
+    ) -> list[Array]:
+        """The speed of each case, several at once among so many threads; see `speed`."""
+        found = [np.full(len(case.experiment), DIVERGED) for case in cases]
+        runs, uses, places = [], [], []
+        for place, case in enumerate(cases):
+            try:
+                run, use = self._run(case, gain)
+            except LdtError:
+                continue
+            runs.append(run)
+            uses.append(use)
+            places.append(place)
+        for i, states in self.physics.simulate_all(runs, step, workers=workers):
+            if not isinstance(states, LdtError):
+                e = cases[places[i]].experiment
+                found[places[i]] = self._shown(states, e, uses[i], runs[i].values)
+        return found
+
+    def _run(self, case: Case, gain: float) -> tuple[FreeRun, Use]:
+        """What is simulated, and the effects that act."""
+        q, experiment, rest, start = case
+        machine, use = self.values(q)
+        changed: Mapping[str, float] = machine
+        for effect, given in use:
+            changed = effect.change_parameters(self.physics, changed, given)
+        seen = self.physics.behind_sensor(experiment.speed, experiment.period, use, machine)
+        current = None if experiment.current is None else float(experiment.current[0])
+        offset = np.zeros(CURRENT + 1) if start is None else start
+        if rest:
+            first = self.physics.initial_state(changed, 0.0, current)
+            first[ANGLE] += offset[ANGLE]
+        else:  # what the shaft shakes moves by its angle
+            angle = float(offset[ANGLE])
+            first = self.physics.running_state(changed, float(seen[0]), angle, current)
+        first[SPEED] += offset[SPEED]
+        first[CURRENT] += offset[CURRENT]
+        tracked = (seen, gain) if gain > 0 else NOT_TRACKED
+        about = machine, experiment.voltage, experiment.period, first, use, tracked
+        return FreeRun(*about), use
+
+    def _shown(self, states: Array, experiment: Experiment, use: Use, machine: Values) -> Array:
+        try:
             speed = self.physics.measure(states, experiment.period, use, machine)
         except LdtError:
             return np.full(len(experiment), DIVERGED)
         return np.nan_to_num(speed, nan=DIVERGED, posinf=DIVERGED, neginf=-DIVERGED)
 
-    def turn(self, q: Array, experiment: Experiment, noise: float) -> float:
+    def turn(self, tried: Sequence[Array], experiment: Experiment, noise: float) -> float:
         """Angle [rad] by which the start may differ without any difference in speed.
 
         0 where the start angle moves the speed by less than the noise at any sample, half a turn
-        for a vertical shaft on a symmetrical foundation, else a whole turn.
+        for a vertical shaft on a symmetrical foundation, else a whole turn; of several coordinates
+        the largest.
 
         Args:
-            q: (n,) coordinates.
+            tried: (n,) coordinates each.
             experiment: with its first sample.
             noise: standard deviation of the measured speed [rad/s].
         """
         rest = self.at_rest(experiment, noise)
-
-        def started(angle: float) -> Array:
-            start = np.array([angle, 0.0, 0.0])
-            return self.speed(q, experiment, rest, start, step=COARSE_STEP)
-
-        nominal = started(0.0)
-        if float(np.abs(started(1.0) - nominal).max()) <= noise:
-            return 0.0
-        half = float(np.abs(started(math.pi) - nominal).max()) <= noise
-        return math.pi if half else 2 * math.pi
+        starts = [np.array([angle, 0.0, 0.0]) for angle in (0.0, 1.0, math.pi)]
+        cases = [Case(q, experiment, rest, start) for q in tried for start in starts]
+        speeds = self.speeds(cases, step=COARSE_STEP)
+        largest = 0.0
+        for k in range(0, len(speeds), len(starts)):
+            nominal, other, half = speeds[k : k + len(starts)]
+            if float(np.abs(other - nominal).max()) > noise:
+                alike = float(np.abs(half - nominal).max()) <= noise
+                largest = max(largest, math.pi if alike else 2 * math.pi)
+        return largest
 
     def first_guesses(
         self, known: Mapping[str, Mapping[str, float]], again: bool = False

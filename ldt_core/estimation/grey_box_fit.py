@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.base.threads import spread
 from ldt_core.estimation.effect.start_angle import FoundAngle
 from ldt_core.estimation.grey_box import (
     ANGLE,
@@ -29,6 +28,7 @@ from ldt_core.estimation.grey_box import (
     FINE_STEP,
     SPEED,
     Array,
+    Case,
     GreyBox,
 )
 from ldt_core.estimation.misfit import misfit
@@ -150,23 +150,28 @@ class GreyBoxProblem:
         offset[self._own[i]] = x[self._places[i]] * self._spread[i]
         return offset
 
-    def residual(self, x: Array, i: int, gain: float, step: float) -> Array:
-        """(L,) measured minus simulated speed of experiment i [rad/s]."""
-        start = self.start(x, i) if self._own[i] else None
-        q, e = x[: self.box.size], self.experiments[i]
-        return e.speed - self.box.speed(q, e, self.rest[i], start, gain, step)
+    def residuals(
+        self, asked: Sequence[tuple[Array, int]], gain: float, step: float
+    ) -> list[Array]:
+        """(L,) measured minus simulated speed [rad/s] of each (coordinates, experiment)."""
+        n, cases = self.box.size, []
+        for x, i in asked:
+            start = self.start(x, i) if self._own[i] else None
+            cases.append(Case(x[:n], self.experiments[i], self.rest[i], start))
+        speeds = self.box.speeds(cases, gain, step, self.workers)
+        return [self.experiments[i].speed - s for (_, i), s in zip(asked, speeds, strict=True)]
 
-    def rows(self, x: Array, gain: float, step: float) -> Array:
-        """Residuals of all samples that count, in noise deviations."""
-        parts = [
-            self.residual(x, i, gain, step)[keep] / self.noise for i, keep in enumerate(self.keep)
-        ]
-        return np.concatenate(parts)
+    def rows(self, points: Sequence[Array], gain: float, step: float) -> list[Array]:
+        """Of each point the residuals of all samples that count, in noise deviations."""
+        count = len(self.experiments)
+        rests = self.residuals([(x, i) for x in points for i in range(count)], gain, step)
+        kept = [r[self.keep[k % count]] / self.noise for k, r in enumerate(rests)]
+        return [np.concatenate(kept[k : k + count]) for k in range(0, len(kept), count)]
 
-    def cost(self, x: Array, gain: float, step: float) -> float:
-        """Squared residuals in noise deviations, and the prior's."""
-        rows = self.rows(x, gain, step)
-        return float(rows @ rows) + self._prior_cost(x)
+    def costs(self, points: Sequence[Array], gain: float, step: float) -> list[float]:
+        """Of each point the squared residuals in noise deviations, and the prior's."""
+        found = zip(points, self.rows(points, gain, step), strict=True)
+        return [float(rows @ rows) + self._prior_cost(x) for x, rows in found]
 
     def _prior_cost(self, x: Array) -> float:
         off = x - self._mean
@@ -175,22 +180,20 @@ class GreyBoxProblem:
     def slopes(self, x: Array, rows: Array, gain: float, step: float) -> Array:
         """(rows, size) change of the rows by each coordinate."""
         ends = np.cumsum([0, *(int(k.sum()) for k in self.keep)])
-        slopes = np.zeros((rows.size, self.size))
-
-        def column(j: int) -> None:
-            by = DIFFERENCE if x[j] + DIFFERENCE <= self._high[j] else -DIFFERENCE
+        slopes, steps = np.zeros((rows.size, self.size)), np.empty(self.size)
+        asked, columns = [], []
+        for j in range(self.size):
+            steps[j] = DIFFERENCE if x[j] + DIFFERENCE <= self._high[j] else -DIFFERENCE
             moved = x.copy()
-            moved[j] += by
-            if j < self.box.size:
-                slopes[:, j] = (self.rows(moved, gain, step) - rows) / by
-                return
-            i = next(n for n, p in enumerate(self._places) if p.start <= j < p.stop)
+            moved[j] += steps[j]
+            for i, place in enumerate(self._places):
+                if j < self.box.size or place.start <= j < place.stop:
+                    asked.append((moved, i))
+                    columns.append(j)
+        rests = self.residuals(asked, gain, step)
+        for rest, (_, i), j in zip(rests, asked, columns, strict=True):
             part = slice(ends[i], ends[i + 1])
-            new = self.residual(moved, i, gain, step)[self.keep[i]] / self.noise
-            slopes[part, j] = (new - rows[part]) / by
-
-        for _ in spread(column, self.size, self.workers):
-            pass
+            slopes[part, j] = (rest[self.keep[i]] / self.noise - rows[part]) / steps[j]
         return slopes
 
     def descend(
@@ -202,7 +205,7 @@ class GreyBoxProblem:
         the descent pushes against it.
         """
         x = np.clip(x, self._low, self._high)
-        rows = self.rows(x, gain, step)
+        rows = self.rows([x], gain, step)[0]
         cost, damping = float(rows @ rows) + self._prior_cost(x), FIRST_DAMPING
         information = self._precision
         for _ in range(rounds):
@@ -219,7 +222,7 @@ class GreyBoxProblem:
                 step_to[free] = -np.linalg.solve(scaled, slope[free])
                 step_to /= max(1.0, float(np.abs(step_to[: self.box.size]).max()) / LONGEST_STEP)
                 tried = np.clip(x + step_to, self._low, self._high)
-                better = self.rows(tried, gain, step)
+                better = self.rows([tried], gain, step)[0]
                 reached = float(better @ better) + self._prior_cost(tried)
                 if reached < cost:
                     moved = tried
@@ -235,7 +238,7 @@ class GreyBoxProblem:
 
     def explains(self, x: Array, gain: float, step: float) -> bool:
         """Whether the innovations are noise, of a free run the residuals."""
-        rest = (self.residual(x, i, gain, step) for i in range(len(self.experiments)))
+        rest = self.residuals([(x, i) for i in range(len(self.experiments))], gain, step)
         return all(misfit(r[kept]).explained for r, kept in zip(rest, self.keep, strict=True))
 
     def point(self, q: Array) -> Array:
@@ -244,25 +247,30 @@ class GreyBoxProblem:
 
     def turned(self, tried: Sequence[Array]) -> GreyBoxProblem:
         """The problem with the start angles as unknowns, where at one of some q they matter."""
-        turn = max(self.box.turn(q, self.experiments[0], self.noise) for q in tried)
+        turn = self.box.turn(tried, self.experiments[0], self.noise)
         if turn == 0:
             return self
         given = (self.box, self.experiments, self.noise, self.prior, self.keep)
         return GreyBoxProblem(*given, turn=turn, workers=self.workers)
 
-    def with_angles(self, q: Array, gain: float) -> Array:
-        """(size,) these coordinates with the best of some start angles for each experiment."""
-        x = self.point(q)
-        for i, place in enumerate(self._places):
-            if ANGLE not in self._own[i]:
-                continue
-            costs = []
-            for part in range(ANGLES):
-                x[place.start] = self.turn * part / ANGLES
-                rest = self.residual(x, i, gain, COARSE_STEP)[self.keep[i]] / self.noise
-                costs.append(float(rest @ rest))
-            x[place.start] = self.turn * int(np.argmin(costs)) / ANGLES
-        return x
+    def with_angles(self, guesses: Sequence[Array], gain: float) -> list[Array]:
+        """(size,) each of these coordinates with the best start angle for each experiment."""
+        points, asked, places = [self.point(q) for q in guesses], [], []
+        for x in points:
+            for i, place in enumerate(self._places):
+                if ANGLE not in self._own[i]:
+                    continue
+                places.append((x, place.start))
+                for part in range(ANGLES):
+                    turned = x.copy()
+                    turned[place.start] = self.turn * part / ANGLES
+                    asked.append((turned, i))
+        rests = self.residuals(asked, gain, COARSE_STEP)
+        kept = [r[self.keep[i]] / self.noise for r, (_, i) in zip(rests, asked, strict=True)]
+        costs = np.array([float(r @ r) for r in kept]).reshape(-1, ANGLES)
+        for (x, at), of_angles in zip(places, costs, strict=True):
+            x[at] = self.turn * int(np.argmin(of_angles)) / ANGLES
+        return points
 
     def angles(self, x: Array, information: Array) -> tuple[FoundAngle, ...]:
         """The start angles found, with their deviations for white noise."""
@@ -290,8 +298,8 @@ def fit_grey_box(
         rounds: most Levenberg-Marquardt steps at each gain.
     """
     problem = problem.turned(guesses)
-    points = [problem.with_angles(q, GAINS[0]) for q in guesses]
-    costs = [problem.cost(x, GAINS[0], COARSE_STEP) for x in points]
+    points = problem.with_angles(guesses, GAINS[0])
+    costs = problem.costs(points, GAINS[0], COARSE_STEP)
     n, count = problem.box.size, range(len(problem.experiments))
     best: tuple[Array, float, Array] | None = None
     for i in np.argsort(costs, kind="stable")[:tries]:
@@ -307,11 +315,12 @@ def fit_grey_box(
     if problem.size > n:  # start states eliminated
         cross = information[:n, n:]
         inner = inner - cross @ np.linalg.pinv(information[n:, n:], hermitian=True) @ cross.T
+    rests = problem.residuals([(x, i) for i in count], 0.0, FINE_STEP)
     return GreyBoxFit(
         x[:n],
         tuple(problem.start(x, i) for i in count),
         cost,
-        tuple(problem.residual(x, i, 0.0, FINE_STEP) for i in count),
+        tuple(rests),
         inner,
         problem.turn,
         problem.angles(x, information),

@@ -131,7 +131,7 @@ class ForwardDifferences:
     The last residual is remembered: a search asks for the derivative where it was last.
 
     Args:
-        residual: (p,) -> (N,).
+        residuals: points (p,) -> of each (N,): all at once, for what computes several together.
         step: (p,) of the coordinates, or one for all.
         high: (p,) upper bounds.
         steady: (p,) coordinates whose derivative hardly changes: it is found once. None for none.
@@ -139,12 +139,12 @@ class ForwardDifferences:
 
     def __init__(
         self,
-        residual: Residual,
+        residuals: Callable[[list[Array]], list[Array]],
         step: Array | float,
         high: Array,
         steady: NDArray[np.bool_] | None = None,
     ) -> None:
-        self._residual, self._high = residual, high
+        self._residuals, self._high = residuals, high
         self._steady = np.zeros(high.size, bool) if steady is None else steady
         self._found: Array | None = None
         self._step = np.broadcast_to(np.asarray(step, dtype=np.float64), high.shape)
@@ -152,21 +152,23 @@ class ForwardDifferences:
 
     def residual(self, z: Array) -> Array:
         """(N,) at z (p,)."""
-        rows = self._residual(z)
+        rows = self._residuals([z])[0]
         self._last = z.copy(), rows
         return rows
 
     def jacobian(self, z: Array) -> Array:
         """(N, p) at z (p,)."""
-        known = self._last is not None and np.array_equal(self._last[0], z)
-        base = self._last[1] if self._last is not None and known else self._residual(z)
-        columns = np.empty((base.size, z.size)) if self._found is None else self._found.copy()
-        for j in range(z.size):
-            if self._found is not None and self._steady[j]:
-                continue
-            moved = z.copy()
+        anew = [j for j in range(z.size) if self._found is None or not self._steady[j]]
+        moved = [z.copy() for _ in anew]
+        for j, there in zip(anew, moved, strict=True):
             step = float(self._step[j])
-            moved[j] += step if z[j] + step <= self._high[j] else -step
-            columns[:, j] = (self._residual(moved) - base) / (moved[j] - z[j])
+            there[j] += step if z[j] + step <= self._high[j] else -step
+        if self._last is not None and np.array_equal(self._last[0], z):
+            base, found = self._last[1], self._residuals(moved)
+        else:
+            base, *found = self._residuals([z, *moved])
+        columns = np.empty((base.size, z.size)) if self._found is None else self._found.copy()
+        for j, there, rows in zip(anew, moved, found, strict=True):
+            columns[:, j] = (rows - base) / (there[j] - z[j])
         self._found = columns
         return columns

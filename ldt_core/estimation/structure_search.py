@@ -221,7 +221,7 @@ class StructureSearch:
         k = len(box.uncertain)
         problem = self._problem(box, present.prior)
         x = problem.point(box.coordinates(present.given, present.prior.mean))
-        rows = problem.rows(x, gain, COARSE_STEP)
+        rows = problem.rows([x], gain, COARSE_STEP)[0]
         slopes = problem.slopes(x, rows, gain, COARSE_STEP)
         slopes = np.delete(slopes, np.arange(k, box.size), axis=1)
         root = np.linalg.cholesky(present.prior.precision) if k else np.zeros((0, 0))
@@ -241,28 +241,27 @@ class StructureSearch:
             padded = np.concatenate([rows, np.zeros(below - rows.size)])
             return padded - basis @ (basis.T @ padded)
 
-        def rows_at(q: Array) -> Array:
-            x = problem.point(np.concatenate([present.prior.mean, q]))
-            return projected(problem.rows(x, gain, COARSE_STEP))
+        def rows_at(tried: Sequence[Array]) -> list[Array]:
+            points = [problem.point(np.concatenate([present.prior.mean, q])) for q in tried]
+            return [projected(rows) for rows in problem.rows(points, gain, COARSE_STEP)]
 
         best, q = math.inf, np.zeros(box.size - k)
         rows = np.zeros(below)
-        for guess in box.first_guesses(present.given):
-            here = rows_at(guess)
+        guesses = box.first_guesses(present.given)
+        for guess, here in zip(guesses, rows_at(guesses), strict=True):
             if float(here @ here) < best:
                 best, q, rows = float(here @ here), guess, here
         low, high = box.low[k:], box.high[k:]
         for _ in range(SCREENING_STEPS):
+            by = np.where(q + DIFFERENCE <= high, DIFFERENCE, -DIFFERENCE)
+            moved = rows_at([q + step for step in np.diag(by)])
             columns = np.empty((rows.size, q.size))
-            for j in range(q.size):
-                by = DIFFERENCE if q[j] + DIFFERENCE <= high[j] else -DIFFERENCE
-                moved = q.copy()
-                moved[j] += by
-                columns[:, j] = (rows_at(moved) - rows) / by
+            for j, there in enumerate(moved):
+                columns[:, j] = (there - rows) / by[j]
             step = -np.linalg.lstsq(columns, rows, rcond=1e-9)[0]
             step /= max(1.0, float(np.abs(step).max(initial=0.0)))
             tried = np.clip(q + step, low, high)
-            better = rows_at(tried)
+            better = rows_at([tried])[0]
             if not float(better @ better) < best:
                 break
             best, q, rows = float(better @ better), tried, better

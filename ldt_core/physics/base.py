@@ -7,14 +7,15 @@ A simulator of somebody else joins by a subclass of its own; what this project i
 from __future__ import annotations
 
 import abc
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.errors import LdtError
 from ldt_core.physics.parameter import Parameter
 
 if TYPE_CHECKING:
@@ -33,6 +34,17 @@ MAX_STEP = 0.25e-3  # s; worst relative speed error 5e-6 over 300 random experim
 #: Rounds of the fixed point that looks through the sensor. More would blow up the noise that a slow
 #: sensor has smoothed away.
 SENSOR_ROUNDS = 4
+
+
+class FreeRun(NamedTuple):
+    """What `Physics.simulate` takes of one run."""
+
+    values: Values
+    voltage: ArrayLike
+    period: float
+    initial: ArrayLike
+    effects: Effects = ()
+    tracked: Tracked = NOT_TRACKED
 
 
 class Physics(abc.ABC):
@@ -125,6 +137,30 @@ class Physics(abc.ABC):
             BadInput: an effect that this machine cannot have, or a machine too stiff to simulate.
             LdtError: the simulated state grows without bound.
         """
+
+    def simulate_all(
+        self,
+        runs: Sequence[FreeRun],
+        max_step: float = MAX_STEP,
+        least_step: float = 0.0,
+        workers: int = 1,
+    ) -> Iterator[tuple[int, Array | LdtError]]:
+        """Many runs: of each its place, and its states or what `simulate` raises; in any order.
+
+        What comes out for a run depends neither on the others nor on the number of threads,
+        `workers`. A physics that can compute several at once overrides this.
+        """
+        from ldt_core.base.threads import spread  # imports linear algebra
+
+        def alone(i: int) -> Array | LdtError:
+            values, voltage, period, initial, effects, tracked = runs[i]
+            about = values, voltage, period, initial, effects, max_step, tracked, least_step
+            try:
+                return self.simulate(*about)
+            except LdtError as error:
+                return error
+
+        return enumerate(spread(alone, len(runs), workers))
 
     def measure(
         self, states: Array, period: float, effects: Effects = (), values: Values | None = None

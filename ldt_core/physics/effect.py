@@ -189,6 +189,15 @@ class Effect:
         assert function is not None
         return compile_term(f"effect {self.name}", function, bool(self.states))
 
+    @functools.cached_property
+    def compiled_for_lanes(self) -> Any:
+        """The same for eight runs at once, None where it must be called for one at a time."""
+        from ldt_core.physics.lane_terms import compile_for_lanes
+
+        function = self.torque or self.terminal
+        assert function is not None
+        return compile_for_lanes(function, bool(self.states))
+
     def about(self, known: Values) -> Effect:
         """The same effect as a change from what is known of it: these values are neutral.
 

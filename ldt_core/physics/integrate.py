@@ -16,6 +16,7 @@ import math
 import numpy as np
 from numba import njit
 
+from ldt_core.physics.lanes import LARGEST_ANGLE, sine_and_cosine
 from ldt_core.physics.terms import evaluate, forget, is_quiet
 
 MAX_STEP_RATE = 1.0  # step times fastest rate: RK4 is stable to 2.8, and accurate well below
@@ -83,7 +84,9 @@ def _direction(y):  # pragma: no cover - compiled
     """Sine and cosine of the angle, which three states do not need."""
     if len(y) == RIGID_STATES:
         return 0.0, 1.0
-    return math.sin(y[0]), math.cos(y[0])
+    if abs(y[0]) > LARGEST_ANGLE:
+        return math.sin(y[0]), math.cos(y[0])
+    return sine_and_cosine(y[0])  # as lanes take it
 
 
 @njit(cache=True, nogil=True)

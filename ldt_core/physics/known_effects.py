@@ -8,6 +8,7 @@ has come on top.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,10 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.errors import LdtError
 from ldt_core.physics.base import (
     MAX_STEP,
     NOT_TRACKED,
     Effects,
+    FreeRun,
     Physics,
     Tracked,
     Values,
@@ -101,15 +104,30 @@ class PhysicsWithEffects(Physics):
 
         `initial` may hold the states of all effects, or of those given alone.
         """
-        known = self._beside(self._acting(values), effects)
-        state = np.asarray(initial, dtype=np.float64)
-        n, theirs = len(self.states), sum(len(e.states) for e, _ in effects)
+        run = self._bare_run(FreeRun(values, voltage, period, initial, effects, tracked))
+        return self.bare.simulate(*run[:5], max_step, run.tracked, least_step)
+
+    def simulate_all(
+        self,
+        runs: Sequence[FreeRun],
+        max_step: float = MAX_STEP,
+        least_step: float = 0.0,
+        workers: int = 1,
+    ) -> Iterator[tuple[int, Array | LdtError]]:
+        """As `simulate`, many."""
+        bare = [self._bare_run(run) for run in runs]
+        return self.bare.simulate_all(bare, max_step, least_step, workers)
+
+    def _bare_run(self, run: FreeRun) -> FreeRun:
+        """The run with the known effects among those given."""
+        known = self._beside(self._acting(run.values), run.effects)
+        state = np.asarray(run.initial, dtype=np.float64)
+        n, theirs = len(self.states), sum(len(e.states) for e, _ in run.effects)
         first = [v for effect, given in known for v in effect.first_states(state, given)]
         if first and theirs and state.size == n + theirs:
             state = np.concatenate([state[:n], first, state[n:]])
-        plain = {p.name: values[p.name] for p in self.bare.parameters}
-        about = (voltage, period, state, [*known, *effects], max_step, tracked, least_step)
-        return self.bare.simulate(plain, *about)
+        plain = {p.name: run.values[p.name] for p in self.bare.parameters}
+        return run._replace(values=plain, initial=state, effects=[*known, *run.effects])
 
     def measure(
         self, states: Array, period: float, effects: Effects = (), values: Values | None = None

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import abc
 import functools
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,17 +18,27 @@ from ldt_core.physics.base import (
     NOT_TRACKED,
     SPEED,
     Effects,
+    FreeRun,
     Physics,
     Tracked,
     Values,
 )
 from ldt_core.physics.motor_rates import inductance, memory, motor_rate
+from ldt_core.physics.run_plan import (
+    BegunRun,
+    Coefficients,
+    Constants,
+    Plan,
+    coefficients_of,
+    steps_of,
+)
 from ldt_core.physics.zero_order_hold import zero_order_hold
 
 if TYPE_CHECKING:
     from ldt_core.physics.terms import Terms
 
 DISCRETISATIONS_REMEMBERED = 256  # machines at a sample period; each is some 100 numbers
+GRIDS_REMEMBERED = 8  # sample times: experiments of one stream mostly share theirs
 SAME_LENGTH = 1e-9  # of a step, the rounding of its ends: sample times are sums
 #: Of the largest speed, what a step may get wrong where a term bends; a search is content with a
 #: hundredth of a usual sensor's noise.
@@ -37,41 +48,6 @@ MAX_STEPS = 2_000_000_000  # of one simulation: some minutes of computing; more 
 #: Of the time in which the motor forgets its speed, an L/R with which it does so fastest.
 SETTLED = 0.25
 QUIET_CHANGE = 1e-3  # of stall torque and voltage: a term that changes less needs no short steps
-
-
-class Constants(NamedTuple):
-    """Numbers of the equations, in SI units."""
-
-    torque_constant: float
-    friction: float
-    resistance: float
-    inductance: float
-    inertia: float  # J + m e^2 - (m e)^2 / (M + m): what is left after solving for theta''
-    unbalance: float  # m e
-    mass: float  # M + m
-    stiffness_x: float
-    stiffness_y: float
-    damping_x: float
-    damping_y: float
-    weight_torque: float  # m g e
-
-
-class Coefficients(NamedTuple):
-    """The constants as the equations use them: divisions done once, not in each stage."""
-
-    pull: float
-    drag: float
-    ease: float
-    weight: float
-    coupling: float
-    supply: float
-    loss: float
-    emf: float
-    lever: float
-    stiffness_x: float
-    stiffness_y: float
-    damping_x: float
-    damping_y: float
 
 
 class MotorDriven(Physics):
@@ -115,24 +91,50 @@ class MotorDriven(Physics):
         least_step: float = 0.0,
     ) -> Array:
         """Exact (matrix exponential) where everything is linear, else by Runge-Kutta steps."""
+        run = self.begun(FreeRun(values, voltage, period, initial, effects, tracked))
+        return self.alone(run, period, max_step, least_step)
+
+    def alone(self, run: BegunRun, period: float, max_step: float, least_step: float) -> Array:
+        """The states of a run that has begun; see `simulate`."""
         from ldt_core.physics.integrate import propagate  # see `integrate`
 
-        # A record's arrays are read-only: kernels would be compiled once more for them.
-        volts = np.require(voltage, np.float64, ["C", "W"])
-        tracked = np.require(tracked[0], np.float64, ["C", "W"]), tracked[1]
-        state = np.ascontiguousarray(initial, dtype=np.float64)
-        for effect, given in effects:
+        tracked = _writable(run.tracked[0]), run.tracked[1]
+        if run.exact:
+            ad, bd = self.discretised(run.values, period)
+            first = run.initial[: len(self.states)]
+            return propagate(ad, bd, _writable(run.switches[1]), first, *tracked)
+        switches = run.switches[0], _writable(run.switches[1])
+        about = run.values, run.times, switches, run.initial, run.terms, max_step
+        return self.integrate(*about, tracked, least_step)
+
+    def simulate_all(
+        self,
+        runs: Sequence[FreeRun],
+        max_step: float = MAX_STEP,
+        least_step: float = 0.0,
+        workers: int = 1,
+    ) -> Iterator[tuple[int, Array | LdtError]]:
+        """Eight at once where they share their steps and terms; see `Physics`."""
+        from ldt_core.physics.side_by_side import SideBySide  # see `integrate`
+
+        return SideBySide(self, max_step, least_step).states(runs, workers)
+
+    def begun(self, run: FreeRun) -> BegunRun:
+        """The run with its effects on parameters and voltage done."""
+        volts = np.ascontiguousarray(run.voltage, dtype=np.float64)
+        tracked = np.ascontiguousarray(run.tracked[0], dtype=np.float64), run.tracked[1]
+        state = np.ascontiguousarray(run.initial, dtype=np.float64)
+        values = run.values
+        for effect, given in run.effects:
             values = effect.change_parameters(self, values, given)
-        times = np.asarray(np.arange(volts.size) * period, dtype=np.float64)
+        times = _times(volts.size, run.period)
         switches = times, volts
-        if any(effect.on_voltage is not None for effect, _ in effects):
-            switches = self._switches(values, times, volts, state, effects)
+        if any(effect.on_voltage is not None for effect, _ in run.effects):
+            switches = self._switches(values, times, volts, state, run.effects)
         on_grid = switches[0] is times or np.array_equal(switches[0], times)
-        terms = [(e, p) for e, p in effects if e.torque is not None or e.terminal is not None]
-        if on_grid and not terms and self.is_linear(values):
-            ad, bd = self.discretised(values, period)
-            return propagate(ad, bd, switches[1], state[: len(self.states)], *tracked)
-        return self.integrate(values, times, switches, state, terms, max_step, tracked, least_step)
+        terms = [(e, p) for e, p in run.effects if e.torque is not None or e.terminal is not None]
+        exact = on_grid and not terms and self.is_linear(values)
+        return BegunRun(values, times, switches, on_grid, state, terms, tracked, exact)
 
     def integrate(
         self,
@@ -165,66 +167,87 @@ class MotorDriven(Physics):
         """
         # With its compiler it takes longer to import than all else that loads a machine.
         from ldt_core.physics.effect import gather
-        from ldt_core.physics.integrate import MAX_STEP_RATE, RIGID_STATES, STATES, runge_kutta
+        from ldt_core.physics.integrate import RIGID_STATES, STATES, runge_kutta
 
         at, levels = switches
+        most = float(np.abs(levels).max())
+        plan = self.planned(values, most, float(times[-1]), initial, terms, max_step, least_step)
+        edges, volts, samples = _edges(times, at, levels)
+        steps = steps_of(edges, plan.step)
+        long = steps if plan.calm == plan.step else steps_of(edges, plan.calm)
+        states = np.zeros((times.size, plan.first.size))
+        states[0] = plan.first
+        begin = tuple(plan.first[: RIGID_STATES if plan.rigid else STATES].tolist())
+        used = gather(terms, plan.values, plan.watched, plan.quiet) if terms else None
+        k, own = plan.coefficients, plan.first[STATES:]
+        if plan.fast:
+            failed = _collocated(
+                *(edges, volts, steps, samples, begin, own, k, states, tracked, used),
+                *(plan.values, most, BEND_IN_SEARCH if least_step > 0 else BEND),
+            )
+        else:
+            failed = runge_kutta(
+                *(edges, volts, steps, long, samples, begin, own, k),
+                *(states, *tracked, used),
+            )
+        if failed >= 0:
+            raise self.diverged(float(times[failed]))
+        return np.concatenate([states[:, : len(self.states)], states[:, STATES:]], axis=1)
+
+    def diverged(self, when: float) -> LdtError:
+        """What is raised where the state is not finite at this time [s]."""
+        return LdtError(
+            f"the simulation of {self.name} diverged: its state is not finite "
+            f"{when:g} s after the start"
+        )
+
+    def planned(
+        self,
+        values: Values,
+        most: float,
+        end: float,
+        initial: Array,
+        terms: Effects,
+        max_step: float,
+        least_step: float,
+    ) -> Plan:
+        """How to integrate a machine at up to `most` volts until `end` [s]; see `integrate`."""
+        from ldt_core.physics.integrate import MAX_STEP_RATE, STATES
+
         values = {**values, "L": inductance(values)}
         c = self.constants(values)
-        most = float(np.abs(levels).max())
         own_rate = self.rate(values, most)
         rates = [effect.rate(values, most, given) for effect, given in terms]
         solved = [effect.terminal is not None and not effect.states for effect, _ in terms]
         electrical = [r for r, one in zip(rates, solved, strict=True) if one]
         fast = max([motor_rate(values), *electrical]) * MAX_STEP > MAX_STEP_RATE
         if fast:  # then the current is solved for, and asks for no shorter steps
-            calm = max(values["L"], SETTLED * values["R"] * memory(values))
-            own_rate = self.rate({**values, "L": calm}, most)
+            settled = max(values["L"], SETTLED * values["R"] * memory(values))
+            own_rate = self.rate({**values, "L": settled}, most)
             rates = [0.0 if one else r for r, one in zip(rates, solved, strict=True)]
         rate = max(own_rate, *rates) if rates else own_rate
         step = max(min(max_step, MAX_STEP_RATE / rate), least_step)
-        if times[-1] / step > MAX_STEPS:
+        if end / step > MAX_STEPS:
             raise BadInput(
                 "machine parameters",
-                f"a fastest rate of at most {MAX_STEPS / times[-1]:.3g} 1/s (sqrt(K_x / (M + m)), "
+                f"a fastest rate of at most {MAX_STEPS / end:.3g} 1/s (sqrt(K_x / (M + m)), "
                 "for instance)",
                 f"{rate:.3g} 1/s, which takes steps of {step:.3g} s",
             )
-        edges, volts, samples = _edges(times, at, levels)
-        steps = np.maximum(1, np.ceil(np.diff(edges) / step - 1e-9)).astype(np.int64)
-        long, watched = steps, [False] * len(terms)
+        calm, watched = step, [False] * len(terms)
         if least_step > 0 and terms and not fast:  # a search, which can do with less
             calm = max(min(max_step, MAX_STEP_RATE / own_rate), least_step)
             watched = [min(MAX_STEP_RATE / r, calm) < calm if r > 0 else False for r in rates]
-            long = np.maximum(1, np.ceil(np.diff(edges) / calm - 1e-9)).astype(np.int64)
         n = len(self.states)
         own = initial[n:]
         if own.size == 0:
-            first = (effect.first_states(initial, given) for effect, given in terms)
-            own = np.array([state for states in first for state in states])
-        start = np.zeros(STATES + own.size)
-        start[:n], start[STATES:] = initial[:n], own
-        rigid = bool(c.unbalance == 0 and not start[3:STATES].any())
-        states = np.zeros((times.size, STATES + own.size))
-        states[0] = start
+            states = (effect.first_states(initial, given) for effect, given in terms)
+            own = np.array([state for of_one in states for state in of_one])
+        first = np.zeros(STATES + own.size)
+        first[:n], first[STATES:] = initial[:n], own
+        rigid = bool(c.unbalance == 0 and not first[3:STATES].any())
         quiet = QUIET_CHANGE * values["K_t"] * most / values["R"], QUIET_CHANGE * most
-        begin = tuple(start[: RIGID_STATES if rigid else STATES].tolist())
-        used, k = gather(terms, values, watched, quiet) if terms else None, _coefficients(c)
-        if fast:
-            failed = _collocated(
-                *(edges, volts, steps, samples, begin, start[STATES:], k, states, tracked, used),
-                *(values, most, BEND_IN_SEARCH if least_step > 0 else BEND),
-            )
-        else:
-            failed = runge_kutta(
-                *(edges, volts, steps, long, samples, begin, start[STATES:], k),
-                *(states, *tracked, used),
-            )
-        if failed >= 0:
-            raise LdtError(
-                f"the simulation of {self.name} diverged: its state is not finite "
-                f"{times[failed]:g} s after the start"
-            )
-        return np.concatenate([states[:, :n], states[:, STATES:]], axis=1)
+        return Plan(values, coefficients_of(c), step, calm, watched, quiet, first, rigid, fast)
 
     def discretised(self, values: Values, period: float) -> tuple[Array, Array]:
         """Ad (n, n), Bd (n,) of the linear system over a sample period [s], exactly."""
@@ -248,30 +271,22 @@ class MotorDriven(Physics):
         return at, np.ascontiguousarray(levels)
 
 
+def _writable(numbers: Array) -> Array:
+    """A record's arrays are read-only: kernels would be compiled once more for them."""
+    return np.require(numbers, np.float64, ["C", "W"])
+
+
+@functools.lru_cache(maxsize=GRIDS_REMEMBERED)
+def _times(length: int, period: float) -> Array:
+    return np.asarray(np.arange(length) * period, dtype=np.float64)
+
+
 @functools.lru_cache(maxsize=DISCRETISATIONS_REMEMBERED)
 def _discretised(
     physics: MotorDriven, numbers: tuple[float, ...], period: float
 ) -> tuple[Array, Array]:
     names = (p.name for p in physics.parameters)
     return zero_order_hold(*physics.system(dict(zip(names, numbers, strict=True))), period)
-
-
-def _coefficients(c: Constants) -> Coefficients:
-    return Coefficients(
-        pull=c.torque_constant / c.inertia,
-        drag=c.friction / c.inertia,
-        ease=1.0 / c.inertia,
-        weight=c.weight_torque / c.inertia,
-        coupling=c.unbalance / c.inertia,
-        supply=1.0 / c.inductance,
-        loss=c.resistance / c.inductance,
-        emf=c.torque_constant / c.inductance,
-        lever=c.unbalance / c.mass,
-        stiffness_x=c.stiffness_x / c.mass,
-        stiffness_y=c.stiffness_y / c.mass,
-        damping_x=c.damping_x / c.mass,
-        damping_y=c.damping_y / c.mass,
-    )
 
 
 def _collocated(

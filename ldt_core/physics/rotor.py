@@ -24,9 +24,10 @@ from ldt_core.physics.motor import (
     STATED,
     motor_system,
 )
-from ldt_core.physics.motor_driven import Constants, MotorDriven
+from ldt_core.physics.motor_driven import MotorDriven
 from ldt_core.physics.motor_rates import fastest_root, inductance, motor_rate
 from ldt_core.physics.parameter import Parameter
+from ldt_core.physics.run_plan import Constants
 
 STEPS_PER_RADIAN = 4  # the unbalance force turns with the shaft: 25 steps a turn, error below 1e-4
 

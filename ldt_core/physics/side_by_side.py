@@ -1,0 +1,171 @@
+"""Free runs side by side: those that share sample times, steps and terms, eight at once.
+
+A run takes a lane wherever `MotorDriven.simulate` would take Runge-Kutta steps from sample to
+sample; all others go there one by one. A lane does what the run would do alone, so what comes out
+depends neither on the other runs nor on their order.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ldt_core.base.arrays import Array
+from ldt_core.base.errors import LdtError
+from ldt_core.base.threads import spread
+from ldt_core.physics.base import FreeRun
+from ldt_core.physics.effect import gather
+from ldt_core.physics.integrate import RIGID_STATES, STATES
+from ldt_core.physics.lane_steps import runge_kutta_lanes
+from ldt_core.physics.lane_terms import (
+    ADDRESS,
+    COLUMNS,
+    OWN,
+    PARAMETER,
+    QUIET,
+    STATE,
+    TERMINAL,
+    WATCHED,
+    WHOLE,
+    LaneTerms,
+)
+from ldt_core.physics.lanes import BYTES_OF_LANES, WIDTH
+from ldt_core.physics.run_plan import BegunRun, Plan, Plans, steps_of
+
+ROWS_OF_STATES = 8  # the effects' states, and room: `lane_steps._interval` and `_tried`
+
+
+#: Places of runs, each with what came out.
+Found = list[tuple[int, Array | LdtError]]
+
+
+class _Lane(NamedTuple):
+    place: int
+    begun: BegunRun
+    plan: Plan
+
+
+class SideBySide:
+    """Simulates many free runs of one physics; `max_step`, `least_step` as for `simulate`."""
+
+    def __init__(self, physics: Plans, max_step: float, least_step: float) -> None:
+        self.physics, self._max_step, self._least_step = physics, max_step, least_step
+        #: Shortest and longest distance of sample times, by the times' identity.
+        self._lengths: dict[int, tuple[float, float]] = {}
+
+    def states(
+        self, runs: Sequence[FreeRun], workers: int
+    ) -> Iterator[tuple[int, Array | LdtError]]:
+        """Of each run its place, and its (L, n) states or the error that ended it."""
+        works: list[Callable[[], Found]] = []
+        alike: dict[object, list[_Lane]] = {}
+        for i, run in enumerate(runs):
+            try:
+                begun = self.physics.begun(run)
+                lane = None if begun.exact or not begun.on_grid else self._lane(i, begun)
+            except LdtError as error:
+                yield i, error
+                continue
+            if lane is None:
+                works.append(functools.partial(self._alone, i, begun, run.period))
+            else:
+                alike.setdefault(self._likeness(lane), []).append(lane)
+        for lanes in alike.values():
+            for k in range(0, len(lanes), WIDTH):
+                works.append(functools.partial(self._together, lanes[k : k + WIDTH]))
+        for found in spread(lambda k: works[k](), len(works), workers):
+            yield from found
+
+    def _alone(self, i: int, begun: BegunRun, period: float) -> Found:
+        try:
+            return [(i, self.physics.alone(begun, period, self._max_step, self._least_step))]
+        except LdtError as error:
+            return [(i, error)]
+
+    def _lane(self, i: int, begun: BegunRun) -> _Lane | None:
+        most = float(np.abs(begun.switches[1]).max())
+        end = float(begun.times[-1])
+        about = begun.values, most, end, begun.initial, begun.terms
+        plan = self.physics.planned(*about, self._max_step, self._least_step)
+        return None if plan.fast else _Lane(i, begun, plan)
+
+    def _likeness(self, lane: _Lane) -> object:
+        """What runs share that are integrated side by side."""
+        begun, plan = lane.begun, lane.plan
+        counts = (self._count(begun.times, longest) for longest in (plan.step, plan.calm))
+        terms = tuple(id(effect) for effect, _ in begun.terms)
+        seen, gain = begun.tracked
+        about = id(begun.times), plan.rigid, terms, seen.size > 0, gain, plan.first.size
+        return (*counts, *about)
+
+    def _count(self, times: Array, longest: float) -> object:
+        """What tells the steps of some runs from those of others."""
+        if id(times) not in self._lengths:
+            lengths = np.diff(times)
+            self._lengths[id(times)] = float(lengths.min()), float(lengths.max())
+        low, high = steps_of(np.cumsum([0.0, *self._lengths[id(times)]]), longest)
+        return int(low) if low == high else steps_of(times, longest).tobytes()
+
+    def _together(self, lanes: Sequence[_Lane]) -> Found:
+        """The states of up to WIDTH runs that are alike, by their places."""
+        begun, plan, n = lanes[0].begun, lanes[0].plan, len(self.physics.states)
+        # The last run fills the lanes that are left over: nothing else is done for them.
+        filled = [*lanes, *[lanes[-1]] * (WIDTH - len(lanes))]
+        times, volts = begun.times, np.stack([x.begun.switches[1] for x in filled], axis=1)
+        seen = np.stack([x.begun.tracked[0] for x in filled], axis=1)
+        first = np.stack([x.plan.first for x in filled], axis=1)
+        states = np.zeros((times.size, *first.shape))
+        states[0] = first
+        own = _aligned(ROWS_OF_STATES, first.shape[0] - STATES, WIDTH)
+        own[0] = first[STATES:]
+        failed = np.full(WIDTH, -1)
+        runge_kutta_lanes(
+            *(times, volts, steps_of(times, plan.step), steps_of(times, plan.calm)),
+            *(first[:STATES], (0.0,) * (RIGID_STATES if plan.rigid else STATES)),
+            np.array([x.plan.coefficients for x in filled]).T.copy(),
+            *(states, own, seen, begun.tracked[1], _gathered(filled), failed),
+        )
+        found: Found = []
+        for i, lane in enumerate(lanes):
+            if failed[i] >= 0:
+                found.append((lane.place, self.physics.diverged(float(times[failed[i]]))))
+            else:
+                one = states[:, :, i]
+                whole = np.concatenate([one[:, :n], one[:, STATES:]], axis=1)
+                found.append((lane.place, whole))
+        return found
+
+
+def _gathered(lanes: Sequence[_Lane]) -> LaneTerms | None:
+    """The terms that all lanes have, each with its own parameters."""
+    if not lanes[0].begun.terms:
+        return None
+    gathered = [gather(x.begun.terms, x.plan.values, x.plan.watched, x.plan.quiet) for x in lanes]
+    one, effects = gathered[0], [effect for effect, _ in lanes[0].begun.terms]
+    watched = np.array([g.watched for g in gathered]).T
+    table = np.zeros((len(effects), len(COLUMNS)), np.int64)
+    for row, effect in zip(table, effects, strict=True):
+        whole = effect.compiled_for_lanes
+        row[ADDRESS] = (effect.compiled if whole is None else whole).address
+        row[WHOLE], row[OWN] = whole is not None, len(effect.states)
+    table[:, TERMINAL], table[:, WATCHED] = one.terminal, watched.any(axis=1)
+    table[:, PARAMETER], table[:, STATE] = one.first_parameter, one.first_state
+    by_lane = np.array([g.parameters for g in gathered])
+    parameters = _aligned(by_lane.shape[1], WIDTH)
+    parameters[:] = by_lane.T
+    watch = np.zeros((3, len(effects), WIDTH))
+    watch[QUIET] = np.where(watched, np.array([g.quiet for g in gathered]).T, np.inf)
+    room = np.zeros((2, int(table[:, OWN].max())))
+    return LaneTerms(table, parameters, by_lane, watch, room)
+
+
+def _aligned(*shape: int) -> Array:
+    """Zeros that begin where a whole register may be loaded from."""
+    count = math.prod(shape)
+    room = np.zeros(count + WIDTH)
+    begin = -room.ctypes.data % BYTES_OF_LANES // room.itemsize
+    return room[begin : begin + count].reshape(shape)
