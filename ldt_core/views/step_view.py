@@ -7,7 +7,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ldt_core.base.experiment import Adaptation, Experiment, Prediction, Signal
+from ldt_core.base.experiment import (
+    Action,
+    Adaptation,
+    Experiment,
+    Level,
+    Prediction,
+    Signal,
+)
 from ldt_core.base.model_state import NOT_JUDGED, STATES, shown_state
 from ldt_core.base.sentences import spoken
 from ldt_core.recording.bag import Bag
@@ -17,12 +24,26 @@ DIGITS = 6  # of figures that are drawn; a screen shows four
 
 Row = dict[str, Any]
 
+#: What a detector says, for people; on the topics it is `Level.word`.
+LEVEL_WORDS = {
+    Level.NEGATIVE: "no alarm",
+    Level.WARNING: "warning",
+    Level.POSITIVE: "alarm",
+}
+#: What an adaptor does, for people; on the topics it is `Action`.
+ACTION_WORDS = {
+    Action.KEPT: "no new model needed",
+    Action.STORED: "experiment stored to learn from",
+    Action.ADAPTED: "new model",
+    Action.REFUSED: "new model refused",
+}
+
 LIMITS = ("warning_limit", "drift_limit")
 #: Detector → (its statistic, what that is, unit).
 KNOWN = {
     "threshold": ("max_error", "largest error in an experiment", "rad/s"),
     "lddm": ("p_plus_s", "rate of wrong samples, and its deviation", ""),
-    "window": ("experiments", "experiments since the last positive", ""),
+    "window": ("experiments", "experiments since the last alarm", ""),
     "adequacy": ("adequacy", "error over the noise", ""),
     "river": ("input", "last value fed to river's detector", ""),
 }
@@ -121,7 +142,7 @@ class DetectorStatistic:
         unit: "" where it has none.
         values: by experiment, None where there is none; so are the limits.
         warning: above which it warns.
-        drift: above which it is positive.
+        drift: above which it is an alarm.
     """
 
     name: str

@@ -146,7 +146,7 @@ def test_an_experiment_is_chosen_worst_first_by_number_and_by_link(driven):
     assert "(number 1 of 40, worst first)" in driven["first"]
     assert driven["second"].startswith(f"Experiment {worst[1]}: error")
     assert driven["twelfth"].startswith("Experiment 12: error")
-    assert "Adaptor: adapted; version 2 learned from 1 experiment" in driven["twelfth"]
+    assert "Adaptor: new model; version 2 learned from 1 experiment" in driven["twelfth"]
     assert driven["fifth"].startswith("Experiment 5: error")
 
 

@@ -19,6 +19,7 @@ from ldt_core.base.errors import LdtError
 from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount
 from ldt_core.views.diagnosis_page import diagnosis_page
 from ldt_core.views.diagnosis_page.diagnosis_page import picture
+from ldt_core.views.diagnosis_page.headline import WORDS, headline
 from ldt_core.views.diagnosis_page.number_format import amount, percent, value_of
 from ldt_core.views.diagnosis_page.signal_curves import binned, orders, spectrum
 from ldt_core.views.diagnosis_page.time_curves import corners, shown_free_runs
@@ -85,12 +86,31 @@ def undrawn(monkeypatch):
 
 
 def test_the_answer_comes_first(page, kind, diagnoses):
-    """The verdict's word, confidence and sentence stand under the title, before any section."""
+    """Verdict, a short sentence, confidence and the curves under the title; then all of it."""
     verdict = diagnoses[kind].verdict
-    head = page[: page.index("<nav")]
-    assert f"</svg>{verdict.kind}</span>" in head
+    head, body = unescape(page).split("<nav")
+    assert f"</svg>{WORDS[verdict.kind]}</span>" in head
     assert "confidence 97 %" in head
-    assert verdict.sentence in unescape(head)
+    short = headline(diagnoses[kind])
+    assert short in head
+    assert len(short.split()) <= 26
+    assert '<figure id="curves"' in head
+    assert verdict.sentence in body
+
+
+def test_the_short_sentence_names_cause_amount_and_what_it_closes(diagnoses):
+    """Of one effect, of two, of a group; none of what is unknown, all of a sensor's fault."""
+    assert headline(diagnoses["effect"]).startswith("Unbalance, 4.9 ± 0.3 mm, closes 99 % of")
+    assert " rad/s)." in headline(diagnoses["effect"])
+    assert " and gravity imbalance, 0." in headline(diagnoses["pair"])
+    assert " close " in headline(diagnoses["pair"])
+    assert headline(diagnoses["ambiguous"]).startswith(
+        "Viscous friction, motor constant or source resistance closes"
+    )
+    assert headline(diagnoses["unknown"]).startswith("No known cause explains the gap of ")
+    assert headline(diagnoses["none"]).startswith("No gap: ")
+    verdict = replace(diagnoses["unknown"].verdict, sentence="Sensor fault: it sticks.")
+    assert headline(replace(diagnoses["unknown"], verdict=verdict)) == "Sensor fault: it sticks."
 
 
 def test_the_page_needs_nothing_else(page):

@@ -128,7 +128,10 @@ def test_the_worst_comes_first(tmp_path):
     worst = sorted(range(1, 7), key=lambda n: -(1 + 7 * n % 11))
     assert [data["number"][i] for i in data["worst"]] == worst
     assert [int(n) for n in re.findall(r"#experiment-(\d+)", text)] == worst
-    assert f"the worst was experiment {worst[0]} with {max(data['error']):.1f}" in text
+    assert (
+        f"The worst was experiment {worst[0]}, with an error of {max(data['error']):.1f} rad/s"
+        in text
+    )
 
 
 def test_the_figures_are_the_recording_s(sample):
@@ -142,8 +145,8 @@ def test_the_figures_are_the_recording_s(sample):
     assert len(data["models"]) == 23
     assert data["statistic"]["label"] == "largest error in an experiment [rad/s]"
     assert set(data["statistic"]["drift"]) == {3.0}
-    assert "was 8.86 rad/s in the mean, 88 % of the 10.1 rad/s" in sample
-    assert "positive 29 times, and 22 new models" in sample
+    assert "leaves 88 % of the error of the model that never learns (8.86 of 10.1 rad/s)" in sample
+    assert "There were 29 alarms, and 22 new models" in sample
 
 
 def test_samples_of_the_page_are_the_recording_s():
@@ -224,7 +227,7 @@ def test_the_state_is_the_lamp(state, tmp_path):
     assert lamp[1] == state.tone
     assert f"</svg>{state.words}</span>" in lamp[0]
     words = "1.1 times the noise" if state.name == "holds" else "14 times the noise"
-    assert f"error {words}; detector: positive; experiment 6, the last" in lamp[0]
+    assert f"since experiment 1; error {words}; detector: alarm; experiment 6, the last" in lamp[0]
     data = data_of(text)
     assert data["state"] == [state.name] * 6
     assert data["noise"] == [adequacy] * 6
@@ -286,7 +289,7 @@ def test_a_sound_recording_is_said_to_be_sound(tmp_path):
 
 def test_long_tables_are_folded_so_that_what_follows_is_found(tmp_path):
     """Of 66 experiments 22 were positive; of 6, two, whose rows stand open."""
-    folded = "<details><summary>The adaptor at each positive (22 rows)</summary>"
+    folded = "<details><summary>What was learned at each alarm (22 rows)</summary>"
     assert folded in page(read_run(fake_run(tmp_path / "long", range(1, 67))))
     assert "<summary>The adaptor" not in page(read_run(fake_run(tmp_path / "short")))
 
@@ -294,7 +297,7 @@ def test_long_tables_are_folded_so_that_what_follows_is_found(tmp_path):
 def test_a_card_names_what_says_nothing_by_itself(sample):
     """On a phone, where the heads of the columns are not seen."""
     assert '<td data-name="learned from experiments">nothing</td>' in sample
-    assert '<td data-name="in force in experiments">' in sample
+    assert '<td data-name="used in experiments">' in sample
 
 
 def test_what_the_nodes_rejected_is_shown(tmp_path):

@@ -34,6 +34,7 @@ def page(diagnosis: Diagnosis) -> str:
         sections.FOOTER,
         made,
         sections.answer(diagnosis),
+        figure=sections.curves(diagnosis),
     )
 
 

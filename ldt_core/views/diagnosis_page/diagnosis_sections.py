@@ -9,6 +9,7 @@ from typing import Any
 from ldt_core.base.sentences import listed, ranges, spans
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate, Refit
 from ldt_core.views.diagnosis_page import gap_curves, ranking, time_curves
+from ldt_core.views.diagnosis_page.headline import WORDS, headline
 from ldt_core.views.diagnosis_page.number_format import (
     NOTHING,
     amount,
@@ -21,6 +22,7 @@ from ldt_core.views.diagnosis_page.number_format import (
 from ldt_core.views.page.blocks import (
     Answer,
     Cell,
+    Figure,
     Folded,
     Item,
     Items,
@@ -38,15 +40,16 @@ TONES = {"none": "good", "effect": "found", "ambiguous": "vague", "unknown": "ba
 MARKS = {"found": Mark("acts", "found"), "vague": Mark("may act", "vague")}
 OPEN_ROWS = 10  # candidates in the table that is not folded
 HEAD = ("effect", "verdict", "amounts (95 %)", "score", "error [rad/s]", "closes alone")
-NOT_KEPT = "No experiment is kept to be drawn."
+NOT_DRAWN = "No experiment is there to be drawn."
 HELD_OUT = "held out, never fitted"
 
 
 def answer(diagnosis: Diagnosis) -> Answer:
-    """The verdict."""
+    """The verdict in a short sentence; the first section has it in full."""
     verdict = diagnosis.verdict
-    mark = Mark(verdict.kind, TONES.get(verdict.kind, "open"))
-    return Answer(mark, f"confidence {percent(verdict.confidence)}", verdict.sentence)
+    mark = Mark(WORDS.get(verdict.kind, verdict.kind), TONES.get(verdict.kind, "open"))
+    aside = f"confidence {percent(verdict.confidence)}"
+    return Answer(mark, aside, headline(diagnosis))
 
 
 def lead(diagnosis: Diagnosis) -> str:
@@ -66,7 +69,9 @@ def lead(diagnosis: Diagnosis) -> str:
 
 def gap(diagnosis: Diagnosis) -> Section:
     """How large the gap was and is."""
-    section = Section("gap", "How far the gap closes")
+    section = Section("gap", "How far the gap closes", [Text(diagnosis.verdict.sentence)])
+    if not diagnosis.shown:
+        section.blocks.append(Text(NOT_DRAWN, "missing"))
     found = diagnosis.gap
     rows: list[list[Value]] = [
         ["root mean square", *map(value_of, (found.before.rmse, found.after.rmse))],
@@ -108,17 +113,16 @@ def _added(diagnosis: Diagnosis, effect: Mapping[str, Any]) -> str:
     return f"{name}: {', '.join(f'{text} ({interval})' for text, interval in amounts)}"
 
 
-def before_and_after(diagnosis: Diagnosis) -> Section:
-    """Curves over time."""
-    section = Section("fits", "Measured and predicted")
-    section.figure(time_curves.before_after(diagnosis), NOT_KEPT, files=False)
-    return section
+def curves(diagnosis: Diagnosis) -> Figure | None:
+    """Before and after over time, beside the answer; None where no experiment is held."""
+    drawing = time_curves.before_after(diagnosis)
+    return Figure.of(drawing, files=False) if drawing else None
 
 
 def where(diagnosis: Diagnosis) -> Section:
     """The places of the gap."""
     section = Section("where", "Where the gap lies")
-    section.figure(gap_curves.torque_drawing(diagnosis), NOT_KEPT, files=False)
+    section.figure(gap_curves.torque_drawing(diagnosis), NOT_DRAWN, files=False)
     clear = [p for p in diagnosis.where if p.share_of_data < gap_curves.EVERYWHERE]
     if clear:
         rows = [
@@ -319,7 +323,6 @@ def done(diagnosis: Diagnosis) -> Section:
 
 SECTIONS: tuple[Callable[[Diagnosis], Section | None], ...] = (
     gap,
-    before_and_after,
     where,
     candidates,
     contributions,

@@ -14,14 +14,18 @@ from ldt_core.calibration.calibration import Calibration
 from ldt_core.models.physics import PhysicsModel
 from ldt_core.views.packed_samples import thinned
 from ldt_core.views.page import style
-from ldt_core.views.page.style import BLUE, INK, SHADE, VERMILION
+from ldt_core.views.page.style import BLUE, INK, SHADE, SKY, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-LOOKS = (("before", VERMILION, (0, (4, 1.4))), ("after", BLUE, "-"))
+#: Label, colour, line, width above and below. A run that is right shows as a rim of the measured.
+LOOKS = (
+    ("before", VERMILION, (0, (4, 1.4)), 1.4, 0.8),
+    ("after", SKY, "-", 3.2, 0.8),
+)
 
 HEIGHT = 6.0  # inches
 PANELS = 3  # experiments shown side by side: more would be too narrow to read
@@ -36,11 +40,12 @@ def draw_free_runs(
         runs: (L,) predicted speed [rad/s], before and perhaps after.
         noise: deviation of the measured speed [rad/s]; twice that is shaded.
     """
-    upper.plot(*thinned(e.time, e.speed), color=INK, lw=2.2, alpha=0.5, label="measured")
     lower.axhspan(-2 * noise, 2 * noise, color=SHADE, lw=0, zorder=0)
-    for predicted, (label, color, line) in zip(runs, LOOKS, strict=False):
-        upper.plot(*thinned(e.time, predicted), lw=1.3, color=color, ls=line, label=label)
-        lower.plot(*thinned(e.time, e.speed - predicted), lw=0.8, color=color)
+    for predicted, (label, color, line, wide, thin) in zip(runs, LOOKS, strict=False):
+        upper.plot(*thinned(e.time, predicted), lw=wide, color=color, ls=line, label=label)
+        shown = BLUE if color == SKY else color  # a thin line of it is hard to see
+        lower.plot(*thinned(e.time, e.speed - predicted), lw=thin, color=shown)
+    upper.plot(*thinned(e.time, e.speed), color=INK, lw=0.9, label="measured")
     for axes in (upper, lower):
         axes.set_xlim(0, e.duration)
         axes.locator_params(axis="x", nbins=5)

@@ -14,13 +14,13 @@ from ldt_core.base.experiment import Action, Experiment, Level, Prediction, Sign
 from ldt_core.base.model_state import NOT_JUDGED, STATES, shown_state, times_noise
 from ldt_core.recording.bag import read_twin_run
 from ldt_core.views.page import style
-from ldt_core.views.step_view import StepView, recorded_steps
+from ldt_core.views.step_view import LEVEL_WORDS, StepView, recorded_steps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-HEIGHT = 6.6  # inches: two panels in the proportions of a README
+HEIGHT = 7.8  # inches: three panels in the proportions of a README
 STRIP = 0.05  # of an axes' height: the cells of the states
 #: Tone of a state → colour.
 PAINTS = {
@@ -124,8 +124,9 @@ def run_figure(run: PlottedRun, title: str = "") -> Figure:
     """The same as a figure."""
 
     def draw(figure: Figure) -> None:
-        upper, lower = figure.subplots(2, 1)
+        upper, middle, lower = figure.subplots(3, 1, height_ratios=(2.6, 1.0, 2.6))
         _experiment(upper, run.shown)
+        _residual(middle, run.shown)
         _errors(lower, run.steps)
         if title:
             figure.suptitle(title)
@@ -136,28 +137,43 @@ def run_figure(run: PlottedRun, title: str = "") -> Figure:
 def _experiment(axes: Axes, shown: ShownStep) -> None:
     experiment, prediction, original, signal = shown
     time = experiment.time
-    # Wide and pale: seen also where a twin that is right lies on top.
-    wide: dict[str, Any] = {"lw": 3.0, "alpha": 0.4}
-    axes.plot(time, experiment.speed, color=style.INK, label="measured", **wide)
     if original is not None:
         axes.plot(time, original.speed, color=style.ORANGE, lw=1.4, label="original model")
     label = f"learning twin, model {prediction.model_version}"
-    axes.plot(time, prediction.speed, color=style.BLUE, lw=1.0, label=label)
+    # Wide and pale below the measurement, so that both show where the twin is right.
+    axes.plot(time, prediction.speed, color=style.SKY, lw=3.2, label=label)
     if prediction.speed_std is not None:
         low = prediction.speed - 2 * prediction.speed_std
         high = prediction.speed + 2 * prediction.speed_std
         axes.fill_between(
             time, low, high, color=style.BLUE, alpha=0.2, lw=0, label="± 2 deviations"
         )
-    axes.set_xlabel("time [s]")
+    axes.plot(time, experiment.speed, color=style.INK, lw=0.8, label="measured")
     axes.set_ylabel("speed [rad/s]")
+    axes.tick_params(labelbottom=False)
     beside = times_noise(signal.adequacy)
-    said = [f"max error {signal.max_error:.2f} rad/s", f"detector {signal.level.word}"]
+    said = [f"max error {signal.max_error:.2f} rad/s", f"detector: {LEVEL_WORDS[signal.level]}"]
     axes.set_title(
         f"experiment {experiment.number}: {shown_state(signal).words}"
         f"{f', error {beside}' if beside else ''}\n({', '.join(said)})"
     )
-    axes.legend(loc="best", frameon=True, framealpha=0.9)
+    axes.legend(loc="lower right", ncols=2, frameon=True, framealpha=0.9)
+
+
+def _residual(axes: Axes, shown: ShownStep) -> None:
+    """What the twin leaves of the measurement, and twice the noise where that is known."""
+    experiment, prediction, _, signal = shown
+    residual = experiment.speed - prediction.speed
+    if signal.adequacy:
+        noise = float(np.sqrt(np.mean(residual**2))) / signal.adequacy
+        look: dict[str, Any] = {"color": style.SHADE, "lw": 0, "zorder": 0}
+        axes.axhspan(-2 * noise, 2 * noise, **look)
+    axes.plot(experiment.time, residual, color=style.BLUE, lw=0.7)
+    shaded = "; shaded: two deviations of the noise" if signal.adequacy else ""
+    axes.set_title(f"measured − twin{shaded}")
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("error [rad/s]")
+    axes.margins(x=0.05, y=0.25)
 
 
 def _errors(axes: Axes, steps: list[StepView]) -> None:
@@ -174,7 +190,7 @@ def _errors(axes: Axes, steps: list[StepView]) -> None:
         "ms": 7,
         "mfc": "none",
         "color": style.VERMILION,
-        "label": f"positive ({len(positive)})",
+        "label": f"alarm ({len(positive)})",
     }
     axes.plot([n for n, _ in positive], [error for _, error in positive], "o", **look)
     done = [(s.number, s.adaptation) for s in steps if s.adaptation is not None]

@@ -16,7 +16,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from ldt_core.views.page.blocks import Answer, Section
+from ldt_core.views.page.blocks import Answer, Figure, Section
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,9 @@ def render(
     sections: Sequence[Section],
     answer: Answer | None = None,
     program: Program | None = None,
+    figure: Figure | None = None,
 ) -> str:
-    """The page of these sections, with the answer above them where there is one."""
+    """The page of these sections, with the answer and its figure above them where there are."""
     return fill(
         "page/templates/page.html",
         title=title,
@@ -49,6 +50,7 @@ def render(
         footer=footer,
         sections=sections,
         answer=answer,
+        figure_of_answer=figure,
         stylesheet=view_file("page/templates/style.css"),
         program=program,
         data=escaped_json(program.data) if program else "",

@@ -40,7 +40,7 @@ def page(run: ReportedRun) -> str:
         plotted_data(run, compared),
     )
     return render(
-        f"Run {run.name}",
+        f"Run of {run.bag.machine or 'an unnamed machine'}: {run.name}",
         report_sections.lead(run),
         report_sections.FOOTER,
         report_sections.sections(run, compared),

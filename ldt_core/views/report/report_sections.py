@@ -30,7 +30,7 @@ from ldt_core.views.page.blocks import (
 )
 from ldt_core.views.page.page_builder import fill
 from ldt_core.views.report.reported_run import ReportedRun
-from ldt_core.views.step_view import LIMITS, DetectorStatistic
+from ldt_core.views.step_view import ACTION_WORDS, LEVEL_WORDS, LIMITS, DetectorStatistic
 
 FOOTER = (
     "Errors are maxima over an experiment of the distance between measured and predicted speed; "
@@ -41,7 +41,10 @@ GRADES = {Grade.WARNING: "open", Grade.PROBLEM: "bad"}
 
 #: Rows of a table that stands open; a longer one would bury what follows it.
 OPEN_ROWS = 20
-MARKS = {Action.ADAPTED: Mark("adapted", "good"), Action.REFUSED: Mark("refused", "open")}
+MARKS = {
+    Action.ADAPTED: Mark(ACTION_WORDS[Action.ADAPTED], "good"),
+    Action.REFUSED: Mark(ACTION_WORDS[Action.REFUSED], "open"),
+}
 
 NOTHING = "-"
 #: Settings that name files of the machine on which the run was.
@@ -50,37 +53,50 @@ PATHS = ("machine", "model", "detector", "cause", "effect", "play")
 
 def lead(run: ReportedRun) -> str:
     """What has run."""
-    last = run.signals[-1]
+    last, worst = run.signals[-1], run.signals[run.worst_first[0]]
     kind = run.models[0].kind if run.models else "unrecorded"
     machine = f"machine {run.bag.machine}" if run.bag.machine else "an unnamed machine"
     odd = len(remarks(run))
     warning = f" Mind the health of the recording: {_count(odd, 'remark')}." if odd else ""
     return (
         f"{_count(run.summary.experiments, 'experiment')} of {machine}, with a {kind} model and "
-        f"the detector {last.detector}.{warning}"
+        f"the detector {last.detector}. The worst was experiment {worst.experiment}, with an error "
+        f"of {number(worst.max_error)} rad/s.{warning}"
     )
 
 
 def answer(run: ReportedRun) -> Answer:
-    """How well the twin followed, and where it stands."""
+    """Is the twin right now, since when, and what has happened."""
     summary, last = run.summary, run.signals[-1]
     mean, original = summary.mme or 0.0, summary.mme_original
-    sentence = f"The twin's largest error in an experiment was {number(mean)} rad/s in the mean"
+    sentence = f"The twin's largest error was {number(mean)} rad/s in the mean."
     if original:
         share = number(100 * mean / original, 2)
-        sentence += f", {share} % of the {number(original)} rad/s of the model that never learns"
-    worst, count = run.signals[run.worst_first[0]], summary.positives
-    times = {0: "never", 1: "once", 2: "twice"}.get(count, f"{count} times")
-    sentence += (
-        f"; the worst was experiment {worst.experiment} with {number(worst.max_error)}. "
-        f"The detector was positive {times}, and "
-        f"{_count(summary.adaptations, 'new model')} came into force. {_judged(run)}"
-    )
-    beside = times_noise(last.adequacy)
-    aside = f"{f'error {beside}; ' if beside else ''}detector: {last.level.word}"
-    aside += f"; experiment {last.experiment}, the last"
+        sentence = (
+            f"The twin leaves {share} % of the error of the model that never learns "
+            f"({number(mean)} of {number(original)} rad/s)."
+        )
+    alarms = _count(summary.positives, "alarm") if summary.positives else "no alarm"
+    happened = f"There {'was' if summary.positives < 2 else 'were'} {alarms}"
+    took = "took over" if summary.adaptations else "was needed"
+    models = _count(summary.adaptations, "new model") if summary.adaptations else "no new model"
+    sentence += f" {happened}, and {models} {took}. {_judged(run)}"
     state = shown_state(last)
-    return Answer(Mark(state.words, state.tone), aside, sentence)
+    asides = [f"since experiment {_since(run)}" if _since(run) != last.experiment else ""]
+    beside = times_noise(last.adequacy)
+    asides += [f"error {beside}" if beside else "", f"detector: {LEVEL_WORDS[last.level]}"]
+    asides.append(f"experiment {last.experiment}, the last")
+    return Answer(Mark(state.words, state.tone), "; ".join(filter(None, asides)), sentence)
+
+
+def _since(run: ReportedRun) -> int:
+    """The first experiment of those in which the last state has been without a break."""
+    state, first = shown_state(run.signals[-1]), run.signals[-1].experiment
+    for signal in reversed(run.signals):
+        if shown_state(signal) is not state:
+            break
+        first = signal.experiment
+    return first
 
 
 def _judged(run: ReportedRun) -> str:
@@ -133,9 +149,9 @@ def _diagnoses(run: ReportedRun) -> Section:
             for d in run.diagnoses
         ]
         head = ("after", "verdict", "in words")
-        section.blocks.append(Table("What was to blame, at each positive", head, rows, cards=True))
+        section.blocks.append(Table("What was to blame, at each alarm", head, rows, cards=True))
     else:
-        none = "None was made in this run: --diagnose makes one at a positive."
+        none = "None was made in this run: --diagnose makes one at an alarm."
         section.blocks.append(Text(none, "missing"))
     return section
 
@@ -143,7 +159,7 @@ def _diagnoses(run: ReportedRun) -> Section:
 def _every(run: ReportedRun) -> Section:
     rows = [run.steps[index] for index in run.worst_first]
     link = "#experiment-{}"
-    own = {"state": shown_state, "number": number}
+    own = {"state": shown_state, "number": number, "words": LEVEL_WORDS.get, "done": ACTION_WORDS}
     table = _template("every.html", rows=rows, link=link, **own)
     return Section("every", "All experiments, worst first", [table])
 
@@ -199,7 +215,7 @@ def _without_place(sentence: str, run: ReportedRun) -> str:
 
 
 def adaptations(run: ReportedRun) -> list[Block]:
-    """One row for each positive."""
+    """One row for each alarm."""
     rows = []
     for step in run.steps:
         done = step.adaptation
@@ -208,7 +224,7 @@ def adaptations(run: ReportedRun) -> list[Block]:
     if not rows:
         return [Text("No new model was tried in this run.", "missing")]
     head = ("after", "done", "why")
-    return [_folded(Table("The adaptor at each positive", head, rows, cards=True))]
+    return [_folded(Table("What was learned at each alarm", head, rows, cards=True))]
 
 
 def models(run: ReportedRun) -> list[Block]:
@@ -230,7 +246,7 @@ def models(run: ReportedRun) -> list[Block]:
         "model",
         "kind",
         "learned from experiments",
-        "in force in experiments",
+        "used in experiments",
         "mean error [rad/s]",
         "cause, in SI units",
     )
@@ -276,7 +292,7 @@ def _settings(run: ReportedRun, compared: DetectorStatistic) -> list[Block]:
         ("detector", ", ".join(dict.fromkeys(s.detector for s in run.signals))),
         ("it compares", compared.label),
     ]
-    limits = {"warns above": compared.warning, "is positive above": compared.drift}
+    limits = {"warns above": compared.warning, "alarm above": compared.drift}
     for words, row in limits.items():
         if values := [v for v in row if v is not None]:
             pairs.append((words, f"{_span(values)} {compared.unit}".strip()))

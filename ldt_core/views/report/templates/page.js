@@ -39,7 +39,7 @@ function tell() {
     `${short(chosen)[0].toUpperCase()}${short(chosen).slice(1)} (number ${rank[chosen] + 1} of ${RUN.worst.length}, worst first).`,
     `Predicted by version ${RUN.version[chosen]}${model.kind && ` (${model.kind}, ${from})`}.`,
   ];
-  if (RUN.action[chosen]) lines.push(`Adaptor: ${RUN.action[chosen]}; ${RUN.reason[chosen]}.`);
+  if (RUN.action[chosen]) lines.push(`Adaptor: ${DONE[RUN.action[chosen]] || RUN.action[chosen]}; ${RUN.reason[chosen]}.`);
   const diagnosis = RUN.diagnoses[RUN.number[chosen]];
   if (diagnosis) lines.push(`Diagnosis: ${diagnosis}`);
   at("told").replaceChildren(...lines.map((line) => make("p", line)));

@@ -133,7 +133,7 @@ function learned(u) {
 
 const MARKS = {
   error: [
-    ["square", "vermilion", "positive"],
+    ["square", "vermilion", "alarm"],
     ["triangle", "ink", "warning"],
     ["line", "green", "new model"],
   ],

@@ -1,6 +1,12 @@
 // What is drawn: the run's figures, and the samples of an experiment.
 const RUN = JSON.parse(document.getElementById("data").textContent);
-const WORDS = { "-1": "negative", 0: "warning", 1: "positive" };
+const WORDS = { "-1": "no alarm", 0: "warning", 1: "alarm" };
+const DONE = {
+  kept: "no new model needed",
+  stored: "experiment stored to learn from",
+  adapted: "new model",
+  refused: "new model refused",
+};
 // State of machine and model: what people are told, and in which colour.
 const stateOf = (i) => RUN.states[RUN.state[i]] || RUN.states[""];
 const brief = (state) => RUN.states[state][0].split(":")[0];
@@ -81,7 +87,7 @@ function courseRows() {
     ]);
   if (s.drift.some((v) => v != null))
     rows.statistic.push([
-      "positive above",
+      "alarm above",
       s.drift,
       { color: "vermilion", dash: "mixed", width: 1.8 },
     ]);

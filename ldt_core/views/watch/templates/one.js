@@ -212,8 +212,8 @@ function showChoice() {
       model = seen.models[version];
     lines.push(`${s[0].toUpperCase()}${s.slice(1)}.`);
     if (version != null) lines.push(`Predicted by version ${version}${about(model)}.`);
-    if (RUN.action[chosen]) lines.push(`Adaptor: ${RUN.action[chosen]}; ${RUN.reason[chosen]}.`);
-  } else if (number != null) lines.push(`Experiment ${number} is too long ago: it is not kept.`);
+    if (RUN.action[chosen]) lines.push(`Adaptor: ${DONE[RUN.action[chosen]] || RUN.action[chosen]}; ${RUN.reason[chosen]}.`);
+  } else if (number != null) lines.push(`Experiment ${number} is too long ago to be shown.`);
   at("told").setAttribute("aria-live", following ? "off" : "polite");
   if (told !== lines.join("\n")) {
     told = lines.join("\n");
@@ -229,6 +229,17 @@ function about(model) {
   return ` (${kind}, learned from ${learned.length > 8 ? "" : learned.length > 1 ? "experiments " : "experiment "}${named})`;
 }
 
+function sinceWhen() {
+  // the first experiment of those in which the last state has been without a break
+  let first = null;
+  for (let i = RUN.number.length - 1; i >= 0; i--) {
+    if (RUN.error[i] == null) continue;
+    if (RUN.state[i] !== seen.card.state) break;
+    first = RUN.number[i];
+  }
+  return first;
+}
+
 let spoken = "",
   spokenAt = -Infinity;
 function showStatus() {
@@ -237,14 +248,16 @@ function showStatus() {
   at("status").className = `answer ${c.tone}`;
   lamp.set(c.tone);
   write(at("word"), c.words);
-  const aside = c.level == null ? [] : [c.noise && `error ${c.noise}`, `detector: ${c.word}`].filter(Boolean);
+  const aside = c.level == null ? [] : [c.noise && `error ${c.noise}`, `detector: ${WORDS[c.level]}`].filter(Boolean);
+  const since = sinceWhen();
+  if (since != null && since !== c.experiment) aside.unshift(`since experiment ${since}`);
   if (c.experiment != null) aside.push(`experiment ${c.experiment}`);
-  if (c.age != null) aside.push(ago(since(c)));
+  if (c.age != null) aside.push(ago(age(c)));
   write(at("aside"), aside.join(", "));
   const words = [];
   if (c.error != null) words.push(`Largest error ${four(c.error)} rad/s`);
   if (c.version != null) words.push(`model version ${c.version} goes on`);
-  if (c.action) words.push(`adaptor: ${c.action}`);
+  if (c.action) words.push(DONE[c.action] || c.action);
   write(at("sentence"), words.length ? `${words.join("; ")}.` : "Waiting for an experiment.");
   write(at("trouble"), c.trouble);
   const d = seen.diagnosis;
@@ -252,7 +265,7 @@ function showStatus() {
     at("diagnosis"),
     d
       ? `${d.sentence} (after experiment ${d.experiment})`
-      : "None yet. A graph that was started with --diagnose makes one at a positive.",
+      : "None yet. A graph that was started with --diagnose makes one at an alarm.",
   );
   at("diagnosis").className = d ? "" : "missing";
   document.title = `${c.words}: ${c.title} – LDT live`;

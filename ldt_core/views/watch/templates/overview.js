@@ -42,7 +42,7 @@ function card() {
   return { item, link, parts };
 }
 
-const since = (c) => (c.age == null ? null : c.age + (performance.now() - heard) / 1000);
+const age = (c) => (c.age == null ? null : c.age + (performance.now() - heard) / 1000);
 
 function fill({ link, parts }, c) {
   link.href = `#machine=${encodeURIComponent(c.key)}`;
@@ -51,10 +51,10 @@ function fill({ link, parts }, c) {
   write(parts.name, c.title);
   write(parts.word, c.words);
   write(parts.error, c.error == null ? "" : `, error ${four(c.error)} rad/s`);
-  const more = c.level == null ? [] : [c.noise && `error ${c.noise}`, `detector: ${c.word}`].filter(Boolean);
+  const more = c.level == null ? [] : [c.noise && `error ${c.noise}`, `detector: ${WORDS[c.level]}`].filter(Boolean);
   if (c.experiment != null) more.push(`experiment ${c.experiment}`);
   if (c.version != null) more.push(`model version ${c.version}`);
-  if (c.age != null) more.push(ago(since(c)));
+  if (c.age != null) more.push(ago(age(c)));
   write(parts.more, more.join(", "));
   write(parts.trouble, c.trouble);
   write(parts.diagnosis, c.diagnosis);

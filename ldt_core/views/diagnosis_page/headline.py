@@ -1,0 +1,83 @@
+"""The answer of a diagnosis in one short sentence: cause, amount, what it closes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ldt_core.base.sentences import listed, spoken
+from ldt_core.diagnosis.diagnosis import Diagnosis, ParameterAmount
+from ldt_core.views.diagnosis_page.number_format import known, unit_of, value_of
+
+#: Kind of a verdict → words for people.
+WORDS = {
+    "none": "no gap",
+    "effect": "cause found",
+    "ambiguous": "causes not told apart",
+    "unknown": "cause unknown",
+}
+SENSOR = "ensor fault"  # of a sentence that says so, which no shorter one may hide
+DIGITS = 2  # of errors: what was measured knows no more
+MOST_DIGITS = 6  # behind the point
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The short sentence; the verdict's own where a sensor is at fault.
+
+    "Unbalance, 5.0 ± 0.1 mm, closes 100 % of the gap (1.1 → 0.10 rad/s)."
+    """
+    verdict, gap = diagnosis.verdict, diagnosis.gap
+    if SENSOR in verdict.sentence:
+        return verdict.sentence
+    before, after = (value_of(e.rmse, DIGITS) for e in (gap.before, gap.after))
+    if verdict.kind == "none":
+        return (
+            f"No gap: the machine file predicts the speed to {before} rad/s, "
+            f"and the noise is {value_of(gap.noise_std, DIGITS)} rad/s."
+        )
+    if verdict.kind not in ("effect", "ambiguous") or not verdict.acting:
+        return f"No known cause explains the gap of {before} rad/s."
+    named = listed([_group(diagnosis, group) for group in verdict.acting])
+    closed = ""
+    if known(gap.closed_fraction):
+        verb = "closes" if len(verdict.acting) == 1 else "close"
+        closed = f" {verb} {100 * gap.closed_fraction:.0f} % of the gap"
+    return f"{named[0].upper()}{named[1:]}{closed} ({before} → {after} rad/s)."
+
+
+def _group(diagnosis: Diagnosis, group: Sequence[str]) -> str:
+    """An effect with its amount, or all that may be it."""
+    if len(group) > 1:
+        return listed([spoken(name) for name in group], "or")
+    ranked = next((c for c in diagnosis.candidates if c.effect == group[0]), None)
+    added = next((e for e in diagnosis.effects if e["effect"] == group[0]), None)
+    if ranked is None or added is None:
+        return spoken(group[0])
+    amounts = {n: a for n, a in ranked.parameters.items() if a.ci95 is not None}
+    told = ", ".join(
+        brief_amount(a) if len(amounts) == 1 else f"{n} {brief_amount(a)}"
+        for n, a in amounts.items()
+    )
+    return f"{spoken(group[0])}{f', {told},' if told else ''}"
+
+
+def brief_amount(found: ParameterAmount) -> str:
+    """A value and half its interval, to the first digit that the interval leaves open.
+
+    >>> brief_amount(ParameterAmount(0.005, "m", (0.00486, 0.00514)))
+    '5.0 ± 0.1 mm'
+    >>> brief_amount(ParameterAmount(1.02, "", (0.98, 1.06)))
+    '1.02 ± 0.04'
+    """
+    scale, unit = (1e3, "mm") if found.unit == "m" else (1.0, unit_of(found.unit))
+    value = scale * found.value
+    spread = 0.0
+    if found.ci95 is not None:
+        spread = scale * max(found.ci95[1] - found.value, found.value - found.ci95[0])
+    if not 0 < spread < math.inf:
+        return f"{value_of(value)} {unit}".rstrip()
+    # Rounded first: 0.096 is 0.1, one digit behind the point.
+    digits = -math.floor(math.log10(float(f"{spread:.0e}")))
+    if not 0 <= digits <= MOST_DIGITS:
+        return f"{value_of(value)} ± {value_of(spread, 1)} {unit}".rstrip()
+    return f"{value:.{digits}f} ± {spread:.{digits}f} {unit}".rstrip()
