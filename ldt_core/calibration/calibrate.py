@@ -18,6 +18,7 @@ from ldt_core.calibration.calibration import (
     WITHHELD,
     Calibration,
     ParameterEstimate,
+    Posterior,
     Reason,
     bound_notes,
     excitation_notes,
@@ -132,6 +133,7 @@ class _State:
     seen: Identifiability
     uncertainty: Uncertainty
     sensitivities: list[Array]
+    known: Posterior
     #: Effects that are plainly in what is left; None where something without a name is.
     lacking: tuple[str, ...] | None = ()
 
@@ -216,6 +218,7 @@ class _Work:
             fixed={n: fixed[n] for n in order},
             undetermined=state.seen.clusters + vague,
             noise=noise,
+            posterior=state.known if all(e.std for e in estimates) else None,
             intervals=WITHHELD if state.lacking != () else state.uncertainty.method,
             lacking=None if state.lacking is None else list(state.lacking),
             errors=errors,
@@ -324,14 +327,20 @@ class _Work:
         tolerances = self.machine.tolerances
         kept = [c for c in kept if tolerances.get(c.name) and c.nominal]
         others = Coordinates(kept, inner.values(z))
-        spread = widened(
+        spread, root = widened(
             spread,
             picked_out,
             runs.sensitivities(others, others.nominal) if kept else [],
             [deviation(c, tolerances[c.name]) for c in kept],
             [name not in bound for name in inner.names],
         )
-        return _State(whole, inner, runs, z, converged, seen, spread, raw)
+        sizes = np.concatenate([inner.sizes(z), others.sizes(others.nominal)])
+        names = (*inner.names, *others.names)
+        shown = [j for j, name in enumerate(names) if name not in seen.silent]
+        root = (root / sizes[:, None])[shown]
+        root = root[:, np.abs(root).max(axis=0, initial=0.0) > 0]
+        known = Posterior(tuple(names[j] for j in shown), root)
+        return _State(whole, inner, runs, z, converged, seen, spread, raw, known)
 
     def _coordinate(self, parameter: Parameter) -> Coordinate:
         return coordinate(self.physics, self.values, parameter, self.experiments)

@@ -54,6 +54,24 @@ class ParameterEstimate:
     std: float | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """The normal law of the parameters' relative errors, those that were kept included.
+
+    Attributes:
+        parameters: names.
+        root: (k, r) relative errors by r independent standard normal numbers.
+    """
+
+    parameters: tuple[str, ...]
+    root: Array
+
+    def as_dict(self) -> dict[str, Any]:
+        """A key of the machine file's `calibration`, in JSON types."""
+        rows = [[rounded(float(v)) for v in row] for row in self.root]
+        return {"parameters": list(self.parameters), "root": rows}
+
+
 @dataclass(frozen=True)
 class Calibration:
     """A calibrated machine and how far to trust it.
@@ -71,6 +89,7 @@ class Calibration:
         experiments: numbers of the experiments by the same keys.
         lacking: effects that the physics lacks and that are plainly in what is left, the clearest
             first; None where what is left is smooth and follows none of them.
+        posterior: what is known of all parameters together; None where some have no interval.
         notes: sentences for a person: what is determined, what to beware of.
         recordings: the files.
     """
@@ -86,6 +105,7 @@ class Calibration:
     experiments: dict[str, list[int]]
     notes: tuple[str, ...]
     lacking: list[str] | None = field(default_factory=list)
+    posterior: Posterior | None = None
     recordings: tuple[str, ...] = ()
 
     def with_recordings(self, recordings: Sequence[str]) -> Calibration:
@@ -123,6 +143,8 @@ class Calibration:
                 "rmse_before": rounded(before.rmse),
                 "rmse_after": rounded(after.rmse),
             }
+        if self.posterior is not None:
+            record["posterior"] = self.posterior.as_dict()
         record["notes"] = list(self.notes)
         return record
 

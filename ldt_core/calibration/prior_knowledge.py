@@ -82,7 +82,7 @@ def widened(
     kept: Sequence[Array],
     deviations: Sequence[float],
     inside: Sequence[bool],
-) -> Uncertainty:
+) -> tuple[Uncertainty, Array]:
     """The uncertainty when parameters that were kept may be wrong.
 
     Args:
@@ -91,12 +91,22 @@ def widened(
         kept: (rows, k) of each, to the parameters kept.
         deviations: (k,) of their coordinates.
         inside: (p,) which coordinates vary, q of them.
+
+    Returns:
+        It, and a (p + k, r) root of the covariance of all, those kept last.
     """
+    count = len(inside)
+    values, vectors = np.linalg.eigh(spread.covariance)
+    own = vectors * np.sqrt(np.maximum(values, 0.0))
+    root = np.zeros((count + len(deviations), count + len(deviations)))
+    root[:count, :count] = own
+    root[count:, count:] = np.diag(deviations)
     if not len(deviations) or not any(inside):
-        return spread
+        return spread, root
     moves = np.linalg.lstsq(np.vstack(fitted), np.vstack(kept), rcond=None)[0]
     covariance = spread.covariance.copy()
     at = np.flatnonzero(inside)
     scaled = moves * np.asarray(deviations)
     covariance[np.ix_(at, at)] += scaled @ scaled.T
-    return replace(spread, covariance=covariance)
+    root[np.ix_(at, np.arange(count, root.shape[1]))] = -scaled
+    return replace(spread, covariance=covariance), root

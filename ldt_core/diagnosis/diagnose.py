@@ -26,6 +26,7 @@ from ldt_core.diagnosis.diagnosis import (
     Remainder,
     Verdict,
 )
+from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.gap_location import places, steady_places
@@ -42,7 +43,7 @@ from ldt_core.diagnosis.holdout import (
 from ldt_core.diagnosis.isolability import isolability
 from ldt_core.diagnosis.library import library
 from ldt_core.diagnosis.next_experiment import next_experiment
-from ldt_core.diagnosis.nominal import enough, refits, said
+from ldt_core.diagnosis.nominal import enough, refits, said, with_all
 from ldt_core.diagnosis.nominal_prior import NOMINAL, NominalPrior, merged, nominal_prior
 from ldt_core.diagnosis.residual_torque import (
     TorqueEstimator,
@@ -107,7 +108,7 @@ def diagnose(
         residuals = FreeRunResiduals(
             machine, fitted, workers=workers, tolerance=THRESHOLDS.law_error
         )
-        search = EffectSetSearch(residuals, candidates, tick, prior.candidate() if prior else None)
+        search = EffectSetSearch(residuals, candidates, tick, prior)
         tick("what this recording can tell apart")
         silent, groups = isolability(search)
         search.twins = {
@@ -177,7 +178,7 @@ class _Report:
         by = regimes(self.held, before, after, noise) if d.kind != "none" else []
         gap = Gap(noise, was, now, part, interval, by)
         where = self._where()
-        found = amounts(self.named, d.left, d.excess) if self.named else {}
+        found = amounts(self.completed(self.named), d.left, d.excess) if self.named else {}
         left = share(d.left / d.excess) if d.kind != "none" and d.excess > 0 else None
         acting = d.acting if self.named else []
         effects = list(dict.fromkeys(n for group in acting for n in group))
@@ -227,7 +228,14 @@ class _Report:
         after = [free_run(self.machine, e, alone.use) for e in self.held]
         part, _ = closed(self.held, before, after, noise)
         d = self.decision
-        return refits(self.prior, d.best or alone, d.left, d.excess, part)
+        best = self.completed(d.best or alone)
+        return refits(self.prior, best, d.left, d.excess, part)
+
+    def completed(self, fitted: EffectFit) -> EffectFit:
+        """A set with all that is uncertain of the machine file, for the width of its intervals."""
+        if self.prior is None:
+            return fitted
+        return with_all(self.search.found.residuals, fitted, self.prior, self.search.told)
 
     def _where(self) -> list[GapLocation]:
         """By what was named, free of noise, or else by all that is wrong."""
@@ -321,7 +329,7 @@ class _Report:
         amount = (
             {
                 name: ParameterAmount(factor, "", None)
-                for name, factor in self.prior.factors(alone.z[-1]).items()
+                for name, factor in self.prior.among(self.search.told).factors(alone.z[-1]).items()
             }
             if self.prior
             else {}

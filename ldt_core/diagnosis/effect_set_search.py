@@ -19,6 +19,7 @@ from ldt_core.diagnosis.effect_fit import EffectFit, fit
 from ldt_core.diagnosis.error_band import ErrorBand
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.model_selection import FittedSets, Names, earned, plain_enough
+from ldt_core.diagnosis.nominal_prior import NominalPrior
 from ldt_core.diagnosis.responses import best_alone, rank_pairs, simulate_all
 from ldt_core.diagnosis.start_states import StartStates
 from ldt_core.diagnosis.thresholds import THRESHOLDS
@@ -61,8 +62,8 @@ class EffectSetSearch:
     """The search on one residuals.
 
     Args:
-        own: the machine's own parameters that are not known for certain: they are fitted with
-            every set under their prior, and never named.
+        prior: of the machine's own parameters that are not known for certain: they are fitted with
+            every set under it, and never named.
     """
 
     def __init__(
@@ -70,14 +71,17 @@ class EffectSetSearch:
         residuals: FreeRunResiduals,
         candidates: Sequence[Candidate],
         tick: Callable[[str], None] = lambda doing: None,
-        own: Candidate | None = None,
+        prior: NominalPrior | None = None,
     ) -> None:
         self.residuals, self.candidates, self.tick = residuals, tuple(candidates), tick
-        self.own = () if own is None else (own,)
         #: Effect to those that this recording cannot tell from it, whatever the data are.
         self.twins: dict[str, set[str]] = {}
         # Its fits run side by side: over so few experiments each of them could not be spread well.
         self.scout, self.workers = residuals.part(scouted(residuals), workers=1), residuals.workers
+        #: Coordinates of the prior that take part in the fits.
+        self.told = [] if prior is None else _told(self.scout, prior, residuals.size)
+        part = prior.among(self.told) if prior and self.told else None
+        self.own: tuple[Candidate, ...] = () if part is None else (part.candidate(),)
         zeros = [np.zeros(len(c)) for c in self.own]
         count = len(self.own)
         fitted = fit(self.scout, self.own, zeros, own=count) if count else None
@@ -318,6 +322,20 @@ def _of_each_kind(fits: Sequence[EffectFit]) -> list[EffectFit]:
     for f in fits:
         first.setdefault(frozenset(c.effect.family or c.name for c in f.effects), f)
     return list(first.values())
+
+
+def _told(residuals: FreeRunResiduals, prior: NominalPrior, size: int) -> list[int]:
+    """Coordinates of a prior of which a recording of so many residuals tells more than the prior.
+
+    The others would only be moved by what the laws leave, at the price of a simulation each.
+    """
+    whole, base = prior.candidate(), residuals.of()
+    found = []
+    for j, unit in enumerate(np.eye(len(whole))):
+        moved = residuals.of([(whole.effect, whole.given(unit))]) - base
+        if float(moved @ moved) * size / residuals.size > 1.0:
+            found.append(j)
+    return found
 
 
 def _empty(residuals: FreeRunResiduals) -> EffectFit:

@@ -7,6 +7,7 @@ So each is told with its prior, and one far outside it is said in the verdict's 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,9 +18,38 @@ from ldt_core.diagnosis.attribution import DEVIATIONS, covariance
 from ldt_core.diagnosis.candidate import LIMIT_MARGIN
 from ldt_core.diagnosis.diagnosis import Refit
 from ldt_core.diagnosis.effect_fit import EffectFit, by_member, used
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.nominal_prior import NominalPrior
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
+
+
+def with_all(
+    residuals: FreeRunResiduals, fitted: EffectFit, prior: NominalPrior, told: Sequence[int]
+) -> EffectFit:
+    """A fit with the coordinates of the prior that did not take part in it, at the file's values.
+
+    Args:
+        told: those that did.
+    """
+    whole = prior.candidate()
+    own = np.zeros(len(whole))
+    if fitted.own:
+        own[list(told)] = fitted.z[-1]
+    members, z = (*fitted.effects, whole), (*fitted.z[: len(fitted.effects)], own)
+    known = sum(len(c) for c in fitted.effects)
+    base = residuals.of(used(members, z), starts=fitted.starts)
+    columns = np.zeros((residuals.size, known + own.size))
+    columns[:, :known] = fitted.jacobian[:, :known]
+    columns[:, [known + j for j in told]] = fitted.jacobian[:, known:]
+    for j, by in enumerate(whole.differences):
+        if j in told:
+            continue
+        moved = own.copy()
+        moved[j] += by
+        with_it = residuals.of(used(members, (*z[:-1], moved)), starts=fitted.starts)
+        columns[:, known + j] = (with_it - base) / by
+    return replace(fitted, members=members, z=z, jacobian=columns, own=1)
 
 
 def refits(

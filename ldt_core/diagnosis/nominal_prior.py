@@ -8,8 +8,9 @@ allows. What is further off is a change of the machine, which an effect of the l
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePath
 
 import numpy as np
@@ -41,7 +42,9 @@ NOMINAL = "nominal_parameters"  # name of the candidate
 #: Deviation of a logarithm that stands for no knowledge: a file fitted to the very recording that
 #: is diagnosed knows nothing beside it, and its values have made up for what the file lacks.
 UNKNOWN = 1.0
-WELL_KNOWN = 0.1  # deviation of a logarithm, up to which what it moves hardly changes its shape
+SAME = 1e-3  # relative: a number of the file that differs by less is the calibrated one
+ALIKE = 0.3  # relative, of deviations: those in the file allow for few experiments as well
+WELL_KNOWN = 0.3  # deviation of a logarithm, up to which what it moves hardly changes its shape
 DIFFERENCE = 1e-3  # of a parameter, for difference quotients
 LONGEST_DIFFERENCE = 0.1  # deviations, for those known very well
 
@@ -52,7 +55,7 @@ class NominalCandidate(Candidate):
 
     @property
     def steady(self) -> bool:  # type: ignore[override]
-        """Whether the numbers are known within a few per cent."""
+        """Whether the numbers are known well enough for that."""
         return max(p.scale or 0.0 for p in self.parameters) < WELL_KNOWN
 
     @property
@@ -72,7 +75,7 @@ class NominalPrior:
 
     Attributes:
         names: parameters that are uncertain.
-        root: (k, k) square root of the covariance: logarithms per coordinate.
+        root: (k, r) square root of the covariance: logarithms per coordinate.
         known: False where the file was fitted to this recording, and so knows nothing of its own.
     """
 
@@ -93,9 +96,13 @@ class NominalPrior:
         return set() if self.known else {CHANGED_BY[n] for n in self.names}
 
     def factors(self, coordinates: Array) -> dict[str, float]:
-        """What the parameters are multiplied by at (k,) coordinates."""
+        """What the parameters are multiplied by at (r,) coordinates."""
         ratios = np.exp(self.root @ coordinates)
         return dict(zip(self.names, ratios.tolist(), strict=True))
+
+    def among(self, columns: Sequence[int]) -> NominalPrior:
+        """With some of the coordinates only: the others stay at the file's values."""
+        return replace(self, root=self.root[:, list(columns)])
 
     def candidate(self) -> NominalCandidate:
         """It, as a member of every set."""
@@ -147,6 +154,8 @@ def nominal_prior(
         return None
     if refit is None and _fitted_to(machine, recordings):
         return NominalPrior(machine, tuple(names), UNKNOWN * np.eye(len(names)), known=False)
+    if refit is None and (together := _posterior(machine)) is not None:
+        return together
     tolerances = machine.tolerances
     names = [n for n in names if tolerances.get(n, 0.0) > 0]
     sizes = np.array([tolerances[n] for n in names])
@@ -158,6 +167,34 @@ def _uncertain(machine: Machine) -> list[str]:
         return list(EQUIVALENT)
     free = machine.calibration.get("free", {})
     return [*machine.deviations, *(free if isinstance(free, dict) else ())]
+
+
+def _posterior(machine: Machine) -> NominalPrior | None:
+    """What the file's calibration says of its numbers together; None where it says nothing.
+
+    Numbers that were edited since are not those that it speaks of.
+    """
+    told, free = (machine.calibration.get(key) for key in ("posterior", "free"))
+    try:
+        names = tuple(str(n) for n in told["parameters"])  # type: ignore[index]
+        root = np.array(told["root"], dtype=np.float64)  # type: ignore[index]
+        values = {str(n): float(e["value"]) for n, e in free.items()}  # type: ignore[union-attr]
+    except (KeyError, TypeError, ValueError, AttributeError):
+        return None
+    if root.ndim != 2 or root.shape[0] != len(names) or not np.isfinite(root).all():
+        return None
+    parameters = machine.parameters
+    if not set(names) <= {n for n in CHANGED_BY if parameters.get(n)}:
+        return None
+    found = NominalPrior(machine, names, root)
+    same = all(
+        math.isclose(parameters[n], v, rel_tol=SAME)
+        and math.isclose(
+            machine.tolerances.get(n, 0.0), found.deviations.get(n, 0.0), rel_tol=ALIKE
+        )
+        for n, v in values.items()
+    )
+    return found if same and root.size else None
 
 
 def _fitted_to(machine: Machine, recordings: Sequence[str]) -> bool:
