@@ -9,6 +9,7 @@ from ldt_core.physics.effect import Effect
 from ldt_core.physics.motor_rates import fastest_root
 from ldt_core.physics.parameter import Parameter
 
+LEAST_SHARE = 1e-30  # of the inertia at the far end, in place of a division by none
 STEPS_PER_RADIAN = 2  # of a ripple's phase: 13 integration steps a period
 
 
@@ -22,14 +23,12 @@ def _cogging_rate(values, voltage, torque, periods, phase):
 
 
 def _compliance(t, theta, omega, current, voltage, p, state, rate):
-    share, stiffness, damping, near = p[0], p[1], p[2], p[3]
-    if share == 0.0:
-        rate[0] = 0.0
-        rate[1] = 0.0
-        return 0.0
+    stiffness, damping, near = p[1], p[2], p[3]
+    share = max(p[0], LEAST_SHARE)
+    there = p[0] / share  # 1, or 0 without a far end; by no decision, see `physics/lanes.py`
     far = near * share / (1.0 - share)
-    moment = stiffness * (theta - state[0]) + damping * (omega - state[1])
-    rate[0] = state[1]
+    moment = there * (stiffness * (theta - state[0]) + damping * (omega - state[1]))
+    rate[0] = there * state[1]
     rate[1] = moment / far
     return -moment
 

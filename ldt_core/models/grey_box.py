@@ -15,7 +15,7 @@ from ldt_core.base.sentences import listed, spoken
 from ldt_core.effects import EFFECTS
 from ldt_core.effects.change_description import change_of
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe, together
-from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, GreyBox
+from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, Case, GreyBox
 from ldt_core.estimation.grey_box_fit import Prior
 from ldt_core.estimation.noise import roughness
 from ldt_core.estimation.structure_search import FittedStructure, Present, StructureSearch
@@ -106,6 +106,7 @@ class GreyBoxModel(Model):
         self.angle = believe(self.seen, self.turn) if self.turn > 0 else None
         noise = self.parameters["noise_std"]
         self.noise_std = None if noise is None else float(noise)
+        self._last: tuple[Experiment, Prediction] | None = None
 
     @property
     def present(self) -> Present:
@@ -118,6 +119,14 @@ class GreyBoxModel(Model):
         Raises:
             LdtError: the simulated speed grows without bound.
         """
+        # One experiment is asked about several times in a row: how far off, whether explained.
+        last = self._last
+        if last is None or last[0] is not experiment or last[1].model_version != self.version:
+            last = experiment, self._prediction(experiment)
+            self._last = last
+        return last[1]
+
+    def _prediction(self, experiment: Experiment) -> Prediction:
         about = (experiment.number, experiment.start, experiment.period, self.version)
         noise = self.noise_std or 0.0
         rest = self.box.at_rest(experiment, noise) if noise else False
@@ -125,10 +134,9 @@ class GreyBoxModel(Model):
         variance = np.full(len(experiment), noise**2)
         unknown = self.angle is not None and (not rest or self.angle.same < EVEN - ROUNDED)
         if unknown and noise:
-            runs = [
-                self.box.speed(self.q, experiment, rest, np.array([angle, 0.0, 0.0]), step=step)
-                for angle, step in ((self.turn * k / ANGLES, COARSE_STEP) for k in range(ANGLES))
-            ]
+            starts = [np.array([self.turn * k / ANGLES, 0.0, 0.0]) for k in range(ANGLES)]
+            cases = [Case(self.q, experiment, rest, start) for start in starts]
+            runs = self.box.speeds(cases, step=COARSE_STEP)
             speed = np.median(runs, axis=0)
             variance += np.mean((np.array(runs) - speed) ** 2, axis=0)
             return Prediction(*about, speed, np.sqrt(variance))
@@ -137,10 +145,11 @@ class GreyBoxModel(Model):
         speed = self.box.speed(self.q, experiment, rest, start)
         if self.noise_std is None:
             return Prediction(*about, speed)
-        for direction in self.directions:
-            q = np.clip(self.q + direction, self.box.low, self.box.high)
-            moved = self.box.speed(q, experiment, rest, start, step=COARSE_STEP)
-            variance += (moved - speed) ** 2
+        low, high = self.box.low, self.box.high
+        moved = [np.clip(self.q + direction, low, high) for direction in self.directions]
+        near = [Case(q, experiment, rest, start) for q in moved]
+        for other in self.box.speeds(near, step=COARSE_STEP):
+            variance += (other - speed) ** 2
         return Prediction(*about, speed, np.sqrt(variance))
 
     def fit(self, experiments: Sequence[Experiment]) -> Self:

@@ -125,6 +125,10 @@ def where_less(_typing, a, b, yes, no):
     return kind(kind, kind, kind, kind), lower
 
 
+_operation(max, lambda builder, a, b: builder.select(builder.fcmp_ordered("<", a, b), b, a), 2)
+_operation(min, lambda builder, a, b: builder.select(builder.fcmp_ordered("<", b, a), b, a), 2)
+
+
 @intrinsic
 def any_less(_typing, a, b):
     """Whether a < b in any lane."""
