@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
-from ldt_core.physics.base import ANGLE, CURRENT, SPEED
+from ldt_core.physics.base import ANGLE, CURRENT, SPEED, FreeRun
 
 if TYPE_CHECKING:
     from ldt_core.machine.machine_file import Machine
@@ -38,6 +39,22 @@ class UncertainStart:
 
     rest: bool
     spread: Array
+
+
+class CauseRun(NamedTuple):
+    """One free run of a machine with its cause.
+
+    Attributes:
+        experiment: its voltage, its first speed and its first current.
+        z: the effect's coordinates.
+        offset: (n,) change of the nominal start state.
+        rest: the machine stood still, whatever the first sample says.
+    """
+
+    experiment: Experiment
+    z: Array
+    offset: Array
+    rest: bool = False
 
 
 class Cause:
@@ -139,13 +156,27 @@ class Cause:
         """(L,) speed of the free run [rad/s].
 
         Args:
-            experiment: its voltage, its first speed and its first current.
-            z: the effect's coordinates.
-            offset: (n,) change of the nominal start state.
-            rest: the machine stood still, whatever the first sample says.
+            experiment, z, offset, rest: as in `CauseRun`.
             max_step: of the integration [s]; None is as exact as the physics model.
         """
         states = self._states(experiment, z, offset, rest, max_step)
+        return self._shown(states, experiment, z)
+
+    def speeds(self, runs: Sequence[CauseRun], max_step: float) -> list[Array]:
+        """The same of many free runs, several at once."""
+        found = [np.full(len(run.experiment), DIVERGED_SPEED) for run in runs]
+        begun, places = [], []
+        for place, run in enumerate(runs):
+            with contextlib.suppress(LdtError):
+                begun.append(self._run(*run))
+                places.append(place)
+        for i, states in self.physics.simulate_all(begun, max_step):
+            place = places[i]
+            if not isinstance(states, LdtError):
+                found[place] = self._shown(states, runs[place].experiment, runs[place].z)
+        return found
+
+    def _shown(self, states: Array, experiment: Experiment, z: Array) -> Array:
         given = [(self.effect, self.given(z))]
         speed = self.physics.measure(states, experiment.period, given)
         return np.nan_to_num(
@@ -160,18 +191,21 @@ class Cause:
         rest: bool,
         max_step: float | None,
     ) -> Array:
+        step: dict[str, Any] = {} if max_step is None else {"max_step": max_step}
+        try:
+            return self.physics.simulate(*self._run(experiment, z, offset, rest)[:5], **step)
+        except LdtError:
+            return np.full((len(experiment), len(self.physics.states)), DIVERGED_SPEED)
+
+    def _run(self, experiment: Experiment, z: Array, offset: Array, rest: bool) -> FreeRun:
         given = self.given(z)
         speed = 0.0 if rest else self._first_speed(experiment, z)
         current = None if experiment.current is None else float(experiment.current[0])
-        step: dict[str, Any] = {} if max_step is None else {"max_step": max_step}
-        try:
-            worn = self.effect.change_parameters(self.physics, self.values, given)
-            initial = self.physics.running_state(worn, speed, float(offset[ANGLE]), current)
-            initial[SPEED:] += offset[SPEED:]
-            about = experiment.voltage, experiment.period, initial, [(self.effect, given)]
-            return self.physics.simulate(self.values, *about, **step)
-        except LdtError:
-            return np.full((len(experiment), len(self.physics.states)), DIVERGED_SPEED)
+        worn = self.effect.change_parameters(self.physics, self.values, given)
+        initial = self.physics.running_state(worn, speed, float(offset[ANGLE]), current)
+        initial[SPEED:] += offset[SPEED:]
+        about = self.values, experiment.voltage, experiment.period, initial
+        return FreeRun(*about, [(self.effect, given)])
 
     def _first_speed(self, experiment: Experiment, z: Array) -> float:
         """The shaft's speed when a settled sensor, with the effect, shows the first sample."""

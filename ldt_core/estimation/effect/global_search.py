@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
-from ldt_core.estimation.effect.cause import Cause, UncertainStart
+from ldt_core.estimation.effect.cause import Cause, CauseRun, UncertainStart
 from ldt_core.estimation.effect.joint_fit import FittedExperiment, JointFit, Minimum
 from ldt_core.estimation.noise import white_noise
 
@@ -135,14 +135,18 @@ class Scan:
             self._add(itertools.product(fresh[:, None], self._angles))
 
     def _add(self, points: Sequence[Point] | Iterator[Point]) -> None:
+        fresh = []
         for z, angle in points:
-            z = np.asarray(z, dtype=np.float64)
-            if (z.tobytes(), angle) in self._done:
-                continue
-            self._done.add((z.tobytes(), angle))
-            offset = self.cause.offset(angle)
-            run = self.cause.speed(self.experiment, z, offset, self.start.rest, INTEGRATION_STEP)
-            self._points.append((z, angle))
+            point = np.asarray(z, dtype=np.float64), angle
+            if (point[0].tobytes(), angle) not in self._done:
+                self._done.add((point[0].tobytes(), angle))
+                fresh.append(point)
+        asked = [
+            CauseRun(self.experiment, z, self.cause.offset(angle), self.start.rest)
+            for z, angle in fresh
+        ]
+        self._points += fresh
+        for run in self.cause.speeds(asked, INTEGRATION_STEP):
             self._rests.append(self.experiment.speed - run)
 
 

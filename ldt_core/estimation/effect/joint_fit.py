@@ -16,7 +16,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
-from ldt_core.estimation.effect.cause import Cause, UncertainStart
+from ldt_core.estimation.effect.cause import Cause, CauseRun, UncertainStart
 from ldt_core.estimation.least_squares import levenberg_marquardt
 from ldt_core.estimation.noise import correlation_time
 from ldt_core.physics.base import ANGLE
@@ -129,13 +129,21 @@ class JointFit:
 
     def rest(self, q: Array, i: int) -> Array:
         """(L,) residual of experiment i [rad/s], held samples included."""
-        z, offset, seen = q[: self._d], self.offset(q, i), self.seen[i]
-        e = seen.experiment
-        key = e.number, e.start, len(e), z.tobytes(), offset.tobytes()
-        if key not in self._runs:
-            run = self.cause.speed(seen.experiment, z, offset, seen.start.rest, INTEGRATION_STEP)
-            self._runs[key] = run
-        return seen.experiment.speed - self._runs[key]
+        return self.rests([(q, i)])[0]
+
+    def rests(self, asked: Sequence[tuple[Array, int]]) -> list[Array]:
+        """The same of each (coordinates, experiment), several free runs at once."""
+        runs, keys = {}, []
+        for q, i in asked:
+            run = CauseRun(self.seen[i].experiment, q[: self._d], self.offset(q, i))
+            e = run.experiment
+            keys.append((e.number, e.start, len(e), run.z.tobytes(), run.offset.tobytes()))
+            if keys[-1] not in self._runs:
+                runs[keys[-1]] = run._replace(rest=self.seen[i].start.rest)
+        speeds = self.cause.speeds(list(runs.values()), INTEGRATION_STEP)
+        self._runs |= zip(runs, speeds, strict=True)
+        found = zip(asked, keys, strict=True)
+        return [self.seen[i].experiment.speed - self._runs[key] for (_, i), key in found]
 
     def run(self, start: Array) -> Minimum:
         """Descend from coordinates (p,) to the nearest minimum."""
@@ -177,7 +185,9 @@ class JointFit:
         return Minimum(q, covariance, rests, rms, memory)
 
     def _rows(self, q: Array) -> Array:
-        measured = [self.rest(q, i)[s.keep] / self.noise for i, s in enumerate(self.seen)]
+        rests = self.rests([(q, i) for i in range(len(self.seen))])
+        kept = zip(rests, self.seen, strict=True)
+        measured = [rest[s.keep] / self.noise for rest, s in kept]
         return np.concatenate([*measured, self._prior(q)])
 
     def _prior(self, q: Array) -> Array:
@@ -192,17 +202,24 @@ class JointFit:
         ends = np.cumsum([0, *lengths])
         prior = self._prior(q)
         slopes = np.zeros((ends[-1] + prior.size, self.size))
+        base = self.rests([(q, i) for i in range(len(self.seen))])
+        points, steps, asked, columns = [], [], [], []
         for j in range(self.size):
             step = DIFFERENCE * (1.0 if j < self._d else self.spread[j])
             if j < self._d and q[j] + step > self.cause.high[j]:
                 step = -step
             moved = q.copy()
             moved[j] += step
+            points.append(moved)
+            steps.append(step)
             shared = j < self._d + (1 if self.shared else 0)
             for i, place in enumerate(self._places):
                 if shared or place.start <= j < place.stop:
-                    change = self.rest(moved, i) - self.rest(q, i)
-                    rows = slice(ends[i], ends[i + 1])
-                    slopes[rows, j] = change[self.seen[i].keep] / (step * self.noise)
-            slopes[ends[-1] :, j] = (self._prior(moved) - prior) / step
+                    asked.append((moved, i))
+                    columns.append(j)
+        for rest, (_, i), j in zip(self.rests(asked), asked, columns, strict=True):
+            rows = slice(ends[i], ends[i + 1])
+            slopes[rows, j] = (rest - base[i])[self.seen[i].keep] / (steps[j] * self.noise)
+        for j, moved in enumerate(points):
+            slopes[ends[-1] :, j] = (self._prior(moved) - prior) / steps[j]
         return slopes
