@@ -39,9 +39,9 @@ def command(
     """Show the running graph, or RECORDING played back, live in the browser, until Ctrl-C.
 
     The experiment as it arrives, measured and predicted; the state of machine and model as a
-    traffic light; what was adapted; the last diagnosis; the nodes' health. All machines of the ROS
-    domain are found by themselves and listed worst first. Nothing is sent to the graph, nothing
-    loaded from a network.
+    traffic light; what was adapted; the last diagnosis; the nodes' health. A recording can be
+    paused, and set to any experiment. All machines of the ROS domain are found by themselves and
+    listed worst first. Nothing is sent to the graph, nothing loaded from a network.
 
     Example: ldt watch my_run --rate 20
     """
@@ -52,7 +52,12 @@ def command(
     from ldt_core.views.watch.record_source import Playback, RecordSource, graph
     from ldt_core.views.watch.server import is_loopback, serve
 
-    source: RecordSource = Playback(recording, namespace, rate) if recording else graph(namespace)
+    source: RecordSource
+    if recording:
+        source = Playback(recording, namespace, rate)
+        source.stays = True
+    else:
+        source = graph(namespace)
 
     def ready(address: str) -> None:
         if not is_loopback(host):

@@ -19,6 +19,7 @@ from ldt_core.base.errors import BadInput
 from ldt_core.base.experiment import Level
 from ldt_core.views.watch.browser_files import assets
 from ldt_core.views.watch.fleet import Fleet
+from ldt_core.views.watch.playback_clock import PlaybackClock
 from ldt_core.views.watch.watched_machine import MOST_STEPS
 
 aiohttp = pytest.importorskip("aiohttp")
@@ -33,12 +34,12 @@ PATIENCE = 60.0  # s; a stalled machine is not what is tested
 Task = Callable[[Fleet, ClientSession, str], Awaitable[None]]
 
 
-def served(task: Task, host: str = "127.0.0.1") -> None:
+def served(task: Task, host: str = "127.0.0.1", clock: PlaybackClock | None = None) -> None:
     """Run a client's task against a server."""
 
     async def both() -> None:
         fleet = Fleet()
-        pages = Pages(fleet, assets("a test"), host)
+        pages = Pages(fleet, assets("a test"), host, clock)
         async with test_utils.TestServer(pages.application()) as real, ClientSession() as client:
             try:
                 await asyncio.wait_for(task(fleet, client, str(real.make_url("/"))), PATIENCE)
@@ -315,3 +316,36 @@ def test_no_address_is_told_of_a_page_that_will_show_nothing():
 
     asyncio.run(server.serve(Fleet(), Source(), *where, ready))
     assert len(told) == 1
+
+
+def test_a_recording_obeys_this_page_and_no_other():
+    """Pause and seek by POST, from a page of this server; a graph has nothing of the kind."""
+    clock = PlaybackClock(1.0, 40)
+
+    async def task(_fleet: Fleet, client: ClientSession, url: str) -> None:
+        own, path = url.rstrip("/"), f"{url}playback"
+        for origin, query, status in (
+            (own, "pause=1", 200),
+            (own, "to=12", 200),
+            (own, "to=-1", 400),
+            (own, "pause=maybe", 400),
+            ("http://evil.example", "pause=0", 405),
+            ("null", "pause=0", 405),
+        ):
+            headers = {"Origin": origin}
+            async with client.post(f"{path}?{query}", headers=headers) as answer:
+                assert answer.status == status, (origin, query)
+        async with client.post(f"{path}?pause=0") as answer:
+            assert answer.status == 405
+        async with client.get(f"{path}?pause=0") as answer:
+            assert answer.status in (404, 405)
+
+    served(task, clock=clock)
+    assert clock.paused
+
+    async def refused(_fleet: Fleet, client: ClientSession, url: str) -> None:
+        headers = {"Origin": url.rstrip("/")}
+        async with client.post(f"{url}playback?pause=1", headers=headers) as answer:
+            assert answer.status == 405
+
+    served(refused)

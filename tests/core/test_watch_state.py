@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from ldt_core.views.packed_samples import PackedChannel, PackedSamples
 from ldt_core.views.watch.fleet import MACHINES, Fleet
+from ldt_core.views.watch.playback_clock import PlaybackClock
 from ldt_core.views.watch.record_source import Playback
 from ldt_core.views.watch.watched_machine import (
     GREATEST,
@@ -350,6 +352,65 @@ def test_a_recording_is_played_at_its_pace_and_stops_at_once(tmp_path):
     thread.join(20)
     assert not thread.is_alive()
     assert fleet.machine("/")["numbers"] in ([1], [1, 2])
+
+
+def eventually(holds) -> None:
+    """Within 20 s."""
+    end = time.monotonic() + 20
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_a_recording_is_paused_set_forward_and_back_also_at_its_end(tmp_path):
+    """Set to an experiment, it has just ended, with its signal; pausing holds it there."""
+    source = Playback(fake_run(tmp_path / "run"), rate="0.01")  # 60 s an experiment
+    source.stays = True
+    fleet, stop = Fleet(False), threading.Event()
+    thread = threading.Thread(target=source.run, args=(fleet, stop, lambda: None))
+    thread.start()
+
+    def judged() -> list[int]:
+        machine = fleet.machine("/")
+        return [s["number"] for s in machine["steps"] if s["error"] is not None] if machine else []
+
+    try:
+        eventually(lambda: fleet.machine("/") and fleet.machine("/")["numbers"] == [1])
+        assert judged() == []  # it goes on still
+        source.clock.pause(True)
+        assert source.clock.total == 6
+        for target, expected in ((4, 4), (2, 2), (99, 6), (3, 3)):
+            source.clock.seek(target)
+            eventually(lambda wanted=expected: judged() == list(range(1, wanted + 1)))
+            assert fleet.overview()["playback"]["paused"]
+        time.sleep(0.3)
+        assert judged() == [1, 2, 3]
+    finally:
+        stop.set()
+        thread.join(20)
+    assert not thread.is_alive()
+
+
+def test_the_time_of_a_recording_is_held_and_goes_on():
+    """At its rate, and not while it is paused."""
+    now = [100.0]
+    clock, stop = PlaybackClock(10.0, 3, lambda: now[0]), threading.Event()
+    assert clock.reach(5.0, 1, stop)
+    clock.begin(5.0)
+    now[0] += 2
+    assert clock.state()["elapsed"] == 20.0
+    clock.pause(True)
+    now[0] += 50
+    assert clock.state()["elapsed"] == 20.0
+    clock.pause(False)
+    now[0] += 1
+    assert clock.state() == {
+        "paused": False,
+        "rate": 10.0,
+        "position": 1,
+        "total": 3,
+        "elapsed": 30.0,
+    }
 
 
 def test_a_rate_that_is_none_is_refused(tmp_path):

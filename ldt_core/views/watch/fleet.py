@@ -43,6 +43,8 @@ class Fleet:
         self.count = 0
         #: Told of each change, by whichever thread made it; has to return at once.
         self.on_change: Callable[[], None] = lambda: None
+        #: What tells how far a recording is played, None where none is.
+        self.playback: Callable[[], dict[str, Any]] | None = None
         self._state = ""
         self._left_out: set[str] = set()
         self._clock, self._world = clock, world
@@ -53,6 +55,12 @@ class Fleet:
         with self._lock:
             self._state = words
             self._changed()
+
+    def reset(self) -> None:
+        """Forget all machines: what comes now begins anew."""
+        with self._lock:
+            self._changed()
+            self.machines = {n: WatchedMachine(n, began=self.count) for n in self.machines}
 
     def expect(self, namespace: str, name: str = "") -> None:
         """Show a machine before anything has come of it."""
@@ -101,7 +109,13 @@ class Fleet:
             cards = [self._card(machine, now) for machine in self.machines.values()]
             cards.sort(key=lambda c: (-c["rank"], -(c["error"] or 0), c["key"]))
             left_out = len(self._left_out)
-            return {"state": self._state, "live": self.live, "left": left_out, "machines": cards}
+            return {
+                "state": self._state,
+                "live": self.live,
+                "left": left_out,
+                "playback": self.playback() if self.playback else None,
+                "machines": cards,
+            }
 
     def machine(self, key: str, since: int = 0) -> dict[str, Any] | None:
         """What has changed of a machine since a count of the fleet, in JSON types.

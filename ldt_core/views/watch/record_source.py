@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
 from ldt_core.base.errors import LdtError
-from ldt_core.base.experiment import Experiment
+from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.registry import entry_points
 from ldt_core.recording.bag import Bag, namespaces, read_bag
 from ldt_core.recording.codec import DECODERS, decode
 from ldt_core.recording.messages import deserialize
+from ldt_core.recording.metadata import listed_topics
 from ldt_core.recording.node_status import HEALTH_TOPIC
 from ldt_core.recording.pace import parse_rate
 from ldt_core.recording.storage import RawMessage, Storage
 from ldt_core.views.watch.fleet import Fleet
+from ldt_core.views.watch.playback_clock import PlaybackClock
 
 GROUP = "ldt.watch"
 GRAPH = "graph"
@@ -61,8 +62,8 @@ def graph(namespace: str = "") -> RecordSource:
 class Playback:
     """Plays all machines of a recording, or one of them.
 
-    The first experiment is shown at once, each later one when a machine would have finished it;
-    what was recorded of an experiment follows it without delay.
+    Each experiment is there with its prediction when the machine would begin it; the page shows
+    its samples as time goes on. What else was recorded of it comes when it has ended.
 
     Raises:
         RecordingError: no recording, or no such machine in it.
@@ -78,44 +79,73 @@ class Playback:
         self.bags: list[Bag] = [read_bag(path, name or "/") for name in names or [""]]
         pace = "as fast as it goes" if self.rate is None else f"at {self.rate:g} times real time"
         self.words = f"{self.storage.path.resolve().name}, played {pace}"
-        self._begin: tuple[float, float] | None = None
+        self.clock = PlaybackClock(self.rate, self._total())
+        #: Whether it can be played again once it has come to its end, until it is told to stop.
+        self.stays = False
+        self._ends: dict[str, float] = {}
 
     def run(self, fleet: Fleet, stop: threading.Event, begun: Callable[[], object]) -> None:
-        """Feed the fleet to the end of the recording."""
+        """Feed the fleet to the end of the recording, and again where somebody goes back."""
+        fleet.playback = self.clock.state
         begun()
+        self._expect(fleet)
+        while self._played(fleet, stop):
+            self.clock.rewind()
+            self._ends.clear()
+            fleet.reset()
+            self._expect(fleet)
+
+    def _expect(self, fleet: Fleet) -> None:
         fleet.say(f"recording {self.words}")
-        topics = {topic: bag.namespace for bag in self.bags for topic in bag.topics}
         for bag in self.bags:
             fleet.expect(bag.namespace, bag.machine)
+
+    def _played(self, fleet: Fleet, stop: threading.Event) -> bool:
+        """Play it; whether to play it again."""
+        topics = {topic: bag.namespace for bag in self.bags for topic in bag.topics}
         for raw in self.storage.messages(list(topics)):
+            if not self._take(raw, topics[raw.topic], fleet, stop):
+                return True
             if stop.is_set():
-                return
-            self._take(raw, topics[raw.topic], fleet, stop)
+                return False
         # Where the recording lies is no business of those who look at the page.
         path = str(self.storage.path)
         notes = "; ".join(
             n.removeprefix(f"{path}: ").replace(f"{path}/", "") for n in self.storage.notes
         )
         fleet.say(f"recording {self.words}, has ended{f' ({notes})' if notes else ''}")
+        return self.stays and self.clock.wait_for_seek(stop)
 
-    def _take(self, raw: RawMessage, namespace: str, fleet: Fleet, stop: threading.Event) -> None:
+    def _take(self, raw: RawMessage, namespace: str, fleet: Fleet, stop: threading.Event) -> bool:
+        """Feed a message when its time has come; False where somebody goes back."""
         name = HEALTH_TOPIC if raw.topic == HEALTH_TOPIC else raw.topic.rpartition("/")[2]
         try:
             message = deserialize(raw.data, raw.kind, raw.topic)
             record = decode(name, message, raw.topic) if name in DECODERS else message
         except LdtError as error:
             fleet.misread(namespace, str(error))
-            return
+            return True
+        begins = isinstance(record, Experiment)
         if isinstance(record, Experiment):
-            self._wait(record, stop)
+            self._ends[namespace] = record.end
+        moment = record.start if isinstance(record, Experiment) else self._ends.get(namespace)
+        # Predictions are shown as the experiment goes on, all else once it has ended.
+        if moment is not None and name != HEALTH_TOPIC and not isinstance(record, Prediction):
+            ahead = self.clock.position + begins
+            if not self.clock.reach(moment, ahead, stop):
+                return False
+            if stop.is_set():
+                return True
+        if isinstance(record, Experiment):
+            self.clock.begin(record.start)
         if name in DECODERS or name == HEALTH_TOPIC:
             fleet.feed(namespace, name, record)
+        return True
 
-    def _wait(self, experiment: Experiment, stop: threading.Event) -> None:
-        if self.rate is None:
-            return
-        now = time.monotonic()
-        if self._begin is None:
-            self._begin = (now, experiment.end)
-        began, first = self._begin
-        stop.wait(max(0.0, began + (experiment.end - first) / self.rate - now))
+    def _total(self) -> int | None:
+        """Experiments of the machines, where `metadata.yaml` counts them."""
+        entries = listed_topics(self.storage.metadata)
+        topics = [topic for bag in self.bags if (topic := bag.topic("experiment"))]
+        counts = [entries[t].get("message_count") for t in topics if t in entries]
+        numbers = [c for c in counts if isinstance(c, int)]
+        return sum(numbers) if numbers and len(numbers) == len(topics) else None

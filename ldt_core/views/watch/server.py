@@ -6,9 +6,10 @@
 | `/events?machine=KEY` | server-sent events: `fleet` (overview), `machine` (what has changed) |
 | `/machines` | the overview in JSON, for programs |
 | `/experiment?machine=KEY&number=N` | samples of an experiment in JSON |
+| `/playback?pause=1`, `?pause=0`, `?to=N` | POST, where a recording is played: pause, go on, seek |
 
-Only GET and HEAD are answered, only to the names that the server goes by (a page of a stranger that
-lets its own name point here gets nothing), and no other site may read what comes.
+Else only GET and HEAD are answered, only to the names that the server goes by (a page of a stranger
+that lets its own name point here gets nothing), and no other site may read what comes.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from typing import Any
 
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.views.watch.fleet import Fleet
+from ldt_core.views.watch.playback_clock import PlaybackClock
 from ldt_core.views.watch.record_source import RecordSource
 
 try:
@@ -44,6 +46,8 @@ ASKED_WITHIN = 10.0  # s in which who connects must have sent a request
 STALLED = 10.0  # s in which a browser must take what it is sent
 RETRY = 1000  # ms until a browser that lost the server tries again
 CLOSING = 1.0  # s that the end waits for answers under way
+PLAYBACK = "/playback"
+LONGEST_NUMBER = 17  # digits, and one more than a browser counts exactly
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 HEADERS = {
     "Content-Security-Policy": (
@@ -68,10 +72,17 @@ class Pages:
     Args:
         assets: path → (content type, content).
         host: that the server is bound to; decides by which names it may be called.
+        clock: of the recording that is played, which a person may pause and set; None for a graph.
     """
 
-    def __init__(self, fleet: Fleet, assets: dict[str, tuple[str, bytes]], host: str) -> None:
-        self.fleet, self.assets = fleet, assets
+    def __init__(
+        self,
+        fleet: Fleet,
+        assets: dict[str, tuple[str, bytes]],
+        host: str,
+        clock: PlaybackClock | None = None,
+    ) -> None:
+        self.fleet, self.assets, self.clock = fleet, assets, clock
         self.names = names_of(host)
         self.open_to_others = not is_loopback(host)
         self._asked: set[Any] = set()  # connections that have sent a request
@@ -92,6 +103,7 @@ class Pages:
         app.router.add_get("/events", self._events, allow_head=False)
         app.router.add_get("/machines", self._machines)
         app.router.add_get("/experiment", self._experiment)
+        app.router.add_post(PLAYBACK, self._playback)
         return app
 
     def close(self) -> None:
@@ -128,7 +140,7 @@ class Pages:
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         self._asked.add(request.protocol)
         try:
-            if request.method not in ("GET", "HEAD"):
+            if request.method not in ("GET", "HEAD") and not self._plays(request):
                 raise web.HTTPMethodNotAllowed(request.method, ["GET", "HEAD"])
             if not self._called_by_name(request.headers.get("Host", "")):
                 raise web.HTTPMisdirectedRequest(text="no such host here\n")
@@ -139,6 +151,26 @@ class Pages:
         if not response.prepared:
             response.headers.update(HEADERS)
         return response
+
+    def _plays(self, request: web.Request) -> bool:
+        """Whether a page of this server asks for another moment of a recording."""
+        if self.clock is None or (request.method, request.path) != ("POST", PLAYBACK):
+            return False
+        # A browser says from which page a request comes; a stranger's may not.
+        scheme, _, rest = request.headers.get("Origin", "").partition("://")
+        return scheme in ("http", "https") and rest == request.headers.get("Host", "")
+
+    async def _playback(self, request: web.Request) -> web.Response:
+        pause, to = request.query.get("pause", ""), request.query.get("to", "")
+        assert self.clock is not None
+        if pause in ("0", "1"):
+            self.clock.pause(pause == "1")
+        elif to.isascii() and to.isdecimal() and len(to) < LONGEST_NUMBER:
+            self.clock.seek(int(to))
+        else:
+            raise web.HTTPBadRequest(text="expected pause=0, pause=1 or to=NUMBER\n")
+        self._notice()
+        return web.Response(text=_json(self.clock.state()), content_type="application/json")
 
     def _called_by_name(self, called: str) -> bool:
         name = host_name(called)
@@ -166,7 +198,7 @@ class Pages:
     async def _experiment(self, request: web.Request) -> web.Response:
         number = request.query.get("number", "")
         key = request.query.get("machine", "")
-        digits = number.isascii() and number.isdecimal() and len(number) < 17
+        digits = number.isascii() and number.isdecimal() and len(number) < LONGEST_NUMBER
         found = self.fleet.experiment(key, int(number)) if digits else None
         if found is None:
             raise web.HTTPNotFound(text="no samples of such an experiment\n")
@@ -248,7 +280,7 @@ async def serve(
     """
     loop, ended = asyncio.get_running_loop(), asyncio.Event()
     settled = asyncio.Event()  # the source has begun, or nobody waits for it any more
-    pages = Pages(fleet, assets, host)
+    pages = Pages(fleet, assets, host, getattr(source, "clock", None))
     runner = web.AppRunner(
         pages.application(), access_log=None, logger=SILENT, shutdown_timeout=CLOSING
     )

@@ -114,20 +114,22 @@ function unpacked(packed) {
 }
 
 function experimentRows(samples) {
-  const speed = [["measured", samples.measured, { color: "ink", width: 1.1 }]];
+  // The measured lies on top of what predicts it: both show where the twin is right.
+  const speed = [];
   if (samples.original)
     speed.push(["original model", samples.original, { color: "orange", dash: "dotted", width: 2 }]);
   if (samples.predicted)
-    speed.push(["predicted", samples.predicted, { color: "blue", width: 2 }]);
+    speed.push(["predicted", samples.predicted, { color: "sky", width: 4 }]);
   if (samples.deviation) {
     const edge = (sign) => samples.predicted.map((v, i) => v + sign * 2 * samples.deviation[i]);
     speed.push([
       "band from −2 σ",
       edge(-1),
-      { color: "sky", width: 0.8, dash: "dashed", band: true },
+      { color: "blue", width: 0.8, dash: "dashed", band: true },
     ]);
-    speed.push(["to +2 σ", edge(1), { color: "sky", width: 0.8, dash: "dashed" }]);
+    speed.push(["to +2 σ", edge(1), { color: "blue", width: 0.8, dash: "dashed" }]);
   }
+  speed.push(["measured", samples.measured, { color: "ink", width: 1.1 }]);
   const residual = samples.predicted && samples.measured.map((v, i) => v - samples.predicted[i]);
   return {
     speed,

@@ -19,6 +19,7 @@ function listen() {
     latest = JSON.parse(event.data);
     heard = performance.now();
     write(at("state"), latest.state);
+    showPlayback();
     if (!shown) route();
     at("back").hidden = latest.machines.length < 2 && location.hash === "";
     if (!shown) showOverview();
@@ -77,6 +78,12 @@ setInterval(() => {
   if (shown && seen && seen.card) showStatus();
   else if (shown === "") showOverview();
 }, 1000);
+
+const FRAME = 100; // ms between two pictures of an experiment that goes on
+setInterval(() => {
+  const step = seen && seen.steps.get(number);
+  if (playing && !playing.paused && playing.rate != null && step && step.error == null) redraw();
+}, FRAME);
 
 function drawAnew() {
   if (!seen || at("one").hidden) return;

@@ -150,7 +150,9 @@ function showExperiment() {
   const held = samples.get(number);
   fetchChosen();
   if (held) {
-    experiment.update(held.rows.time, experimentRows(held.rows));
+    const step = seen.steps.get(number);
+    const open = playing && playing.rate != null && step && step.error == null;
+    experiment.update(held.rows.time, sofar(held.rows.time, experimentRows(held.rows), open));
     document.body.dataset.drawn = `${number}:${held.drawn}`;
     write(
       at("thinned"),
