@@ -18,15 +18,14 @@ from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
 from ldt_core.diagnosis.error_band import ErrorBand
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.model_selection import FittedSets, Names, earned, plain_enough
+from ldt_core.diagnosis.model_selection import FittedSets, Names, plain_enough
 from ldt_core.diagnosis.nominal_prior import NominalPrior
-from ldt_core.diagnosis.responses import best_alone, rank_pairs, simulate_all
+from ldt_core.diagnosis.responses import Responses, best_alone, rank_pairs, simulate_all
+from ldt_core.diagnosis.scouting import empty, of_each_kind, scouted, told
 from ldt_core.diagnosis.start_states import StartStates
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
 # The scout: the fits on a few experiments.
-SCOUT_SAMPLES = 12_000  # in its experiments together, at most: bounds the time of a fit
-SCOUT_EXPERIMENTS = 8  # at most: enough to show every part of a recording
 SCOUT_STEPS = 8  # least-squares steps of its fits: a ranking needs no more
 SCOUT_PRECISION = 1e-4  # of the loss, where its fits end
 # Which sets are tried. They save time: everything else would be tried in vain.
@@ -34,13 +33,13 @@ PAIRS = 5  # pairs fitted, those whose responses promise most
 BASES = 3  # sets of one size that larger ones are built upon
 ADDED = 3  # effects added to each of them whatever they promise, and as many that come close
 ADDED_CLOSE = 0.5  # of the best promise: what an effect of the second half of those reaches
+EXCHANGES = 2  # rounds in which the members of the best set are exchanged
+ENABLED_STARTS = 200  # simulations of a pair of which one effect shows only beside the other
 RIVALS = 6  # effects that may take the place of a member of the chosen set
 RIVAL_CLOSE = 0.7  # of the best promise: what a rival reaches
 SIZE_TRIED_ANYWAY = 3  # effects: sets up to this size are tried even where the last did not help
-EXPLAINABLE = 0.5  # of the loss: where all responses together take off less, only singles are tried
 FAR_OFF = 0.3  # of the loss: with more left, an addition is tried only if its response promises
 WORTH_A_FIT = 0.1  # of the power left: what the response of such an addition promises
-RESPONSE_SHOWS = 0.7  # of what an effect explains: its response promises no less
 # Which sets are fitted on all experiments.
 FINISHED = 4  # sets of each size
 FINISHED_PLAINER = 2  # further sets of each size, with fewer parameters
@@ -79,7 +78,7 @@ class EffectSetSearch:
         # Its fits run side by side: over so few experiments each of them could not be spread well.
         self.scout, self.workers = residuals.part(scouted(residuals), workers=1), residuals.workers
         #: Coordinates of the prior that take part in the fits.
-        self.told = [] if prior is None else _told(self.scout, prior, residuals.size)
+        self.told = [] if prior is None else told(self.scout, prior, residuals.size)
         part = prior.among(self.told) if prior and self.told else None
         self.own: tuple[Candidate, ...] = () if part is None else (part.candidate(),)
         zeros = [np.zeros(len(c)) for c in self.own]
@@ -88,11 +87,11 @@ class EffectSetSearch:
         self.responses = simulate_all(
             self.scout, self.candidates, lambda: tick("simulating effects"), fitted, self.workers
         )
-        alone = fit(residuals, self.own, fitted.z, own=count) if fitted else _empty(residuals)
+        alone = fit(residuals, self.own, fitted.z, own=count) if fitted else empty(residuals)
         self.found = FittedSets(residuals, ErrorBand(residuals), alone.residual, self.responses)
         # Without any effect: the machine's own parameters alone.
         self.found.fits[frozenset()] = alone
-        self.found.scouted[frozenset()] = fitted or _empty(self.scout)
+        self.found.scouted[frozenset()] = fitted or empty(self.scout)
         self.band = ErrorBand(self.scout)
 
     def run(self) -> FittedSets:
@@ -103,36 +102,23 @@ class EffectSetSearch:
         enough = self.band.limit_of(THRESHOLDS.remainder_false_alarm)
         self._alone()
         bases = BASES
-        explainable = self.responses.explainable > EXPLAINABLE
-        most = THRESHOLDS.largest_set if explainable else 1
-        for count in range(1, most + 1):
+        for count in range(1, THRESHOLDS.largest_set + 1):
             if count == 2:
                 self._pairs()
             if count > 1:
                 self._build_on(count - 1, bases)
+                if not self._best(count):  # no candidate is left that shows
+                    break
+                self._exchange(count, enough)
             self._finish(count)
             best = self._best(count)
-            if not best or self.band.excess(best[0].residual) < enough or self._explained(best[0]):
+            if not best or self.band.excess(best[0].residual) < enough:
                 break
             if count > 1 and not self._gained(count):
                 bases = 1
             if count >= SIZE_TRIED_ANYWAY and not self._gained(count):
                 break
         return self.found
-
-    def _explained(self, best: EffectFit) -> bool:
-        """Whether so little of the speed's gap is left that no further effect would be named.
-
-        What lies above the band, such as a ripple, is judged by what the effects promise.
-        """
-        band, none = self.band, self.found.scouted[frozenset()]
-        left = max(band.speed_excess(best.residual), 0.0)
-        gap = band.speed_gap(none.residual, best.residual)
-        return left < THRESHOLDS.small_effect_of_gap * gap and not any(
-            gain > THRESHOLDS.chance_gain
-            and earned(best.effects, [*best.effects, c], gain / RESPONSE_SHOWS, left, gap)
-            for c, _, gain in self.responses.promised_beside(best)
-        )
 
     def _gained(self, count: int) -> bool:
         """Whether the best set of a size takes away half of what the best smaller one leaves."""
@@ -156,23 +142,103 @@ class EffectSetSearch:
         ranked = sorted(rank_pairs(self.responses).items(), key=lambda q: -q[1][0])
         z, c = self.responses.z, self.candidates
         self._scout([TriedSet([c[i], c[j]], [z[k], z[m]]) for (i, j), (_, k, m) in ranked[:PAIRS]])
+        self._scout(self._enabled())
+
+    def _enabled(self) -> list[TriedSet]:
+        """Pairs of which one effect shows only beside the other, such as a foundation's."""
+        shown = set(self.responses.owner.tolist())
+        silent = [c for i, c in enumerate(self.candidates) if i not in shown]
+        none = self.found.scouted[frozenset()].use
+        tries = []
+        for other in (c for i, c in enumerate(self.candidates) if i in shown):
+            beside = [(other.effect, other.typical), *none]
+            uses = [[(c.effect, c.typical), *beside] for c in silent]
+            base, *moved = self.scout.of_all([beside, *uses])
+            for c, rest in zip(silent, moved, strict=True):
+                if float(np.sum((rest - base) ** 2)) < THRESHOLDS.visible_change:
+                    continue
+                grid = [(a, b) for a in other.starts() for b in c.starts()]
+                grid = grid[:: -(-len(grid) // ENABLED_STARTS)]
+                runs = self.scout.of_all(
+                    [
+                        [(other.effect, other.given(a)), (c.effect, c.given(b)), *none]
+                        for a, b in grid
+                    ]
+                )
+                self.tick("simulating effects")
+                best = np.argsort([float(r @ r) for r in runs])[:ADDED]
+                tries += [TriedSet([other, c], grid[k]) for k in best]
+        return tries
 
     def _build_on(self, count: int, bases: int) -> None:
         tries = []
-        for base in _of_each_kind(self._best(count))[:bases]:
+        for k, base in enumerate(of_each_kind(self._best(count))[:bases]):
             more = [*self.additions(base, ADDED), *self.additions(base, 2 * ADDED, ADDED_CLOSE)]
+            if k == 0 or count == 1:
+                more += self.additions(base, ADDED, about=self._about(base))
             chosen = {c.name: (c, z) for c, z in more}.values()
             tries += [self._with(base, candidate, start) for candidate, start in chosen]
         self._scout(tries)
 
+    def _exchange(self, count: int, enough: float) -> None:
+        """Try others in the place of each member of the best set, until that gains nothing.
+
+        What promised most at first may have stood for something that is found only beside others.
+        """
+        for _ in range(EXCHANGES):
+            best = self._best(count)[0]
+            if self.band.excess(best.residual) < enough:
+                break
+            tries = []
+            for leave in range(count):
+                rest = self._without(best, leave)
+                for candidate, start in self.additions(rest, ADDED, about=self._about(rest)):
+                    if frozenset([*rest.names, candidate.name]) not in self.found.scouted:
+                        tries.append(self._with(rest, candidate, start))
+            self._scout(tries)
+            if self._best(count)[0] is best:
+                break
+        self._prune(self._best(count)[0])
+
+    def _prune(self, best: EffectFit) -> None:
+        """Fit what is left of a set without each of its members, from where the whole set ended.
+
+        A further member may have helped a fit out of a poor minimum, and be of no use there.
+        """
+        tries, count = [], len(best.effects)
+        for leave in range(count):
+            kept = [i for i in range(count) if i != leave]
+            tries.append(TriedSet([best.effects[i] for i in kept], [best.z[i] for i in kept]))
+        self._scout(tries)
+        self._finish(count - 1)
+
+    def _without(self, base: EffectFit, leave: int) -> EffectFit:
+        """A scouted set without one of its members, scouted as well."""
+        kept = [i for i in range(len(base.effects)) if i != leave]
+        names = frozenset(base.effects[i].name for i in kept)
+        if names not in self.found.scouted:
+            self._scout([TriedSet([base.effects[i] for i in kept], [base.z[i] for i in kept])])
+        return self.found.scouted[names]
+
+    def _about(self, base: EffectFit) -> Responses:
+        """What the other effects do beside a set: some act only together with another one."""
+        others = [c for c in self.candidates if c.name not in base.names]
+        return simulate_all(
+            self.scout, others, lambda: self.tick("simulating effects"), base, self.workers
+        )
+
     def additions(
-        self, base: EffectFit, count: int, close: float = 0.0
+        self, base: EffectFit, count: int, close: float = 0.0, about: Responses | None = None
     ) -> list[tuple[Candidate, Array]]:
-        """Effects that promise most beside a set, with the values to begin with."""
+        """Effects that promise most beside a set, with the values to begin with.
+
+        Args:
+            about: responses beside that set; None takes those of the machine file alone.
+        """
         enough = max(self.band.excess(base.residual), 0.0)
         start = self.found.scouted[frozenset()].loss
         promise = WORTH_A_FIT * enough if enough > FAR_OFF * start else 0.0
-        ranked = self.responses.promised_beside(base)
+        ranked = (about or self.responses).promised_beside(base)
         best = ranked[0][2] if ranked else 0.0
         enough_for = [(c, z) for c, z, gain in ranked if gain >= max(promise, close * best)]
         # Where each experiment may choose an angle, a ripple promises more than it can keep.
@@ -220,6 +286,8 @@ class EffectSetSearch:
             before = self.found.scouted.get(names[-1])
             if before is None or tried.loss < before.loss:
                 self.found.scouted[names[-1]] = tried
+                if before is not None and before.loss - tried.loss > THRESHOLDS.chance_gain:
+                    self.found.fits.pop(names[-1], None)  # it ended in a poor minimum
         return [self.found.scouted[n] for n in names]
 
     def _best(self, count: int) -> list[EffectFit]:
@@ -300,10 +368,7 @@ class EffectSetSearch:
         """Sets that differ from a set in one member, the most promising, fitted on all."""
         tries = []
         for leave in range(len(base.effects)):
-            members = [m for j, m in enumerate(base.effects) if j != leave]
-            z = [base.z[j] for j in range(len(base.effects)) if j != leave]
-            known = self.found.scouted.get(frozenset(m.name for m in members))
-            rest = self._scout([TriedSet(members, z)])[0] if known is None else known
+            rest = self._without(base, leave)
             twins = self.twins.get(base.effects[leave].name, ())
             tried = self.additions(rest, RIVALS + 1, RIVAL_CLOSE)
             tried += [(c, z) for c, z, _ in self.responses.promised_beside(rest) if c.name in twins]
@@ -314,38 +379,3 @@ class EffectSetSearch:
         return [
             self.finish(f) for f in found if self._near(f, scouted) or self._plainer(f, scouted)
         ]
-
-
-def _of_each_kind(fits: Sequence[EffectFit]) -> list[EffectFit]:
-    """The first of those sets that consist of effects of the same families."""
-    first: dict[Names, EffectFit] = {}
-    for f in fits:
-        first.setdefault(frozenset(c.effect.family or c.name for c in f.effects), f)
-    return list(first.values())
-
-
-def _told(residuals: FreeRunResiduals, prior: NominalPrior, size: int) -> list[int]:
-    """Coordinates of a prior of which a recording of so many residuals tells more than the prior.
-
-    The others would only be moved by what the laws leave, at the price of a simulation each.
-    """
-    whole, base = prior.candidate(), residuals.of()
-    found = []
-    for j, unit in enumerate(np.eye(len(whole))):
-        moved = residuals.of([(whole.effect, whole.given(unit))]) - base
-        if float(moved @ moved) * size / residuals.size > 1.0:
-            found.append(j)
-    return found
-
-
-def _empty(residuals: FreeRunResiduals) -> EffectFit:
-    rest = residuals.of()
-    return EffectFit((), (), rest, np.zeros((rest.size, 0)), float(rest @ rest))
-
-
-def scouted(residuals: FreeRunResiduals) -> list[int]:
-    """Places of the experiments that the scout works on, spread evenly over the recording."""
-    sizes = [p.rows.stop - p.rows.start for p in residuals.pieces]
-    count = max(1, min(SCOUT_EXPERIMENTS, int(SCOUT_SAMPLES // max(np.mean(sizes), 1))))
-    count = min(count, len(sizes))
-    return sorted({round(i) for i in np.linspace(0, len(sizes) - 1, count)})

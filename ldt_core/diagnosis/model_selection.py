@@ -42,13 +42,19 @@ def plain_enough(simpler: EffectFit, best: EffectFit, behind: float, gap: float)
 
 
 def earned(
-    smaller: Sequence[Candidate], larger: Sequence[Candidate], gain: float, left: float, gap: float
+    smaller: Sequence[Candidate],
+    larger: Sequence[Candidate],
+    gain: float,
+    left: float,
+    gap: float,
+    whole: bool = False,
 ) -> bool:
     """Whether a larger set is to be named instead of a smaller one.
 
     Args:
         gain: power that only the larger one explains.
         left: power that the smaller one leaves beyond noise.
+        whole: whether the larger one leaves the noise alone.
     """
     added = len(larger) - len(smaller)
     related = max(0, kin(larger) - kin(smaller))
@@ -57,7 +63,8 @@ def earned(
     need = (further + limits.same_family_of_gap * related) * gap
     if gain > need and gain > limits.further_effect_of_remainder * left:
         return True
-    small = gain > limits.small_effect_of_gap * added * gap
+    # What takes away all that was left, down to the noise, does not mend another law.
+    small = whole or gain > limits.small_effect_of_gap * added * gap
     return related == 0 and small and gain > limits.small_effect_of_remainder * left
 
 

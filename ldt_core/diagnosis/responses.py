@@ -150,22 +150,24 @@ def simulate_all(
     """Simulate every candidate at its starts; responses that do not show are left out.
 
     Args:
-        own: the machine's own parameters as fitted, whose directions are projected out.
+        own: the machine's own parameters as fitted, or a set with them, beside which the candidates
+            are simulated; the directions in which its parameters may follow are projected out.
     """
     given = own.use if own else []
-    base = residuals.of(given)
+    starts = own.starts if own else None
+    base = residuals.of(given, starts=starts)
     span = following(own) if own else np.zeros((residuals.size, 0))
     owner, z = [], []
     for i, c in enumerate(candidates):
-        starts = c.starts()
-        owner += [i] * len(starts)
-        z += starts
+        tried = c.starts()
+        owner += [i] * len(tried)
+        z += tried
     rows = np.empty((len(z), residuals.size))
 
     def fill(i: int) -> int:
         c, own = candidates[i], [k for k, j in enumerate(owner) if j == i]
         uses = [[(c.effect, c.given(z[k])), *given] for k in own]
-        for k, left in zip(own, residuals.of_all(uses), strict=True):
+        for k, left in zip(own, residuals.of_all(uses, starts=starts), strict=True):
             rows[k] = base - left
         return len(own)
 

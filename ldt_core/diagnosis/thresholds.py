@@ -104,6 +104,12 @@ class Thresholds:
     indistinguishable_of_remainder: float = _limit(
         0.7, "share of the best set's remainder", CASES, "Laws are inexact by the remainder."
     )
+    plainly_structured: float = _limit(
+        4.0,
+        "excess at which noise passes for structure",
+        CASES,
+        "Twice as far in amplitude: not by chance.",
+    )
     unexplained_of_gap: float = _limit(
         0.05, OF_GAP, CASES, "A set that leaves more is not the cause: the verdict is unknown."
     )

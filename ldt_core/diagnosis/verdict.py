@@ -104,6 +104,9 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     gap = band.speed_gap(found.base, pool[0].residual)
     alike = plainest(band, _as_good(band, pool), pool, gap)
     alike = sorted(alike, key=lambda f: kin(f.effects))  # else the best first, as before
+    # Of laws of one family the one that follows the machine best is what predicts it.
+    clear = THRESHOLDS.indistinguishable_loss
+    alike = sorted(alike, key=lambda f: f.loss > min(g.loss for g in alike) + clear)
     best = alike[0]
     left, gap = band.speed_excess(best.residual), band.speed_gap(found.base, best.residual)
     structured = band.excess(best.residual) > band.limit_of(THRESHOLDS.remainder_false_alarm)
@@ -162,7 +165,11 @@ def _growing_sets(found: FittedSets, gap: float) -> list[EffectFit]:
         gain = band.speed_gain(smaller.residual, larger.residual)
         left = max(band.speed_excess(smaller.residual), 0.0)
         clear = gain > THRESHOLDS.chance_gain * (len(larger.names) - len(smaller.names))
-        if clear and earned(smaller.effects, larger.effects, gain, left, gap):
+        if not clear:
+            continue
+        rest = band.speed_excess(larger.residual)
+        whole = rest <= band.speed_limit(THRESHOLDS.remainder_false_alarm)
+        if earned(smaller.effects, larger.effects, gain, left, gap, whole):
             chosen.append(larger)
     return chosen
 
@@ -186,6 +193,18 @@ def _as_good(band: ErrorBand, pool: Sequence[EffectFit]) -> list[EffectFit]:
     ]
 
 
+def _only_it_explains(band: ErrorBand, best: EffectFit, simpler: EffectFit) -> bool:
+    """Whether a law explains the machine to the noise, and a simpler one plainly does not.
+
+    One that only mends the errors of a simpler law leaves some of them.
+    """
+    limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
+    if band.speed_excess(best.residual) > limit:
+        return False
+    plainly = THRESHOLDS.plainly_structured * limit
+    return band.speed_excess(simpler.residual) > plainly
+
+
 def _behind(band: ErrorBand, fit: EffectFit, best: EffectFit) -> float:
     """Loss in the speed beyond that of the best set."""
     return float(band.speed_loss(fit.residual).sum()) - float(band.speed_loss(best.residual).sum())
@@ -206,6 +225,7 @@ def plainest(
         f
         for f in pool
         if plain_enough(f, best, _behind(band, f, best), gap)
+        and not _only_it_explains(band, best, f)
         and (hopeless or not _unexplained(band, band.speed_excess(f.residual), gap))
     ]
     if not close:

@@ -197,4 +197,4 @@ def test_laws_of_one_family_that_hardly_differ_are_a_group():
         found[static] = diagnose(ROTOR, machine).verdict.acting
     assert found[0.2] == [["stribeck_friction"]]
     ((*group,),) = found[0.01]
-    assert group[0] == "coulomb_friction"
+    assert group[0] == "stribeck_friction"  # what follows the machine best is what predicts it

@@ -398,3 +398,36 @@ def test_a_closed_part_is_a_part():
     part, interval = closed(experiments, before, worse, 0.5 * NOISE)
     assert part == 0.0
     assert interval == (0.0, 0.0)
+
+
+# ---- several causes
+
+
+@pytest.mark.slow
+def test_what_acts_only_together_is_found():
+    """A softer foundation shows nothing without unbalance, which alone explains nothing here."""
+    effects = ("unbalance:e=0.004", "foundation_stiffness:x=0.5,y=0.6")
+    recording = {"count": 8, "samples": 2000, "volts": (3.0, 14.0), "hold": 100}
+    found = diagnose(ROTOR, record(ROTOR, *effects, **recording), workers=1)
+    assert set(found.verdict.effects) == {"unbalance", "foundation_stiffness"}
+    assert found.gap.after.rmse < 1.1 * NOISE
+    (amount,) = (c.parameters["e"] for c in found.candidates if c.effect == "unbalance")
+    assert amount.value == pytest.approx(0.004, rel=0.03)
+
+
+@pytest.mark.slow
+def test_three_causes_are_named_though_other_pairs_fit_better():
+    """The best pair holds but one of them; its members are exchanged."""
+    effects = ("motor_constant:factor=0.9", "coulomb_friction:torque=0.1", "input_delay:delay=0.03")
+    found = diagnose(ROTOR, record(ROTOR, *effects, count=8, samples=1000), workers=1)
+    named = {"motor_constant", "coulomb_friction", "input_delay"}
+    assert {group[0] for group in found.verdict.acting} == named
+
+
+@pytest.mark.slow
+def test_a_small_cause_far_out_of_the_noise_is_named_beside_a_large_one():
+    """It is a thousandth of the gap, and takes away all that the large one leaves."""
+    effects = ("motor_constant:factor=0.8", "gravity_imbalance:torque=0.02")
+    found = diagnose(ROTOR, record(ROTOR, *effects, count=8, samples=1000), workers=1)
+    assert set(found.verdict.effects) == {"motor_constant", "gravity_imbalance"}
+    assert found.gap.after.rmse < 1.1 * NOISE
