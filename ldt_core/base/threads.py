@@ -11,7 +11,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from typing import TypeVar
 
-import scipy.linalg  # noqa: F401  loads the libraries that are to be limited
 from threadpoolctl import ThreadpoolController
 
 T = TypeVar("T")
@@ -19,6 +18,9 @@ T = TypeVar("T")
 
 @functools.cache
 def _controller() -> ThreadpoolController:
+    # What is to be limited must be loaded; 0.1 s, and most work needs none.
+    import scipy.linalg  # noqa: F401
+
     # Finding the loaded libraries takes 3 ms, a tenth of a training.
     return ThreadpoolController()
 

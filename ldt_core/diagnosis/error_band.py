@@ -11,12 +11,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.signal.windows import tukey
-from scipy.stats import f as fisher
+from scipy.special import betaincinv
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.estimation.smoothing import cosine_taper
 
 TAPER = 0.2  # share of an experiment, both ends together: keeps strong low frequencies from leaking
 MEDIAN_VARIANCE = 2.1  # variance of the median of exponential powers over that of their mean
@@ -129,7 +129,7 @@ class ErrorBand:
         change = THRESHOLDS.noise_level_change
         for i, channel, rows in self._rows:
             part, seen = rest[rows], self._high[i] > 0
-            window = tukey(part.size, TAPER)
+            window = cosine_taper(part.size, TAPER)
             window /= math.sqrt(float(np.mean(window**2)))
             power[channel].append(_periodogram(part * window)[seen])
         # The median, so that a ripple which sweeps through some of them does not count.
@@ -152,7 +152,9 @@ class ErrorBand:
 
     def _limit(self, chance: float, noise: float, free: float) -> float:
         above = self.above / MEDIAN_VARIANCE if self.above else free
-        return noise * (float(fisher.isf(chance, free, above)) - 1)
+        # The ratio of such powers that is exceeded by this chance (Fisher's distribution).
+        part = float(betaincinv(above / 2, free / 2, chance))
+        return noise * (above * (1 - part) / (free * part) - 1)
 
 
 def _periodogram(part: Array) -> Array:

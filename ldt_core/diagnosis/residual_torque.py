@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_coeffs, savgol_filter
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Use
 from ldt_core.diagnosis.start_states import StartStates
 from ldt_core.diagnosis.torque_curve import TorqueCurve, torque_curve
+from ldt_core.estimation.smoothing import polynomial_weights, smoothed
 
 WINDOW = 0.7  # of the motor's memory: a longer window would smear the torque over speeds
 DEGREE = 2  # of the smoothing polynomial: it has a slope and a curvature
@@ -58,9 +58,7 @@ class TorqueEstimator:
         """(L,) signal or its derivative."""
         if self.window <= DEGREE:
             return np.gradient(signal, self.period) if derivative else signal
-        return np.asarray(
-            savgol_filter(signal, self.window, DEGREE, deriv=derivative, delta=self.period)
-        )
+        return smoothed(signal, self.window, DEGREE, derivative, self.period)
 
     def of(self, residual: Array) -> Array:
         """(L,) torque [N m] that explains (L,) measured minus simulated speed [rad/s]."""
@@ -71,8 +69,8 @@ class TorqueEstimator:
         """Deviation of the torque [N m] per deviation of white noise on the speed [rad/s]."""
         if self.window <= DEGREE:
             return self.inertia / self.memory
-        slope = savgol_coeffs(self.window, DEGREE, deriv=1, delta=self.period)
-        mean = savgol_coeffs(self.window, DEGREE)
+        slope = polynomial_weights(self.window, DEGREE, 1, self.period)
+        mean = polynomial_weights(self.window, DEGREE, 0, self.period)
         return float(self.inertia * np.linalg.norm(slope + mean / self.memory))
 
 

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.signal import lfilter
 
 from ldt_core.base.arrays import Array
+from ldt_core.physics.integrate import answered
 
 KNOTS = 101  # of a curve, so that a knot is a per cent of the quantity's range
 BLOCK = 20_000  # samples worked on at a time, so that a long experiment needs no more memory
@@ -73,15 +73,15 @@ def torque_curve(
     power, count = 0.0, 0
     for left, q, period, rest in zip(residuals, quantity, periods, rests, strict=True):
         decay = float(np.exp(-period / memory))
-        answer = [0.0, memory / inertia * (1 - decay)], [1.0, -decay]
-        wrong, state = np.asarray(left, dtype=np.float64), np.zeros((1, KNOTS))
+        gain = memory / inertia * (1 - decay)
+        wrong, state = np.asarray(left, dtype=np.float64), np.zeros(KNOTS)
         # What an unknown first speed does, of length 1, and its products with the others.
         first = decay ** np.arange(wrong.size)
         first /= np.linalg.norm(first)
         shared = np.zeros(KNOTS)
         for begin in range(0, wrong.size, BLOCK):
             part = slice(begin, begin + BLOCK)
-            moved, state = lfilter(*answer, _hats(q[part], knots), axis=0, zi=state)
+            moved = answered(_hats(q[part], knots), decay, gain, state)
             gram += moved.T @ moved
             along += moved.T @ wrong[part]
             shared += moved.T @ first[part]

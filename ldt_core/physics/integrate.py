@@ -60,6 +60,17 @@ def lagged(x, decay, now, before):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
+def answered(x, decay, gain, kept):  # pragma: no cover - compiled
+    """Rows y[k] = decay y[k-1] + gain x[k-1]: (L, n), the first `kept` (n,), which moves along."""
+    y = np.empty_like(x)
+    for k in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            y[k, j] = kept[j]
+            kept[j] = decay * kept[j] + gain * x[k, j]
+    return y
+
+
+@njit(cache=True, nogil=True)
 def turned(s, o, theta, delta):  # pragma: no cover - compiled
     """Sine and cosine of theta + delta from those of theta: a step turns the shaft very little.
 

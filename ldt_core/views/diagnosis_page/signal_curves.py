@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import periodogram
 
 from ldt_core.base.arrays import Array
+from ldt_core.estimation.smoothing import power_density
 
 BINS = 48  # over the range of a quantity: about one for five pixels
 OWN_BINS = 24  # different values up to which each is a bin of its own
@@ -69,7 +69,7 @@ def spectrum(rows: Sequence[Array], periods: Sequence[float]) -> tuple[Array, Ar
     found = []
     for row, period in zip(rows, periods, strict=True):
         if np.isfinite(row).all() and row.size > BIN_SAMPLES:
-            found.append(periodogram(row, 1 / period, "hann", detrend="constant"))
+            found.append(power_density(row, period))
     if not found:
         return np.zeros(0), np.zeros(0)
     grid = max((f for f, _ in found), key=len)[1:]
