@@ -25,7 +25,7 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 #: Headings of `ldt --help` → commands, in the order in which a newcomer needs them.
 SECTIONS = {
     "Run": ("demo", "up", "run", "replay", "simulate"),
-    "Look": ("info", "report", "watch", "plot"),
+    "Look": ("info", "report", "watch", "plot", "serve", "export"),
     "Understand": ("diagnose", "effects", "predict", "advise"),
     "Your machine": ("import", "calibrate", "identify", "tune"),
     "Research": ("study", "challenge"),

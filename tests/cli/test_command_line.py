@@ -239,7 +239,7 @@ def completed(line: str, monkeypatch: pytest.MonkeyPatch, capsys) -> list[tuple[
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
-        ("ldt s", ["security", "simulate", "study"]),
+        ("ldt s", ["security", "serve", "simulate", "study"]),
         ("ldt challenge ", ["make", "score"]),
         ("ldt run --mod", ["--model"]),
         ("ldt --h", ["--help"]),

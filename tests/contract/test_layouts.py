@@ -16,9 +16,12 @@ from ldt_core.base.model_state import NOT_JUDGED, STATES
 from ldt_core.base.settings import resolve
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
+from ldt_core.recording.bag import read_bag
 from ldt_core.recording.messages import deserialize, standard, typestore
 from ldt_core.recording.storage import Storage
 from ldt_core.runs.offline import run
+from ldt_core.views.export.predicted_runs import predicted_runs
+from ldt_core.views.export.sample_messages import sample_messages
 
 LAYOUTS = Path(msgs_config.__file__).parent / "layouts"
 FOXGLOVE = json.loads((LAYOUTS / "foxglove.json").read_text())
@@ -50,6 +53,10 @@ def messages(tmp_path_factory, short_rotor) -> dict[str, list]:
     for topic, declared in msgs_config.topics().items():
         if declared["type"] == joint_state:
             found[f"/{topic}"] = [joint]
+    # As `ldt serve` and `ldt export` send it: with what was predicted.
+    run_of = next(predicted_runs(read_bag(bag)))
+    sent = next(sample_messages(run_of, "rotor"))
+    found["/joint_states"] = [deserialize(sent.data, joint_state, "the samples")]
     # A diagnosis takes minutes; its status is like the others'.
     status = make.DiagnosticStatus(0, "diagnoser", "because", "", [])
     found["/diagnosis"] = [make.DiagnosticArray(header, [status])]

@@ -91,7 +91,6 @@ class Playback:
         self._expect(fleet)
         while self._played(fleet, stop):
             self.clock.rewind()
-            self._ends.clear()
             fleet.reset()
             self._expect(fleet)
 
@@ -102,6 +101,7 @@ class Playback:
 
     def _played(self, fleet: Fleet, stop: threading.Event) -> bool:
         """Play it; whether to play it again."""
+        self._ends.clear()
         topics = {topic: bag.namespace for bag in self.bags for topic in bag.topics}
         for raw in self.storage.messages(list(topics)):
             if not self._take(raw, topics[raw.topic], fleet, stop):

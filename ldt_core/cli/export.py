@@ -1,0 +1,77 @@
+"""`ldt export`: a recording in the formats of other tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ldt_core.base.errors import OptionError
+from ldt_core.cli.options import json_option, namespace_option
+from ldt_core.cli.outputs import check_file, force_option
+from ldt_core.cli.terminal import echo_result, warn
+
+#: Ending → what it is for.
+FORMATS = {
+    ".csv": "a table",
+    ".parquet": "a table with types and units",
+    ".rrd": "curves in Rerun",
+    ".mcap": "curves in Foxglove and Lichtblick",
+}
+
+
+@click.command("export", short_help="A recording as CSV, Parquet, Rerun or MCAP with samples.")
+@click.argument("recording")
+@click.option(
+    "-o",
+    "--out",
+    required=True,
+    help="File to write; its ending is the format: "
+    + ", ".join(f"{ending} ({what})" for ending, what in FORMATS.items())
+    + ".",
+)
+@force_option
+@namespace_option
+@json_option
+def command(recording: str, out: str, force: bool, namespace: str, as_json: bool) -> None:
+    """Write every sample of RECORDING, measured and predicted, for other tools.
+
+    Tables have a row a sample, in SI units: experiment, time, elapsed, voltage, speed, current,
+    predicted_speed and its deviation, original_speed. MCAP gets every message of the recording, and
+    each sample as a message too, so that the layouts draw curves.
+
+    Example: ldt export my_run -o my_run.parquet
+    """
+    from ldt_core.cli.progress import track
+    from ldt_core.recording.bag import read_bag
+    from ldt_core.views.export.predicted_runs import predicted_runs
+
+    check_file(out, force, endings=tuple(FORMATS))
+    file = Path(out)
+    bag = read_bag(recording, namespace)
+    part = file.with_name(f".{file.name}.part{file.suffix}")
+    try:
+        if file.suffix == ".mcap":
+            from ldt_core.views.export.mcap_with_samples import write_mcap
+
+            count = write_mcap(bag, part)
+        else:
+            runs = track(predicted_runs(bag), "exporting")
+            if file.suffix == ".rrd":
+                from ldt_core.views.export.rerun_file import write_rerun
+
+                count = write_rerun(bag.machine, runs, bag.records("signal"), part)
+            else:
+                from ldt_core.views.export import sample_table
+
+                csv = file.suffix == ".csv"
+                count = (sample_table.write_csv if csv else sample_table.write_parquet)(runs, part)
+        if bag.path.is_file() and file.exists() and bag.path.samefile(file):
+            raise OptionError("--out", "another file than the recording", out)
+        part.replace(file)
+    finally:
+        part.unlink(missing_ok=True)
+    warn(*bag.notes)
+    size = file.stat().st_size
+    record = {"out": out, "samples": count, "bytes": size}
+    echo_result(as_json, record, f"{count} samples, {size / 1e6:.3g} MB: {out}")

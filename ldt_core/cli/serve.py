@@ -1,0 +1,91 @@
+"""`ldt serve`: a graph or a recording for Foxglove and Lichtblick."""
+
+from __future__ import annotations
+
+import click
+
+from ldt_core.cli.options import json_option, namespace_option
+from ldt_core.cli.terminal import echo_result, printable
+
+PORT = 8765  # that these programs propose
+
+
+@click.command("serve", short_help="A graph or a recording for Foxglove and Lichtblick.")
+@click.argument("recording", required=False)
+@click.option(
+    "--rate",
+    default="1",
+    show_default=True,
+    help="Speed at which RECORDING is played relative to real time, or max.",
+)
+@click.option("--repeat", is_flag=True, help="Play RECORDING again and again.")
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to serve at. The default is this machine alone; 0.0.0.0 lets anybody listen.",
+)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=PORT,
+    show_default=True,
+    help="Port to serve at; 0 takes any that is free.",
+)
+@namespace_option
+@json_option
+def command(
+    recording: str | None,
+    rate: str,
+    repeat: bool,
+    host: str,
+    port: int,
+    namespace: str,
+    as_json: bool,
+) -> None:
+    """Serve the topics of the running graph, or of RECORDING played back, until Ctrl-C.
+
+    In Foxglove or Lichtblick: Open connection, Foxglove WebSocket, the address that is printed;
+    then Layouts, Import from file, msgs_config/layouts/foxglove.json. Each sample is a message of
+    its own, so that curves are drawn. Nothing is received: the graph hears nothing of it. A
+    recording needs no ROS.
+
+    Example: ldt serve my_run --rate 5
+    """
+    import threading
+
+    from ldt_core.base.stopping import stop_on_signals
+    from ldt_core.views.export.foxglove_relay import FoxgloveRelay
+    from ldt_core.views.watch.record_source import Playback, RecordSource, graph
+
+    played = Playback(recording, namespace, rate) if recording else None
+    source: RecordSource = played or graph(namespace)
+    relay = FoxgloveRelay(source.live, host, port, f"LDT: {source.words}")
+
+    def elapsed() -> float | None:
+        found = played.clock.state()["elapsed"] if played and played.rate is not None else None
+        return None if found is None else float(found)
+
+    with stop_on_signals() as stop:
+        samples = threading.Thread(target=relay.play, args=(elapsed, stop), daemon=True)
+        samples.start()
+        address = f"ws://{host}:{relay.port}"
+        if host not in ("127.0.0.1", "localhost", "::1"):
+            warning = f"WARNING: bound to {host}: everybody on this network can listen"
+            click.secho(printable(warning), err=True, fg="red", bold=True)
+        echo_result(
+            as_json,
+            {"address": address, "served": source.words},
+            f"{source.words}: {address} (Ctrl-C ends it)",
+        )
+        try:
+            source.run(relay, stop, lambda: None)
+            while repeat and played and not stop.is_set():
+                played.clock.rewind()
+                relay.reset()
+                source.run(relay, stop, lambda: None)
+            stop.wait()
+        finally:
+            stop.set()
+            samples.join()
+            relay.stop()

@@ -1,0 +1,196 @@
+"""The topics of a graph or a recording for Foxglove and Lichtblick, over their WebSocket protocol.
+
+It takes the place of a page's `Fleet`: a source of records feeds it. Samples of an experiment are
+sent as messages of their own (`sample_messages`); of a recording as time goes on, of a running
+graph when the experiment has come.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.base.experiment import Experiment, Prediction
+from ldt_core.recording.codec import Record, encode
+from ldt_core.recording.messages import schema, serialize, standard
+from ldt_core.recording.node_status import HEALTH_TOPIC
+from ldt_core.views.export.predicted_runs import PredictedRun
+from ldt_core.views.export.sample_messages import KIND, SampleMessage, sample_messages
+from ldt_core.views.watch.fleet import Fleet
+
+try:
+    import foxglove
+except ImportError as error:
+    raise LdtError(
+        "ldt serve needs the library foxglove-sdk, which is not installed: "
+        "pip install 'ldt[foxglove]'"
+    ) from error
+
+BACKLOG = 16_384  # messages that wait for a slow client: four experiments of 2000 samples
+STEP = 0.05  # s between two sends of samples, faster than a screen shows
+
+
+class FoxgloveRelay(Fleet):
+    """Sends what it is fed to all clients.
+
+    Args:
+        live: whether records are of this day; of a recording they have its times.
+
+    Raises:
+        BadInput: the address cannot be bound to.
+    """
+
+    def __init__(self, live: bool, host: str, port: int, name: str) -> None:
+        super().__init__(live)
+        self._channels: dict[str, Any] = {}
+        self._names: dict[str, str] = {}
+        self._present: dict[str, PredictedRun] = {}
+        self._streams: dict[str, Iterator[SampleMessage]] = {}
+        self._next: dict[str, SampleMessage] = {}
+        # It tells of each slip of a client, which is nobody's to read about here.
+        foxglove.set_log_level("ERROR")
+        self._context = foxglove.Context()
+        try:
+            self._server = foxglove.start_server(
+                name=name,
+                host=host,
+                port=port,
+                context=self._context,
+                message_backlog_size=BACKLOG,
+            )
+        except Exception as error:
+            raise BadInput(f"{host}:{port}", "a free address (--host, --port)", error) from None
+
+    @property
+    def port(self) -> int:
+        """That it serves at."""
+        return int(self._server.port)
+
+    def stop(self) -> None:
+        """End the server."""
+        self._server.stop()
+
+    def reset(self) -> None:
+        """As `Fleet.reset`; clients forget what they were sent."""
+        super().reset()
+        self._streams.clear()
+        self._next.clear()
+        self._server.clear_session()
+
+    def expect(self, namespace: str, name: str = "") -> None:
+        """As `Fleet.expect`."""
+        self._names[namespace] = name or self._names.get(namespace, "")
+        super().expect(namespace, name)
+
+    def feed(self, namespace: str, topic: str, record: Any) -> None:
+        """Send a record; as `Fleet.feed`, which counts."""
+        super().feed(namespace, topic, record)
+        if topic == HEALTH_TOPIC:
+            self._send(HEALTH_TOPIC, "diagnostic_msgs/msg/DiagnosticArray", _health(record), None)
+            return
+        absolute = f"/{namespace.strip('/')}/{topic}".replace("//", "/")
+        if not isinstance(record, Record):
+            return
+        moment = self._moment(namespace, record)
+        message = encode(record, machine=self._names.get(namespace, ""), time=moment or 0.0)
+        self._send(absolute, message.__msgtype__, serialize(message), moment)
+        if isinstance(record, Experiment):
+            self._flush(namespace)
+            self._present[namespace] = PredictedRun(record)
+            self._begin(namespace)
+        elif isinstance(record, Prediction) and namespace in self._present:
+            run = self._present[namespace]
+            own = record.start == run.experiment.start and len(record) == len(run.experiment)
+            if own:
+                twin = record if topic == "prediction" else run.prediction
+                original = record if topic == "original_prediction" else run.original
+                self._present[namespace] = PredictedRun(run.experiment, twin, original)
+                self._begin(namespace)
+        else:
+            self._flush(namespace)
+
+    def play(self, elapsed: Callable[[], float | None], stop: threading.Event) -> None:
+        """Send samples as time goes on, until told to stop.
+
+        Args:
+            elapsed: recorded time since the present experiment began [s]; None where all that is
+                there is to be sent at once.
+        """
+        while not stop.wait(STEP):
+            with self._lock:
+                for namespace in list(self._streams):
+                    limit = elapsed()
+                    begin = self._present[namespace].experiment.start
+                    self._flush(namespace, None if limit is None else begin + limit)
+
+    def _begin(self, namespace: str) -> None:
+        """Samples from now on with what is known of them; those sent stay sent."""
+        with self._lock:
+            sent = self._next.get(namespace)
+            begin = sent.time_ns if sent and namespace in self._streams else None
+            stream = sample_messages(self._present[namespace], self._names.get(namespace, ""))
+            self._streams[namespace] = stream
+            ahead = (m for m in stream if begin is None or m.time_ns >= begin)
+            self._streams[namespace] = ahead
+            self._advance(namespace)
+
+    def _advance(self, namespace: str) -> None:
+        following = next(self._streams[namespace], None)
+        if following is None:
+            del self._streams[namespace]
+            self._next.pop(namespace, None)
+        else:
+            self._next[namespace] = following
+
+    def _flush(self, namespace: str, until: float | None = None) -> None:
+        """Send the samples up to a recorded time [s], or all."""
+        with self._lock:
+            while namespace in self._streams:
+                message = self._next[namespace]
+                if until is not None and message.time_ns > until * 1e9:
+                    return
+                topic = f"/{namespace.strip('/')}/{message.topic}".replace("//", "/")
+                self._send(topic, KIND, message.data, message.time_ns / 1e9)
+                self._advance(namespace)
+
+    def _moment(self, namespace: str, record: Any) -> float | None:
+        """When a record was made: at the end of its experiment, which is the present one."""
+        run = self._present.get(namespace)
+        if isinstance(record, Experiment):
+            return record.end
+        return run.experiment.end if run else None
+
+    def _send(self, topic: str, kind: str, data: bytes, moment: float | None) -> None:
+        channel = self._channels.get(topic)
+        if channel is None:
+            text = schema(kind)[0].encode()
+            described = foxglove.Schema(name=kind, encoding="ros2msg", data=text)
+            channel = self._channels[topic] = foxglove.Channel(
+                topic, schema=described, message_encoding="cdr", context=self._context
+            )
+        channel.log(data, log_time=None if moment is None else round(moment * 1e9))
+
+
+def _health(message: Any) -> bytes:
+    """A message of `/diagnostics`, of ROS or of a recording, in CDR."""
+    make = standard()
+    stamp = message.header.stamp
+    made = make.DiagnosticArray(
+        header=make.Header(
+            stamp=make.Time(sec=int(stamp.sec), nanosec=int(stamp.nanosec)),
+            frame_id=str(message.header.frame_id),
+        ),
+        status=[
+            make.DiagnosticStatus(
+                level=s.level[0] if isinstance(s.level, bytes) else int(s.level),
+                name=str(s.name),
+                message=str(s.message),
+                hardware_id=str(s.hardware_id),
+                values=[make.KeyValue(key=str(v.key), value=str(v.value)) for v in s.values],
+            )
+            for s in message.status
+        ],
+    )
+    return serialize(made)
