@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections import deque
 from collections.abc import Mapping
 from typing import Any
@@ -14,7 +15,7 @@ from ldt_core.twin.stage import Archive
 REMEMBERED = 100
 #: Experiments that a condition is taken to have lasted before any were counted: one that has been
 #: left once is still more likely to last than not.
-LASTED = 2.0
+LASTED = 3.0
 
 
 class ConditionChain:
@@ -46,7 +47,9 @@ class ConditionChain:
         """Probability of each condition in the next experiment, from how often it followed.
 
         It stays `LASTED` times more often than counted. What followed and no version explained
-        counts as staying, since no other one is known to be nearer.
+        counts as staying, since no other one is known to be nearer. A condition that has been left
+        is taken to stay less surely than counted, by one standard deviation (beta distribution):
+        who follows a machine that goes back and forth should know that it pays.
         """
         counts = {condition: LASTED}
         for before, after in itertools.pairwise(self.path):
@@ -54,7 +57,10 @@ class ConditionChain:
                 known = condition if after is None else after
                 counts[known] = counts.get(known, 0.0) + 1.0
         total = sum(counts.values())
-        return {c: n / total for c, n in counts.items()}
+        stays, left = counts[condition] / total, 1 - counts[condition] / total
+        surely = stays - math.sqrt(stays * left / (total + 1)) if left else 1.0
+        rest = {c: n / total * (1 - surely) / left for c, n in counts.items() if c != condition}
+        return {condition: surely, **rest}
 
     def state(self) -> dict[str, Any]:
         """By the numbers of what is recorded; `return_to` takes it back."""

@@ -113,7 +113,7 @@ class ContestAdaptor(Adaptor):
         known = self._explaining
         if found is None and signal.level is Level.WARNING and known not in (None, self.model):
             assert known is not None
-            if self._serves(known, experiment):
+            if self._foreseen(known, experiment) is known:
                 found = known, f"is version {known.version} again"
         if found is None:
             return None
@@ -157,21 +157,40 @@ class ContestAdaptor(Adaptor):
             model = self.model if explains(self.model, experiment) else None
         elif model is not None and alike(model, self.model):
             model = self.model
-        self.chain.saw(None if model is None else self._condition(model), experiment)
+        here = None if model is None else self._condition(model)
+        if model is not None and here:
+            self._merge(model, here, experiment)
+        self.chain.saw(here, experiment)
 
-    def _serves(self, version: Model, experiment: Experiment) -> bool:
-        """Whether a version that explains this experiment will err less in the next one.
+    def _merge(self, model: Model, here: int, experiment: Experiment) -> None:
+        """Two versions that explain each other's experiments are estimates of one condition."""
+        for version in self.earlier:
+            there = self._condition(version)
+            shown = self.chain.shown.get(there)
+            if there in (0, here) or shown is None or not explains(version, experiment):
+                continue
+            if explains(model, shown):
+                self.chain.rename(there, here)
+
+    def _foreseen(self, version: Model, experiment: Experiment) -> Model:
+        """Which of the version that explains this experiment, the present one and the original will
+        err least in the next one.
 
         Expected over the conditions that may follow. A machine that changes in every experiment is
-        not predicted better by what explained the last one.
+        not predicted better by what explained the last one; then the original stands, of which
+        people know how it errs.
         """
         here = self._condition(version)
-        expected = {id(version): 0.0, id(self.model): 0.0}
+        rivals = (self.original, version, self.model)
+        expected = {id(model): 0.0 for model in rivals}
         for condition, probability in self.chain.following(here).items():
             shown = experiment if condition == here else self.chain.shown[condition]
-            for model in (version, self.model):
-                expected[id(model)] += probability * largest_error(model, shown)
-        return expected[id(version)] <= expected[id(self.model)]
+            for i, model in {id(model): model for model in rivals}.items():
+                expected[i] += probability * largest_error(model, shown)
+        best = min(rivals, key=lambda m: expected[id(m)])
+        if expected[id(best)] < BETTER * expected[id(self.original)]:
+            return best
+        return self.original
 
     def _compared(self, experiment: Experiment, signal: Signal) -> None:
         first = self.original.predict(experiment).max_error(experiment)
@@ -195,12 +214,14 @@ class ContestAdaptor(Adaptor):
         present = rms(before.predict(experiment).residual(experiment))
         version = self._explaining
         if version is not None and version is not before:
-            if not self._serves(version, experiment):
+            best = self._foreseen(version, experiment)
+            origin = f"is version {best.version} again"
+            if best is not version:
                 said = f"version {version.version} explains it, but the machine changes so often"
-                kept = f"version {before.version} will err less"
-                return Action.REFUSED, f"{said} that {kept}", {}
-            self._adopt(version.again(before.version + 1))
-            origin = f"is version {version.version} again"
+                origin = f"{said} that version {best.version} will err less"
+                if best is before or alike(best, before):
+                    return Action.REFUSED, origin, {}
+            self._adopt(best.again(before.version + 1))
             return Action.ADAPTED, self._reason(before, experiment, origin), {}
         if self._learning and version is before:
             return self._learn_more(experiment, present)
@@ -219,7 +240,7 @@ class ContestAdaptor(Adaptor):
                 self._adopt(best.again(before.version + 1))
                 return Action.ADAPTED, self._reason(before, experiment, origin), details
         nearest = min((self.original, *self.earlier), key=lambda m: rms_error(m, experiment))
-        if rms_error(nearest, experiment) < BETTER * present and self._serves(nearest, experiment):
+        if rms_error(nearest, experiment) < BETTER * present and self._foreseen(nearest, experiment) is nearest:
             self._adopt(nearest.again(before.version + 1))
             origin = f"is version {nearest.version} again, which errs least"
             return Action.ADAPTED, self._reason(before, experiment, origin), details
