@@ -43,6 +43,9 @@ SCREENING_GAINS = (1.0, 0.1)
 FINALISTS = 2
 #: Effects of a structure: of what few experiments tell, more are rarely told apart.
 MOST_EFFECTS = 3
+#: Standard deviations of the cost of a fit to white noise, beyond which a prior is doubted: one fit
+#: in 700 for nothing, which costs the time of another fit and no more.
+SURPRISING = 3.0
 #: Part of the squared error that the best structure removes under the observer: one that leaves
 #: more than this of it is not fitted whole.
 SERIOUS = 0.5
@@ -74,6 +77,26 @@ class FittedStructure:
     def explains(self) -> bool:
         """Whether the residuals of all experiments are noise."""
         return all(misfit(r).explained for r in self.fit.residuals)
+
+    @property
+    def surprises(self) -> bool:
+        """Whether white noise, and a prior that is right, would cost less than this fit."""
+        count = sum(r.size for r in self.fit.residuals) + len(self.box.uncertain)
+        return self.fit.cost > count + SURPRISING * math.sqrt(2 * count)
+
+    @property
+    def surprise(self) -> float:
+        """-2 log of what the prior gives the data, but for what all priors have in common.
+
+        Laplace's approximation (MacKay, "Bayesian interpolation", Neural Computation 4, 1992): a
+        narrow prior is rewarded where it is right.
+        """
+        k = len(self.box.uncertain)
+        information = self.fit.information
+        inner, cross, own = information[:k, :k], information[:k, k:], information[k:, k:]
+        inner = inner - cross @ np.linalg.pinv(own, hermitian=True) @ cross.T
+        told, before = np.linalg.slogdet(inner)[1], np.linalg.slogdet(self.prior.precision)[1]
+        return self.fit.cost + float(told - before)
 
 
 @dataclass(frozen=True, eq=False)

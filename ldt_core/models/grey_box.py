@@ -110,8 +110,12 @@ class GreyBoxModel(Model):
 
     @property
     def present(self) -> Present:
-        """Where a search for further effects begins."""
-        return Present(self.effects, self.given, self.prior)
+        """Where a search for further effects begins.
+
+        What was learned of the machine's own parameters is true if the effects of this version are
+        all that act. A search doubts that, and begins with what the machine file says of them.
+        """
+        return Present(self.effects, self.given, Prior.of_file(len(self.box.uncertain)))
 
     def predict(self, experiment: Experiment) -> Prediction:
         """Free run; `speed_std` is the noise and what the least known directions make of it.
@@ -159,7 +163,12 @@ class GreyBoxModel(Model):
             LdtError: no or too few samples.
         """
         search = self.search_on(experiments)
-        return self.adopt(search.pruned(search.fitted(self.present, self.effects)), experiments)
+        learned = Present(self.effects, self.given, self.prior)
+        found = search.fitted(learned, self.effects)
+        if self.version > 0 and found.surprises:
+            anew = search.fitted(self.present, self.effects)
+            found = min(found, anew, key=lambda s: s.surprise)
+        return self.adopt(search.pruned(found), experiments)
 
     def search_on(self, experiments: Sequence[Experiment], workers: int = 1) -> StructureSearch:
         """A search for what explains these experiments.

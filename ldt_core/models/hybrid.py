@@ -18,6 +18,7 @@ from ldt_core.models.gaussian_process.learn import LearnedAcceleration, learn, p
 from ldt_core.models.gaussian_process.observer import MotorRun
 from ldt_core.models.gaussian_process.sparse import Kernel, SparsePosterior
 from ldt_core.models.gaussian_process.speed_run import INPUTS, compile_run, spread
+from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.physics import PhysicsModel
 from ldt_core.physics.base import CURRENT
 from ldt_core.physics.zero_order_hold import zero_order_hold
@@ -32,8 +33,8 @@ class HybridModel(Model):
 
         [i; w]_{k+1} = Ad [i; w]_k + Bd u_k + Gd f_d(w_k)
 
-    Effects in the machine file add what they do to the free run of f_p alone; f_d is learned from
-    what they leave, at speeds without them.
+    Effects in the machine file, and those of a grey-box model that it stands `on`, add what they do
+    to the free run of f_p alone; f_d is learned from what they leave, at speeds without them.
 
     f_d is a Gaussian process, zero until trained and zero far from what it was trained on. It is
     kept as an acceleration [rad/s²] that is held over a sample like the voltage, so that another
@@ -42,7 +43,8 @@ class HybridModel(Model):
     current under the measured speeds from the first measured current (or the one that holds the
     first speed); were later ones used, f_d would not learn what is wrong with the armature.
 
-    `parameters`: `machine`, the physics parameters; `gaussian_process`, None or a mapping of
+    `parameters`: `machine`, the physics parameters; `effects`, name → parameter → value, of those
+    found to act beside the file's (left out: none); `gaussian_process`, None or a mapping of
     `inputs`, `signal_std` [rad/s²], `length_scales` (unit of each input), `inducing` (m, d),
     `weights` (m,), `explained` (lower triangle by rows), `noise_std` [rad/s], `disturbance_std`
     [rad/s²], `memory` [s], `span` and `rmse` [rad/s]: see `gaussian_process`.
@@ -84,7 +86,13 @@ class HybridModel(Model):
 
     def build(self) -> None:
         """Compile the free run from the parameters, checking them."""
-        self.physics = PhysicsModel(self.machine, {"machine": self.parameters["machine"]})
+        found = self.parameters.get("effects", {})
+        effects = [(e, e.check(found[e.name])) for e in map(self.machine.effect, found)]
+        for effect, _ in effects:
+            effect.require(self.machine.model)
+        machine = {"machine": self.parameters["machine"]}
+        self.physics = PhysicsModel(self.machine, machine, effects=effects)
+        self._more_than_motor = bool(self.machine.acting or effects)
         record = self.parameters["gaussian_process"]
         self.learned = None if record is None else _from_json(record)
         posterior = self.learned.posterior if self.learned else None
@@ -112,7 +120,7 @@ class HybridModel(Model):
             variance += known.disturbance_std**2 * drift
             std = np.sqrt(np.minimum(variance, known.span**2))
         about = (experiment.number, experiment.start, experiment.period, self.version)
-        if self.machine.acting:
+        if self._more_than_motor:
             speed = speed + self.known_effects(experiment)
         return Prediction(*about, speed, std)
 
@@ -127,13 +135,17 @@ class HybridModel(Model):
         runs = []
         for e in experiments:
             current = float(self.start(e)[0])
-            speed = e.speed - self.known_effects(e) if self.machine.acting else e.speed
+            speed = e.speed - self.known_effects(e) if self._more_than_motor else e.speed
             runs.append(MotorRun(*self.motor(e.period), e.period, e.voltage, speed, current))
         inputs, most = self.options["gp_inputs"], self.options["inducing"]
         learned = learn(runs, inputs, most)
         record = {"inputs": list(inputs), **_to_json(learned)}
-        machine = self.parameters["machine"]
-        return self.successor({"machine": machine, "gaussian_process": record}, experiments)
+        return self.successor({**self.parameters, "gaussian_process": record}, experiments)
+
+    def on(self, found: GreyBoxModel) -> Self:
+        """The same, untrained, on the physics that a grey-box model has found."""
+        physics = {name: found.parameters[name] for name in ("machine", "effects")}
+        return self.successor({**physics, "gaussian_process": None}, ())
 
     def motor(self, period: float) -> tuple[Array, Array, Array]:
         """The ideal motor over one sample period [s]: Ad (2, 2), Bd (2,), Gd (2,)."""
@@ -141,7 +153,7 @@ class HybridModel(Model):
         return _discretise(tuple(a.ravel()), tuple(b.ravel()), period)
 
     def known_effects(self, experiment: Experiment) -> Array:
-        """(L,) what the effects in the machine file do to the speed of the ideal motor [rad/s].
+        """(L,) what the effects that act do to the speed of the ideal motor [rad/s].
 
         Raises:
             LdtError: the simulated state grows without bound.

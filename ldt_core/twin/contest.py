@@ -16,6 +16,7 @@ from ldt_core.base.threads import one_thread
 from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
+from ldt_core.models.hybrid import HybridModel
 from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK, Adaptor
 from ldt_core.twin.condition_chain import ConditionChain
 from ldt_core.twin.memory import Memory
@@ -342,8 +343,11 @@ class ContestAdaptor(Adaptor):
     def candidates(self, pool: Sequence[Experiment]) -> list[Model]:
         """New models that have learned from these experiments."""
         found = list(self._structures(pool))
-        with one_thread(), suppress(LdtError, np.linalg.LinAlgError, ArithmeticError):
-            found.append(build_model(FLEXIBLE, self.model.machine, self._settings).fit(pool))
+        flexible = build_model(FLEXIBLE, self.model.machine, self._settings)
+        assert isinstance(flexible, HybridModel)
+        for physics in [flexible, *(flexible.on(m) for m in found if isinstance(m, GreyBoxModel))]:
+            with one_thread(), suppress(LdtError, np.linalg.LinAlgError, ArithmeticError):
+                found.append(physics.fit(pool))
         return found
 
     def _grey(self) -> Model:
