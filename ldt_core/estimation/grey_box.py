@@ -30,6 +30,9 @@ Use = list[tuple[Effect, dict[str, float]]]
 #: Longest integration step [s] of the first, coarse fits, and of the last one. The speed of the
 #: rotor is exact to 1e-3 and 7e-5 then, less than the noise of a sensor of 0.1 % class.
 COARSE_STEP, FINE_STEP = 2e-3, 5e-4
+#: Part of the longest step, or of a shorter sample period, that the shortest one is. No fit follows
+#: what is faster, which no sample shows, and the time that a candidate takes has a bound.
+SHORTEST = 0.25
 #: A first sample nearer to 0 than so many noise deviations is a machine at rest: one sample of
 #: normal noise in 16,000 is farther.
 AT_REST = 4.0
@@ -135,7 +138,7 @@ class GreyBox:
         """
         try:
             run, use = self._run(Case(q, experiment, rest, start), gain)
-            states = self.physics.simulate(*run[:5], step, run.tracked)
+            states = self.physics.simulate(*run[:5], step, run.tracked, _shortest(step, run.period))
         except LdtError:
             return np.full(len(experiment), DIVERGED)
         return self._shown(states, experiment, use, run.values)
@@ -145,19 +148,23 @@ class GreyBox:
     ) -> list[Array]:
         """The speed of each case, several at once among so many threads; see `speed`."""
         found = [np.full(len(case.experiment), DIVERGED) for case in cases]
-        runs, uses, places = [], [], []
-        for place, case in enumerate(cases):
-            try:
-                run, use = self._run(case, gain)
-            except LdtError:
-                continue
-            runs.append(run)
-            uses.append(use)
-            places.append(place)
-        for i, states in self.physics.simulate_all(runs, step, workers=workers):
-            if not isinstance(states, LdtError):
-                e = cases[places[i]].experiment
-                found[places[i]] = self._shown(states, e, uses[i], runs[i].values)
+        for period in sorted({case.experiment.period for case in cases}):
+            runs, uses, places = [], [], []
+            for place, case in enumerate(cases):
+                if case.experiment.period != period:
+                    continue
+                try:
+                    run, use = self._run(case, gain)
+                except LdtError:
+                    continue
+                runs.append(run)
+                uses.append(use)
+                places.append(place)
+            steps = step, _shortest(step, period)
+            for i, states in self.physics.simulate_all(runs, *steps, workers):
+                if not isinstance(states, LdtError):
+                    e = cases[places[i]].experiment
+                    found[places[i]] = self._shown(states, e, uses[i], runs[i].values)
         return found
 
     def _run(self, case: Case, gain: float) -> tuple[FreeRun, Use]:
@@ -247,6 +254,10 @@ def _grid(effect: Effect) -> list[dict[str, float]]:
     both = all(p.low < neutral[p.name] for p in effect.parameters)
     parts = (1 / 3, 1.0, -1.0) if both else (1 / 3, 1.0)
     return [{n: neutral[n] + part * (typical[n] - neutral[n]) for n in neutral} for part in parts]
+
+
+def _shortest(step: float, period: float) -> float:
+    return SHORTEST * min(step, period)
 
 
 def _default(parameter: Parameter) -> float:

@@ -241,7 +241,10 @@ class ContestAdaptor(Adaptor):
                 self._adopt(best.again(before.version + 1))
                 return Action.ADAPTED, self._reason(before, experiment, origin), details
         nearest = min((self.original, *self.earlier), key=lambda m: rms_error(m, experiment))
-        if rms_error(nearest, experiment) < BETTER * present and self._foreseen(nearest, experiment) is nearest:
+        if (
+            rms_error(nearest, experiment) < BETTER * present
+            and self._foreseen(nearest, experiment) is nearest
+        ):
             self._adopt(nearest.again(before.version + 1))
             origin = f"is version {nearest.version} again, which errs least"
             return Action.ADAPTED, self._reason(before, experiment, origin), details
@@ -297,6 +300,8 @@ class ContestAdaptor(Adaptor):
                     if valid and explains(fitted, experiment):
                         fitted = model.fit([*valid[-POOL + 1 :], experiment])
                 found.append(fitted)
+                if explains(fitted, experiment):
+                    break
             except (LdtError, np.linalg.LinAlgError, ArithmeticError):
                 continue
         return min(found, key=lambda m: rms_error(m, experiment), default=None)
