@@ -9,7 +9,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from ldt_core.base.experiment import Experiment
+from ldt_core.models.base import Model
 from ldt_core.twin.stage import Archive
+from ldt_core.twin.version_errors import largest_error
 
 #: Experiments remembered: enough for a frequency to be known within a tenth.
 REMEMBERED = 100
@@ -61,6 +63,14 @@ class ConditionChain:
         surely = stays - math.sqrt(stays * left / (total + 1)) if left else 1.0
         rest = {c: n / total * (1 - surely) / left for c, n in counts.items() if c != condition}
         return {condition: surely, **rest}
+
+    def expected_error(self, model: Model, condition: int, experiment: Experiment) -> float:
+        """Largest error [rad/s] to be expected of a model in what follows a condition, which this
+        experiment shows.
+        """
+        following = self.following(condition).items()
+        shown = ((p, experiment if c == condition else self.shown[c]) for c, p in following)
+        return sum(p * largest_error(model, e) for p, e in shown)
 
     def state(self) -> dict[str, Any]:
         """By the numbers of what is recorded; `return_to` takes it back."""

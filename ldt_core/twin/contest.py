@@ -21,7 +21,7 @@ from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK, Adaptor
 from ldt_core.twin.condition_chain import ConditionChain
 from ldt_core.twin.memory import Memory
 from ldt_core.twin.stage import Archive, RecordedStep
-from ldt_core.twin.version_errors import alike, explains, largest_error, rms_error
+from ldt_core.twin.version_errors import alike, explains, rms_error
 
 #: A model comes into force on data that it has not learned from if its error is less than this part
 #: of the present one's: chance makes the errors of equally good models differ by less.
@@ -111,11 +111,10 @@ class ContestAdaptor(Adaptor):
         if found is None and signal.state == "new_range" and self._original_errs_less():
             found = self.original, "is the original again, which errs less in this new range"
             details[ORIGINAL] = 1.0
-        known = self._explaining
-        if found is None and signal.level is Level.WARNING and known not in (None, self.model):
-            assert known is not None
-            if self._foreseen(known, experiment) is known:
-                found = known, f"is version {known.version} again"
+        known = self._explaining if signal.level is Level.WARNING else None
+        other = known is not None and known is not self.model
+        if found is None and known and other and self._foreseen(known, experiment) is known:
+            found = known, f"is version {known.version} again"
         if found is None:
             return None
         model, origin = found
@@ -154,9 +153,8 @@ class ContestAdaptor(Adaptor):
 
     def _saw(self, experiment: Experiment) -> None:
         model = self._explaining
-        if model is None and experiment.number in self.model.trained_on:
-            model = self.model if explains(self.model, experiment) else None
-        elif model is not None and alike(model, self.model):
+        learned = experiment.number in self.model.trained_on
+        if alike(model, self.model) if model else learned and explains(self.model, experiment):
             model = self.model
         here = None if model is None else self._condition(model)
         if model is not None and here:
@@ -167,31 +165,22 @@ class ContestAdaptor(Adaptor):
         """Two versions that explain each other's experiments are estimates of one condition."""
         for version in self.earlier:
             there = self._condition(version)
-            shown = self.chain.shown.get(there)
-            if there in (0, here) or shown is None or not explains(version, experiment):
-                continue
-            if explains(model, shown):
+            shown = self.chain.shown.get(there) if there not in (0, here) else None
+            if shown and explains(version, experiment) and explains(model, shown):
                 self.chain.rename(there, here)
 
     def _foreseen(self, version: Model, experiment: Experiment) -> Model:
-        """Which of the version that explains this experiment, the present one and the original will
-        err least in the next one.
+        """Which will err least in the next one: this version, which explains it, the present one or
+        the original.
 
-        Expected over the conditions that may follow. A machine that changes in every experiment is
-        not predicted better by what explained the last one; then the original stands, of which
-        people know how it errs.
+        A machine that changes in every experiment is not predicted better by what explained the
+        last one. Then the original stands, of which people know how it errs.
         """
         here = self._condition(version)
         rivals = (self.original, version, self.model)
-        expected = {id(model): 0.0 for model in rivals}
-        for condition, probability in self.chain.following(here).items():
-            shown = experiment if condition == here else self.chain.shown[condition]
-            for i, model in {id(model): model for model in rivals}.items():
-                expected[i] += probability * largest_error(model, shown)
-        best = min(rivals, key=lambda m: expected[id(m)])
-        if expected[id(best)] < BETTER * expected[id(self.original)]:
-            return best
-        return self.original
+        expected = [self.chain.expected_error(m, here, experiment) for m in rivals]
+        best = int(np.argmin(expected))
+        return rivals[best] if expected[best] < BETTER * expected[0] else self.original
 
     def _compared(self, experiment: Experiment, signal: Signal) -> None:
         first = self.original.predict(experiment).max_error(experiment)
@@ -215,14 +204,14 @@ class ContestAdaptor(Adaptor):
         present = rms(before.predict(experiment).residual(experiment))
         version = self._explaining
         if version is not None and version is not before:
-            best = self._foreseen(version, experiment)
-            origin = f"is version {best.version} again"
-            if best is not version:
+            next_one = self._foreseen(version, experiment)
+            origin = f"is version {next_one.version} again"
+            if next_one is not version:
                 said = f"version {version.version} explains it, but the machine changes so often"
-                origin = f"{said} that version {best.version} will err less"
-                if best is before or alike(best, before):
+                origin = f"{said} that version {next_one.version} will err less"
+                if alike(next_one, before):
                     return Action.REFUSED, origin, {}
-            self._adopt(best.again(before.version + 1))
+            self._adopt(next_one.again(before.version + 1))
             return Action.ADAPTED, self._reason(before, experiment, origin), {}
         if self._learning and version is before:
             return self._learn_more(experiment, present)
@@ -241,10 +230,8 @@ class ContestAdaptor(Adaptor):
                 self._adopt(best.again(before.version + 1))
                 return Action.ADAPTED, self._reason(before, experiment, origin), details
         nearest = min((self.original, *self.earlier), key=lambda m: rms_error(m, experiment))
-        if (
-            rms_error(nearest, experiment) < BETTER * present
-            and self._foreseen(nearest, experiment) is nearest
-        ):
+        better = rms_error(nearest, experiment) < BETTER * present
+        if better and self._foreseen(nearest, experiment) is nearest:
             self._adopt(nearest.again(before.version + 1))
             origin = f"is version {nearest.version} again, which errs least"
             return Action.ADAPTED, self._reason(before, experiment, origin), details
