@@ -30,6 +30,7 @@ from ldt_core.physics.run_plan import (
     Constants,
     Plan,
     coefficients_of,
+    sample_times,
     steps_of,
 )
 from ldt_core.physics.zero_order_hold import zero_order_hold
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from ldt_core.physics.terms import Terms
 
 DISCRETISATIONS_REMEMBERED = 256  # machines at a sample period; each is some 100 numbers
-GRIDS_REMEMBERED = 8  # sample times: experiments of one stream mostly share theirs
 SAME_LENGTH = 1e-9  # of a step, the rounding of its ends: sample times are sums
 #: Of the largest speed, what a step may get wrong where a term bends; a search is content with a
 #: hundredth of a usual sensor's noise.
@@ -127,7 +127,7 @@ class MotorDriven(Physics):
         values = run.values
         for effect, given in run.effects:
             values = effect.change_parameters(self, values, given)
-        times = _times(volts.size, run.period)
+        times = sample_times(volts.size, run.period)
         switches = times, volts
         if any(effect.on_voltage is not None for effect, _ in run.effects):
             switches = self._switches(values, times, volts, state, run.effects)
@@ -274,11 +274,6 @@ class MotorDriven(Physics):
 def _writable(numbers: Array) -> Array:
     """A record's arrays are read-only: kernels would be compiled once more for them."""
     return np.require(numbers, np.float64, ["C", "W"])
-
-
-@functools.lru_cache(maxsize=GRIDS_REMEMBERED)
-def _times(length: int, period: float) -> Array:
-    return np.asarray(np.arange(length) * period, dtype=np.float64)
 
 
 @functools.lru_cache(maxsize=DISCRETISATIONS_REMEMBERED)

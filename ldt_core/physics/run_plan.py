@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.physics.base import Effects, FreeRun, Tracked, Values
+
+GRIDS_REMEMBERED = 8  # sample times: experiments of one stream mostly share theirs
+STEP_SHARE = 1e-9  # of a step by which rounding may make it longer
 
 
 class Constants(NamedTuple):
@@ -131,4 +135,10 @@ def coefficients_of(c: Constants) -> Coefficients:
 
 def steps_of(edges: Array, longest: float) -> NDArray[np.int64]:
     """(K,) steps between the edges (K + 1,), none longer than that [s]."""
-    return np.maximum(1, np.ceil(np.diff(edges) / longest - 1e-9)).astype(np.int64)
+    return np.maximum(1, np.ceil(np.diff(edges) / longest - STEP_SHARE)).astype(np.int64)
+
+
+@functools.lru_cache(maxsize=GRIDS_REMEMBERED)
+def sample_times(length: int, period: float) -> Array:
+    """(length,) from 0 [s]."""
+    return np.asarray(np.arange(length) * period, dtype=np.float64)

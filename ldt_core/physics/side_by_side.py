@@ -34,7 +34,15 @@ from ldt_core.physics.lane_terms import (
     LaneTerms,
 )
 from ldt_core.physics.lanes import BYTES_OF_LANES, WIDTH
-from ldt_core.physics.run_plan import BegunRun, Plan, Plans, steps_of
+from ldt_core.physics.run_plan import (
+    GRIDS_REMEMBERED,
+    STEP_SHARE,
+    BegunRun,
+    Plan,
+    Plans,
+    sample_times,
+    steps_of,
+)
 
 ROWS_OF_STATES = 8  # the effects' states, and room: `lane_steps._interval` and `_tried`
 
@@ -54,8 +62,6 @@ class SideBySide:
 
     def __init__(self, physics: Plans, max_step: float, least_step: float) -> None:
         self.physics, self._max_step, self._least_step = physics, max_step, least_step
-        #: Shortest and longest distance of sample times, by the times' identity.
-        self._lengths: dict[int, tuple[float, float]] = {}
 
     def states(
         self, runs: Sequence[FreeRun], workers: int
@@ -66,7 +72,8 @@ class SideBySide:
         for i, run in enumerate(runs):
             try:
                 begun = self.physics.begun(run)
-                lane = None if begun.exact or not begun.on_grid else self._lane(i, begun)
+                steps = begun.on_grid and not begun.exact and begun.times.size > 1
+                lane = self._lane(i, begun) if steps else None
             except LdtError as error:
                 yield i, error
                 continue
@@ -96,19 +103,11 @@ class SideBySide:
     def _likeness(self, lane: _Lane) -> object:
         """What runs share that are integrated side by side."""
         begun, plan = lane.begun, lane.plan
-        counts = (self._count(begun.times, longest) for longest in (plan.step, plan.calm))
+        counts = (_likeness(begun.times, longest) for longest in (plan.step, plan.calm))
         terms = tuple(id(effect) for effect, _ in begun.terms)
         seen, gain = begun.tracked
         about = id(begun.times), plan.rigid, terms, seen.size > 0, gain, plan.first.size
         return (*counts, *about)
-
-    def _count(self, times: Array, longest: float) -> object:
-        """What tells the steps of some runs from those of others."""
-        if id(times) not in self._lengths:
-            lengths = np.diff(times)
-            self._lengths[id(times)] = float(lengths.min()), float(lengths.max())
-        low, high = steps_of(np.cumsum([0.0, *self._lengths[id(times)]]), longest)
-        return int(low) if low == high else steps_of(times, longest).tobytes()
 
     def _together(self, lanes: Sequence[_Lane]) -> Found:
         """The states of up to WIDTH runs that are alike, by their places."""
@@ -161,6 +160,19 @@ def _gathered(lanes: Sequence[_Lane]) -> LaneTerms | None:
     watch[QUIET] = np.where(watched, np.array([g.quiet for g in gathered]).T, np.inf)
     room = np.zeros((2, int(table[:, OWN].max())))
     return LaneTerms(table, parameters, by_lane, watch, room)
+
+
+def _likeness(times: Array, longest: float) -> object:
+    """What tells the steps of some runs from those of others: their number if it is one."""
+    least, most = _distances(times.size, float(times[1]))
+    few, many = (max(1, math.ceil(d / longest - STEP_SHARE)) for d in (least, most))
+    return few if few == many else steps_of(times, longest).tobytes()
+
+
+@functools.lru_cache(maxsize=GRIDS_REMEMBERED)
+def _distances(length: int, period: float) -> tuple[float, float]:
+    lengths = np.diff(sample_times(length, period))
+    return float(lengths.min()), float(lengths.max())
 
 
 def _aligned(*shape: int) -> Array:

@@ -13,7 +13,7 @@ from numba import njit
 from ldt_core.base.errors import LdtError
 from ldt_core.effects import EFFECTS
 from ldt_core.machine.machine_file import load_machine
-from ldt_core.physics.base import FreeRun
+from ldt_core.physics.base import NOT_TRACKED, FreeRun
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.lanes import LARGEST_ANGLE, WIDTH, load, store
 from ldt_core.physics.parameter import Parameter
@@ -102,6 +102,15 @@ def test_bits_of_a_lane_depend_on_no_neighbour_place_or_thread(seed, name):
 def test_without_laws_that_ask_the_c_library_a_lane_is_the_run_alone_to_the_last_bit():
     random = np.random.default_rng(5)
     runs = [a_run(ROTOR, random, [], 0.008) for _ in range(11)]
+    for run, states in zip(runs, simulated(ROTOR, runs), strict=True):
+        assert np.array_equal(states, alone(ROTOR, run))
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+def test_an_experiment_of_hardly_any_samples_is_simulated_as_alone(samples):
+    random = np.random.default_rng(9)
+    runs = [a_run(ROTOR, random, [], 0.008) for _ in range(3)]
+    runs = [r._replace(voltage=r.voltage[:samples], tracked=NOT_TRACKED) for r in runs]
     for run, states in zip(runs, simulated(ROTOR, runs), strict=True):
         assert np.array_equal(states, alone(ROTOR, run))
 
