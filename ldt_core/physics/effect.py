@@ -230,6 +230,25 @@ def gather(
     `watched` says of each term whether it asks for shorter steps than the machine (none if empty),
     `quiet` which change of a torque [N m] and of a voltage [V] needs no shorter ones.
     """
+    parameters, first_parameter, first_state = term_parameters(terms, values)
+    return Terms(
+        np.array([effect.compiled.address for effect, _ in terms], dtype=np.int64),
+        np.array([effect.terminal is not None for effect, _ in terms], dtype=np.bool_),
+        np.array([len(effect.states) > 0 for effect, _ in terms], dtype=np.bool_),
+        np.array(first_parameter, dtype=np.int64),
+        np.array(first_state, dtype=np.int64),
+        np.array(parameters),
+        np.array(watched, dtype=np.bool_),
+        np.zeros(len(terms)),
+        np.zeros(len(terms)),
+        np.array([quiet[effect.terminal is not None] for effect, _ in terms], dtype=np.float64),
+    )
+
+
+def term_parameters(
+    terms: Sequence[tuple[Effect, Mapping[str, float]]], values: Mapping[str, float]
+) -> tuple[list[float], list[int], list[int]]:
+    """The terms' parameters behind each other, where each one's begin, where its states do."""
     parameters: list[float] = []
     first_parameter, first_state, states = [], [], 0
     for effect, given in terms:
@@ -238,15 +257,4 @@ def gather(
         parameters += [given[p.name] for p in effect.parameters]
         parameters += [values[name] for name in effect.needs]
         states += len(effect.states)
-    return Terms(
-        np.array([effect.compiled.address for effect, _ in terms], dtype=np.int64),
-        np.array([effect.terminal is not None for effect, _ in terms], dtype=np.bool_),
-        np.array([len(effect.states) > 0 for effect, _ in terms], dtype=np.bool_),
-        np.array(first_parameter, dtype=np.int64),
-        np.array(first_state, dtype=np.int64),
-        np.array([*parameters, 0.0]),
-        np.array(watched, dtype=np.bool_),
-        np.zeros(len(terms)),
-        np.zeros(len(terms)),
-        np.array([quiet[effect.terminal is not None] for effect, _ in terms], dtype=np.float64),
-    )
+    return [*parameters, 0.0], first_parameter, first_state

@@ -38,7 +38,7 @@ class Lanes(types.Type):  # type: ignore[misc] # numba has no types
     """Eight float64."""
 
     def __init__(self) -> None:
-        super().__init__(name="Lanes")
+        super().__init__(name=f"Lanes{WIDTH}")  # known by it in caches of machine code
 
     def can_convert_from(self, _typingctx: Any, other: Any) -> Any:
         """Every number is eight of it."""

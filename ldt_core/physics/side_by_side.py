@@ -18,7 +18,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.threads import spread
 from ldt_core.physics.base import FreeRun
-from ldt_core.physics.effect import gather
+from ldt_core.physics.effect import term_parameters
 from ldt_core.physics.integrate import RIGID_STATES, STATES
 from ldt_core.physics.lane_steps import runge_kutta_lanes
 from ldt_core.physics.lane_terms import (
@@ -143,21 +143,23 @@ def _gathered(lanes: Sequence[_Lane]) -> LaneTerms | None:
     """The terms that all lanes have, each with its own parameters."""
     if not lanes[0].begun.terms:
         return None
-    gathered = [gather(x.begun.terms, x.plan.values, x.plan.watched, x.plan.quiet) for x in lanes]
-    one, effects = gathered[0], [effect for effect, _ in lanes[0].begun.terms]
-    watched = np.array([g.watched for g in gathered]).T
-    table = np.zeros((len(effects), len(COLUMNS)), np.int64)
-    for row, effect in zip(table, effects, strict=True):
+    terms = lanes[0].begun.terms
+    laid = [term_parameters(x.begun.terms, x.plan.values) for x in lanes]
+    watched = np.array([x.plan.watched for x in lanes]).T
+    table = np.zeros((len(terms), len(COLUMNS)), np.int64)
+    for row, (effect, _) in zip(table, terms, strict=True):
         whole = effect.compiled_for_lanes
         row[ADDRESS] = (effect.compiled if whole is None else whole).address
         row[WHOLE], row[OWN] = whole is not None, len(effect.states)
-    table[:, TERMINAL], table[:, WATCHED] = one.terminal, watched.any(axis=1)
-    table[:, PARAMETER], table[:, STATE] = one.first_parameter, one.first_state
-    by_lane = np.array([g.parameters for g in gathered])
+        row[TERMINAL] = effect.terminal is not None
+    table[:, WATCHED], (_, table[:, PARAMETER], table[:, STATE]) = watched.any(axis=1), laid[0]
+    by_lane = np.array([parameters for parameters, _, _ in laid])
     parameters = _aligned(by_lane.shape[1], WIDTH)
     parameters[:] = by_lane.T
-    watch = np.zeros((3, len(effects), WIDTH))
-    watch[QUIET] = np.where(watched, np.array([g.quiet for g in gathered]).T, np.inf)
+    voltage = table[:, TERMINAL]
+    quiet = np.array([x.plan.quiet for x in lanes])[:, voltage].T
+    watch = np.zeros((3, len(terms), WIDTH))
+    watch[QUIET] = np.where(watched, quiet, np.inf)
     room = np.zeros((2, int(table[:, OWN].max())))
     return LaneTerms(table, parameters, by_lane, watch, room)
 
