@@ -44,6 +44,7 @@ from ldt_core.physics.run_plan import (
     steps_of,
 )
 
+MOST_SAMPLES = 100_000  # of a run in a lane: the states of eight then take 45 MB in each thread
 ROWS_OF_STATES = 8  # the effects' states, and room: `lane_steps._interval` and `_tried`
 
 
@@ -72,7 +73,8 @@ class SideBySide:
         for i, run in enumerate(runs):
             try:
                 begun = self.physics.begun(run)
-                steps = begun.on_grid and not begun.exact and begun.times.size > 1
+                steps = begun.on_grid and not begun.exact
+                steps = steps and 1 < begun.times.size <= MOST_SAMPLES
                 lane = self._lane(i, begun) if steps else None
             except LdtError as error:
                 yield i, error

@@ -13,6 +13,7 @@ from numba import njit
 from ldt_core.base.errors import LdtError
 from ldt_core.effects import EFFECTS
 from ldt_core.machine.machine_file import load_machine
+from ldt_core.physics import side_by_side
 from ldt_core.physics.base import NOT_TRACKED, FreeRun
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.lanes import LARGEST_ANGLE, WIDTH, load, store
@@ -113,6 +114,16 @@ def test_an_experiment_of_hardly_any_samples_is_simulated_as_alone(samples):
     runs = [r._replace(voltage=r.voltage[:samples], tracked=NOT_TRACKED) for r in runs]
     for run, states in zip(runs, simulated(ROTOR, runs), strict=True):
         assert np.array_equal(states, alone(ROTOR, run))
+
+
+def test_runs_too_long_to_be_held_eight_at_once_are_simulated_alone(monkeypatch):
+    random = np.random.default_rng(10)
+    runs = [a_run(ROTOR, random, [], 0.008) for _ in range(3)]
+    expected = simulated(ROTOR, runs)
+    monkeypatch.setattr(side_by_side, "MOST_SAMPLES", SAMPLES - 1)
+    monkeypatch.setattr(side_by_side, "runge_kutta_lanes", None)
+    for states, one in zip(simulated(ROTOR, runs), expected, strict=True):
+        assert np.array_equal(states, one)
 
 
 def _driving(t, theta, omega, current, voltage, p):
