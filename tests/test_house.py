@@ -16,7 +16,7 @@ import yaml
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 BIN = Path(sys.executable).parent
-CHECKED = ["ldt_core", "ldt_ros", "msgs_config", "tests", "setup.py"]
+CHECKED = ["ldt_core", "ldt_ros", "msgs_config", "tests", "docs", "setup.py"]
 #: What a module looks like or is a piece of: no name for one. Modules of `cli` are commands.
 SHAPES = {
     *("common", "figure", "figures", "files", "functions", "helper", "helpers", "kept", "misc"),

@@ -62,6 +62,9 @@ def command(
     source: RecordSource = played or graph(namespace)
     relay = FoxgloveRelay(source.live, host, port, f"LDT: {source.words}")
 
+    for bag in played.bags if played else ():  # before anybody can ask for their topics
+        relay.expect(bag.namespace, bag.machine)
+
     def elapsed() -> float | None:
         found = played.clock.state()["elapsed"] if played and played.rate is not None else None
         return None if found is None else float(found)

@@ -13,7 +13,7 @@ from typing import Any
 
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.experiment import Experiment, Prediction
-from ldt_core.recording.codec import Record, encode
+from ldt_core.recording.codec import DECODERS, Record, encode
 from ldt_core.recording.messages import schema, serialize, standard
 from ldt_core.recording.node_status import HEALTH_TOPIC
 from ldt_core.views.export.predicted_runs import PredictedRun
@@ -29,6 +29,8 @@ except ImportError as error:
     ) from error
 
 BACKLOG = 16_384  # messages that wait for a slow client: four experiments of 2000 samples
+#: Topics of samples that every machine has.
+SAMPLED = ("joint_states", "voltage")
 STEP = 0.05  # s between two sends of samples, faster than a screen shows
 
 
@@ -80,9 +82,13 @@ class FoxgloveRelay(Fleet):
         self._server.clear_session()
 
     def expect(self, namespace: str, name: str = "") -> None:
-        """As `Fleet.expect`."""
+        """As `Fleet.expect`; clients are told of the machine's topics at once."""
         self._names[namespace] = name or self._names.get(namespace, "")
         super().expect(namespace, name)
+        for topic, (kind, _) in DECODERS.items():
+            self._channel(_absolute(namespace, topic), kind)
+        for topic in SAMPLED:
+            self._channel(_absolute(namespace, topic), KIND)
 
     def feed(self, namespace: str, topic: str, record: Any) -> None:
         """Send a record; as `Fleet.feed`, which counts."""
@@ -90,12 +96,11 @@ class FoxgloveRelay(Fleet):
         if topic == HEALTH_TOPIC:
             self._send(HEALTH_TOPIC, "diagnostic_msgs/msg/DiagnosticArray", _health(record), None)
             return
-        absolute = f"/{namespace.strip('/')}/{topic}".replace("//", "/")
         if not isinstance(record, Record):
             return
         moment = self._moment(namespace, record)
         message = encode(record, machine=self._names.get(namespace, ""), time=moment or 0.0)
-        self._send(absolute, message.__msgtype__, serialize(message), moment)
+        self._send(_absolute(namespace, topic), message.__msgtype__, serialize(message), moment)
         if isinstance(record, Experiment):
             self._flush(namespace)
             self._present[namespace] = PredictedRun(record)
@@ -151,7 +156,7 @@ class FoxgloveRelay(Fleet):
                 message = self._next[namespace]
                 if until is not None and message.time_ns > until * 1e9:
                     return
-                topic = f"/{namespace.strip('/')}/{message.topic}".replace("//", "/")
+                topic = _absolute(namespace, message.topic)
                 self._send(topic, KIND, message.data, message.time_ns / 1e9)
                 self._advance(namespace)
 
@@ -163,14 +168,22 @@ class FoxgloveRelay(Fleet):
         return run.experiment.end if run else None
 
     def _send(self, topic: str, kind: str, data: bytes, moment: float | None) -> None:
-        channel = self._channels.get(topic)
-        if channel is None:
+        channel = self._channel(topic, kind)
+        channel.log(data, log_time=None if moment is None else round(moment * 1e9))
+
+    def _channel(self, topic: str, kind: str) -> Any:
+        if topic not in self._channels:
             text = schema(kind)[0].encode()
             described = foxglove.Schema(name=kind, encoding="ros2msg", data=text)
-            channel = self._channels[topic] = foxglove.Channel(
+            self._channels[topic] = foxglove.Channel(
                 topic, schema=described, message_encoding="cdr", context=self._context
             )
-        channel.log(data, log_time=None if moment is None else round(moment * 1e9))
+        return self._channels[topic]
+
+
+def _absolute(namespace: str, topic: str) -> str:
+    """Its name, below the machine's namespace."""
+    return f"/{namespace.strip('/')}/{topic}".replace("//", "/")
 
 
 def _health(message: Any) -> bytes:
