@@ -16,33 +16,36 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 ENVIRONMENT = HERE / ".venv"
+#: Versions with which all tests have passed (CONTRIBUTING.md says how they are written).
+CONSTRAINTS = HERE / "constraints.txt"
 
 # Unpinned ros-* names give another ROS distribution, so both are pinned.
 ROS = ["ros-jazzy-rclpy[fastrtps]==7.1.6", "ros-jazzy-common-interfaces==5.3.6"]
 TEST = [
     "axe-playwright-python>=0.1.7",
     "colcon-common-extensions",
-    "cryptography>=42",
-    "dask>=2024.8",
-    "distributed>=2024.8",
+    "cryptography>=46.0.5",
+    "dask>=2026.1",
+    "distributed>=2026.1",
     "foxglove-sdk>=0.30",
     "hypothesis>=6.100",
     "import-linter>=2.0",
     "mcap-ros2-support>=0.5.5",
-    "mkdocs-material>=9.5",
+    "mkdocs-material>=9.5.32",
     "mypy>=1.18",
     "pandas>=2.2",
     "pre-commit>=4",
-    "playwright>=1.50",
+    "playwright>=1.56",
     "psutil>=5.9",
-    "pyarrow>=16",
+    "pyarrow>=23.0.1",
     "pysindy>=2",
-    "pytest>=8",
+    "pytest>=9.0.3",
     "pytest-timeout>=2.3",
     "pytest-xdist>=3.6",
     "ros-jazzy-domain-coordinator==0.12.0",
     "ruff>=0.14",
-    "setuptools>=70.1",
+    "setuptools>=78.1.1",
+    "twine>=6",
 ]
 # A sourced ROS installation, or another environment of these wheels, would leak into ours.
 FOREIGN = ("PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
@@ -86,12 +89,14 @@ def bootstrap(extras: str) -> None:
     if sys.version_info < (3, 11):  # noqa: UP036 - this runs before pip has checked anything
         sys.exit(f"setup.py: expected Python 3.11 or newer, got {sys.version.split()[0]}")
     stamp = ENVIRONMENT / f"ldt-{extras.replace(',', '-')}"
-    state = hashlib.sha256(Path(__file__).read_bytes() + sys.version.encode()).hexdigest()
+    said = Path(__file__).read_bytes() + CONSTRAINTS.read_bytes() + sys.version.encode()
+    state = hashlib.sha256(said).hexdigest()
     if stamp.exists() and stamp.read_text() == state:
         return
     print(f"setup.py: installing LDT and ROS 2 into {ENVIRONMENT}, once", flush=True)
     pip = make_environment()
-    done = subprocess.run([*pip, "-e", f"{HERE}[{extras}]"], env=clean_environment(), check=False)
+    command = [*pip, "-c", str(CONSTRAINTS), "-e", f"{HERE}[{extras}]"]
+    done = subprocess.run(command, env=clean_environment(), check=False)
     if done.returncode:
         sys.exit(
             "setup.py: pip could not install LDT, see above (the ROS 2 wheels exist for x86-64 "
@@ -112,7 +117,7 @@ def build() -> None:
 
     setup(
         name="ldt",
-        version="0.1.0",
+        version="0.2.0",
         description="A digital twin that learns beside a machine and notices when it has changed",
         long_description=(HERE / "README.md").read_text(encoding="utf-8"),
         long_description_content_type="text/markdown",
@@ -137,13 +142,14 @@ def build() -> None:
         zip_safe=False,
         install_requires=[
             "click>=8.2",
-            "Jinja2>=3.1",
-            "joblib>=1.4",
+            "Jinja2>=3.1.6",
+            "joblib>=1.5",
             "lz4>=4.3",
             "mcap>=1.5",
             "numba>=0.61",
             "numpy>=1.26",
-            "PyYAML>=6",
+            "packaging>=24",
+            "PyYAML>=6.0.1",
             "rich>=13.9",
             "rosbags>=0.11",
             "scikit-learn>=1.5",
@@ -155,15 +161,15 @@ def build() -> None:
             "ros": ROS,
             "plot": ["matplotlib>=3.9"],
             "notebook": ["matplotlib>=3.9", "pandas>=2.2"],
-            "cluster": ["dask>=2024.8", "distributed>=2024.8"],
+            "cluster": ["dask>=2026.1", "distributed>=2026.1"],
             "challenge": ["pysindy>=2"],
             "river": ["river>=0.21"],
-            "watch": ["aiohttp>=3.10"],
+            "watch": ["aiohttp>=3.13.3"],
             "foxglove": ["foxglove-sdk>=0.30"],
-            "parquet": ["pyarrow>=16"],
+            "parquet": ["pyarrow>=23.0.1"],
             "rerun": ["rerun-sdk>=0.23"],
-            "security": ["cryptography>=42"],
-            "docs": ["mkdocs-material>=9.5", "matplotlib>=3.9"],
+            "security": ["cryptography>=46.0.5"],
+            "docs": ["mkdocs-material>=9.5.32", "matplotlib>=3.9"],
             "audit": ["pip-audit>=2.9"],
             "test": TEST,
         },

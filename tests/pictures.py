@@ -19,9 +19,9 @@ from pathlib import Path
 
 FIGURES = Path(__file__).resolve().parents[1] / "bags" / "figures"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-SIZE = {"width": 1100, "height": 860}  # a tile of the README shows half of it
+SIZE = {"width": 1280, "height": 900}  # the history stands beside the experiment
 PATIENCE = 60_000  # ms
-RUN = ("--experiments", "40", "--seed", "3", "--bag", "my_run")  # the README's first command
+RUN = ("--experiments", "40", "--seed", "3", "--out", "my_run")  # the README's first command
 
 
 def ldt(*arguments: str) -> None:

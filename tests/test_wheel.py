@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
+from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+
+from ldt_core.cli import invoke
+from ldt_core.cli import ldt as command
+from ldt_core.security.bill_of_materials import normalized
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SOURCES = ("ldt_core", "ldt_ros", "msgs_config", "resource")
+#: Optional ones that the tests do without.
+UNPINNED = ("pip-audit", "rerun-sdk", "river")
 FILES = ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "README.md", "LICENSE")
 
 
@@ -72,6 +83,75 @@ def test_every_file_that_is_no_python_is_in_it(wheel):
     launch = {name for name in beside if "/launch/" in name}  # installed where ROS looks for it
     assert beside - launch - inside == set()
     assert any(name.endswith("share/ldt/launch/ldt.launch.py") for name in inside)
+
+
+@pytest.fixture(scope="module")
+def sdist(tmp_path_factory) -> Path:
+    """Built from a copy of what is under version control."""
+    if shutil.which("git") is None or not (REPOSITORY / ".git").exists():
+        pytest.skip("no checkout")
+    folder = tmp_path_factory.mktemp("sdist")
+    source = folder / "source"
+    for name in tracked():
+        (source / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(REPOSITORY / name, source / name)
+    build = f"from setuptools import build_meta as b; print(b.build_sdist({str(folder)!r}))"
+    _done([sys.executable, "-c", build], source)
+    return next(folder.glob("ldt-*.tar.gz"))
+
+
+def tracked() -> list[str]:
+    listed = _done(["git", "ls-files"], REPOSITORY).splitlines()
+    return [name for name in listed if (REPOSITORY / name).is_file()]
+
+
+def test_the_source_distribution_has_all_that_is_under_version_control(sdist):
+    """Tests, pages and recordings too; not what only a checkout needs."""
+    with tarfile.open(sdist) as archive:
+        inside = {name.partition("/")[2] for name in archive.getnames()}
+    checkout = {".gitignore", ".ci/run"}
+    assert set(tracked()) - checkout - inside == set()
+
+
+def test_an_index_would_take_both(wheel, sdist):
+    """Their metadata and the description are as it wants them."""
+    pytest.importorskip("twine")
+    assert "FAILED" not in _done(
+        [sys.executable, "-m", "twine", "check", "--strict", str(wheel), str(sdist)], wheel.parent
+    )
+
+
+def test_versions_agree():
+    """Of the package, ROS's package file, the citation and the changelog."""
+    version = re.search(r'version="([\d.]+)"', (REPOSITORY / "setup.py").read_text())[1]
+    assert f"<version>{version}</version>" in (REPOSITORY / "package.xml").read_text()
+    assert f"version: {version}\n" in (REPOSITORY / "CITATION.cff").read_text()
+    assert f"## [{version}] - " in (REPOSITORY / "CHANGELOG.md").read_text()
+
+
+def test_the_constraints_keep_to_what_is_asked():
+    """Each library that LDT and its tests ask for is pinned, to a version that is let in."""
+    pins = dict(
+        line.split("==") for line in (REPOSITORY / "constraints.txt").read_text().splitlines()
+    )
+    for text in metadata.requires("ldt") or ():
+        need = Requirement(text)
+        pin = pins.get(normalized(need.name))
+        if need.name not in UNPINNED:
+            assert pin is not None, need
+            assert need.specifier.contains(pin), need
+
+
+def test_the_bill_of_materials_has_what_is_needed_and_what_is_embedded(tmp_path):
+    """With versions; of what stands in our own files the version that its file says."""
+    assert invoke(command, ["security", "sbom", "-o", str(tmp_path / "bill.json")]) == 0
+    bill = json.loads((tmp_path / "bill.json").read_text())
+    assert (bill["bomFormat"], bill["specVersion"]) == ("CycloneDX", "1.5")
+    versions = {c["name"]: c["version"] for c in bill["components"]}
+    assert {"numpy", "click", "mcap", "uPlot"} <= set(versions)
+    assert versions["numpy"] == metadata.version("numpy")
+    script = REPOSITORY / "ldt_core/views/report/uplot/uPlot.iife.min.js"
+    assert f"(v{versions['uPlot']})" in script.read_text()[:200]
 
 
 def test_it_runs_and_reports(ldt):

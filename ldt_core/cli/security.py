@@ -9,8 +9,9 @@ import click
 
 from ldt_core.base.errors import BadInput
 from ldt_core.cli.options import json_option
+from ldt_core.cli.outputs import check_file, force_option
 from ldt_core.cli.spelling import SuggestingGroup
-from ldt_core.cli.terminal import echo, echo_json
+from ldt_core.cli.terminal import echo, echo_json, echo_result
 
 
 @click.group(
@@ -95,6 +96,31 @@ def init(
         echo(f"{enclave.name:{width}}  may publish {told}")
     echo(f"{made.folder}: valid in ROS domain {made.domain} until {made.end:%Y-%m-%d}")
     echo(f"ldt up --secure {made.folder} runs in it, where the middleware can.")
+
+
+@command.command("sbom", short_help="What LDT consists of here, for scanners.")
+@click.option("-o", "--out", required=True, help="File of the bill of materials: .json.")
+@force_option
+@json_option
+def sbom(out: str, force: bool, as_json: bool) -> None:
+    """Write a bill of materials: LDT and every library that it needs and that is installed.
+
+    A CycloneDX 1.5 document, with versions and licences, the extras' and the embedded ones too.
+    Nothing is asked over a network.
+
+    Example: ldt security sbom -o ldt.cdx.json
+    """
+    import json
+    from pathlib import Path
+
+    from ldt_core.base.result_files import write
+    from ldt_core.security.bill_of_materials import bill
+
+    check_file(out, force, endings=(".json",))
+    made = bill()
+    write(Path(out), json.dumps(made, indent=1) + "\n")
+    record = {"out": out, "components": len(made["components"])}
+    echo_result(as_json, record, f"{record['components']} components: {out}")
 
 
 _OF_ALL = ("rt/rosout", "rt/parameter_events")

@@ -103,7 +103,7 @@ def test_the_installed_package_runs(workspace, tmp_path):
         [program, "--version"], env=environment, capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
-    assert "0.1.0" in done.stdout
+    assert "0.2.0" in done.stdout
     where = [sys.executable, "-c", "import ldt_core; print(ldt_core.__file__)"]
     file = subprocess.run(
         where, env=environment, capture_output=True, text=True, check=True, cwd=tmp_path
