@@ -44,12 +44,21 @@ def build(site: Path) -> list[str]:
             theme={
                 "name": "material",
                 "font": False,
-                "features": ["navigation.tabs", "navigation.top", "content.code.copy"],
+                "features": ["navigation.tabs", "navigation.top"],
                 "palette": [
-                    {"media": "(prefers-color-scheme: light)", "scheme": "default"},
-                    {"media": "(prefers-color-scheme: dark)", "scheme": "slate"},
+                    {
+                        "media": "(prefers-color-scheme: light)",
+                        "scheme": "default",
+                        "toggle": {"icon": "material/weather-night", "name": "Switch to dark"},
+                    },
+                    {
+                        "media": "(prefers-color-scheme: dark)",
+                        "scheme": "slate",
+                        "toggle": {"icon": "material/weather-sunny", "name": "Switch to light"},
+                    },
                 ],
             },
+            extra_css=["site.css"],
             plugins=["search"],
             markdown_extensions=["tables", "fenced_code", "toc", "pymdownx.superfences"],
             validation={"links": {"not_found": "warn", "anchors": "warn"}},

@@ -41,7 +41,7 @@ MAX_FAILURES = 3  # told in the sentence that a run fails with; --json has all
 MAX_COLUMNS = 3  # machines in the table that a run ends with; more are a row each
 
 
-LINE_EVERY = 10.0  # s between two lines on a pipe: a log of an hour has 360, a quick command none
+LINE_EVERY = 30.0  # s between two lines on a pipe: a log of an hour has 120, a quick command none
 
 
 class _Lines:

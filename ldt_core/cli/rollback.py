@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def command(
     recording: str, version: int | None, machine: str, namespace: str, as_json: bool
 ) -> None:
-    """List the models that were in force in RECORDING of a run; with --to, go back to one.
+    """List the models that were in use in RECORDING of a run; with --to, go back to one.
 
     Nothing is deleted: the earlier model is recorded once more, as the next version, and the run
     goes on with it when it is taken up with --resume. Neither the later models nor the experiments
@@ -57,4 +57,4 @@ def _lines(found: History) -> Iterator[str]:
         )
         if r.adopted:
             yield f"         {one_line(r.reason)}"
-    yield f"version {found.terms[-1].version} is in force"
+    yield f"version {found.terms[-1].version} is in use"

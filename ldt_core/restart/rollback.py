@@ -122,8 +122,8 @@ def roll_back(found: History, version: int) -> Adaptation:
     there = [r.version for r in found.terms]
     if version == there[-1] or version not in there or version not in found.models:
         choices = ", ".join(str(v) for v in sorted({*there[:-1]} & {*found.models})) or "none"
-        got = f"{version}, which is in force" if version == there[-1] else str(version)
-        raise OptionError("--to", f"a version that was in force before ({choices})", got)
+        got = f"{version}, which is in use" if version == there[-1] else str(version)
+        raise OptionError("--to", f"a version that was in use before ({choices})", got)
     done = found.last.number
     bag = read_bag(found.path, found.namespace or "/")
     for topic in ANSWERS:

@@ -70,7 +70,7 @@ def test_the_versions_are_listed_with_what_is_known_of_them(bag, capsys):
     assert total == pytest.approx(sum(errors))
     code, out, _ = rollback(capsys, bag)
     assert code == 0
-    assert f"version {found['in_force']} is in force" in out
+    assert f"version {found['in_force']} is in use" in out
 
 
 def test_the_run_goes_on_with_the_earlier_model_and_nothing_is_deleted(bag, experiments, capsys):
@@ -122,7 +122,7 @@ def test_what_cannot_be_is_refused_in_a_sentence(bag, capsys, tmp_path):
     for version in (99, -1, newest):
         code, _, err = rollback(capsys, bag, "--to", version)
         assert code == 2
-        assert "--to: expected a version that was in force before" in err
+        assert "--to: expected a version that was in use before" in err
     code, _, err = rollback(capsys, bag, "--to", 1, "--machine", "dc_motor")
     assert (code, "machine" in err) == (2, True)
     with BagWriter(tmp_path / "other", "rotor") as writer:

@@ -142,7 +142,7 @@ def test_a_folder_of_recordings_lists_them(files, capsys):
 
 def test_long_work_says_on_a_pipe_how_far_it_is(monkeypatch, capsys):
     """A line now and then on standard error; quick work says nothing."""
-    clock = iter(range(0, 1000, 6))
+    clock = iter(range(0, 1000, 16))
     monkeypatch.setattr(time, "monotonic", lambda: float(next(clock)))
     done = list(progress.track(range(6), "simulating"))
     told = capsys.readouterr()

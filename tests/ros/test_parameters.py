@@ -95,6 +95,9 @@ def test_a_value_means_the_same_on_both_command_lines_and_in_a_file(
     assert declared(stranger, file=str(file))[name] == value
     flag = f"--{name.replace('_', '-')}"
     arguments = [part for word in option for part in (flag, word)] or [flag]
+    # An option of another detector would be refused.
+    served = msgs_config.parameters()[name].get("only_with", {})
+    arguments += [part for other, known in served.items() for part in (f"--{other}", known[0])]
     code, settings, _ = as_option(capsys, *arguments)
     assert (code, settings[name]) == (0, value)
     assert type(declared(stranger, f"{name}:={ros}")[name]) is type(settings[name])

@@ -181,7 +181,8 @@ def test_an_existing_recording_is_not_touched(start, tmp_path):
     (tmp_path / "run" / "mine.txt").write_text("mine")
     code, _, errors = finish(start("--experiments", "2", "--bag", "run"))
     assert code == 2
-    assert errors.startswith("ldt: run: expected a folder that does not exist yet")
+    assert errors.startswith("ldt: --out: expected a folder that does not exist yet")
+    assert errors.endswith("got run\n")
     assert [f.name for f in (tmp_path / "run").iterdir()] == ["mine.txt"]
 
 
