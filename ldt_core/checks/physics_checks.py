@@ -133,6 +133,7 @@ def trial_speed(
     """
     low, high = machine.voltage_limits
     levels = np.random.default_rng(SEED).uniform(low, high, round(duration / HOLD))
+    levels[-1:] = 0.0  # some effects act at a command of 0 alone
     volts = np.repeat(levels, round(HOLD / PERIOD))
     physics, values = machine.model, machine.parameters
     initial = physics.initial_state(values, 0.0)

@@ -47,6 +47,12 @@ def command() -> None:
     is_flag=True,
     help="Single effects only, each by turns one that the diagnosis has to do without.",
 )
+@click.option(
+    "--exact",
+    is_flag=True,
+    help="Machine files with the true numbers, in place of numbers that were calibrated on noisy "
+    "records of the healthy machine.",
+)
 @jobs_option
 @json_option
 def make(
@@ -55,6 +61,7 @@ def make(
     out: str,
     key: str,
     leave_one_out: bool,
+    exact: bool,
     jobs: int,
     as_json: bool,
 ) -> None:
@@ -67,7 +74,8 @@ def make(
     Example: ldt challenge make --cases 20 --seed 1 --out cases
     """
     from ldt_core.cli.progress import track
-    from ldt_core.lab.challenge.make import make_challenge
+    from ldt_core.lab.challenge.known_file import known_file
+    from ldt_core.lab.challenge.make import exact_file, make_challenge
 
     digests: list[str] = []
 
@@ -81,6 +89,7 @@ def make(
         out,
         key,
         leave_one_out=leave_one_out,
+        known=exact_file if exact else known_file,
         jobs=jobs,
         say=say,
         progress=lambda items, total, doing: track(items, doing, total),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ldt_core.base.arrays import Array
-from ldt_core.diagnosis.candidate import Candidate
+from ldt_core.diagnosis.candidate import START_PHASES, Candidate, turning
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
 from ldt_core.diagnosis.start_states import SEARCH_STEP, StartStates, turns
 from ldt_core.diagnosis.thresholds import THRESHOLDS
@@ -73,6 +73,20 @@ def _prior_rows(members: Sequence[Candidate], own: int) -> Array:
     count = sum(len(c) for c in members)
     known = sum(len(c) for c in members[len(members) - own :])
     return np.eye(count)[count - known :]
+
+
+def _other_phases(members: Sequence[Candidate], z: Array) -> list[Array]:
+    """The same coordinates with each angle of an effect turned on, in steps of a turn's eighth."""
+    parameters = [(c, j) for c in members for j in range(len(c))]
+    found = []
+    for k, (c, j) in enumerate(parameters):
+        if not turning(c.parameters[j]):
+            continue
+        for part in range(START_PHASES):
+            moved = z.copy()
+            moved[k] += part * 2 * math.pi / START_PHASES / c.scale(j)
+            found.append(moved)
+    return found
 
 
 def used(members: Sequence[Candidate], z: Sequence[Array]) -> list[Used]:
@@ -152,9 +166,18 @@ def fit(
             if float(left @ left) > (1 - START_ANGLE_GAIN) * before:
                 break
             before = float(left @ left)
-        gain = float(shared[1] @ shared[1] - left @ left)
-        if gain < len(residuals.pieces) * THRESHOLDS.start_angle_gain:
+        price = len(residuals.pieces) * THRESHOLDS.start_angle_gain
+        if float(shared[1] @ shared[1] - left @ left) < price:
             (z, left, slopes), starts[0] = shared, kept
+        else:  # angles that differ may all be one, which the phase of an effect is to be
+            free, found = (z, left, slopes), starts[0]
+            starts[0] = kept
+            turned = _other_phases(members, z)
+            if turned:
+                losses = [float(r @ r) for r in rows(turned)]
+                z, left, slopes = descend(turned[int(np.argmin(losses))], steps)
+            if not turned or float(left @ left - free[1] @ free[1]) > price:
+                (z, left, slopes), starts[0] = free, found
     return EffectFit(
         members,
         by_member(members, z),

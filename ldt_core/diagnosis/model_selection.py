@@ -63,8 +63,9 @@ def earned(
     need = (further + limits.same_family_of_gap * related) * gap
     if gain > need and gain > limits.further_effect_of_remainder * left:
         return True
-    # What takes away all that was left, down to the noise, does not mend another law.
-    small = whole or gain > limits.small_effect_of_gap * added * gap
+    # What by itself takes away all that was left, down to the noise, does not mend another law.
+    all_of_it = whole and added == 1 and gain > limits.whole_remainder * left
+    small = all_of_it or gain > limits.small_effect_of_gap * added * gap
     return related == 0 and small and gain > limits.small_effect_of_remainder * left
 
 

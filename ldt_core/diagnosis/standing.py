@@ -66,8 +66,9 @@ def objection(
         power = float(np.mean((speed - level) ** 2))
         if left > THRESHOLDS.unexplained_of_signal * max(power - noise**2, 0.0):
             return f"it leaves {after.rmse:.3g} rad/s, hardly better than {name} ({power**0.5:.3g})"
+    gap = max(before.rmse**2 - noise**2, 0.0)
     linear = _linear(machine, fitted, held)
-    if linear is not None:
+    if linear is not None and not left < THRESHOLDS.trifle_of_gap * gap:
         power = errors(held, linear).rmse ** 2
         if left > THRESHOLDS.behind_linear_model * max(power - noise**2, noise**2):
             return (

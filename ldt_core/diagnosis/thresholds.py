@@ -52,6 +52,9 @@ class Thresholds:
     least_gap: float = _limit(
         0.005, "power of the noise", CHOSEN, "Gaps of a 14th of the noise matter to no prediction."
     )
+    least_gap_of_signal: float = _limit(
+        1e-8, "power of the signal", CHOSEN, "A ten-thousandth is what simulations are exact to."
+    )
     gap_false_alarm: float = _limit(
         0.002, CHANCE, CHOSEN, "Two tests each: one false alarm in 250 recordings."
     )
@@ -87,6 +90,12 @@ class Thresholds:
     )
     small_effect_of_remainder: float = _limit(
         0.75, OF_REMAINDER, CASES, "A law's error hardly ever has another effect's shape."
+    )
+    whole_remainder: float = _limit(
+        0.9,
+        OF_REMAINDER,
+        CASES,
+        "What takes away less mends another law, if by chance to the noise.",
     )
     same_family_of_gap: float = _limit(
         0.06, OF_GAP, CASES, "A law that is a little off looks like a second effect of its family."
@@ -127,6 +136,9 @@ class Thresholds:
     )
     behind_linear_model: float = _limit(
         4.0, "power that a linear model leaves", CHOSEN, "Twice its error: it knows less physics."
+    )
+    trifle_of_gap: float = _limit(
+        0.01, OF_GAP, CHOSEN, "With a tenth of the error left, laws may differ in their details."
     )
     # What the recording and a further experiment can show
     visible_change: float = _limit(

@@ -68,7 +68,8 @@ def is_gap(found: FittedSets, seed: int) -> bool:
     """
     d = found.responses
     score = np.max(d.target / d.length)
-    if max(found.excess, float(score) ** 2) < THRESHOLDS.least_gap * found.band.samples:
+    power = max(found.excess, float(score) ** 2)
+    if power < THRESHOLDS.least_gap * found.band.samples or power < _trifle(found.residuals):
         return False
     if found.excess > found.band.limit_of(THRESHOLDS.gap_false_alarm):
         return True
@@ -77,6 +78,12 @@ def is_gap(found: FittedSets, seed: int) -> bool:
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     drawn = np.max(root @ random.standard_normal((values.size, NOISE_DRAWS)), axis=0)
     return bool(score > np.quantile(drawn, 1 - THRESHOLDS.gap_false_alarm))
+
+
+def _trifle(residuals: FreeRunResiduals) -> float:
+    """Power of a gap that is nothing beside the motion itself."""
+    signal = sum(float(np.sum(e.speed**2)) for e in residuals.experiments)
+    return THRESHOLDS.least_gap_of_signal * signal / residuals.noise[0] ** 2
 
 
 def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Decision:

@@ -15,9 +15,10 @@ _FILES = {
     "friction": (
         "coulomb_friction",
         "asymmetric_friction",
-        "gear_friction",
+        "load_friction",
         "stribeck_friction",
         "viscous_friction",
+        "viscous_asymmetric",
         "quadratic_drag",
     ),
     "drive": (
@@ -28,6 +29,7 @@ _FILES = {
         "source_resistance",
         "brush_drop",
         "no_regeneration",
+        "open_circuit",
         "voltage_saturation",
         "input_deadzone",
         "input_delay",

@@ -47,6 +47,12 @@ def _blocking(t, theta, omega, current, voltage, p):
     return share * lifted
 
 
+def _open(t, theta, omega, current, voltage, p):
+    if math.fabs(voltage) < SMALL_VOLTAGE:
+        return p[0] * (p[1] * omega - voltage)
+    return 0.0
+
+
 @njit(cache=True)
 def _blocked(back, drop):  # pragma: no cover - compiled
     """How far diodes let the terminals rise above a command that would take current back [V]."""
@@ -196,6 +202,23 @@ NO_REGENERATION = Effect(
     ),
     reference="Mohan, Undeland, Robbins, Power Electronics, chapter on DC motor drives (converters "
     "for one quadrant)",
+)
+
+OPEN_CIRCUIT = Effect(
+    name="open_circuit",
+    description="at a command of 0 the drive leaves the terminals open: the shaft coasts and does "
+    "not brake",
+    equation="terminal voltage = V + s (K_t omega - V) where |V| < 0.1 V, so that no current flows",
+    parameters=(
+        Parameter(
+            "share", "", 0.0, 1.0, 0.0, "of the braking current that is missing, s", scale=0.5
+        ),
+    ),
+    typical={"share": 1.0},
+    terminal=_open,
+    needs=("K_t",),
+    reference="Mohan, Undeland, Robbins, Power Electronics, chapter on DC motor drives "
+    "(freewheeling and open terminals)",
 )
 
 VOLTAGE_SATURATION = Effect(

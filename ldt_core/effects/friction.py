@@ -34,6 +34,10 @@ def _asymmetric(t, theta, omega, current, voltage, p):
     return -0.5 * (p[0] + p[1] + (p[0] - p[1]) * sign) * sign
 
 
+def _viscous_asymmetric(t, theta, omega, current, voltage, p):
+    return -0.5 * ((p[0] + p[1]) * omega + (p[0] - p[1]) * math.fabs(omega))
+
+
 def _gear(t, theta, omega, current, voltage, p):
     small = SMALL_VOLTAGE / p[3]
     size = current * current / math.sqrt(current * current + small * small)
@@ -90,10 +94,10 @@ ASYMMETRIC_FRICTION = Effect(
     reference=f"{SURVEY} (levels that depend on the direction)",
 )
 
-GEAR_FRICTION = Effect(
-    name="gear_friction",
+LOAD_FRICTION = Effect(
+    name="load_friction",
     family="dry friction",
-    description="dry friction of a gear, in proportion to the torque that it passes on",
+    description="dry friction in proportion to the torque that is passed on, as in a gear",
     equation="torque = -mu |K_t i| sign(omega), the sign smoothed over 0.02 rad/s, the size over "
     "i = 0.1 V / R",
     parameters=(
@@ -150,6 +154,26 @@ VISCOUS_FRICTION = Effect(
     on_parameters=_viscous,
     needs=("b",),
     reference=SURVEY,
+)
+
+VISCOUS_ASYMMETRIC = Effect(
+    name="viscous_asymmetric",
+    family="drag",
+    description="viscous friction of another size forward than backward, beside the file's b",
+    equation="torque = -b_f omega for omega > 0, -b_b omega for omega < 0",
+    parameters=(
+        Parameter(
+            "b_forward", "N m s", 0.0, default=0.0, description="for omega > 0, b_f", scale=0.005
+        ),
+        Parameter(
+            "b_backward", "N m s", 0.0, default=0.0, description="for omega < 0, b_b", scale=0.005
+        ),
+    ),
+    typical={"b_forward": 0.006, "b_backward": 0.003},
+    torque=_viscous_asymmetric,
+    needs=("J",),
+    fastest=lambda values, voltage, b_forward, b_backward: max(b_forward, b_backward) / values["J"],
+    reference=f"{SURVEY} (coefficients that depend on the direction)",
 )
 
 QUADRATIC_DRAG = Effect(

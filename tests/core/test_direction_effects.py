@@ -55,7 +55,7 @@ def test_friction_on_one_side_never_drives():
 @pytest.mark.parametrize("share", [0.15, 0.5, 1.0])
 def test_a_gear_loses_its_share_of_the_motors_torque(level, share):
     """At steady speed (1 - mu) K_t i = b w; with mu = 1 the shaft does not turn."""
-    effect = f"gear_friction:coefficient={share}"
+    effect = f"load_friction:coefficient={share}"
     speed, current = free_run(ROTOR, held(level, 20), effect)[-1, 1:3]
     # the size is smoothed over 0.1 A: 3 A and more pass whole to half of (0.1 / 3)^2
     assert (1 - share) * 0.3 * current == pytest.approx(0.01 * speed, rel=1e-2, abs=1e-2)
@@ -67,7 +67,7 @@ def test_a_gear_holds_back_a_braking_motor_as_well():
     """Its friction acts against the rotation, so the shaft stops sooner than by the motor alone."""
     volts = held(0, 0.3)
     plain = free_run(ROTOR, volts, speed=30)[:, 1]
-    geared = free_run(ROTOR, volts, "gear_friction:coefficient=0.3", speed=30)[:, 1]
+    geared = free_run(ROTOR, volts, "load_friction:coefficient=0.3", speed=30)[:, 1]
     assert np.all(geared[1:] < plain[1:])
 
 
@@ -125,8 +125,8 @@ def test_a_drive_without_regeneration_drives_and_reverses_as_others_do():
     "effect",
     [
         "asymmetric_friction:torque_forward=1,torque_backward=0.2",
-        "gear_friction:coefficient=0.15",
-        "gear_friction:coefficient=1",
+        "load_friction:coefficient=0.15",
+        "load_friction:coefficient=1",
         "brush_drop:voltage=0.2",
         "brush_drop:voltage=2",
         "no_regeneration:share=1",
@@ -143,3 +143,23 @@ def test_the_step_that_an_effect_asks_for_resolves_it(machine, effect):
     coarse = free_run(machine, volts, effect)[:, 1]
     fine = free_run(machine, volts, effect, max_step=min(0.25e-3, 1 / rate) / 4)[:, 1]
     assert np.abs(coarse - fine).max() < 5e-3
+
+
+@pytest.mark.parametrize(("level", "b"), [(10, 0.016), (-10, 0.013)])
+def test_viscous_friction_may_differ_by_direction(level, b):
+    """At steady speed K_t i = (b + b_f) w forward, and (b + b_b) w backward."""
+    effect = "viscous_asymmetric:b_forward=0.006,b_backward=0.003"
+    speed, current = free_run(ROTOR, held(level, 20), effect)[-1, 1:3]
+    assert 0.3 * current == pytest.approx(b * speed, rel=1e-8)
+
+
+def test_open_terminals_let_the_shaft_coast_at_a_command_of_zero_alone():
+    """By J and b alone, without a current; at any other command the drive brakes as before."""
+    rest = free_run(MOTOR, held(0, 0.5), "open_circuit:share=1", speed=30.0)
+    values = MOTOR.parameters
+    assert abs(rest[-1, 2]) < 1e-3 * abs(rest[0, 2] or 1.0)
+    later = rest[10:, 1]  # the current has died out
+    decay = -np.log(later[-1] / later[0]) / ((later.size - 1) * PERIOD)
+    assert decay == pytest.approx(values["b"] / values["J"], rel=0.05)
+    braked = [free_run(MOTOR, held(2, 0.5), *e, speed=30.0) for e in (["open_circuit:share=1"], [])]
+    np.testing.assert_allclose(*braked, rtol=1e-6, atol=1e-6)

@@ -72,7 +72,7 @@ def test_the_ideal_machine_is_exact_however_fast_its_current(physics, time_const
 
 def test_a_winding_without_inductance_is_one_with_hardly_any():
     """L = 0 is a machine: its current follows at once, and a microhenry moves no speed by 1e-3."""
-    use = [parse_effect("brush_drop"), parse_effect("gear_friction")]
+    use = [parse_effect("brush_drop"), parse_effect("load_friction")]
     without, hardly = (
         MOTOR.simulate({**MACHINE, "L": x}, VOLTS, PERIOD, np.zeros(3), use) for x in (0.0, 1e-6)
     )

@@ -128,7 +128,7 @@ def test_a_simulation_goes_on_where_an_earlier_one_ended():
 STEEP = (
     "no_regeneration",
     "brush_drop",
-    "gear_friction:coefficient=0.4",
+    "load_friction:coefficient=0.4",
     "stribeck_friction:static=0.6",
     "cogging_torque",
     "winding_heating",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,15 +14,28 @@ from ldt_core.base.experiment import Experiment, rms
 from ldt_core.lab.challenge.law import Law
 from ldt_core.lab.challenge.law_fitting import nearest, size_for
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
-from ldt_core.lab.challenge.rig import ALIKE, OTHER, PROBES, SHOWN, Acting, CaseBench, CaseSetting
+from ldt_core.lab.challenge.rig import (
+    ALIKE,
+    OTHER,
+    PROBES,
+    REVERSING,
+    SHOWN,
+    VOLTAGE,
+    Acting,
+    CaseBench,
+    CaseSetting,
+    draw_excitation,
+)
 from ldt_core.lab.challenge.simulation import Unsteady
 from ldt_core.lab.challenge.variation import ROTOR, draw_setting
 
 KINDS = ("none", "single", "pair", "triple", "outside")
 MEMBERS = {"none": 0, "single": 1, "pair": 2, "triple": 3, "outside": 1}
 
+HEALTHY = range(101, 104)  # numbers of the experiments by which a file is calibrated
 FURTHER = range(SHOWN + 1, SHOWN + ALIKE + OTHER + 1)  # numbers of the further experiments
-STRENGTH_RANGE = (0.3, 30.0)  # root mean square of a gap over the noise, drawn log-uniformly
+STRENGTH_RANGE = (3.3, 1000.0)  # root mean square of a gap over the noise, drawn log-uniformly
+LARGEST_GAP = 15.0  # rad/s, root mean square: a third of what machines turn
 LEAST_MEMBER_STRENGTH = 1.0  # the same, of each effect in a set
 LEAST_MEMBER_SHARE = 0.15  # of an effect's own gap, next to another's in the set
 MOST_ALIKE_COSINE = 0.95  # cosine of two gaps, beyond which no recording could tell a pair apart
@@ -52,7 +65,7 @@ class CasePlan:
 
     @property
     def machine(self) -> dict[str, Any]:
-        """The machine file that a diagnosis may know."""
+        """The keys of the true machine's file, without what acts."""
         s = self.setting
         return {
             "name": "rotor" if s.physics == ROTOR else "motor",
@@ -61,6 +74,13 @@ class CasePlan:
             "limits": {"voltage": [-24.0, 24.0]},
             "experiment": {"duration": s.samples * s.period, "sample_period": s.period},
         }
+
+    def healthy(self) -> Iterator[Experiment]:
+        """Those of the machine before anything acted on it, to calibrate its file by."""
+        random = self.setting.random(0, VOLTAGE)
+        before = draw_excitation(str(random.choice(REVERSING)), random)
+        bench = CaseBench(replace(self.setting, excitation=before, other=before))
+        return (bench.experiment((), n) for n in HEALTHY)
 
     def experiments(self) -> Iterator[Experiment]:
         """Those that the diagnosis sees."""
@@ -144,7 +164,7 @@ def _plan(
     strength: float | None,
 ) -> CasePlan | None:
     """The plan of a case, or None when it would not be fair."""
-    bench, wanted = CaseBench(setting), _strengths(len(laws), random, strength)
+    bench, wanted = CaseBench(setting), _strengths(len(laws), random, strength, setting.noise)
     acting: list[Acting] = []
     for law, snr in zip(laws, wanted, strict=True):
         shape = {n: float(v) for n, v in law.draw(random, setting.known).items()}
@@ -185,10 +205,11 @@ def _plan(
 
 
 def _strengths(
-    count: int, random: np.random.Generator, strength: float | None
+    count: int, random: np.random.Generator, strength: float | None, noise: float
 ) -> tuple[float, ...]:
     """Wanted strength of each member's own gap."""
-    low, high = STRENGTH_RANGE if count == 1 else (LEAST_MEMBER_STRENGTH * 1.15, STRENGTH_RANGE[1])
+    most = min(STRENGTH_RANGE[1], LARGEST_GAP / noise)
+    low, high = (STRENGTH_RANGE[0], most) if count == 1 else (LEAST_MEMBER_STRENGTH * 1.15, most)
     if strength is not None:
         return (strength,) * count
     drawn: list[float] = []
@@ -252,6 +273,10 @@ def _truth(
         "physics": setting.physics,
         "excitation": [setting.excitation.kind, setting.other.kind],
         "start": setting.start,
+        "period": setting.period,
+        "electrical_time": setting.known["L"] / setting.known["R"],
+        "quantum": setting.quantum,
+        "file": setting.file,
         "laws": {a.name: {"odd": a.odd, **a.values, "shape": dict(a.shape)} for a in acting},
         "left_out": None,
     }

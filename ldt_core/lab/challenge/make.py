@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -99,6 +99,15 @@ def _in_turn(kind: str, seed: int) -> Iterator[tuple[str, ...]]:
 MACHINE, SHOWN, FURTHER = "machine.yaml", "recording", "further"
 KEY_SUFFIX = ".key.json"
 
+#: What makes the keys of the machine file that goes with a case.
+KnownFile = Callable[[CasePlan], Mapping[str, Any]]
+
+
+def exact_file(plan: CasePlan) -> Mapping[str, Any]:
+    """The true machine's own numbers."""
+    return plan.machine
+
+
 Progress = Callable[[Iterator[Any], int, str], Iterable[Any]]
 
 
@@ -110,6 +119,7 @@ def make_challenge(
     *,
     leave_one_out: bool = False,
     samples: int = 2000,
+    known: KnownFile = exact_file,
     jobs: int = 0,
     say: Callable[[str], None] = lambda digest: None,
     progress: Progress = lambda items, total, doing: items,
@@ -125,6 +135,7 @@ def make_challenge(
         key: file to write; "" puts it beside the folder, not into it.
         leave_one_out: single effects only, each to be taken from the library by turns.
         samples: in each experiment.
+        known: makes the machine files; by default they are exact.
         jobs: processes; 0 takes one for each core.
         say: is told the SHA-256 of the key's bytes before any case is written.
         progress: wraps (items, how many, what is being done).
@@ -146,7 +157,7 @@ def make_challenge(
         work.mkdir()
         sealed.write_text(text, encoding="utf-8")
         # In the order of their names, whatever was drawn first: times of files tell nothing either.
-        items = [(work / order.name, plans[order.name]) for order in wanted]
+        items = [(work / order.name, plans[order.name], known) for order in wanted]
         for _ in progress(workers.map(write_case, items), cases, "writing"):
             pass
     return key
@@ -199,11 +210,11 @@ def key_text(truths: Sequence[dict[str, Any]]) -> str:
     return f"[\n{lines}\n]\n"
 
 
-def write_case(item: tuple[Path, CasePlan]) -> None:
+def write_case(item: tuple[Path, CasePlan, KnownFile]) -> None:
     """Write the folder of a case."""
-    folder, plan = item
+    folder, plan, known = item
     folder.mkdir()
-    text = dump(rounded(plan.machine))
+    text = dump(rounded(known(plan)))
     (folder / MACHINE).write_text(text, encoding="utf-8")
     _write_bag(folder / SHOWN, plan, plan.experiments())
     _write_bag(folder / FURTHER, plan, plan.further())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,18 @@ from ldt_core.lab.challenge.simulation import Drive, Motion, free_run, simulate
 Array = NDArray[np.float64]
 
 #: Kinds of excitation; those that turn the machine both ways.
-KINDS = ("steps", "reversing", "multisine", "chirp", "reversing_multisine", "reversing_chirp")
+KINDS = (
+    *("steps", "reversing", "multisine", "chirp", "reversing_multisine", "reversing_chirp"),
+    *("ramps", "reversing_ramps", "closed_loop"),
+)
 REVERSING = tuple(kind for kind in KINDS if kind.startswith("reversing"))
 SINES = 6  # in a multisine
 BAND = (0.05, 2.0)  # Hz, of multisines
+RAMPS = (0.5, 3.0)  # s, shortest and longest
+#: Of a speed controller: times in an experiment at which it acts, and its proportional and integral
+#: part, as shares of what makes up for an error of the steady speed at once.
+CONTROLS, PROPORTIONAL, INTEGRAL = 50, 1.0, 0.3
+LEEWAY = 8.0  # V, that the integral part adds at most
 
 
 @dataclass(frozen=True)
@@ -62,6 +70,10 @@ class VoltagePattern:
             phases = random.uniform(0, 2 * math.pi, SINES)
             wave = np.sin(2 * math.pi * rates[:, None] * time + phases[:, None]).sum(axis=0)
             return middle + half * wave / np.abs(wave).max()
+        if self.kind.endswith("ramps"):
+            knots = np.cumsum(random.uniform(*RAMPS, round(samples * period / RAMPS[0]) + 2))
+            levels = random.uniform(self.low, self.high, knots.size)
+            return np.interp(time, knots - knots[0], levels)
         volts = np.empty(samples)
         at = 0
         while at < samples:
@@ -74,6 +86,8 @@ class VoltagePattern:
 def draw_excitation(kind: str, random: np.random.Generator) -> VoltagePattern:
     """An excitation of this kind, its levels and times drawn."""
     last = float(random.uniform(0.5, 2.0))
+    if kind == "closed_loop":  # levels that a speed controller is to hold, as voltages of the file
+        return VoltagePattern(kind, 5.0, 14.0, (2.0, 5.0))
     if kind in REVERSING:
         top = float(random.choice([10.0, 12.0, 14.0]))
         return VoltagePattern(kind, -top, top, (0.5, 2.0), last)
@@ -129,6 +143,9 @@ class CaseSetting:
         seed: of everything random in the experiments.
         samples: in an experiment.
         period: of the samples [s].
+        pace: how many times as slow the machine is as its voltages were meant for.
+        quantum: step of the speed sensor [rad/s]; 0 for none.
+        file: how the machine file came about, calibrated or datasheet.
     """
 
     physics: str
@@ -142,6 +159,9 @@ class CaseSetting:
     seed: tuple[int, ...]
     samples: int = 2000
     period: float = 0.01
+    pace: float = 1.0
+    quantum: float = 0.0
+    file: str = "calibrated"
 
     def random(self, number: int, stream: int) -> np.random.Generator:
         """The stream of random numbers of an experiment."""
@@ -168,7 +188,7 @@ class CaseBench:
             s = self.setting
             warm = s.warm if s.start == "running" else 0
             used = s.other if number > SHOWN + ALIKE else s.excitation
-            volts = used.voltage(warm + s.samples, s.period, s.random(number, VOLTAGE))
+            volts = used.voltage(warm + s.samples, s.period / s.pace, s.random(number, VOLTAGE))
             angle = 0.0
             if s.start == "angle":
                 angle = float(s.random(number, ANGLE).uniform(0, 2 * np.pi))
@@ -236,19 +256,48 @@ class CaseBench:
 
     def experiment(self, acting: Sequence[Acting], number: int) -> Experiment:
         """An experiment as it is recorded, with noise."""
-        s, motion = self.setting, self.run(acting, number)
+        s, (drive, motion) = self.setting, self._controlled(acting, number)
         random = s.random(number, NOISE)
-        speed = motion.speed + self._noise(random)
+        speed = self._shown(motion.speed, self._noise(random))
         current = None
         if s.current_noise is not None:
             current = motion.current + random.normal(0.0, s.current_noise, s.samples)
-        volts = self.drive(number).volts[-s.samples :]
+        volts = drive.volts[-s.samples :]
         start = (number - 1) * s.samples * s.period
         return Experiment(number, start, s.period, volts, speed, current)
 
+    def _controlled(self, acting: Sequence[Acting], number: int) -> tuple[Drive, Motion]:
+        """How an experiment went: under a speed controller, if it has one."""
+        s, drive = self.setting, self.drive(number)
+        used = s.other if number > SHOWN + ALIKE else s.excitation
+        if used.kind != "closed_loop":
+            return drive, self.run(acting, number)
+        gain = s.known["K_t"] + s.known["R"] * s.known["b"] / s.known["K_t"]  # V s/rad, steady
+        volts, wanted, total = drive.volts.copy(), drive.volts / gain, 0.0
+        noise = self._noise(s.random(number, NOISE))
+        block = -(-volts.size // CONTROLS)
+        for begin in range(block, volts.size, block):
+            part = replace(drive, volts=volts[: max(begin, drive.warm + 2)])
+            motion = simulate(self.plant(acting, number), part, s.random(number, CHANCE))
+            last = motion.speed.size - 1
+            error = wanted[begin] - motion.speed[last] - noise[min(last, noise.size - 1)]
+            total = float(np.clip(total + INTEGRAL * gain * error, -LEEWAY, LEEWAY))
+            volts[begin : begin + block] = np.clip(
+                drive.volts[begin : begin + block] + PROPORTIONAL * gain * error + total, 0.0, 24.0
+            )
+        driven = replace(drive, volts=volts)
+        return driven, simulate(self.plant(acting, number), driven, s.random(number, CHANCE))
+
+    def _shown(self, speed: Array, noise: Array) -> Array:
+        """(L,) as the sensor shows it."""
+        quantum, shown = self.setting.quantum, speed + noise
+        return np.round(shown / quantum) * quantum if quantum else shown
+
     def noise(self, number: int) -> float:
         """Root mean square of the noise as it fell out on an experiment's speed [rad/s]."""
-        return rms(self._noise(self.setting.random(number, NOISE)))
+        # A sensor's steps add their own, of deviation one over the root of twelve.
+        own = rms(self._noise(self.setting.random(number, NOISE)))
+        return math.hypot(own, self.setting.quantum / math.sqrt(12))
 
     def _noise(self, random: np.random.Generator) -> Array:
         return random.normal(0.0, self.setting.noise, self.setting.samples)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import re
 from collections import Counter
 
 import numpy as np
@@ -70,7 +71,8 @@ def test_a_cases_folder_holds_two_recordings_and_a_machine_file(made):
         assert sorted(p.name for p in folder.iterdir()) == ["further", "machine.yaml", "recording"]
         machine = load_machine(folder / "machine.yaml")
         shown, further = (experiments(folder / n).experiments for n in ("recording", "further"))
-        assert [len(e) for e in shown] == [SAMPLES] * SHOWN
+        assert {len(e) for e in shown} <= {SAMPLES, SAMPLES // 2}  # at half the rate
+        assert len(shown) == SHOWN
         assert [e.number for e in [*shown, *further]] == list(range(1, SHOWN + ALIKE + OTHER + 1))
         assert list(read_bag(folder / "recording").topics) == ["/experiment"]
         for experiment in (*shown, *further):
@@ -87,7 +89,8 @@ def test_nothing_in_the_folders_tells_what_acts(made):
         data = file.read_bytes()
         assert [w for w in words if w.encode() in data.lower()] == [], file
         if file.name == "metadata.yaml" and file.parent.name == "recording":
-            metadata.add(data.replace(b"motor", b"rotor"))
+            same = re.sub(rb"(nanoseconds|nanoseconds_since_epoch): \d+", b"", data)
+            metadata.add(same.replace(b"motor", b"rotor"))
     assert len(metadata) == 1
     assert key.parent == out.parent
 

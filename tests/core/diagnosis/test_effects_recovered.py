@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from recorded_machines import NOISE, ROTOR, candidates, record
 
@@ -15,6 +16,7 @@ WIDER = 3.0  # times its interval that a parameter may be off
 NOISE_ALONE = (0.85, 1.15)  # a sample's power, of 1000 samples
 FASTER = (6.0, 16.0)  # V: through the resonance of the foundation
 UNBALANCED = ROTOR.with_parameters(e=0.006)  # what shows a foundation's changes
+COASTING = np.repeat([12.0, 0.0, 8.0, 0.0, 15.0], 100)  # V: commands of 0 between others
 #: Where steps of both signs are not what shows the effect.
 SUITED = {
     "unbalance": (ROTOR, FASTER),
@@ -32,9 +34,9 @@ def fitted():
     def of(name):
         if name not in known:
             machine, volts = SUITED.get(name, (ROTOR, (-16.0, 16.0)))
-            residuals = FreeRunResiduals(
-                machine, record(machine, name, count=2, volts=volts), (NOISE, 1.0)
-            )
+            levels = [COASTING, -COASTING] if name == "open_circuit" else None
+            measured = record(machine, name, count=2, volts=volts, levels=levels)
+            residuals = FreeRunResiduals(machine, measured, (NOISE, 1.0))
             members = candidates(machine, [name], 16.0)
             responses = simulate_all(residuals, members)
             fits = [fit(residuals, members, [z]) for z in best_alone(responses, 0)]

@@ -31,7 +31,7 @@ def members(*names):
 
 def test_effects_of_one_family_are_kin_and_own_ones_are_not():
     """Three kinds of dry friction are two too many; what has no family is nobody's kin."""
-    dry = members("coulomb_friction", "stribeck_friction", "gear_friction")
+    dry = members("coulomb_friction", "stribeck_friction", "load_friction")
     assert kin(dry) == 2
     assert kin(members("constant_load", "sensor_bias", "coulomb_friction")) == 0
     assert kin([]) == 0
@@ -114,7 +114,7 @@ def test_a_set_is_built_on_the_best_of_each_family():
     """Three frictions that fit alike do not take every place."""
     experiments = record(ROTOR, "coulomb_friction:torque=0.1", "constant_load:torque=0.1")
     residuals = FreeRunResiduals(ROTOR, experiments, tolerance=THRESHOLDS.law_error)
-    names = ["coulomb_friction", "stribeck_friction", "gear_friction", "constant_load"]
+    names = ["coulomb_friction", "stribeck_friction", "load_friction", "constant_load"]
     search = EffectSetSearch(residuals, candidates(ROTOR, names))
     search.run()
     built = [set(names) for names in search.found.scouted if len(names) == 2]

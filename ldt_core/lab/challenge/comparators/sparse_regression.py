@@ -63,7 +63,7 @@ TERMS = (
     Term(
         "stribeck_friction", -1, lambda s: _sign(s["w"]) * np.exp(-((s["w"] / STRIBECK_SPEED) ** 2))
     ),
-    Term("gear_friction", -1, lambda s: _sign(s["w"]) * np.abs(s["i"])),
+    Term("load_friction", -1, lambda s: _sign(s["w"]) * np.abs(s["i"])),
     Term("viscous_friction", 0, lambda s: s["w"]),
     Term("quadratic_drag", -1, lambda s: s["w"] * np.abs(s["w"])),
     Term("constant_load", -1, lambda s: np.ones_like(s["w"])),

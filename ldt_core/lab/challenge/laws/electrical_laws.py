@@ -146,6 +146,7 @@ def _brush(p, v, s, odd):
     (0.05, 32.0),
     drawn(R="R", fall=(0.05, 0.2)),  # fall: 1/A
     lambda size, s, known: {"share": size / (1.0 + size)},
+    quick=True,
 )
 def _block(p, v, s, odd):
     # A resistance in the way back that lets only 1 - share of the braking current through.

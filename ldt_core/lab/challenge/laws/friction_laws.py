@@ -82,7 +82,7 @@ def _asymmetric(p, v, s, odd):
 
 
 @friction(
-    "gear_friction", {"coefficient": ""}, (0.003, 0.5), drawn(*BRISTLES.items()), family="dry"
+    "load_friction", {"coefficient": ""}, (0.003, 0.5), drawn(*BRISTLES.items()), family="dry"
 )
 def _gear(p, v, s, odd):
     _put_bristles(p, s, odd)
