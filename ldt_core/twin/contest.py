@@ -216,19 +216,14 @@ class ContestAdaptor(Adaptor):
         if self._learning and version is before:
             return self._learn_more(experiment, present)
         best, origin = self._refitted(experiment), "re-estimated"
-        explained = best is not None and explains(best, experiment)
-        if not explained and (cause := self._cause(experiment)) is not None:
-            best, origin, explained = cause, "with another cause", True
-        details: dict[str, float] = {}
-        if not explained:
-            self.pending = self._unexplained(experiment)
-            details[SEARCHING] = 1
+        if best is None or not explains(best, experiment):
+            best, origin = self._cause(experiment), "with another cause"
         if best is not None:
-            reached = rms(best.predict(experiment).residual(experiment))
-            details |= {"candidate_rmse": reached, "present_rmse": present}
-            if explained or reached < BETTER * present:
-                self._adopt(best.again(before.version + 1))
-                return Action.ADAPTED, self._reason(before, experiment, origin), details
+            reached = rms_error(best, experiment)
+            self._adopt(best.again(before.version + 1))
+            details = {"candidate_rmse": reached, "present_rmse": present}
+            return Action.ADAPTED, self._reason(before, experiment, origin), details
+        self.pending, details = self._unexplained(experiment)[-POOL:], {SEARCHING: 1.0}
         nearest = min((self.original, *self.earlier), key=lambda m: rms_error(m, experiment))
         better = rms_error(nearest, experiment) < BETTER * present
         if better and self._foreseen(nearest, experiment) is nearest:
@@ -313,7 +308,7 @@ class ContestAdaptor(Adaptor):
         """The newest experiments that neither the present model nor the original explains."""
         pool = [experiment]
         for e in reversed(self._recent(experiment)):
-            if len(pool) == POOL or explains(self.model, e) or explains(self.original, e):
+            if explains(self.model, e) or explains(self.original, e):
                 break
             pool.insert(0, e)
         return pool
@@ -324,11 +319,15 @@ class ContestAdaptor(Adaptor):
         """What learned from the experiments before, if it does better on this one."""
         if not pool or signal.level is Level.NEGATIVE:
             return None
-        candidates = self.candidates(pool)
-        best = min(candidates, key=lambda m: rms_error(m, experiment), default=None)
-        if best is None or not rms_error(best, experiment) < BETTER * rms_error(
-            self.model, experiment
-        ):
+        # Nobody explains them, no candidate has learned from them. One alone is fitted by luck.
+        judged = [e for e in self._unexplained(experiment) if all(e is not p for p in pool)]
+
+        def squared(model: Model) -> float:
+            return sum(rms_error(model, e) ** 2 for e in judged)
+
+        best = min(self.candidates(pool), key=squared, default=None)
+        least = min(squared(m) for m in (self.model, self.original))
+        if best is None or not squared(best) < BETTER**2 * least:
             return None
         return best, f"learned from experiment {pool[-1].number} and does best in this one"
 
@@ -355,7 +354,7 @@ class ContestAdaptor(Adaptor):
             return
         self._compared(step.experiment, step.signal)
         told = step.adaptation.details
-        pool = self._unexplained(step.experiment) if told.get(SEARCHING) else []
+        pool = self._unexplained(step.experiment)[-POOL:] if told.get(SEARCHING) else []
         self._explaining = self._explained_by(step.experiment)
         before = self.model
         super().recall(step)

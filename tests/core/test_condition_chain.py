@@ -33,6 +33,13 @@ def test_a_machine_that_goes_back_at_once_each_time_is_expected_to():
     assert following[0] > 0.5 > following[1]
 
 
+def test_who_follows_a_coin_should_know_that_it_pays():
+    """Left as often as it stayed, a condition is expected to be left, by one deviation."""
+    stays = chain_of([1, 1, 0, 0, 1, 1, 0, 0, 1, 1, 0, 1, 0]).following(1)[1]
+    assert stays < 0.5
+    assert chain_of([0, 1, 1, 1, 1, 0, 0, 1]).following(1)[1] > 0.5
+
+
 def test_what_no_version_explains_is_nothing_to_expect():
     """It counts as staying: no known condition is nearer."""
     assert chain_of([1, None, 1, None]).following(1) == {1: 1.0}

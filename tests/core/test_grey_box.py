@@ -8,7 +8,7 @@ import pytest
 from ldt_core.base.errors import ModelError
 from ldt_core.base.experiment import rms
 from ldt_core.effects import get_effect
-from ldt_core.estimation.grey_box import GreyBox
+from ldt_core.estimation.grey_box import FINE_STEP, SHORTEST, GreyBox
 from ldt_core.estimation.grey_box_fit import GreyBoxProblem, Prior, fit_grey_box
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.machine.plant import Plant
@@ -111,3 +111,46 @@ def test_a_record_makes_the_same_model():
         spoilt = {**record.parameters, key: value}
         with pytest.raises(ModelError):
             GreyBoxModel.from_record(type(record)(1, "grey_box", (1,), spoilt), ROTOR)
+
+
+def test_a_prior_that_the_data_contradict_is_doubted():
+    """What was learned beside a wrong cause does not spoil the right one."""
+    (first,) = experiments(ROTOR, 1, [("coulomb_friction", {"torque": 0.1})], seed=8)
+    model = GreyBoxModel(ROTOR)
+    found = model.search_on([first]).fitted(model.present, (get_effect("coulomb_friction"),))
+    record = dict(model.adopt(found, [first]).parameters)
+    k = len(model.box.uncertain)
+    mean = np.zeros(k)
+    mean[model.box.uncertain.index("K_t")] = -2.0
+    surely = {"mean": mean.tolist(), "precision": (1e6 * np.eye(k)).tolist()}
+    wrong = GreyBoxModel(ROTOR, {**record, "prior": surely}, 1, (1,))
+    again = wrong.fit([first])
+    assert again.parameters["machine"]["K_t"] == pytest.approx(0.3, rel=0.01)
+    assert again.given["coulomb_friction"]["torque"] == pytest.approx(0.1, rel=0.1)
+
+
+def test_a_search_begins_with_what_the_file_says():
+    """What one version learned of the machine holds beside its own effects only."""
+    model = GreyBoxModel(ROTOR)
+    sure = {
+        "mean": [1.0] * model.prior.mean.size,
+        "precision": (9 * model.prior.precision).tolist(),
+    }
+    prior = GreyBoxModel(ROTOR, {**model.parameters, "prior": sure}, 1).present.prior
+    assert (prior.mean == 0).all()
+    assert (prior.precision == np.eye(prior.mean.size)).all()
+
+
+def test_no_candidate_takes_much_longer_than_another(monkeypatch):
+    """A second inertia of next to nothing asks for steps that no sample shows."""
+    (first,) = experiments(ROTOR, 1, seed=7)
+    effect = get_effect("torsional_compliance")
+    box = GreyBox(ROTOR, (effect,), {})
+    asked = []
+    simulate = type(box.physics).simulate
+    monkeypatch.setattr(
+        type(box.physics), "simulate", lambda *given: asked.append(given[-1]) or simulate(*given)
+    )
+    thin = {"share": 1e-12, "stiffness": 0.03, "damping": 0.0}
+    box.speed(box.coordinates({effect.name: thin}, np.zeros(0)), first, True)
+    assert asked == [pytest.approx(SHORTEST * FINE_STEP)]

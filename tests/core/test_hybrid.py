@@ -14,8 +14,12 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from ldt_core.base.errors import LdtError, ModelError, OptionError
-from ldt_core.base.experiment import Experiment, ModelRecord
+from ldt_core.base.experiment import Experiment, ModelRecord, rms
+from ldt_core.effects import get_effect
 from ldt_core.machine.machine_file import load_machine
+from ldt_core.machine.plant import Plant
+from ldt_core.models import restore_model
+from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.hybrid import HybridModel
 from ldt_core.models.physics import PhysicsModel
 
@@ -216,8 +220,12 @@ def test_the_record_stays_small_with_many_inducing_points():
 CHILD = """
 import json, sys
 import numpy as np
-from ldt_core.base.experiment import Experiment, ModelRecord
+from ldt_core.base.experiment import Experiment, ModelRecord, rms
+from ldt_core.effects import get_effect
 from ldt_core.machine.machine_file import load_machine
+from ldt_core.machine.plant import Plant
+from ldt_core.models import restore_model
+from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.hybrid import HybridModel
 machine = load_machine("rotor")
 given = json.loads(sys.stdin.read())
@@ -411,3 +419,23 @@ def test_only_the_first_measurement_is_read():
     speed = np.where(np.arange(200) == 0, e.speed, 1e3)
     other = Experiment(1, 0.0, 0.01, e.voltage, speed)
     assert trained().predict(e).speed.tobytes() == trained().predict(other).speed.tobytes()
+
+
+def test_it_learns_what_a_grey_box_leaves():
+    """On the physics found, not on the file's; its record holds both."""
+    motor = load_machine("dc_motor")
+    drag, odd = get_effect("quadratic_drag"), get_effect("coulomb_friction")
+    acting = [(drag, {"c": 2e-6}), (odd, {"torque": 0.004})]
+    plant = Plant(motor, experiments=3, seed=2, degradation="none", effects=acting)
+    first, second, third = (plant.experiment(i) for i in (1, 2, 3))
+    grey = GreyBoxModel(motor)
+    found = grey.adopt(grey.search_on([first]).fitted(grey.present, (drag,)), [first])
+    untrained = HybridModel(motor).on(found)
+    off = untrained.predict(second).speed - found.predict(second).speed
+    assert rms(off) < 0.1  # rad/s, for the noise of the first sample
+    learned = untrained.fit([first, second])
+    assert learned.parameters["effects"] == found.parameters["effects"]
+    error = rms(learned.predict(third).residual(third))
+    assert error < 0.5 * rms(HybridModel(motor).predict(third).residual(third))
+    again = restore_model(learned.record(), motor, {"model": "hybrid"})
+    assert (again.predict(third).speed == learned.predict(third).speed).all()
