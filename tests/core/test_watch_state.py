@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import threading
 import time
 
@@ -292,6 +293,26 @@ def test_what_was_told_bit_by_bit_is_the_whole(fed):
             fleet.machine("/a")["steps"], key=lambda t: t["number"]
         )
     json.dumps(fleet.overview(), allow_nan=False)
+
+
+def test_streamed_samples_are_shown_as_they_come():
+    """The last 20 s, thinned, newest last; once; a clock that went back begins anew."""
+    fleet = Fleet()
+    feed(fleet, "/a", 1, 0.5)
+    assert "stream" not in fleet.machine("/a")
+    for k in range(3000):
+        fleet.sample("/a", 100.0 + k / 100, float(k))
+    told = fleet.machine("/a")
+    moments = [t for t, _ in told["stream"]]
+    assert moments[-1] == 0
+    assert -20 <= moments[0] < -19
+    assert told["stream"][-1][1] == 2999
+    assert 200 < len(moments) <= 300
+    assert "stream" not in fleet.machine("/a", told["count"])
+    fleet.sample("/a", 1.0, 5.0)
+    fleet.sample("/a", math.nan, 5.0)
+    assert fleet.machine("/a")["stream"] == [(0.0, 5.0)]
+    json.dumps(fleet.machine("/a"), allow_nan=False)
 
 
 # ---- a recording played back

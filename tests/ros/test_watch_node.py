@@ -66,6 +66,24 @@ def test_a_machine_that_is_named_is_watched_before_it_is_there(stranger):
     node.destroy_node()
 
 
+def test_samples_are_shown_while_a_machine_streams_them(stranger, watched):
+    """Of a machine that is followed; without a velocity there is none."""
+    from builtin_interfaces.msg import Time
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import Header
+
+    stranger.send("press/experiment", experiment(1))
+    stranger.until(lambda: watched.machine("/press"), "the machine")
+    publisher = stranger.node.create_publisher(JointState, "press/joint_states", 10)
+    stranger.until(lambda: publisher.get_subscription_count(), "the listener")
+    publisher.publish(JointState())
+    for second in (5, 6):
+        header = Header(stamp=Time(sec=second))
+        publisher.publish(JointState(header=header, velocity=[float(second)]))
+    stranger.until(lambda: len(watched.machine("/press").get("stream", ())) == 2, "the samples")
+    assert watched.machine("/press")["stream"] == [(-1.0, 5.0), (0.0, 6.0)]
+
+
 def test_what_is_malformed_is_counted_and_the_rest_shown(stranger, watched):
     """The page says what was wrong with the last one."""
     stranger.send("experiment", experiment(1))

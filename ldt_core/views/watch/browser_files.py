@@ -20,7 +20,10 @@ SHEETS = (
 #: Parts of one script, in the order in which they build on each other.
 PARTS = (
     *(f"report/templates/{name}.js" for name in ("rows", "plot", "group")),
-    *(f"watch/templates/{name}.js" for name in ("light", "overview", "playback", "one", "live")),
+    *(
+        f"watch/templates/{name}.js"
+        for name in ("light", "overview", "playback", "stream", "one", "live")
+    ),
 )
 #: What the plots' script reads before anything has come.
 EMPTY = {

@@ -94,6 +94,16 @@ class Fleet:
                 machine.misread(str(error))
             self.on_change()
 
+    def sample(self, namespace: str, moment: float, speed: float) -> None:
+        """A sample that a machine streams: its stamp [s], its speed [rad/s]."""
+        with self._lock:
+            machine = self._machine(namespace)
+            if machine is None:
+                return
+            self.count += 1
+            machine.sample(moment, speed, self.count)
+            self.on_change()
+
     def misread(self, namespace: str, sentence: str) -> None:
         """A message of a machine that could not be read."""
         with self._lock:
@@ -151,6 +161,8 @@ class Fleet:
                 "unreadable": machine.unreadable,
                 "last_unreadable": machine.last_unreadable,
             }
+            if machine.streamed > since:
+                found["stream"] = machine.streamed_now()
             if last is not None:
                 found["label"] = text(statistic([last]).label)
             if machine.diagnosis_changed > since:

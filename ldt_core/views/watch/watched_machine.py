@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -31,6 +32,10 @@ MOST_MODELS = 100  # versions that are known by what they learned from
 MOST_LEARNED = 100  # experiments that are named of what a version learned from
 MOST_CHARACTERS = 1000  # of a text
 GREATEST = 10**15  # number or version: a browser counts exactly to 9e15
+
+STREAMED = 20.0  # s of a stream of samples that are shown, as long as an experiment of the rotor
+MOST_STREAMED = 4000  # samples of it that are held: 20 s at 200 Hz
+DRAWN_STREAMED = 300  # samples of it that are drawn: a stroke each two pixels
 
 MARKED = (Action.ADAPTED, Action.REFUSED, Action.STORED)
 
@@ -151,6 +156,9 @@ class WatchedMachine:
     last_unreadable: str = ""
     began: int = 0
     fed_at: float | None = None
+    #: Samples as they are streamed: (time [s], speed [rad/s]); and the fleet's count at the last.
+    stream: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=MOST_STREAMED))
+    streamed: int = 0
     _last: tuple[int, float] | None = None
 
     def take(
@@ -190,6 +198,30 @@ class WatchedMachine:
             case DiagnosisRecord():
                 self.diagnosis, self.diagnosis_changed = record, count
                 self._event(count, moment, record.experiment, "diagnosis", record.sentence)
+
+    def sample(self, moment: float, speed: float, count: int) -> None:
+        """A streamed sample; one whose clock went back, or that is no number, begins anew.
+
+        Args:
+            moment: its stamp [s].
+            speed: [rad/s].
+            count: of the fleet.
+        """
+        if not (math.isfinite(moment) and math.isfinite(speed)):
+            return
+        if self.stream and moment <= self.stream[-1][0]:
+            self.stream.clear()
+        self.stream.append((moment, speed))
+        self.streamed = count
+
+    def streamed_now(self) -> list[tuple[float, float]]:
+        """(Seconds before the last one, speed) of the last samples, thinned."""
+        if not self.stream:
+            return []
+        last = self.stream[-1][0]
+        shown = [(t - last, speed) for t, speed in self.stream if last - t <= STREAMED]
+        step = -(-len(shown) // DRAWN_STREAMED)
+        return [(round(t, 3), float(f"{speed:.5g}")) for t, speed in shown[::-1][::step][::-1]]
 
     def misread(self, sentence: str) -> None:
         """Count a message that could not be read."""

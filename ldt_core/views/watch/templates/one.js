@@ -41,6 +41,7 @@ function forget() {
   number = null;
   following = at("follow").checked = true;
   experiment.range = experiment.index = course.range = course.index = null;
+  showStream([]);
   at("choice").replaceChildren();
   at("events").replaceChildren();
   courseChanged = true;
@@ -64,6 +65,7 @@ function learnedOf(message) {
   showEvents(message.events);
   showNodes(message);
   showStatus();
+  if (message.stream) showStream(message.stream);
   courseChanged ||= message.steps.length > 0 || message.whole;
   redraw();
 }
