@@ -23,7 +23,7 @@ from ldt_core.security.bill_of_materials import normalized
 REPOSITORY = Path(__file__).resolve().parents[1]
 SOURCES = ("ldt_core", "ldt_ros", "msgs_config", "resource")
 #: Optional ones that the tests do without.
-UNPINNED = ("pip-audit", "rerun-sdk", "river")
+UNPINNED = ("pip-audit", "rerun-sdk")
 FILES = ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "README.md", "LICENSE")
 
 

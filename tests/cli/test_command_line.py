@@ -250,7 +250,7 @@ def completed(line: str, monkeypatch: pytest.MonkeyPatch, capsys) -> list[tuple[
         ("ldt tune bag --detector l", ["lddm"]),
         ("ldt run --degradation r", ["ramp", "repaired", "recurring"]),
         ("ldt simulate --effect cou", ["coulomb_friction"]),
-        ("ldt diagnose bag --without visc", ["viscous_friction"]),
+        ("ldt diagnose bag --without coul", ["coulomb_friction"]),
         ("ldt effects unb", ["unbalance"]),
         ("ldt effects ", EFFECTS.names()),
         ("ldt completion ", ["bash", "zsh", "fish"]),
