@@ -47,8 +47,9 @@ def command(
 
     In Foxglove or Lichtblick: Open connection, Foxglove WebSocket, the address that is printed;
     then Layouts, Import from file, msgs_config/layouts/foxglove.json. Each sample is a message of
-    its own, so that curves are drawn. Nothing is received: the graph hears nothing of it. A
-    recording needs no ROS.
+    its own, so that curves are drawn. Nothing is received: the graph hears nothing of it. Any
+    page in a browser of this computer may listen, which is how those programs' web versions do.
+    A recording needs no ROS.
 
     Example: ldt serve my_run --rate 5
     """

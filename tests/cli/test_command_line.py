@@ -146,6 +146,20 @@ def test_what_is_made_goes_where_o_says():
                 assert p.opts == ["-o", "--out"], name
 
 
+#: What goes on from what is there, and what is never replaced: sealed cases and keys.
+NO_FORCE = {"study", "tune", "challenge score", "challenge make", "security init"}
+
+
+def test_what_is_made_is_replaced_by_force_alone():
+    """Every command that writes has --force, but for those that say why not."""
+    lacking = set()
+    for name, command in ALL.items():
+        flags = {flag for p in command.params for flag in p.opts}
+        if "--out" in flags and "--force" not in flags:
+            lacking.add(name)
+    assert lacking == NO_FORCE
+
+
 # ---- JSON of the commands that make files
 
 
