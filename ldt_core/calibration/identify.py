@@ -27,6 +27,7 @@ from ldt_core.base.threads import one_thread
 from ldt_core.calibration.calibration import free_run_error, rounded
 from ldt_core.calibration.equivalent_motor import MotorResponse, fit_response
 from ldt_core.calibration.held_out import split
+from ldt_core.calibration.torque_balance import guidance
 from ldt_core.estimation.linear import Identified, identify
 from ldt_core.machine.machine_file import Machine
 
@@ -135,7 +136,12 @@ def identify_machine(
         raise OptionError("--limits", "LOWEST,HIGHEST in V", f"{limits[0]:g},{limits[1]:g}")
     kept, held_out = split(experiments, holdout)
     tick("identifying a linear model")
-    linear = identify(kept)
+    try:
+        linear = identify(kept)
+    except LdtError as error:
+        if words := guidance(kept):
+            raise LdtError(f"{error}{words}") from error
+        raise
     tick("fitting the equivalent motor")
     with one_thread():
         form = fit_response(kept, linear, order, offset)
@@ -162,18 +168,19 @@ def _refuse(form: MotorResponse, linear: Identified, experiments: list[Experimen
         raise LdtError(
             f"the recording shows no motor but {shown}: the speed falls as the voltage rises, so "
             "that one of the two has the wrong sign or the speed hardly depends on the voltage"
+            f"{guidance(experiments)}"
         )
     if form.slowest > SLOWEST_MOTION * longest:
         raise LdtError(
             f"the recording shows no motor but {shown}: a time constant of {form.slowest:.3g} s, "
             f"of which experiments of {longest:.3g} s show the beginning only (longer ones would "
-            "settle it, unless the speed is unstable)"
+            f"settle it, unless the speed is unstable){guidance(experiments)}"
         )
     if form.fit_percent < LEAST_FIT_PERCENT and form.noise_std > REFUSAL_RATIO * linear.noise_std:
         raise LdtError(
             f"the recording shows no motor but {shown}, which leaves {linear.noise_std:.3g} rad/s "
             f"where a motor leaves {form.noise_std:.3g} rad/s: a machine with more than two time "
-            "constants needs a physics of its own (ldt docs physics)"
+            f"constants needs a physics of its own (ldt docs physics){guidance(experiments)}"
         )
 
 
@@ -213,7 +220,7 @@ def _machine(
         name=name,
         physics=PHYSICS,
         parameters={n: rounded(v) for n, v in parameters.items()},
-        voltage_limits=limits or _widened(low, high),
+        voltage_limits=limits or widened(low, high),
         duration=rounded(samples * period),
         sample_period=rounded(period),
         simulation={
@@ -223,7 +230,7 @@ def _machine(
     )
 
 
-def _widened(low: float, high: float) -> tuple[float, float]:
+def widened(low: float, high: float) -> tuple[float, float]:
     """The recorded range and 0 V, widened, to one digit behind that of the width."""
     low, high = min(low, 0.0), max(high, 0.0)
     wider = LIMIT_MARGIN * (high - low)
@@ -274,6 +281,8 @@ def _notes(form: MotorResponse, linear: Identified, experiments: list[Experiment
             f"The motor leaves {form.noise_std:.3g} rad/s, {_described(linear)} leaves "
             f"{linear.noise_std:.3g}: this machine has something that a motor lacks."
         )
+    if words := guidance(experiments):
+        notes.append(f"This is no motor alone{words}.")
     if any(e.current is not None for e in experiments):
         notes.append(
             "The recording has the current, which was not used: `ldt calibrate` with this file "

@@ -356,7 +356,7 @@ def coordinate(
 ) -> Coordinate:
     """The coordinate of a parameter; one that is 0 in the file gets its typical size."""
     nominal = values[parameter.name]
-    scale = nominal or parameter.scale or typical(physics, values, parameter.name, parts)
+    scale = abs(nominal) or parameter.scale or typical(physics, values, parameter.name, parts)
     return Coordinate(parameter, nominal, scale)
 
 

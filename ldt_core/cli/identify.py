@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -18,6 +20,7 @@ from ldt_core.cli.progress import status
 from ldt_core.cli.terminal import echo, echo_json, one_line
 
 if TYPE_CHECKING:
+    from ldt_core.base.experiment import Experiment
     from ldt_core.calibration.identify import EquivalentMotor
 
 #: What helps where the recordings determine no motor.
@@ -62,6 +65,12 @@ def _range(
     metavar="LOWEST,HIGHEST",
     help="Voltage that the machine may get [V]; without it, the recorded range, a little widened.",
 )
+@click.option(
+    "--effects",
+    metavar="NAME,...",
+    help="Of a machine that is no motor by itself: gravity_imbalance (a pendulum), "
+    "coulomb_friction. Their amounts are where `ldt calibrate` goes on from.",
+)
 @judged_option
 @namespace_option
 @json_option
@@ -73,6 +82,7 @@ def command(
     order: int,
     offset: bool,
     limits: tuple[float, float] | None,
+    effects: str | None,
     holdout: float | None,
     namespace: str,
     as_json: bool,
@@ -80,7 +90,8 @@ def command(
     """Find the DC motor that answers the voltage as the machine in RECORDINGS does.
 
     Voltage and speed alone show a gain and one or two time constants; the file is that of the
-    equivalent motor with R = 1 Ohm and b = 0. Refuses a machine that is no such motor.
+    equivalent motor with R = 1 Ohm and b = 0. Refuses a machine that is no such motor, and says
+    which --effects would make it one, if any do.
 
     Example: ldt identify bag --out unknown.yaml
     """
@@ -90,6 +101,10 @@ def command(
 
     check_file(out, force)
     experiments = read_recordings(recordings, namespace)
+    if effects is not None:
+        names = [n.strip() for n in effects.split(",")]
+        _with_effects(experiments, names, name, limits, out, as_json)
+        return
     try:
         with status() as tick:
             found = identify_machine(
@@ -102,7 +117,8 @@ def command(
                 tick=tick,
             ).with_recordings(recordings)
     except LdtError as error:
-        if error.exit_code != LdtError.exit_code or "ldt docs" in str(error):
+        told = any(said in str(error) for said in ("ldt docs", "--effects"))
+        if error.exit_code != LdtError.exit_code or told:
             raise
         raise LdtError(f"{error}; {NEXT}") from None
     write_machine_file(found, out, force)
@@ -112,6 +128,36 @@ def command(
         echo_json({**record, **found.as_dict()})
     else:
         _print(found, out)
+
+
+def _with_effects(
+    experiments: Sequence[Experiment],
+    names: Sequence[str],
+    name: str,
+    limits: tuple[float, float] | None,
+    out: str,
+    as_json: bool,
+) -> None:
+    """Write the file of a motor with these effects, by the balance of its accelerations."""
+    from ldt_core.base import result_files
+    from ldt_core.calibration.calibration import free_run_error
+    from ldt_core.calibration.identify import widened
+    from ldt_core.calibration.torque_balance import balance, check_names, machine_of
+    from ldt_core.recording.messages import dump
+
+    check_names(names)
+    low = min(float(e.voltage.min()) for e in experiments)
+    high = max(float(e.voltage.max()) for e in experiments)
+    machine = machine_of(
+        balance(experiments, names), name, experiments, limits or widened(low, high)
+    )
+    result_files.write(Path(out), dump(machine.as_dict()))
+    rmse = free_run_error(machine, experiments).rmse
+    if as_json:
+        echo_json({"machine": name, "out": out, **machine.as_dict(), "rmse": rmse})
+        return
+    echo(f"free-run error: {rmse:.4g} rad/s, by accelerations alone")
+    echo(f"machine file: {out}; now: ldt calibrate RECORDING --machine {out} --out FILE")
 
 
 def _print(found: EquivalentMotor, out: str) -> None:

@@ -122,8 +122,18 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     least = min(alike, key=lambda f: f.loss)
     rivals = [f for f in pool if f not in alike and f.loss > least.loss]
     sure = _confidence(found, least, [] if unknown else rivals, unknown, seed)
+    sure *= _observed(len(best.names), unknown)
     residuals = _with_noise(found.residuals, band.level)
     return Decision(kind, best, tuple(alike), gap, left, structured, residuals, sure)
+
+
+def _observed(effects: int, unknown: bool) -> float:
+    """How often such a verdict was right where all draws of experiments agreed on it."""
+    limits = THRESHOLDS
+    if unknown:
+        return limits.unknown_right
+    rates = limits.single_right, limits.pair_right
+    return rates[effects - 1] if effects <= len(rates) else limits.triple_right
 
 
 def _unexplained(band: ErrorBand, left: Any, gap: Any) -> Any:

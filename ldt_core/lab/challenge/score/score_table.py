@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from ldt_core.lab.challenge.score.judge import INSIDE, Judged
 from ldt_core.lab.statistics import Interval, proportion, resampled
 
+CONFIDENCES = (0.0, 0.5, 0.8, 0.9, 0.97, 1.0)  # edges of the bins of the reliability table
 POINTS = 0.05  # of a closed fraction
 EVERY = "all"
 #: Kinds of cases as a score tells them apart; `named` is all whose truth has a name.
@@ -89,6 +91,7 @@ def _figures(judged: Sequence[Judged]) -> dict[str, Interval]:
             figure: _share([j.outcome == outcome for j in judged])
             for figure, outcome in OUTCOMES.items()
         }
+        figures |= _reliability(judged)
     groups = [[j.group] for j in judged if j.group is not None]
     figures["names in a group"] = resampled(groups, _mean)
     figures |= _amounts(judged)
@@ -100,6 +103,23 @@ def _figures(judged: Sequence[Judged]) -> dict[str, Interval]:
     most = max(j.answer.seconds for j in judged)
     figures["CPU seconds, most"] = Interval(most, -math.inf, math.inf, len(judged))
     return figures
+
+
+def _reliability(judged: Sequence[Judged]) -> dict[str, Interval]:
+    """Share of right answers among those of a stated confidence, bin by bin."""
+    stated = [
+        (float((j.answer.found or {}).get("verdict", {}).get("confidence") or 0.0), j.right)
+        for j in judged
+        if j.outcome not in ("failed", "unnamed")
+    ]
+    found = {}
+    for low, high in itertools.pairwise(CONFIDENCES):
+        inside = [(c, right) for c, right in stated if low < c <= high]
+        found[f"confidence {low:g} to {high:g}: right"] = _share([r for _, r in inside])
+        found[f"confidence {low:g} to {high:g}: stated"] = resampled(
+            [[c] for c, _ in inside], _mean
+        )
+    return found
 
 
 def _amounts(judged: Sequence[Judged]) -> dict[str, Interval]:

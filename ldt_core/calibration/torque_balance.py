@@ -1,0 +1,165 @@
+"""What a machine that is no motor may be instead, by the balance of its accelerations.
+
+The speed's change over a few samples is a sum of what the voltage, the speed and each kind of
+torque add to it, so that least squares tell which of them are there (inverse dynamic
+identification: Gautier, Khalil, "Exciting trajectories for the identification of base inertial
+parameters of robots", Int. J. Robotics Research 11, 1992). The angle is the integral of the speed.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ldt_core.base.arrays import Array
+from ldt_core.base.errors import LdtError, OptionError, did_you_mean
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.sentences import listed
+from ldt_core.calibration.calibration import rounded
+from ldt_core.effects import get_effect
+from ldt_core.machine.machine_file import Machine
+from ldt_core.physics.effect import Effect
+
+#: Effect to what a machine with it is, for a person.
+KINDS = {
+    "gravity_imbalance": "a pendulum (gravity on an eccentric mass)",
+    "coulomb_friction": "dry friction",
+}
+SPAN = 4  # samples over which the speed's change is taken: noise of single differences is larger
+#: Part of the squared remainder that a kind must take away: what a motor leaves of any excitation
+#: has a little of every column in it.
+LEAST_GAIN = 0.1
+RESISTANCE = 1.0  # Ohm, by convention, as of every identified motor
+FAST = 1e-3  # L / R over the sample period: no inductance shows
+LOOSE = 0.3  # relative deviation of what the balance says: enough for a fit in free run to go on
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """Accelerations by their causes.
+
+    Attributes:
+        effects: names of the effects beside the motor, none of them for the motor alone.
+        gain: acceleration for each volt [rad/s^2/V].
+        damping: rate at which the speed falls [1/s].
+        amounts: effect to its parameters, torques over the inertia [1/s^2].
+        left: root mean square of what is left of the speed's changes [rad/s].
+    """
+
+    effects: tuple[str, ...]
+    gain: float
+    damping: float
+    amounts: Mapping[str, Mapping[str, float]]
+    left: float
+
+
+def balance(experiments: Sequence[Experiment], effects: Sequence[str]) -> Balance:
+    """The balance of a motor with these effects, names of `KINDS`."""
+    rows, targets = [], []
+    turned = "gravity_imbalance" in effects
+    for i, e in enumerate(experiments):
+        angle = np.concatenate([[0.0], np.cumsum(_mean(e.speed) * e.period)])
+        columns = [e.voltage[:-1], _mean(e.speed)]
+        if "coulomb_friction" in effects:
+            columns.append(_mean(np.sign(e.speed)))
+        for k in range(len(experiments) if turned else 0):  # each starts at an angle of its own
+            own = float(k == i)
+            columns += [own * _mean(np.sin(angle)), own * _mean(np.cos(angle))]
+        ones = np.ones(min(SPAN, len(e) - 1))
+        rows.append(np.column_stack([np.convolve(c * e.period, ones, "valid") for c in columns]))
+        targets.append(e.speed[ones.size :] - e.speed[: -ones.size])
+    whole, target = np.vstack(rows), np.concatenate(targets)
+    found = np.linalg.lstsq(whole, target, rcond=None)[0]
+    left = float(np.sqrt(np.mean((target - whole @ found) ** 2)))
+    amounts: dict[str, dict[str, float]] = {}
+    at = 2
+    if "coulomb_friction" in effects:
+        amounts["coulomb_friction"] = {"torque": max(-float(found[at]), 0.0)}
+        at += 1
+    if turned:
+        sines, cosines = found[at::2], found[at + 1 :: 2]
+        size = float(np.sqrt(np.mean(sines**2 + cosines**2)))
+        # omega' = -T/J cos(theta + phi); the phase is that of the first experiment.
+        phase = math.atan2(float(sines[0]), -float(cosines[0]))
+        amounts["gravity_imbalance"] = {"torque": size, "phase": phase}
+    gain, damping = float(found[0]), -float(found[1])
+    return Balance(tuple(effects), gain, damping, amounts, left)
+
+
+def fitting(experiments: Sequence[Experiment]) -> Balance | None:
+    """The effects without which these accelerations are not explained; None where a motor will do.
+
+    Each must take away a stated part of what is left without it.
+    """
+    best = motor = balance(experiments, ())
+    for count in range(1, len(KINDS) + 1):
+        tried = [balance(experiments, names) for names in itertools.combinations(KINDS, count)]
+        new = min(tried, key=lambda b: b.left)
+        if new.gain > 0 and new.left**2 < (1 - LEAST_GAIN) * best.left**2:
+            best = new
+    return None if best is motor else best
+
+
+def guidance(experiments: Sequence[Experiment]) -> str:
+    """What would fit in place of a motor, as the end of a sentence; "" where nothing is found."""
+    found = fitting(experiments)
+    if found is None:
+        return ""
+    left, motor = found.left, balance(experiments, ()).left
+    what = listed(KINDS[n] for n in found.effects)
+    return (
+        f"; a motor with {what} fits the changes of its speed ({left:.2g} rad/s left of them, "
+        f"{motor:.2g} without): ldt identify RECORDING --effects {','.join(found.effects)} "
+        "--out FILE"
+    )
+
+
+def check_names(names: Sequence[str]) -> None:
+    """Refuse (OptionError) effects that no balance knows."""
+    for name in names:
+        if name not in KINDS:
+            raise OptionError("--effects", did_you_mean(name, KINDS), repr(name))
+
+
+def machine_of(
+    found: Balance, name: str, experiments: Sequence[Experiment], limits: tuple[float, float]
+) -> Machine:
+    """An equivalent motor with the effects that act on it, from where a fit in free run begins.
+
+    By convention R = 1 Ohm and b = 0: only ratios of torques mean something.
+
+    Raises:
+        LdtError: the speed does not rise with the voltage.
+    """
+    if found.gain <= 0:
+        raise LdtError("the recording shows no such machine: its speed falls as the voltage rises")
+    damping = max(found.damping, 1e-3 * found.gain)
+    constant = damping / found.gain
+    inertia = constant / (found.gain * RESISTANCE)
+    period = experiments[0].period
+    known = {"R": RESISTANCE, "L": FAST * RESISTANCE * period, "b": 0.0}
+    values = {"J": rounded(inertia), "K_t": rounded(constant), **known}
+    machine = Machine(
+        name=name,
+        physics="dc_motor",
+        parameters=values,
+        voltage_limits=limits,
+        duration=max(len(e) for e in experiments) * period,
+        sample_period=period,
+        deviations={n: LOOSE * values[n] for n in ("J", "K_t")},
+    )
+    acting: list[tuple[Effect, dict[str, float]]] = []
+    for effect_name, given in found.amounts.items():
+        effect = get_effect(effect_name)
+        torques = {n: v * inertia if n == "torque" else v for n, v in given.items()}
+        acting.append((effect, effect.check({n: rounded(v) for n, v in torques.items()})))
+    return machine.with_effects(acting)
+
+
+def _mean(x: Array) -> Array:
+    """(L - 1,) between two samples each."""
+    return 0.5 * (x[1:] + x[:-1])

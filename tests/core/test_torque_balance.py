@@ -1,0 +1,91 @@
+"""What a machine that is no motor may be instead, by the balance of its accelerations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from ldt_core.base.errors import OptionError
+from ldt_core.base.experiment import Experiment
+from ldt_core.calibration.torque_balance import balance, check_names, fitting, guidance, machine_of
+from ldt_core.cli.identify import command
+from ldt_core.machine.machine_file import load_machine
+from ldt_core.models.physics import PhysicsModel
+from ldt_core.recording.writer import BagWriter
+
+PERIOD, SUBSTEPS = 0.01, 20
+
+
+def swung(gravity=60.0, friction=0.0, samples=3000, noise=0.01, seed=1):
+    """An experiment of a motor by Euler's rule in short steps: a pendulum that hangs at first."""
+    random = np.random.default_rng(seed)
+    volts = np.repeat(random.uniform(-3, 3, samples // 60), 60)
+    angle = speed = 0.0
+    seen = np.empty(samples)
+    for k in range(samples):
+        seen[k] = speed
+        for _ in range(SUBSTEPS):
+            torque = 20.0 * volts[k] - 1.5 * speed - gravity * np.sin(angle)
+            speed += PERIOD / SUBSTEPS * (torque - friction * np.tanh(speed / 0.05))
+            angle += PERIOD / SUBSTEPS * speed
+    return Experiment(1, 0.0, PERIOD, volts, seen + noise * random.standard_normal(samples))
+
+
+@pytest.mark.parametrize(
+    ("truth", "names"),
+    [
+        ({"gravity": 0.0}, None),
+        ({"gravity": 60.0}, ("gravity_imbalance",)),
+        ({"gravity": 60.0, "friction": 8.0}, ("gravity_imbalance", "coulomb_friction")),
+        ({"gravity": 0.0, "friction": 12.0}, ("coulomb_friction",)),
+    ],
+)
+def test_the_kind_of_machine_is_told_from_its_accelerations(truth, names):
+    """A motor alone, a pendulum, dry friction, or both; amounts within a tenth."""
+    found = fitting([swung(**truth)])
+    if names is None:
+        assert found is None
+        assert guidance([swung(**truth)]) == ""
+        return
+    assert found.effects == names
+    assert found.gain == pytest.approx(20.0, rel=0.1)
+    if truth.get("gravity"):
+        assert found.amounts["gravity_imbalance"]["torque"] == pytest.approx(60.0, rel=0.1)
+        assert found.amounts["gravity_imbalance"]["phase"] == pytest.approx(-np.pi / 2, abs=0.1)
+    if "friction" in truth:
+        assert found.amounts["coulomb_friction"]["torque"] == pytest.approx(
+            truth["friction"], rel=0.15
+        )
+
+
+def test_its_file_runs_nearly_as_the_machine_does():
+    """By accelerations alone, before any fit in free run."""
+    measured = [swung(samples=600)]
+    machine = machine_of(balance(measured, ["gravity_imbalance"]), "pendulum", measured, (-4, 4))
+    predicted = PhysicsModel(machine).predict(measured[0]).speed
+    left = np.sqrt(np.mean((predicted - measured[0].speed) ** 2))
+    assert left < 0.3 * measured[0].speed.std()
+
+
+def test_identify_says_the_command_and_the_command_works(tmp_path):
+    """From `ldt identify BAG` to a machine file with gravity in it."""
+    bag, out = tmp_path / "bag", tmp_path / "pendulum.yaml"
+    with BagWriter(bag, machine="pendulum") as writer:
+        experiment = swung()
+        writer.write("experiment", experiment, experiment.end)
+    first = CliRunner().invoke(command, [str(bag), "--out", str(tmp_path / "motor.yaml")])
+    said = first.output + str(first.exception)
+    assert "a pendulum" in said
+    assert "--effects gravity_imbalance" in said
+    asked = [str(bag), "--effects", "gravity_imbalance", "--out", str(out)]
+    done = CliRunner().invoke(command, asked)
+    assert done.exit_code == 0, done.output
+    assert load_machine(out).acting == ("gravity_imbalance",)
+    assert yaml.safe_load(out.read_text())["effects"][0]["parameters"]["torque"] > 0
+
+
+def test_an_unknown_effect_is_refused():
+    with pytest.raises(OptionError, match="effects"):
+        check_names(["gravity"])
