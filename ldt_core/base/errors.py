@@ -26,6 +26,7 @@ from ldt_core.base.printable import one_line
 
 LONGEST_SHOWN = 60  # characters of a value in a message
 LONGEST_GOT = 1000  # characters of what came, whatever it is
+MOST_LISTED = 60  # names that exist; we have 40 commands and effects
 LONGEST_REASON = 400  # characters of a reason that is passed on: foreign text may be of any size
 
 #: Makes no more of a value's text than is shown; of a nested one, all of it may not fit in memory.
@@ -104,6 +105,10 @@ class ArgumentTypeError(BadInput, TypeError):
     """An argument of a Python function that is no object of the expected kind."""
 
 
+#: Whatever a part may raise, one of the user's own as well; an interrupt asks to end.
+FAULTS = (Exception, SystemExit)
+
+
 def described(value: object) -> str:
     """What came, short enough for a message.
 
@@ -139,6 +144,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     "one of 'hybrid', 'linear' (did you mean 'linear'?)"
     """
     names = sorted(known)
-    listed = ", ".join(repr(n) for n in names)
+    listed = ", ".join(repr(n) for n in names[:MOST_LISTED])
+    if len(names) > MOST_LISTED:
+        listed += f" and {len(names) - MOST_LISTED} more"
     close = difflib.get_close_matches(name, names, n=1)
     return f"one of {listed}" + (f" (did you mean {close[0]!r}?)" if close else "")

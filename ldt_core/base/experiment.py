@@ -35,8 +35,8 @@ def _samples(where: str, values: ArrayLike, length: int | None = None) -> Sample
         raise ExperimentError(where, "a non-empty row of samples", f"shape {array.shape}")
     if length is not None and array.size != length:
         raise ExperimentError(where, f"{length} samples", f"{array.size}")
-    bad = np.flatnonzero(~np.isfinite(array))
-    if bad.size:
+    if not np.isfinite(array).all():
+        bad = np.flatnonzero(~np.isfinite(array))
         raise ExperimentError(
             where, "finite samples", f"{array[bad[0]]} at sample {bad[0]} ({bad.size} in all)"
         )

@@ -16,7 +16,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from ldt_core.base.errors import OptionError, did_you_mean
+from ldt_core.base.errors import FAULTS, OptionError, did_you_mean
 
 
 def entry_points(group: str) -> metadata.EntryPoints:
@@ -80,7 +80,7 @@ class Registry:
         module = importlib.util.module_from_spec(spec)
         try:
             spec.loader.exec_module(module)
-        except Exception as error:  # whatever the user's file does
+        except FAULTS as error:  # whatever the user's file does
             got = f"{type(error).__name__}: {error}"
             raise OptionError(path, "a Python file that can be imported", got) from error
         if not hasattr(module, attribute):

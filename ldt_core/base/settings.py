@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import msgs_config
-from ldt_core.base.errors import OptionError, did_you_mean
+from ldt_core.base.errors import OptionError, described, did_you_mean
 
 FROM_FILE = -1.0  # of a numerical option: take the machine file's value
 #: Named configurations: what they set, whatever the defaults are. Paper: Zhou, Walther, Verl, CIRP
@@ -147,8 +147,12 @@ def as_options(settings: Mapping[str, Any]) -> str:
 
 
 def _number(name: str, value: Any, kind: str) -> int | float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise OptionError(name, "a finite number", repr(value))
+    try:
+        finite = not isinstance(value, bool) and math.isfinite(value)
+    except (TypeError, OverflowError):  # no number, or a whole one beyond all floating point
+        finite = False
+    if not finite:
+        raise OptionError(name, "a finite number", described(value))
     if kind == "double":
         return float(value)
     if not float(value).is_integer():

@@ -5,6 +5,8 @@ A command file holds the arguments, their checks, and the call of the core; noth
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
 import sys
 
@@ -19,6 +21,8 @@ from ldt_core.cli.terminal import echo
 
 GROUP = "ldt.command"
 # As wide as the terminal up to 100 columns: the options' descriptions are sentences.
+LONGEST_PLACE = 300  # characters of a file's name in a sentence
+UNNAMEABLE = (errno.ENAMETOOLONG, errno.ELOOP)  # what no file can be called
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
@@ -111,8 +115,12 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output, head for one, has left
         sys.stderr.close()
         return 1
+    except MemoryError as error:
+        return _say(f"out of memory ({error or 'no more is to be had'})", 1)
     except OSError as error:
-        return _say(f"{error.filename or 'input or output'}: {error.strerror or error}", 1)
+        place = str(error.filename or "input or output")[:LONGEST_PLACE]
+        code = 2 if error.errno in UNNAMEABLE else 1
+        return _say(f"{place}: {error.strerror or error}", code)
 
 
 def _open_streams() -> None:
@@ -135,5 +143,6 @@ def _name(command: click.Command) -> str:
 
 
 def _say(sentence: str, code: int) -> int:
-    echo(f"ldt: {' '.join(sentence.split())}", err=True)
+    with contextlib.suppress(OSError):  # nobody can be told where standard error is full
+        echo(f"ldt: {' '.join(sentence.split())}", err=True)
     return code

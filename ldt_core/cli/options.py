@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import click
 import yaml
 
 import msgs_config
+from ldt_core.base.bounded_file import read_bounded
 from ldt_core.base.errors import BadInput, OptionError, did_you_mean
 from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.base.settings import PRESETS, UNSET, check, flag_of, preset
@@ -40,6 +40,8 @@ _SECTIONS = {
 }
 
 
+#: Of a file of parameters; one with all of them takes a thousandth.
+MOST_BYTES = 1_000_000
 MOST_SHOWN = 17  # options that --help lists all of; of more it lists those that are marked so
 
 
@@ -219,7 +221,7 @@ def read_settings(file: str) -> dict[str, Any]:
         OptionError: a parameter that does not exist, or a value out of its range.
     """
     try:
-        found = load_yaml(Path(file).read_text(encoding="utf-8"))
+        found = load_yaml(read_bounded(file, MOST_BYTES).decode())
     except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
         got = getattr(error, "strerror", None) or "neither YAML nor JSON"
         raise BadInput(file, "a readable file of parameters", got) from error

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.bounded_file import read_bounded
 from ldt_core.base.errors import BadInput, ExperimentError, did_you_mean
 from ldt_core.base.experiment import Experiment
 from ldt_core.effects import EFFECTS, get_effect
@@ -303,12 +304,7 @@ def read_next(file: str | Path, machine: Machine) -> tuple[Machine, Array, bool]
 
 def _read(file: str | Path) -> Mapping[str, Any]:
     try:
-        path = Path(file)
-        if path.stat().st_size > MOST_BYTES:
-            raise BadInput(file, f"at most {MOST_BYTES} bytes", path.stat().st_size)
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except BadInput:
-        raise
+        found = json.loads(read_bounded(file, MOST_BYTES))
     except (OSError, ValueError, RecursionError) as error:
         got = getattr(error, "strerror", None) or "no JSON"
         raise BadInput(file, "a readable diagnosis.json", got) from error

@@ -9,13 +9,18 @@
 | speed, current | `AMPLITUDE_FACTOR` times what the file's motor reaches at the highest voltage |
 
 Whatever keeps these limits can be squared and summed in floating point, and simulated in seconds.
+A simulation of more than 10^8 integration steps (`motor_driven.MAX_STEPS`) is refused where it
+begins, and nothing is learned from an experiment that is longer than `LONGEST_LEARNED`, or ten
+times the file's duration where that is more. So the computing time of each experiment has a bound,
+which is the same on every computer: the clock is not asked.
+
 A speed that is merely strange is judged elsewhere (`sensor_check`): the machine may have changed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -31,8 +36,18 @@ AMPLITUDE_FACTOR = 1e4
 MOST_SAMPLES = 4_000_000
 #: 10^8 Runge-Kutta steps of 0.25 ms, 6 s of a processor for one free run [s].
 LONGEST = 25_000.0
+#: 10^7 such steps, 0.6 s for one free run, of which learning takes hundreds [s].
+LONGEST_LEARNED = 2500.0
 #: Times the declared duration that a slow machine's experiment may last.
 DURATION_FACTOR = 10.0
+
+
+class HasDuration(Protocol):
+    """A machine, of which no more is asked here."""
+
+    @property
+    def duration(self) -> float:
+        """Of an experiment [s]."""
 
 
 class Declared(NamedTuple):
@@ -112,3 +127,16 @@ def _refuse_beyond(
         expected, unit = told
         got = f"{samples[at]:g} {unit} at sample {at} ({int(outside.sum())} in all)"
         raise ExperimentError(where, expected, got)
+
+
+def too_long_to_learn(machine: HasDuration | None, experiment: Experiment) -> str:
+    """Why nothing can be learned from an experiment in time, "" where it can.
+
+    Args:
+        machine: as its file has it; None where the model has none.
+        experiment: that came.
+    """
+    longest = max(LONGEST_LEARNED, DURATION_FACTOR * machine.duration if machine else 0.0)
+    if experiment.duration <= longest:
+        return ""
+    return f"{experiment.duration:g} s are too long for it, more than {longest:g} s"

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, overload
 import yaml
 
 import msgs_config
+from ldt_core.base.bounded_file import read_bounded
 from ldt_core.base.errors import (
     ArgumentTypeError,
     ExperimentError,
@@ -23,7 +24,7 @@ from ldt_core.base.errors import (
 )
 from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.machine.experiment_limits import Declared, refuse_impossible
+from ldt_core.machine.experiment_limits import MOST_SAMPLES, Declared, refuse_impossible
 from ldt_core.machine.file_values import (
     check_keys,
     mapping_of,
@@ -260,9 +261,7 @@ def load_machine(file: str | Path) -> Machine:
             )
         return parse_machine(msgs_config.machine_text(str(file)), f"{file}.yaml")
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise MachineFileError(path, f"at most {MAX_BYTES} bytes", path.stat().st_size)
-        text = path.read_text(encoding="utf-8")
+        text = read_bounded(path, MAX_BYTES).decode()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "text that is not UTF-8"
         raise MachineFileError(path, "a readable machine file", reason) from error
@@ -302,6 +301,9 @@ def machine_from_dict(data: Any, source: str) -> Machine:
         raise MachineFileError(
             f"{source}, experiment.duration", f"two sample periods ({period:g} s) or more", duration
         )
+    if duration / period > MOST_SAMPLES:
+        expected = f"at most {MOST_SAMPLES} sample periods ({period:g} s)"
+        raise MachineFileError(f"{source}, experiment.duration", expected, duration)
     parameters = mapping_of(f"{source}, parameters", top["parameters"])
     stated = stated_parameters(source, physics, parameters)
     effects, beside = stated_effects(source, physics, stated.values, top.get("effects", []))

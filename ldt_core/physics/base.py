@@ -172,7 +172,7 @@ class Physics(abc.ABC):
         speed = states[:, SPEED].copy()
         for effect, given in effects:
             if effect.on_measurement is not None:
-                speed = effect.on_measurement(speed, period, **given)
+                speed = effect.shown(speed, period, given)
         return speed
 
     def behind_sensor(

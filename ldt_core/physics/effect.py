@@ -30,7 +30,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ldt_core.base.arrays import Array
-from ldt_core.base.errors import OptionError, did_you_mean
+from ldt_core.base.errors import FAULTS, LdtError, OptionError, did_you_mean, reason_of
 from ldt_core.physics.parameter import Parameter, own_name
 from ldt_core.physics.terms import Terms, compile_term
 
@@ -164,10 +164,12 @@ class Effect:
             values = {n: v for n, v in values.items() if n not in known}
         if self.on_parameters is None:
             return values
-        changed = self.on_parameters(values, **given)
+        changed = self._asked(self.on_parameters, values, **given)
         for parameter in physics.parameters:
             if parameter.name not in values:
                 continue
+            if not isinstance(changed, Mapping) or parameter.name not in changed:
+                raise LdtError(f"effect {self.name}, on_parameters: gives no {parameter.name}")
             value = changed[parameter.name]
             if not parameter.accepts(value):
                 where = f"effect {self.name}, {parameter.name} of the machine"
@@ -176,7 +178,38 @@ class Effect:
 
     def rate(self, values: Values, voltage: float, given: Values) -> float:
         """Fastest rate of change that the effect brings with it [1/s]."""
-        return 0.0 if self.fastest is None else self.fastest(values, voltage, **given)
+        if self.fastest is None:
+            return 0.0
+        return float(self._asked(self.fastest, values, voltage, **given))
+
+    def switched(self, times: Array, levels: Array, given: Values) -> tuple[Array, Array]:
+        """What `on_voltage` makes of (S,) times [s] and (S,) levels [V].
+
+        Raises:
+            LdtError: it fails, or gives no such rows.
+        """
+        assert self.on_voltage is not None
+        at, volts = self._asked(self.on_voltage, times, levels, **given)
+        if np.ndim(at) != 1 or np.shape(at) != np.shape(volts) or not (np.diff(at) >= 0).all():
+            raise LdtError(f"effect {self.name}, on_voltage: gives no times in order with levels")
+        return at, volts
+
+    def shown(self, speed: Array, period: float, given: Values) -> Array:
+        """What `on_measurement` makes of a speed (L,) [rad/s]; raises as `switched`."""
+        assert self.on_measurement is not None
+        seen: Array = self._asked(self.on_measurement, speed, period, **given)
+        if np.shape(seen) != speed.shape:
+            raise LdtError(f"effect {self.name}, on_measurement: gives no {speed.size} speeds")
+        return seen
+
+    def _asked(self, function: Callable[..., Any], *arguments: Any, **given: float) -> Any:
+        """What a function says, which may be the user's own and fail."""
+        try:
+            return function(*arguments, **given)
+        except LdtError:
+            raise
+        except FAULTS as error:
+            raise LdtError(f"effect {self.name}: {reason_of(error)}") from error
 
     def first_states(self, state: Array, given: Values) -> tuple[float, ...]:
         """The effect's own states at the first sample, from the machine's (n,)."""

@@ -44,7 +44,7 @@ SAME_LENGTH = 1e-9  # of a step, the rounding of its ends: sample times are sums
 #: hundredth of a usual sensor's noise.
 BEND, BEND_IN_SEARCH = 3e-7, 1e-5
 TINY = 1e-9  # V, so that a machine at rest without a voltage divides by no 0
-MAX_STEPS = 2_000_000_000  # of one simulation: some minutes of computing; more is a mistake
+MAX_STEPS = 100_000_000  # of one simulation: 6 s of computing; more is a mistake
 #: Of the time in which the motor forgets its speed, an L/R with which it does so fastest.
 SETTLED = 0.25
 QUIET_CHANGE = 1e-3  # of stall torque and voltage: a term that changes less needs no short steps
@@ -265,7 +265,7 @@ class MotorDriven(Physics):
         at, levels = np.concatenate([[-np.inf], times]), np.concatenate([[before], volts])
         for effect, given in effects:
             if effect.on_voltage is not None:
-                at, levels = effect.on_voltage(at, levels, **given)
+                at, levels = effect.switched(at, levels, given)
         if np.array_equal(at[1:], times):  # back on the samples' grid, where linear is exact
             at, levels = at[1:], levels[1:]
         return at, np.ascontiguousarray(levels)

@@ -19,7 +19,7 @@ from ldt_core.base.experiment import (
     Signal,
 )
 from ldt_core.base.sentences import counted, numbered
-from ldt_core.recording.codec import DECODERS, Record, decode
+from ldt_core.recording.codec import DECODERS, Record, decode_cdr
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.messages import deserialize, quoted
 from ldt_core.recording.run_settings import KEY, Setting, parse_settings
@@ -49,6 +49,7 @@ class Bag:
     def __init__(self, storage: Storage, namespace: str) -> None:
         self.storage, self.namespace = storage, namespace
         self.path = storage.path
+        self._place = str(storage.path)
         #: Absolute topic → message type, of this machine and of no machine (`/diagnostics`).
         self.topics = {
             topic: kind
@@ -210,9 +211,10 @@ class Bag:
             RecordingError, ExperimentError, ModelError: no such record; says which one.
         """
         name = raw.topic.rpartition("/")[2]
-        where = f"{self.path}, {raw.topic}, message {index}"
-        message = deserialize(raw.data, raw.kind, where)
-        return decode(name, message, where) if name in DECODERS else message
+        where = f"{self._place}, {raw.topic}, message {index}"
+        if name in DECODERS:
+            return decode_cdr(name, raw.kind, raw.data, where)
+        return deserialize(raw.data, raw.kind, where)
 
     def experiments(self, machine: Machine | None = None) -> Iterator[Experiment]:
         """Experiments in recorded order; notes repeated and missing numbers.

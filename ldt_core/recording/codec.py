@@ -21,16 +21,19 @@ from ldt_core.base.experiment import (
     Signal,
 )
 from ldt_core.recording.experiment_messages import (
+    SamplesDecoder,
     decode_experiment,
     decode_prediction,
     encode_samples,
     samples_cdr,
 )
+from ldt_core.recording.flat_status import flat_status
 from ldt_core.recording.messages import (
     DIAGNOSTICS,
     MULTI_ARRAY,
     STRING,
     Messages,
+    deserialize,
     serialize,
     standard,
 )
@@ -109,6 +112,28 @@ def decode(topic: str, message: Any, where: str | None = None) -> Record:
     return DECODERS[name][1](where or topic, message)
 
 
+def decode_cdr(topic: str, kind: str, data: bytes, where: str | None = None) -> Record:
+    """The record in CDR bytes, as `decode` of their message, in a fraction of the time.
+
+    Args:
+        topic: its last part decides what it is.
+        kind: message type.
+        data: CDR bytes.
+        where: what to call it in messages for people; None for the topic.
+
+    Raises:
+        RecordingError: a topic without records, or bytes that are no such message.
+        ExperimentError, ModelError, RecordingError: as `decode`.
+    """
+    name, place = topic.rpartition("/")[2], where or topic
+    if name in DECODERS and DECODERS[name][0] == kind:
+        if kind == MULTI_ARRAY:
+            return _SAMPLES[name](place, data)
+        if kind == DIAGNOSTICS and (status := flat_status(data)) is not None:
+            return DECODERS[name][1](place, status)
+    return decode(topic, deserialize(data, kind, place), where)
+
+
 def _decode_model(where: str, message: Any) -> ModelRecord:
     return parse_model(where, message.data)
 
@@ -123,4 +148,10 @@ DECODERS: dict[str, tuple[str, Callable[[str, Any], Record]]] = {
     "diagnosis": (DIAGNOSTICS, decode_diagnosis),
     "advice": (DIAGNOSTICS, decode_advice),
     "model": (STRING, _decode_model),
+}
+
+_SAMPLES = {
+    name: SamplesDecoder(predictions=decoder is decode_prediction)
+    for name, (kind, decoder) in DECODERS.items()
+    if kind == MULTI_ARRAY
 }

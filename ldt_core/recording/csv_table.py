@@ -2,21 +2,26 @@
 
 Understands what loggers and spreadsheets write: comma, semicolon, tab, bar or blanks between cells,
 decimal commas, quotes, a byte-order mark, comment lines (# or %), a header or none, a row of units
-below it, gzip.
+below it, gzip. It is read as a stream: in memory are the numbers of the columns that are asked for.
 """
 
 from __future__ import annotations
 
 import csv
 import gzip
-import io
+import itertools
 import zlib
-from collections.abc import Iterator, Sequence
+from codecs import getincrementaldecoder
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from io import TextIOWrapper
 from operator import itemgetter
 from pathlib import Path
+from typing import IO, cast
 
 import numpy as np
 
+from ldt_core.base.bounded_file import open_regular
 from ldt_core.base.errors import RecordingError, did_you_mean
 from ldt_core.base.experiment import Samples
 from ldt_core.recording.messages import quoted
@@ -30,6 +35,8 @@ PIECE = 1 << 20  # bytes that are unpacked at a time
 FREE_BYTES = 50_000_000  # unpacked from anything
 MOST_RATIO = 100  # of a larger text to what is packed; numbers reach 20
 LOOK_AHEAD = 20  # rows by which the delimiter is chosen: beyond every header
+LONGEST_LINE = 10_000_000  # characters; a million columns
+BLOCK = 5000  # rows whose cells are held as text
 
 
 class CsvTable:
@@ -46,7 +53,7 @@ class CsvTable:
         self.path = Path(path)
         #: What was decided in reading, a sentence each.
         self.notes: list[str] = []
-        self._text = self._read_text()
+        self._encoding = self._find_encoding()
         self._delimiter = self._sniff()
         self._skip, self.names = self._find_header()
 
@@ -77,53 +84,79 @@ class CsvTable:
             RecordingError: no rows, a short row, or a cell that is no finite number.
         """
         pick = itemgetter(*columns) if len(columns) > 1 else lambda row: (row[columns[0]],)
-        lines: list[int] = []
-        cells: list[tuple[str, ...]] = []
-        for line, row in self._rows():
-            if line <= self._skip:
-                continue
-            try:
-                cells.append(pick(row))
-            except IndexError:
-                raise RecordingError(
-                    f"{self.path}, line {line}", f"{len(self.names)} cells", f"{len(row)}"
-                ) from None
-            lines.append(line)
-        if lines and not any(_is_number(c) for c in cells[0]) and all(cells[0]):
-            units = ", ".join(cells[0])
-            self.notes.append(f"line {lines[0]} was taken for units ({units}) and not applied")
-            del lines[0], cells[0]
-        if not lines:
+        lines: list[np.ndarray] = []
+        read = [_Column(f"column {self.names[i]!r}") for i in columns]
+        rows = (
+            (line, self._picked(pick, line, row)) for line, row in self._rows() if line > self._skip
+        )
+        while block := list(itertools.islice(rows, BLOCK)):
+            at, cells = [line for line, _ in block], [picked for _, picked in block]
+            if not lines and not any(_is_number(c) for c in cells[0]) and all(cells[0]):
+                units = ", ".join(cells[0])
+                self.notes.append(f"line {at[0]} was taken for units ({units}) and not applied")
+                del at[0], cells[0]
+            lines.append(np.array(at, dtype=np.int64))
+            for column, texts in zip(read, zip(*cells, strict=True), strict=False):
+                column.take(texts, at)
+        where = np.concatenate(lines) if lines else np.empty(0, dtype=np.int64)
+        if not where.size:
             raise RecordingError(self.path, "rows of numbers", "none")
-        where = np.array(lines)
-        by_column = zip(*cells, strict=True)
-        return where, [self._numbers(i, c, where) for i, c in zip(columns, by_column, strict=True)]
+        return where, [column.numbers(self.path) for column in read]
 
-    def _read_text(self) -> str:
-        most = MAX_BYTES
+    def _picked(
+        self, pick: Callable[[list[str]], tuple[str, ...]], line: int, row: list[str]
+    ) -> tuple[str, ...]:
         try:
-            data = self.path.read_bytes()
-            if data.startswith(GZIP_MAGIC):
-                most = min(MAX_BYTES, max(FREE_BYTES, MOST_RATIO * len(data)))
-                with gzip.open(io.BytesIO(data)) as stream:
-                    # A buffer of what is allowed would be made at once.
-                    data = b"".join(stream.read(PIECE) for _ in range(0, most + PIECE, PIECE))
+            return pick(row)
+        except IndexError:
+            raise RecordingError(
+                f"{self.path}, line {line}", f"{len(self.names)} cells", f"{len(row)}"
+            ) from None
+
+    @contextmanager
+    def _open(self) -> Iterator[IO[bytes]]:
+        with open_regular(self.path) as stream:
+            packed = stream.read(len(GZIP_MAGIC)) == GZIP_MAGIC
+            stream.seek(0)
+            if not packed:
+                yield stream
+                return
+            with gzip.open(stream) as unpacked:
+                yield cast("IO[bytes]", unpacked)
+
+    def _find_encoding(self) -> str:
+        """How the bytes become text; all of them are looked at once, and counted."""
+        most, count, decoder = MAX_BYTES, 0, getincrementaldecoder("utf-8")()
+        encoding = "utf-8-sig"
+        try:
+            with open_regular(self.path) as stream:
+                if stream.read(len(GZIP_MAGIC)) == GZIP_MAGIC:
+                    size = self.path.stat().st_size
+                    most = min(MAX_BYTES, max(FREE_BYTES, MOST_RATIO * size))
+            with self._open() as stream:
+                while piece := stream.read(PIECE):
+                    if count == 0 and piece.startswith(UTF16_MARKS):
+                        encoding = "utf-16"
+                    elif count == 0 and b"\0" in piece[:4096]:
+                        raise RecordingError(
+                            self.path, "text (CSV) or a recording", "a binary file"
+                        )
+                    count += len(piece)
+                    if count > most:
+                        raise RecordingError(self.path, f"at most {most} bytes", f"{count} or more")
+                    if encoding == "utf-8-sig":
+                        try:
+                            decoder.decode(piece)
+                        except UnicodeDecodeError:
+                            encoding = "cp1252"
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
             raise RecordingError(self.path, "an intact gzip file", error) from None
         except OSError as error:
             reason = error.strerror or str(error)
             raise RecordingError(self.path, "a readable CSV file or recording", reason) from None
-        if len(data) > most:
-            raise RecordingError(self.path, f"at most {most} bytes", f"{len(data)} or more")
-        if data.startswith(UTF16_MARKS):
-            return data.decode("utf-16", errors="replace")
-        if b"\0" in data[:4096]:
-            raise RecordingError(self.path, "text (CSV) or a recording", "a binary file")
-        try:
-            return data.decode("utf-8-sig")
-        except UnicodeDecodeError:
+        if encoding == "cp1252":
             self.notes.append("the file is not UTF-8; read as Windows-1252")
-            return data.decode("cp1252", errors="replace")
+        return encoding
 
     def _lines(self) -> Iterator[str]:
         """Lines with comments blanked, so that numbers of lines stay right."""
@@ -131,12 +164,17 @@ class CsvTable:
             yield "\n" if line.lstrip().startswith(COMMENTS) else line
 
     def _raw_lines(self) -> Iterator[str]:
-        """Lines as they are, without a second copy of them all."""
-        at = 0
-        while at < len(self._text):
-            end = self._text.find("\n", at) + 1 or len(self._text)
-            yield self._text[at:end]
-            at = end
+        """Lines as they are, one at a time."""
+        with self._open() as stream:
+            text = TextIOWrapper(stream, self._encoding, errors="replace", newline="")
+            for number in itertools.count(1):
+                line = text.readline(LONGEST_LINE)
+                if len(line) == LONGEST_LINE:
+                    where = f"{self.path}, line {number}"
+                    raise RecordingError(where, f"less than {LONGEST_LINE} characters", "more")
+                if not line:
+                    return
+                yield line
 
     def _sniff(self) -> str:
         rows = [line.strip("\r\n ") for _, line in zip(range(500), self._lines(), strict=False)]
@@ -178,31 +216,57 @@ class CsvTable:
                 return line - 1, [name.strip() for name in names]
         return line - 1, [str(number) for number in range(1, len(row) + 1)]
 
-    def _numbers(self, index: int, cells: Sequence[str], lines: np.ndarray) -> Samples:
-        where = f"column {self.names[index]!r}"
+
+class _Column:
+    """The numbers of a column, block by block.
+
+    Args:
+        where: what a complaint calls it.
+    """
+
+    def __init__(self, where: str) -> None:
+        self._where = where
+        self._blocks: list[Samples] = []
+        self._bad: tuple[int, str] | None = None  # line and cell of the first that is no number
+        self._bad_count = 0
+        self._point: tuple[int, str] | None = None  # the same of the first with a decimal point
+        self._comma = False  # whether a cell has a decimal comma
+
+    def take(self, cells: Sequence[str], lines: Sequence[int]) -> None:
+        """The next cells, and the lines that they stand in."""
         text = "\n".join(cells)
+        if self._point is None and "." in text:
+            self._point = next((n, c) for n, c in zip(lines, cells, strict=True) if "." in c)
         if "," in text:
-            if "." in text:
-                at = next(i for i, cell in enumerate(cells) if "." in cell)
-                raise RecordingError(
-                    f"{self.path}, line {lines[at]}, {where}",
-                    "decimal commas as elsewhere in this column",
-                    quoted(cells[at]),
-                )
+            self._comma = True
             cells = [cell.replace(",", ".") for cell in cells]
         try:
             values = np.array(cells, dtype=np.float64)
         except ValueError:
             values = np.array([float(c) if _is_number(c) else np.nan for c in cells])
         bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            at = int(bad[0])
-            got = quoted(cells[at]) if cells[at].strip() else "an empty cell"
-            more = f" ({bad.size} such cells)" if bad.size > 1 else ""
-            raise RecordingError(
-                f"{self.path}, line {lines[at]}, {where}", "a finite number", got + more
-            )
-        return values
+        if bad.size and self._bad is None:
+            self._bad = lines[int(bad[0])], cells[int(bad[0])]
+        self._bad_count += bad.size
+        self._blocks.append(values)
+
+    def numbers(self, path: Path) -> Samples:
+        """All of them.
+
+        Raises:
+            RecordingError: a cell is no finite number, or decimal commas and points are mixed.
+        """
+        if self._comma and self._point is not None:
+            line, cell = self._point
+            expected = "decimal commas as elsewhere in this column"
+            raise RecordingError(f"{path}, line {line}, {self._where}", expected, quoted(cell))
+        if self._bad is not None:
+            line, cell = self._bad
+            got = quoted(cell) if cell.strip() else "an empty cell"
+            more = f" ({self._bad_count} such cells)" if self._bad_count > 1 else ""
+            where = f"{path}, line {line}, {self._where}"
+            raise RecordingError(where, "a finite number", got + more)
+        return np.concatenate(self._blocks)
 
 
 def _is_number(cell: str) -> bool:

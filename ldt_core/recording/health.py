@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.base.experiment import Adaptation, Experiment, ModelRecord, Prediction, Signal
 from ldt_core.base.sentences import Span
 from ldt_core.recording.bag import Bag
-from ldt_core.recording.codec import DECODERS, decode
+from ldt_core.recording.codec import DECODERS, Record, decode_cdr
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.lock import is_written
 from ldt_core.recording.messages import deserialize
@@ -93,8 +93,13 @@ class Health:
         return [number for number in self.numbers if number not in self.answered[topic]]
 
 
-def inspect(bag: Bag) -> Health:
+def inspect(bag: Bag, seen: Callable[[str, Record], object] | None = None) -> Health:
     """Read a recording from its first to its last message.
+
+    Args:
+        bag: the recording.
+        seen: told of each record of the machine, with its topic's last part, so that nobody need
+            read the recording once more for them.
 
     Raises:
         RecordingError: a file of it cannot be read any more.
@@ -108,7 +113,7 @@ def inspect(bag: Bag) -> Health:
     health.files = {f.name: f.stat().st_size for f in bag.storage.files}
     total = metadata.get("message_count")
     health.declared = total if isinstance(total, int) else None
-    reading = _Reading(health, bag.namespace)
+    reading = _Reading(health, bag.namespace, seen)
     # All messages of all machines: what metadata.yaml counts, and what can be damaged.
     whole = 0
     for raw in bag.storage.messages():
@@ -128,10 +133,16 @@ class _Reading:
     Args:
         health: is filled.
         namespace: of the machine.
+        seen: as of `inspect`.
     """
 
-    def __init__(self, health: Health, namespace: str) -> None:
-        self.health, self.namespace = health, namespace
+    def __init__(
+        self,
+        health: Health,
+        namespace: str,
+        seen: Callable[[str, Record], object] | None = None,
+    ) -> None:
+        self.health, self.namespace, self._seen = health, namespace, seen
         self._last: Experiment | None = None
         # Those that wait for each other, and the last ones that did so no longer. A number may come
         # twice: the experiment that was predicted has the prediction's start.
@@ -179,7 +190,9 @@ class _Reading:
             return
         if name not in DECODERS:
             return
-        record = decode(name, deserialize(raw.data, raw.kind, raw.topic), raw.topic)
+        record = decode_cdr(name, raw.kind, raw.data, raw.topic)
+        if self._seen is not None:
+            self._seen(name, record)
         match record:
             case Experiment():
                 self._measure(record)

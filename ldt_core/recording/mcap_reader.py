@@ -80,6 +80,8 @@ class TolerantMcapReader:
         self.library = ""
         #: Channels that messages were found of, or that were described; known like that, too.
         self.described: Described = {}
+        # Numbers of channels whose messages nobody wants at present.
+        self._left_out: set[int] = set()
 
     def summary(self, places: bool = True) -> McapSummary | None:
         """The index at the end of the file, None when there is none to rely on.
@@ -135,13 +137,17 @@ class TolerantMcapReader:
         first: Iterable[Any] = next(chunks, ())
         return self._spare() | _described(first)
 
-    def messages(self, begin: int = 0) -> Iterator[ChannelMessage]:
-        """All messages in recorded order; what is damaged is left out and noted.
+    def messages(
+        self, begin: int = 0, topics: Collection[str] | None = None
+    ) -> Iterator[ChannelMessage]:
+        """Messages in recorded order; what is damaged is left out and noted.
 
         Args:
             begin: byte before which nothing is read, the first one of a chunk.
+            topics: of which messages come; None for all.
         """
         schemas: dict[int, Schema] = {}
+        self._left_out.clear()
         described = self.described = self.first_channels() if begin else {}
         spare: Described | None = None
         for record in self._records(begin):
@@ -157,11 +163,15 @@ class TolerantMcapReader:
                         f"{self.path}: messages of a channel that is not described were left out"
                     )
                     continue
-                yield ChannelMessage(*channel, record)
+                if topics is None or channel[0].topic in topics:
+                    yield ChannelMessage(*channel, record)
+                else:
+                    self._left_out.add(record.channel_id)
             elif isinstance(record, Schema):
                 schemas[record.id] = record
             elif isinstance(record, Channel):
                 described[record.id] = record, schemas.get(record.schema_id)
+                self._left_out.discard(record.id)
 
     def messages_of(self, topics: Collection[str]) -> Iterator[ChannelMessage]:
         """Messages of some topics by the index, without reading what has none of them.
@@ -180,7 +190,7 @@ class TolerantMcapReader:
                 return
             except DAMAGE_ERRORS as error:
                 self._note(f"{self.path}: its index is wrong ({reason(error)}); read without it")
-        yield from (found for found in self.messages() if found.channel.topic in topics)
+        yield from self.messages(topics=topics)
 
     def _by_index(self, summary: McapSummary, topics: Collection[str]) -> list[ChannelMessage]:
         wanted = {n: d for n, d in summary.channels.items() if d[0].topic in topics}
@@ -265,7 +275,7 @@ class TolerantMcapReader:
                 if opcode == Opcode.CHUNK:
                     chunked = True
                     try:
-                        content = self._told(opened(body), stream.at)
+                        content = self._told(opened(body, self._left_out), stream.at)
                     except DAMAGE_ERRORS as error:
                         whole = False
                         self._note(

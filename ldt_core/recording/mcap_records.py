@@ -9,7 +9,7 @@ import io
 import re
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from typing import IO, Any, cast
 
 import lz4.frame
@@ -28,6 +28,8 @@ MAX_CHUNK = 1 << 30  # bytes of one record or chunk; rosbag2 cuts at 1 MB, a lar
 HEAD = struct.Struct("<BQ")  # of every record: what it is, and how many bytes follow
 CHUNK = struct.Struct("<QQQIL")  # first and last time, size, checksum, length of the method's name
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, time of recording, time of publishing
+MESSAGE_OPCODE = int(Opcode.MESSAGE)  # compared for each message, twice as fast
+CHANNEL_NUMBER = struct.Struct("<H")  # what a message begins with
 INDEX = struct.Struct("<HL")  # channel, bytes of the entries that follow
 FOOTER = struct.Struct("<QQI")  # where the summary and its offsets begin, checksum
 # A chunk's start as it is looked for behind damage: opcode, length, fixed fields, compression.
@@ -111,16 +113,10 @@ def parse(opcode: int, body: bytes) -> Any:
     return record
 
 
-def message_in(body: bytes) -> Message:
-    """The message in a record's bytes."""
-    channel, sequence, log_time, publish_time = MESSAGE.unpack_from(body)
-    return Message(
-        channel_id=channel,
-        sequence=sequence,
-        log_time=log_time,
-        publish_time=publish_time,
-        data=body[MESSAGE.size :],
-    )
+def message_in(data: bytes, begin: int = 0, end: int | None = None) -> Message:
+    """The message in a record's bytes, which stand from `begin` to `end` in these."""
+    channel, sequence, log_time, publish_time = MESSAGE.unpack_from(data, begin)
+    return Message(channel, log_time, data[begin + MESSAGE.size : end], publish_time, sequence)
 
 
 def decompress(method: str, data: bytes, size: int) -> bytes:
@@ -198,10 +194,15 @@ def agrees(fields: bytes, length: int) -> bool:
     return bool(length == CHUNK.size + named + 8 + data)
 
 
-def opened(body: bytes) -> Iterator[Any]:
-    """The records in a chunk, made one after the other; its checksum is checked at once."""
+def opened(body: bytes, left_out: Container[int] = ()) -> Iterator[Any]:
+    """The records in a chunk, made one after the other; its checksum is checked at once.
+
+    Args:
+        body: of the chunk.
+        left_out: numbers of channels whose messages are passed over.
+    """
     data = content(body)
-    return (record for _, record in located(data))
+    return (record for _, record in located(data, left_out))
 
 
 def content(body: bytes) -> bytes:
@@ -218,16 +219,25 @@ def content(body: bytes) -> bytes:
     return data
 
 
-def located(data: bytes) -> Iterator[tuple[int, Any]]:
-    """Place and record, of those in a chunk or a summary that concern messages."""
-    at = 0
-    while at < len(data):
+def located(data: bytes, left_out: Container[int] = ()) -> Iterator[tuple[int, Any]]:
+    """Place and record, of those in a chunk or a summary that concern messages.
+
+    Args:
+        data: the records' bytes.
+        left_out: numbers of channels whose messages are passed over; may change meanwhile.
+    """
+    at, size = 0, len(data)
+    while at < size:
         opcode, length = HEAD.unpack_from(data, at)
         begin = at + HEAD.size
-        if begin + length > len(data):
+        end = begin + length
+        if end > size:
             raise EndOfFile
-        if opcode == Opcode.MESSAGE:
-            yield at, message_in(data[begin : begin + length])
+        if opcode == MESSAGE_OPCODE:
+            if length < MESSAGE.size:
+                raise EndOfFile
+            if CHANNEL_NUMBER.unpack_from(data, begin)[0] not in left_out:
+                yield at, message_in(data, begin, end)
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX):
-            yield at, parse(opcode, data[begin : begin + length])
-        at = begin + length
+            yield at, parse(opcode, data[begin:end])
+        at = end

@@ -20,10 +20,12 @@ from ldt_core.base.experiment import (
     Scalar,
     Signal,
 )
+from ldt_core.recording.flat_status import FlatStatus
 from ldt_core.recording.messages import Messages, quoted
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs/msg/DiagnosticStatus
 SIGNAL_LEVELS = {Level.NEGATIVE: OK, Level.WARNING: WARN, Level.POSITIVE: ERROR}
+ANSWERS = {number: answer for answer, number in SIGNAL_LEVELS.items()}
 # A machine whose new model was refused, or that gave a warning, deserves a look.
 ACTION_LEVELS = {Action.KEPT: OK, Action.STORED: WARN, Action.ADAPTED: OK, Action.REFUSED: WARN}
 SIGNAL_KEYS = ("experiment", "detector", "model_version", "max_error")
@@ -137,19 +139,18 @@ def stamp(time: float, make: Messages) -> Any:
 def decode_signal(where: str, message: Any) -> Signal:
     """The signal in a DiagnosticArray; RecordingError when it is none."""
     level, word, values = _read_status(where, message, SIGNAL_KEYS)
-    answers = {number: answer for answer, number in SIGNAL_LEVELS.items()}
-    if level not in answers:
+    answer = ANSWERS.get(level)
+    if answer is None:
         raise RecordingError(f"{where}, level", "OK (0), WARN (1) or ERROR (2)", level)
-    if word != answers[level].word:
-        raise RecordingError(
-            f"{where}, message", f"{answers[level].word!r} at level {level}", quoted(word)
-        )
+    if word != answer.word:
+        expected = f"{answer.word!r} at level {level}"
+        raise RecordingError(f"{where}, message", expected, quoted(word))
     max_error = _real(f"{where}, max_error", values["max_error"])
     if not (math.isfinite(max_error) and max_error >= 0):
         raise RecordingError(f"{where}, max_error", "0 or more", values["max_error"])
     return Signal(
         _whole(f"{where}, experiment", values["experiment"], 1),
-        answers[level],
+        answer,
         values["detector"],
         _whole(f"{where}, model_version", values["model_version"], 0),
         max_error,
@@ -224,19 +225,25 @@ def _scalar(name: str, text: str) -> Scalar:
 def _read_status(
     where: str, message: Any, needed: tuple[str, ...]
 ) -> tuple[int, str, dict[str, Any]]:
-    if len(message.status) != 1:
-        raise RecordingError(f"{where}, status", "one status", len(message.status))
-    status = message.status[0]
-    values: dict[str, str] = {}
-    for pair in status.values:
-        if pair.key in values:
-            raise RecordingError(f"{where}, values", "each key once", f"{quoted(pair.key)} twice")
-        values[pair.key] = pair.value
+    status = message if isinstance(message, FlatStatus) else _flat(where, message)
+    values = dict(status.values)
+    if len(values) < len(status.values):
+        keys = [key for key, _ in status.values]
+        again = next(key for index, key in enumerate(keys) if key in keys[:index])
+        raise RecordingError(f"{where}, values", "each key once", f"{quoted(again)} twice")
     for key in needed:
         if key not in values:
             raise RecordingError(f"{where}, values", f"the key {key!r}", f"only {sorted(values)}")
+    return status.level, status.message, values
+
+
+def _flat(where: str, message: Any) -> FlatStatus:
+    if len(message.status) != 1:
+        raise RecordingError(f"{where}, status", "one status", len(message.status))
+    (status,) = message.status
     level = status.level
-    return int(level[0] if isinstance(level, bytes | bytearray) else level), status.message, values
+    number = int(level[0] if isinstance(level, bytes | bytearray) else level)
+    return FlatStatus(number, status.message, [(pair.key, pair.value) for pair in status.values])
 
 
 def _numbers(values: Mapping[str, str], known: tuple[str, ...]) -> dict[str, float]:

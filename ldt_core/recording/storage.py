@@ -107,6 +107,18 @@ class Storage:
         for file in self.files:
             yield from self.read(file, topics, picked=True)
 
+    def count(self, topic: str) -> int:
+        """Messages of a topic, by the files' indexes; a file without one is read."""
+        total = 0
+        for file in self.files:
+            about = self.mcap(file).summary(places=False) if is_mcap(file) else None
+            if about is None or about.statistics is None:
+                total += sum(1 for _ in self.read(file, [topic]))
+                continue
+            counts = about.statistics.channel_message_counts
+            total += sum(counts.get(n, 0) for n, d in about.channels.items() if d[0].topic == topic)
+        return total
+
     def last(self, topics: Collection[str], most: int) -> list[RawMessage]:
         """The last messages of topics that are rare, so many at least where there are as many."""
         found: list[RawMessage] = []
@@ -131,6 +143,8 @@ class Storage:
                 raise RecordingError(path, wanted, "no such file or folder")
             if path.is_dir():
                 return self._files_of_folder()
+            if not path.is_file():  # a pipe into which nobody writes would never be read
+                raise RecordingError(path, wanted, "a pipe or a device")
             _magic(path)
         except OSError as error:
             raise RecordingError(path, "a readable recording", error.strerror or error) from None
@@ -231,11 +245,14 @@ class Storage:
             yield from self._read_sqlite(file, topics)
             return
         mcap = self.mcap(file)
-        found = mcap.messages_of(topics or ()) if picked else mcap.messages(begin)
+        found = mcap.messages_of(topics or ()) if picked else mcap.messages(begin, topics)
+        kinds: dict[int, tuple[Channel, str]] = {}
         for channel, described, message in found:
-            if topics is None or channel.topic in topics:
+            known, kind = kinds.get(channel.id, (None, ""))
+            if known is not channel:
                 kind = self._kind(file, channel, described)
-                yield RawMessage(channel.topic, kind, message.log_time, message.data)
+                kinds[channel.id] = channel, kind
+            yield RawMessage(channel.topic, kind, message.log_time, message.data)
 
     def _kind(self, file: Path, channel: Channel, described: Schema | None) -> str:
         if channel.message_encoding != "cdr":

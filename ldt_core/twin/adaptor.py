@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ldt_core.base.errors import LdtError, RecordingError, reason_of
+from ldt_core.base.errors import FAULTS, LdtError, RecordingError, reason_of
 from ldt_core.base.experiment import (
     DOUBTFUL,
     FAILED,
@@ -28,8 +28,10 @@ from ldt_core.base.experiment import (
 )
 from ldt_core.base.model_state import shown_state, times_noise
 from ldt_core.base.settings import resolve
+from ldt_core.machine.experiment_limits import too_long_to_learn
 from ldt_core.machine.sensor_check import doubt, fault
 from ldt_core.models.base import Model
+from ldt_core.recording.model_json import model_text, parse_model
 from ldt_core.twin.gate import Offer, best_offer
 from ldt_core.twin.memory import Memory
 from ldt_core.twin.stage import Archive, RecordedStep
@@ -42,10 +44,12 @@ if TYPE_CHECKING:
 EARLIER = 8
 #: In the details of an adaptation: the sensor's fault, and nothing was learned.
 FAULTY = "faulty_sensor"
+#: In the details of an adaptation: learning from the experiment could not end in time.
+TOO_LONG = "too_long"
 #: In the details of an adaptation: the version that came into force again by hand.
 ROLLED_BACK = "rolled_back_to"
 #: In the details of an adaptation: the experiment is kept out of all that is ever learned from.
-PASSED_OVER = (FAULTY, PAUSED, FAILED)
+PASSED_OVER = (FAULTY, TOO_LONG, PAUSED, FAILED)
 
 
 class Adaptor:
@@ -130,8 +134,12 @@ class Adaptor:
         if signal.statistics.get(FAILED):
             return self._failed(experiment, "the detector failed"), self.model
         try:
-            return self._dealt(experiment, signal)
-        except Exception as error:
+            dealt = self._dealt(experiment, signal)
+            if self.model is not before[0]:
+                told = f"model version {self.model.version}"
+                parse_model(told, model_text(self.model.record()))  # what nobody could use raises
+            return dealt
+        except FAULTS as error:
             self.model, self.earlier = before
             return self._failed(experiment, reason_of(error)), self.model
 
@@ -181,6 +189,8 @@ class Adaptor:
             words := fault(self.model.machine, experiment, self._recent(experiment))
         ):
             action, why = Action.REFUSED, FAULTY
+        elif words := too_long_to_learn(self.model.machine, experiment):
+            action, why = Action.REFUSED, TOO_LONG
         else:
             return None
         version = self.model.version

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ldt_core.base.errors import ExperimentError, OptionError, RecordingError, reason_of
+from ldt_core.base.errors import FAULTS, ExperimentError, OptionError, RecordingError, reason_of
 from ldt_core.base.experiment import FAILED, Experiment, Level, Prediction, Samples, Signal
 from ldt_core.detectors import as_detector, build_detector
 from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.detectors.base import Detector
+from ldt_core.recording.status_messages import JUDGED_KEYS, SIGNAL_KEYS
 from ldt_core.twin.stage import Archive, RecordedStep
 
+#: Keys of a signal's message that are no statistic.
+RESERVED = {*SIGNAL_KEYS, *JUDGED_KEYS} - {"max_error"}
 #: In a state, beside the detector's own keys: version of the model judged last, and the assessor.
 VERSION, ASSESSOR = "judged_version", "assessor"
 
@@ -60,6 +63,7 @@ class DetectorStage:
         self._version: int | None = None
         #: Why the detector failed at the last experiment, "" if it did not.
         self.trouble = ""
+        self._statistics: dict[str, float] = {}  # of the detector's last answer
 
     def step(self, experiment: Experiment, prediction: Prediction) -> Signal:
         """The signal for one experiment: a warning that says so where the detector fails.
@@ -77,8 +81,6 @@ class DetectorStage:
                 {FAILED: 1.0},
                 "learning",  # too little is known to judge
             )
-        statistics = dict(self.detector.statistics)
-        statistics.pop("max_error", None)  # every signal has it
         judge = self.detector
         if self.assessor is not None and not judge.model_state:
             judge = self.assessor.judge
@@ -88,7 +90,7 @@ class DetectorStage:
             self.name,
             prediction.model_version,
             prediction.max_error(experiment),
-            statistics,
+            self._statistics,
             judge.model_state,
             judge.adequacy,
         )
@@ -145,9 +147,10 @@ class DetectorStage:
         """Take in one experiment; False where the detector fails, which costs it this one alone."""
         try:
             self._update(experiment, prediction)
+            self._statistics = _plain(self.detector.statistics)
         except ExperimentError:
             raise
-        except Exception as error:  # of a detector of the user's own, for one
+        except FAULTS as error:  # of a detector of the user's own, for one
             self.trouble = f"experiment {experiment.number}: {reason_of(error)}"
             return False
         self.trouble = ""
@@ -168,6 +171,21 @@ class DetectorStage:
         if self.assessor is not None:
             self.assessor.judge.excited(experiment.voltage)
             self.assessor.update(residual, deviation)
+
+
+def _plain(statistics: Mapping[str, float]) -> dict[str, float]:
+    """Figures that a signal can carry beside its own; every signal has the maximum error.
+
+    Raises:
+        TypeError, ValueError, KeyError: a detector of the user's own has others.
+    """
+    found = {}
+    for name, value in statistics.items():
+        if not isinstance(name, str) or name in RESERVED:
+            raise KeyError(f"a statistic named {name!r}")
+        if name != "max_error":
+            found[name] = float(value)
+    return found
 
 
 def as_detector_stage(detector: object, settings: Mapping[str, Any]) -> DetectorStage:

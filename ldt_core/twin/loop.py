@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import msgs_config
 from ldt_core.base.errors import (
+    FAULTS,
     ArgumentTypeError,
     ExperimentError,
     LdtError,
@@ -157,7 +158,7 @@ class Twin:
         assert self.diagnoser is not None
         try:
             return self.diagnoser.step(experiment, signal)
-        except Exception as error:
+        except FAULTS as error:
             self.diagnoser.trouble = reason_of(error)
             return None
 
@@ -189,7 +190,7 @@ class Twin:
                 step = self.step(experiment)
             except (ExperimentError, UnansweredExperiment) as error:
                 rejected(error)
-            except Exception as error:  # a fault of ours: it costs one experiment, not the run
+            except FAULTS as error:  # a fault of ours: it costs one experiment, not the run
                 rejected(UnansweredExperiment(experiment.number, reason_of(error)))
             else:
                 yield step

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ldt_core.base.errors import UnansweredExperiment, reason_of
+from ldt_core.base.errors import FAULTS, UnansweredExperiment, reason_of
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
@@ -63,9 +63,11 @@ class Predictor:
 
     def _free_run(self, model: Model, experiment: Experiment) -> Prediction:
         try:
-            return model.predict(experiment)
-        except Exception as error:  # of a model of the user's own, for one
+            prediction = model.predict(experiment)
+            prediction.residual(experiment)  # raises where it is not of this experiment
+        except FAULTS as error:  # of a model of the user's own, for one
             raise UnansweredExperiment(experiment.number, reason_of(error)) from error
+        return prediction
 
     def recall(self, step: RecordedStep) -> None:
         """Take note of the experiment of a recorded step; the model is set by who restores it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,7 @@ from ldt_core.base.experiment import (
 from ldt_core.base.model_state import NOT_JUDGED, STATES, shown_state
 from ldt_core.base.sentences import spoken
 from ldt_core.recording.bag import Bag
+from ldt_core.recording.codec import Record
 from ldt_core.views.packed_samples import PackedSamples, pack
 
 DIGITS = 6  # of figures that are drawn; a screen shows four
@@ -103,23 +104,85 @@ class StepView:
         }
 
 
-def recorded_steps(bag: Bag, signals: Mapping[int, Signal]) -> Iterator[StepView]:
-    """Steps of a run that were predicted and judged, one at a time with all samples."""
-    adaptations = {a.experiment: a for a in bag.records("adaptation")}
-    predictions = {p.number: p for p in bag.records("prediction")}
-    originals = {p.number: p for p in bag.records("original_prediction")}
-    for experiment in bag.experiments():
-        number = experiment.number
-        prediction, signal = predictions.get(number), signals.get(number)
-        if prediction is None or signal is None or not belongs(prediction, experiment):
-            continue
-        original, error = originals.get(number), None
-        if original is not None and not belongs(original, experiment):
-            original = None
-        if original is not None:
-            error = original.max_error(experiment)
-        done = adaptations.get(number)
-        yield StepView(number, experiment, prediction, original, signal, done, error)
+class StepCollector:
+    """Puts the steps of a run together from records in any order, each with all its samples.
+
+    A step is given once it is whole; what comes of it later is put into it. The adaptation may be
+    such a thing, and of what comes twice the last counts.
+
+    Args:
+        compared: whether there are predictions of the model that never learns to wait for.
+    """
+
+    TOPICS = ("experiment", "prediction", "original_prediction", "signal", "adaptation")
+
+    def __init__(self, compared: bool) -> None:
+        self._compared = compared
+        self._open: dict[int, StepView] = {}
+        self._done: dict[int, StepView] = {}
+
+    def take(self, name: str, record: Record) -> StepView | None:
+        """The step that a record of a topic makes whole, if it does."""
+        if not isinstance(record, Experiment | Prediction | Signal | Adaptation):
+            return None
+        number = record.number
+        step, done = self._open.get(number), self._done.get(number)
+        if isinstance(record, Signal | Adaptation):
+            if done is not None and (step is None or step.prediction is None):
+                step = done
+            elif step is None:
+                step = self._open[number] = StepView(number)
+            if isinstance(record, Signal):
+                step.signal = record
+            else:
+                step.adaptation = record
+                return None
+        else:
+            if step is None:
+                step = self._open[number] = StepView(number)
+            if isinstance(record, Experiment):
+                step.experiment = record
+            elif name == "prediction":
+                step.prediction = record
+            else:
+                step.original = record
+        if step is done or (self._compared and step.original is None) or not self._whole(step):
+            return None
+        return self._given(step)
+
+    def rest(self) -> Iterator[StepView]:
+        """Those of which the prediction of the model that never learns did not come."""
+        for step in list(self._open.values()):
+            if self._whole(step):
+                yield self._given(step)
+
+    def _whole(self, step: StepView) -> bool:
+        experiment, prediction = step.experiment, step.prediction
+        if experiment is None or prediction is None or step.signal is None:
+            return False
+        return belongs(prediction, experiment)
+
+    def _given(self, step: StepView) -> StepView:
+        assert step.experiment is not None
+        if step.original is not None and not belongs(step.original, step.experiment):
+            step.original = None
+        if step.original is not None:
+            step.original_error = step.original.max_error(step.experiment)
+        self._done[step.number] = self._open.pop(step.number)
+        return step
+
+
+def recorded_steps(bag: Bag) -> Iterator[StepView]:
+    """Steps of a run that were predicted and judged, one at a time with all samples.
+
+    A step's adaptation may come into it when the next one is there.
+    """
+    collector = StepCollector(bag.topic("original_prediction") is not None)
+    for raw, record in bag.usable(bag.messages(*StepCollector.TOPICS), whole=True):
+        step = collector.take(raw.topic.rpartition("/")[2], record)
+        if step is not None:
+            yield step
+    yield from collector.rest()
 
 
 def belongs(prediction: Prediction, experiment: Experiment) -> bool:

@@ -305,7 +305,9 @@ def test_rare_messages_are_picked_without_reading_the_rest(tmp_path, monkeypatch
             bag.write("model", model, 1e9 + 100)
     opened: list[bytes] = []
     real = mcap_reader.opened
-    monkeypatch.setattr(mcap_reader, "opened", lambda body: opened.append(body) or real(body))
+    monkeypatch.setattr(
+        mcap_reader, "opened", lambda body, *rest: opened.append(body) or real(body, *rest)
+    )
     expected = list(read_bag(folder).messages("model"))
     everything = len(opened)
     opened.clear()

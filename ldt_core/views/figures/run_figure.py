@@ -61,9 +61,7 @@ def load_run(recording: str | Path, namespace: str = "", number: int | None = No
         OptionError: no such experiment in it.
     """
     bag = read_twin_run(recording, namespace)
-    signals = {s.experiment: s for s in bag.records("signal")}
-    among = f"{_among(signals) or 'a run'} of {recording}"
-    return _plotted(recorded_steps(bag, signals), number, among)
+    return _plotted(recorded_steps(bag), number, "a run", f" of {recording}")
 
 
 def plotted_run(steps: Sequence[Step], number: int | None = None) -> PlottedRun:
@@ -84,14 +82,16 @@ def plotted_run(steps: Sequence[Step], number: int | None = None) -> PlottedRun:
         )
         for s in steps
     )
-    return _plotted(views, number, _among([s.number for s in steps]) or "steps")
+    return _plotted(views, number, "steps")
 
 
 def _among(numbers: Collection[int]) -> str:
     return f"one of the experiments {min(numbers)} to {max(numbers)}" if numbers else ""
 
 
-def _plotted(views: Iterable[StepView], number: int | None, among: str) -> PlottedRun:
+def _plotted(
+    views: Iterable[StepView], number: int | None, what: str, where: str = ""
+) -> PlottedRun:
     steps: dict[int, StepView] = {}
     best, shown = -np.inf, None
     for step in views:
@@ -106,7 +106,7 @@ def _plotted(views: Iterable[StepView], number: int | None, among: str) -> Plott
         step.settle(None)
         steps[step.number] = step
     if shown is None:
-        raise OptionError("experiment", among, number)
+        raise OptionError("experiment", f"{_among(steps) or what}{where}", number)
     return PlottedRun([steps[n] for n in sorted(steps)], shown)
 
 

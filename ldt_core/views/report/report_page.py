@@ -51,9 +51,12 @@ def page(run: ReportedRun) -> str:
 
 def plotted_data(run: ReportedRun, compared: DetectorStatistic) -> dict[str, Any]:
     """Figures of all experiments by column, samples by experiment, and who learned from what."""
-    rows = [step.row() for step in run.steps]
+    columns: dict[str, list[Any]] = {name: [] for name in run.steps[0].row()}
+    for step in run.steps:
+        for name, value in step.row().items():
+            columns[name].append(value)
     return {
-        **{name: [row[name] for row in rows] for name in rows[0]},
+        **columns,
         "statistic": {
             "label": compared.label,
             "value": [rounded(v) for v in compared.values],

@@ -40,6 +40,8 @@ KINDS = {"none": "good", "effect": "found", "ambiguous": "vague", "unknown": "op
 GRADES = {Grade.WARNING: "open", Grade.PROBLEM: "bad"}
 
 #: Rows of a table that stands open; a longer one would bury what follows it.
+#: Of the table of experiments, 2 MB of the page; the plots have them all.
+MOST_ROWS = 5000
 OPEN_ROWS = 20
 MARKS = {
     Action.ADAPTED: Mark(ACTION_WORDS[Action.ADAPTED], "good"),
@@ -157,11 +159,14 @@ def _diagnoses(run: ReportedRun) -> Section:
 
 
 def _every(run: ReportedRun) -> Section:
-    rows = [run.steps[index] for index in run.worst_first]
+    rows = [run.steps[index] for index in run.worst_first[:MOST_ROWS]]
     link = "#experiment-{}"
     own = {"state": shown_state, "number": number, "words": LEVEL_WORDS.get, "done": ACTION_WORDS}
     table = _template("every.html", rows=rows, link=link, **own)
-    return Section("every", "All experiments, worst first", [table])
+    title = "All experiments, worst first"
+    if len(rows) < len(run.steps):
+        title = f"The {len(rows)} worst of {len(run.steps)} experiments"
+    return Section("every", title, [table])
 
 
 def _template(name: str, **values: object) -> Own:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -10,10 +11,13 @@ from ldt_core.base.errors import RecordingError
 from ldt_core.base.experiment import DiagnosisRecord, Experiment, ModelRecord, Signal
 from ldt_core.base.metrics import Summary
 from ldt_core.recording.bag import Bag, read_twin_run
+from ldt_core.recording.codec import Record
 from ldt_core.recording.health import Health, inspect
 from ldt_core.views.packed_samples import room
-from ldt_core.views.step_view import StepView, recorded_steps
+from ldt_core.views.step_view import StepCollector, StepView
 
+#: Samples of experiments that are held whole: five rows of them take 80 MB.
+MOST_HELD = 2_000_000
 CHANNELS = 6  # that an experiment has at most: time, voltage, three speeds, deviation
 
 
@@ -74,28 +78,81 @@ def read_run(recording: str | Path, namespace: str = "") -> ReportedRun:
         ExperimentError, ModelError: a message in it that is no such record.
     """
     bag = read_twin_run(recording, namespace)
-    signals = {s.experiment: s for s in bag.records("signal")}
-    run = ReportedRun(bag.path.resolve().name, bag, inspect(bag))
-    run.models = list(bag.records("model"))
-    run.diagnoses = list(bag.records("diagnosis"))
-    most, shown = room(max(1, len(signals)), CHANNELS)
-    worst = sorted(signals.values(), key=lambda s: -s.max_error)[:shown]
-    drawn = {s.experiment for s in worst}
+    most, shown = room(max(1, bag.storage.count(bag.topic("signal") or "")), CHANNELS)
+    collector = StepCollector(bag.topic("original_prediction") is not None)
     found: dict[int, tuple[StepView, Extent]] = {}
-    for step in recorded_steps(bag, signals):
+    worst = _Worst(shown, most)
+    models: list[ModelRecord] = []
+    diagnoses: list[DiagnosisRecord] = []
+
+    def put(step: StepView) -> None:
         if step.experiment is not None:
             found[step.number] = step, Extent.of(step.experiment)
-            step.settle(most if step.number in drawn else None)
+            worst.take(step)
+
+    def seen(name: str, record: Record) -> None:
+        if isinstance(record, ModelRecord):
+            models.append(record)
+        elif isinstance(record, DiagnosisRecord):
+            diagnoses.append(record)
+        elif (step := collector.take(name, record)) is not None:
+            put(step)
+
+    run = ReportedRun(bag.path.resolve().name, bag, inspect(bag, seen))
+    for step in collector.rest():
+        put(step)
+    worst.settle()
     if not found:
         raise RecordingError(bag.path, "experiments that a twin has predicted and judged", "none")
+    run.models, run.diagnoses = models, diagnoses
     numbers = sorted(found)
     run.steps, run.extents = [found[n][0] for n in numbers], [found[n][1] for n in numbers]
-    run.signals = [signals[n] for n in numbers]
-    for step, signal in zip(run.steps, run.signals, strict=True):
-        run.summary.add_signal(signal)
+    for step in run.steps:
+        assert step.signal is not None  # or it would be no step
+        run.signals.append(step.signal)
+        run.summary.add_signal(step.signal)
         if step.original_error is not None:
             run.summary.add_original(step.original_error)
         if step.adaptation is not None:
             run.summary.add_adaptation(step.adaptation)
     run.summary.diagnoses.extend(run.diagnoses)
     return run
+
+
+class _Worst:
+    """The steps with the largest errors, which keep their samples; all others let them go.
+
+    Whole samples are held as long as they are few: of those that come, most leave again.
+
+    Args:
+        shown: steps.
+        most: samples of each in the end.
+    """
+
+    def __init__(self, shown: int, most: int) -> None:
+        self._shown, self._most = shown, most
+        self._kept: list[tuple[float, int, StepView]] = []  # a heap, the least error first
+        self._whole = self._count = 0  # samples that are held whole; steps that have come
+
+    def take(self, step: StepView) -> None:
+        """Take in one that is whole."""
+        assert step.experiment is not None
+        assert step.signal is not None
+        self._count += 1
+        entry = step.signal.max_error, -self._count, step  # of equals the first one stays
+        self._whole += len(step.experiment)
+        if len(self._kept) < self._shown:
+            heapq.heappush(self._kept, entry)
+        else:
+            _, _, left = heapq.heappushpop(self._kept, entry)
+            self._whole -= len(left.experiment) if left.experiment is not None else 0
+            left.packed = None
+            left.settle(None)
+        if self._whole > MOST_HELD:
+            self.settle()
+
+    def settle(self) -> None:
+        """Thin what is held."""
+        for _, _, step in self._kept:
+            step.settle(self._most)
+        self._whole = 0

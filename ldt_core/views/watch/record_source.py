@@ -11,7 +11,7 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.registry import entry_points
 from ldt_core.recording.bag import Bag, namespaces, read_bag
-from ldt_core.recording.codec import DECODERS, decode
+from ldt_core.recording.codec import DECODERS, decode_cdr
 from ldt_core.recording.messages import deserialize
 from ldt_core.recording.metadata import listed_topics
 from ldt_core.recording.node_status import HEALTH_TOPIC
@@ -120,8 +120,10 @@ class Playback:
         """Feed a message when its time has come; False where somebody goes back."""
         name = HEALTH_TOPIC if raw.topic == HEALTH_TOPIC else raw.topic.rpartition("/")[2]
         try:
-            message = deserialize(raw.data, raw.kind, raw.topic)
-            record = decode(name, message, raw.topic) if name in DECODERS else message
+            if name in DECODERS:
+                record = decode_cdr(name, raw.kind, raw.data, raw.topic)
+            else:
+                record = deserialize(raw.data, raw.kind, raw.topic)
         except LdtError as error:
             fleet.misread(namespace, str(error))
             return True

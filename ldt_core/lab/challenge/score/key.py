@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ldt_core.base.bounded_file import read_bounded
 from ldt_core.base.errors import BadInput, did_you_mean
 from ldt_core.effects import EFFECTS
 from ldt_core.lab.challenge.case_plan import KINDS, MEMBERS
@@ -173,10 +174,7 @@ def _known(where: str, names: Sequence[Any]) -> None:
 
 def _bytes(file: str | Path) -> bytes:
     try:
-        path = Path(file)
-        if path.stat().st_size > MOST_BYTES:
-            raise BadInput(file, f"at most {MOST_BYTES} bytes", path.stat().st_size)
-        return path.read_bytes()
+        return read_bounded(file, MOST_BYTES)
     except OSError as error:
         raise BadInput(file, "a readable key", error.strerror or error) from error
 

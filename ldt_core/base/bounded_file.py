@@ -1,0 +1,40 @@
+"""Files of others, read whole only where they are files and not larger than stated."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import IO
+
+
+def open_regular(path: str | Path) -> IO[bytes]:
+    """A file opened for reading; a pipe or a device, which may never end, is none.
+
+    Raises:
+        OSError: it cannot be opened, or is no regular file.
+    """
+    # Without waiting: opening a pipe into which nobody writes would never return.
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise OSError(errno.EINVAL, "no regular file")
+    return open(handle, "rb")
+
+
+def read_bounded(path: str | Path, most: int) -> bytes:
+    """All bytes of a file.
+
+    Args:
+        path: of the file.
+        most: bytes that it may have.
+
+    Raises:
+        OSError: as `open_regular`, or it is larger.
+    """
+    with open_regular(path) as stream:
+        data = stream.read(most + 1)
+    if len(data) > most:
+        raise OSError(errno.EFBIG, f"one that is too large: at most {most} bytes are read")
+    return data
