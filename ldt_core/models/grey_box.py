@@ -30,6 +30,9 @@ LEAST_SAMPLES = 20
 #: Probability of one and the same start angle from which on it is used, and its rounding error:
 #: one angle alone leaves it even.
 EVEN, ROUNDED = 0.5, 1e-9
+#: Structures that explain an experiment alike: posterior odds below 20 (Kass, Raftery, "Bayes
+#: factors", Journal of the American Statistical Association 90, 1995, "strong").
+ALIKE = 2 * math.log(20.0)
 #: Noise [rad/s] as a part of the speed's root mean square, at least: the simulation's own error.
 NOISE_FLOOR = 1e-4
 
@@ -182,6 +185,18 @@ class GreyBoxModel(Model):
         noise = max(self.noise_of(e) for e in experiments)
         tolerances = self.machine.tolerances
         return StructureSearch(self.machine, tolerances, experiments, noise, workers)
+
+    def with_other_causes(self, experiments: Sequence[Experiment], workers: int = 1) -> list[Self]:
+        """The best that a search finds beside and in place of the present effects, or none."""
+        try:
+            search = self.search_on(experiments, workers)
+            ranked = search.search(self.present, self.machine.possible_effects())
+            if not ranked:
+                return []
+            rivals = [s.names[-1] for s in ranked[1:] if s.score - ranked[0].score < ALIKE]
+            return [self.adopt(ranked[0], experiments, rivals)]
+        except (LdtError, np.linalg.LinAlgError, ArithmeticError):
+            return []
 
     def noise_of(self, experiment: Experiment) -> float:
         """Standard deviation of the noise [rad/s] that the residual's roughness shows."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from joblib import cpu_count
 
-from ldt_core.base.errors import LdtError, ModelError
+from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import FAILED, Action, Adaptation, Experiment, Level, Signal, rms
 from ldt_core.base.threads import one_thread
 from ldt_core.models import build_model
@@ -20,6 +20,7 @@ from ldt_core.models.hybrid import HybridModel
 from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK, Adaptor
 from ldt_core.twin.condition_chain import ConditionChain
 from ldt_core.twin.memory import Memory
+from ldt_core.twin.search_backoff import SearchBackoff
 from ldt_core.twin.stage import Archive, RecordedStep
 from ldt_core.twin.version_errors import alike, explains, rms_error
 
@@ -30,9 +31,6 @@ BETTER = 0.95
 WATCHED, LEAST_WATCHED = 10, 5
 #: Sum of the twin's errors over the original's, above which the original comes back.
 WORSE = 1.1
-#: Structures that explain an experiment alike: posterior odds below 20 (Kass, Raftery, "Bayes
-#: factors", Journal of the American Statistical Association 90, 1995, "strong").
-ALIKE = 2 * float(np.log(20.0))
 #: Experiments learned from at most, the newest included.
 POOL = 3
 #: The model that competes where no cause explains the machine. A linear one is no rival: without
@@ -85,13 +83,14 @@ class ContestAdaptor(Adaptor):
         self._learning = False
         #: Experiments to learn from, by what competes at the next one.
         self.pending: list[Experiment] = []
+        self.backoff = SearchBackoff()
 
     def _dealt(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
         self._compared(experiment, signal)
         pool, self.pending = self.pending, []
         if self._passed_over(experiment):
             return super()._dealt(experiment, signal)
-        self._explaining = self._explained_by(experiment)
+        self._explain(experiment)
         self._learning = signal.state == "learning"
         before = self.model
         done = self._contested(pool, experiment, signal) or super()._dealt(experiment, signal)
@@ -142,9 +141,11 @@ class ContestAdaptor(Adaptor):
         """The condition that a version stands for: its number, of what is the original again 0."""
         return 0 if alike(model, self.original) else model.version
 
-    def _explained_by(self, experiment: Experiment) -> Model | None:
-        """The version that explains the experiment, the present one before all others."""
-        return self.model if explains(self.model, experiment) else self._known(experiment)
+    def _explain(self, experiment: Experiment) -> None:
+        """Find the version that explains the experiment, the present one before all others."""
+        known = self.model if explains(self.model, experiment) else self._known(experiment)
+        self._explaining = known
+        self.backoff.saw(known is not None)
 
     def _same(self, before: Model, signal: Signal) -> None:
         """More was learned of the same condition: its version is another, the condition is not."""
@@ -217,13 +218,21 @@ class ContestAdaptor(Adaptor):
             return self._learn_more(experiment, present)
         best, origin = self._refitted(experiment), "re-estimated"
         if best is None or not explains(best, experiment):
-            best, origin = self._cause(experiment), "with another cause"
+            best, origin = (
+                self._cause(experiment) if self.backoff.due else None,
+                "with another cause",
+            )
         if best is not None:
             reached = rms_error(best, experiment)
             self._adopt(best.again(before.version + 1))
             details = {"candidate_rmse": reached, "present_rmse": present}
             return Action.ADAPTED, self._reason(before, experiment, origin), details
-        self.pending, details = self._unexplained(experiment)[-POOL:], {SEARCHING: 1.0}
+        details = {}
+        then = f"searched again in {self.backoff.wait} experiments"
+        if self.backoff.due:
+            self.pending, details = self._unexplained(experiment)[-POOL:], {SEARCHING: 1.0}
+            then = "other models compete at the next experiment"
+            self.backoff.failed()
         nearest = min((self.original, *self.earlier), key=lambda m: rms_error(m, experiment))
         better = rms_error(nearest, experiment) < BETTER * present
         if better and self._foreseen(nearest, experiment) is nearest:
@@ -231,8 +240,7 @@ class ContestAdaptor(Adaptor):
             origin = f"is version {nearest.version} again, which errs least"
             return Action.ADAPTED, self._reason(before, experiment, origin), details
         stays = f"version {before.version} stays"
-        reason = f"no known cause explains it, other models compete at the next experiment; {stays}"
-        return Action.REFUSED, reason, details
+        return Action.REFUSED, f"no known cause explains it, {then}; {stays}", details
 
     def _learn_more(
         self, experiment: Experiment, present: float
@@ -301,7 +309,7 @@ class ContestAdaptor(Adaptor):
         asked = (start.version, tuple(id(e) for e in pool))
         if self._searched is None or self._searched[0] != asked:
             with one_thread():
-                self._searched = asked, _structures(start, pool)
+                self._searched = asked, list[Model](start.with_other_causes(pool, cpu_count()))
         return self._searched[1]
 
     def _unexplained(self, experiment: Experiment) -> list[Experiment]:
@@ -355,12 +363,16 @@ class ContestAdaptor(Adaptor):
         self._compared(step.experiment, step.signal)
         told = step.adaptation.details
         pool = self._unexplained(step.experiment)[-POOL:] if told.get(SEARCHING) else []
-        self._explaining = self._explained_by(step.experiment)
+        passed_over = any(told.get(why) for why in PASSED_OVER)
+        if not passed_over:
+            self._explain(step.experiment)
+        if pool:
+            self.backoff.failed()
         before = self.model
         super().recall(step)
         if ROLLED_BACK in told:
             self.chain = ConditionChain()
-        elif not any(told.get(why) for why in PASSED_OVER):
+        elif not passed_over:
             self._same(before, step.signal)
             self._saw(step.experiment)
         if told.get(ORIGINAL):
@@ -371,7 +383,7 @@ class ContestAdaptor(Adaptor):
         """Its state by the numbers of what is recorded; `return_to` takes it back."""
         pending = [[e.number, e.start] for e in self.pending]
         own = {"errors": list(self.errors), "pending": pending, "chain": self.chain.state()}
-        return {**super().state(), **own}
+        return {**super().state(), **own, "backoff": self.backoff.state()}
 
     def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
         """Take back a state, before any step here."""
@@ -381,19 +393,4 @@ class ContestAdaptor(Adaptor):
         chain.return_to(state["chain"], archive)
         super().return_to(state, archive)
         self.errors, self.pending, self.chain = deque(errors, WATCHED), pending, chain
-
-
-def _structures(start: GreyBoxModel, pool: Sequence[Experiment]) -> list[Model]:
-    """Causes beside and in place of the present ones, the best of them."""
-    try:
-        search = start.search_on(pool, cpu_count())
-        ranked = search.search(start.present, start.machine.possible_effects())
-    except (LdtError, np.linalg.LinAlgError, ArithmeticError):
-        return []
-    if not ranked:
-        return []
-    rivals = [s.names[-1] for s in ranked[1:] if s.score - ranked[0].score < ALIKE]
-    try:
-        return [start.adopt(ranked[0], pool, rivals)]
-    except (ModelError, np.linalg.LinAlgError, ArithmeticError):
-        return []
+        self.backoff.return_to(state["backoff"])

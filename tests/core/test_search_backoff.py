@@ -1,0 +1,42 @@
+"""A machine that nothing explains is searched ever more rarely."""
+
+from __future__ import annotations
+
+import itertools
+
+from ldt_core.twin.search_backoff import LONGEST, SearchBackoff
+
+
+def searches(backoff, experiments):
+    found = []
+    for number in range(1, experiments + 1):
+        backoff.saw(explained=False)
+        if backoff.due:
+            found.append(number)
+            backoff.failed()
+    return found
+
+
+def test_a_search_that_fails_doubles_the_wait():
+    """Up to the longest."""
+    found = searches(SearchBackoff(), 400)
+    gaps = [b - a - 1 for a, b in itertools.pairwise(found)]
+    assert gaps[:6] == [1, 3, 7, 15, 31, 63]
+    assert max(gaps) == LONGEST
+
+
+def test_what_is_explained_ends_the_waiting():
+    """The next change is searched at once."""
+    backoff = SearchBackoff()
+    searches(backoff, 20)
+    backoff.saw(explained=True)
+    assert backoff.due
+    assert searches(backoff, 3) == [1, 3]
+
+
+def test_a_state_goes_on_alike():
+    """After a restart."""
+    backoff, again = SearchBackoff(), SearchBackoff()
+    searches(backoff, 9)
+    again.return_to(backoff.state())
+    assert searches(again, 50) == searches(backoff, 50)
