@@ -29,7 +29,9 @@ KINDS = {
     "gravity_imbalance": "a pendulum (gravity on an eccentric mass)",
     "coulomb_friction": "dry friction",
 }
-SPAN = 4  # samples over which the speed's change is taken: noise of single differences is larger
+#: Samples over which the speed's change is taken: single differences show noise, long ones nothing
+#: that is over by then. The span in which the effects tell most from a motor is taken.
+SPANS = (4, 8, 16, 32)
 #: Part of the squared remainder that a kind must take away: what a motor leaves of any excitation
 #: has a little of every column in it.
 LEAST_GAIN = 0.1
@@ -48,6 +50,7 @@ class Balance:
         damping: rate at which the speed falls [1/s].
         amounts: effect to its parameters, torques over the inertia [1/s^2].
         left: root mean square of what is left of the speed's changes [rad/s].
+        span: samples over which these are taken.
     """
 
     effects: tuple[str, ...]
@@ -55,9 +58,12 @@ class Balance:
     damping: float
     amounts: Mapping[str, Mapping[str, float]]
     left: float
+    span: int
 
 
-def balance(experiments: Sequence[Experiment], effects: Sequence[str]) -> Balance:
+def balance(
+    experiments: Sequence[Experiment], effects: Sequence[str], span: int = SPANS[0]
+) -> Balance:
     """The balance of a motor with these effects, names of `KINDS`."""
     rows, targets = [], []
     turned = "gravity_imbalance" in effects
@@ -69,7 +75,7 @@ def balance(experiments: Sequence[Experiment], effects: Sequence[str]) -> Balanc
         for k in range(len(experiments) if turned else 0):  # each starts at an angle of its own
             own = float(k == i)
             columns += [own * _mean(np.sin(angle)), own * _mean(np.cos(angle))]
-        ones = np.ones(min(SPAN, len(e) - 1))
+        ones = np.ones(min(span, len(e) - 1))
         rows.append(np.column_stack([np.convolve(c * e.period, ones, "valid") for c in columns]))
         targets.append(e.speed[ones.size :] - e.speed[: -ones.size])
     whole, target = np.vstack(rows), np.concatenate(targets)
@@ -87,7 +93,7 @@ def balance(experiments: Sequence[Experiment], effects: Sequence[str]) -> Balanc
         phase = math.atan2(float(sines[0]), -float(cosines[0]))
         amounts["gravity_imbalance"] = {"torque": size, "phase": phase}
     gain, damping = float(found[0]), -float(found[1])
-    return Balance(tuple(effects), gain, damping, amounts, left)
+    return Balance(tuple(effects), gain, damping, amounts, left, span)
 
 
 def fitting(experiments: Sequence[Experiment]) -> Balance | None:
@@ -95,13 +101,17 @@ def fitting(experiments: Sequence[Experiment]) -> Balance | None:
 
     Each must take away a stated part of what is left without it.
     """
-    best = motor = balance(experiments, ())
-    for count in range(1, len(KINDS) + 1):
-        tried = [balance(experiments, names) for names in itertools.combinations(KINDS, count)]
-        new = min(tried, key=lambda b: b.left)
-        if new.gain > 0 and new.left**2 < (1 - LEAST_GAIN) * best.left**2:
-            best = new
-    return None if best is motor else best
+    found = []
+    for span in SPANS:
+        best = motor = balance(experiments, (), span)
+        for count in range(1, len(KINDS) + 1):
+            sets = itertools.combinations(KINDS, count)
+            new = min((balance(experiments, names, span) for names in sets), key=lambda b: b.left)
+            if new.gain > 0 and new.left**2 < (1 - LEAST_GAIN) * best.left**2:
+                best = new
+        if best is not motor:
+            found.append((best.left / motor.left, best))
+    return min(found, key=lambda f: f[0])[1] if found else None
 
 
 def guidance(experiments: Sequence[Experiment]) -> str:
@@ -109,7 +119,7 @@ def guidance(experiments: Sequence[Experiment]) -> str:
     found = fitting(experiments)
     if found is None:
         return ""
-    left, motor = found.left, balance(experiments, ()).left
+    left, motor = found.left, balance(experiments, (), found.span).left
     what = listed(KINDS[n] for n in found.effects)
     return (
         f"; a motor with {what} fits the changes of its speed ({left:.2g} rad/s left of them, "
