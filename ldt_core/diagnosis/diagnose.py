@@ -43,7 +43,7 @@ from ldt_core.diagnosis.holdout import (
 from ldt_core.diagnosis.isolability import isolability
 from ldt_core.diagnosis.library import library
 from ldt_core.diagnosis.next_experiment import next_experiment
-from ldt_core.diagnosis.nominal import enough, refits, said, with_all
+from ldt_core.diagnosis.nominal import at_the_end, enough, refits, said, with_all
 from ldt_core.diagnosis.nominal_prior import NOMINAL, NominalPrior, merged, nominal_prior
 from ldt_core.diagnosis.residual_torque import (
     TorqueEstimator,
@@ -188,7 +188,9 @@ class _Report:
         refit = self._refit(before, noise)
         if d.kind == "none":
             words = enough(refit, was.rmse) or words
-        words = " ".join(w for w in (words, said(self.machine, refit, was.rmse)) if w)
+        sure = self.named is not None or d.kind == "none"
+        far = said(self.machine, refit, was.rmse) if sure else ""
+        words = " ".join(w for w in (words, far) if w)
         if self.fault:
             words = not_measured(self.fault, "" if self.faulty else words)
         best = d.best.use if d.best else []
@@ -228,7 +230,8 @@ class _Report:
         after = [free_run(self.machine, e, alone.use) for e in self.held]
         part, _ = closed(self.held, before, after, noise)
         d = self.decision
-        best = self.completed(d.best or alone)
+        # Of an unknown cause no set is in force: what one that was rejected moved says nothing.
+        best = self.completed(self.named or alone)
         return refits(self.prior, best, d.left, d.excess, part)
 
     def completed(self, fitted: EffectFit) -> EffectFit:
@@ -252,7 +255,10 @@ class _Report:
         few = f"fewer than {FEWEST_EXPERIMENTS} experiments: each was cut into parts, some of them"
         odd = ((e.number, doubt(self.machine, e)) for e in [*self.fitted, *self.held])
         first = next((f"experiment {n}: sensor or machine? {w}" for n, w in odd if w), "")
-        return [*([f"{few} held out"] if cut else []), *([first] if first else [])]
+        ended = self.named is not None and at_the_end(self.named)
+        last = "the machine file's numbers moved as far as it lets them: something else is missing"
+        told = (f"{few} held out" if cut else "", first, last if ended else "")
+        return [note for note in told if note]
 
     def _all_groups(
         self, computed: Sequence[Sequence[str]], acting: Sequence[Sequence[str]]

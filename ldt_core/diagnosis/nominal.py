@@ -62,23 +62,22 @@ def refits(
         left, excess: power beyond noise that it leaves, and that of the gap.
         part: what these parameters close by themselves, all together.
     """
-    machine, spread = prior.machine, covariance(fitted, left, excess)
+    spread = covariance(fitted, left, excess)
     here = np.concatenate(fitted.z)
-    known = prior.deviations if prior.known else {}
     try:
         at = _logarithms(prior, fitted, here)
         slopes = _slopes(prior, fitted, here, at)
     except LdtError:  # numbers that no machine has, at the end of what was tried
         return []
-    tolerances, found = machine.tolerances, []
+    known = prior.deviations if prior.known else {}
+    found = []
     for i, name in enumerate(prior.names):
         seen = slopes[i] != 0
         variance = float(slopes[i, seen] @ spread[np.ix_(seen, seen)] @ slopes[i, seen])
         half = DEVIATIONS * variance**0.5
         low, high = np.exp(at[i] - half), np.exp(at[i] + half)
         bounds = (float(low), float(high)) if np.isfinite(high) and seen.any() else None
-        size = known.get(name, tolerances.get(name))
-        found.append(Refit(name, float(np.exp(at[i])), bounds, size, part))
+        found.append(Refit(name, float(np.exp(at[i])), bounds, known.get(name), part))
     return found
 
 
