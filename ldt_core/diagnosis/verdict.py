@@ -51,12 +51,20 @@ class Decision:
         if self.best is None:
             return []
         groups = [[name] for name in self.best.names]
+        family = {c.name: c.effect.family for f in self.alike for c in f.effects}
         for other in self.alike[1:]:
             new = [n for n in other.names if n not in self.best.names]
-            gone = [n for n in self.best.names if n not in other.names]
-            for group in groups:
-                if group[0] in gone:
-                    group += [n for n in new if n not in group]
+            gone = [g for g in groups if g[0] not in other.names]
+            # Where several differ, one stands for that of its own family.
+            for name in list(new):
+                for group in gone:
+                    if family[name] and family[name] == family[group[0]]:
+                        group += [name] if name not in group else []
+                        new.remove(name)
+                        gone.remove(group)
+                        break
+            for group in gone:
+                group += [n for n in new if n not in group]
         return groups
 
 

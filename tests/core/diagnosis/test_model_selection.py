@@ -15,7 +15,7 @@ from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.model_selection import earned, kin, plain_enough
 from ldt_core.diagnosis.thresholds import THRESHOLDS
-from ldt_core.diagnosis.verdict import plainest
+from ldt_core.diagnosis.verdict import Decision, plainest
 from ldt_core.effects import EFFECTS, get_effect
 
 GAP = 1000.0
@@ -198,3 +198,20 @@ def test_laws_of_one_family_that_hardly_differ_are_a_group():
     assert found[0.2] == [["stribeck_friction"]]
     ((*group,),) = found[0.01]
     assert group[0] == "stribeck_friction"  # what follows the machine best is what predicts it
+
+
+def test_sets_that_differ_in_two_members_are_grouped_by_family():
+    """A law of friction stands for another one, and not for what else differs."""
+    zeros = np.zeros(1)
+    sets = [
+        EffectFit(tuple(candidates(ROTOR, names)), (zeros,) * 2, zeros, np.zeros((1, 2)), loss)
+        for loss, names in (
+            (1.0, ["no_regeneration", "stribeck_friction"]),
+            (1.1, ["coulomb_friction", "open_circuit"]),
+        )
+    ]
+    decision = Decision("ambiguous", sets[0], tuple(sets), 1.0, 0.0, False, None, 0.9)
+    assert decision.acting == [
+        ["no_regeneration", "open_circuit"],
+        ["stribeck_friction", "coulomb_friction"],
+    ]
