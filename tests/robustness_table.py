@@ -80,7 +80,10 @@ def page(text: str, found: Iterable[Row]) -> str:
 
 
 def _percent(found: Iterable[Row], name: str) -> str:
-    return f"{100 * statistics.fmean(float(r[name]) for r in found):.0f} %"
+    """The mean over seeds, and the least and the most."""
+    shares = [100 * float(r[name]) for r in found]
+    least, most = f"{min(shares):.0f}", f"{max(shares):.0f}"
+    return f"{statistics.fmean(shares):.0f} %" + (f" ({least} to {most})" if least != most else "")
 
 
 def main(study: str) -> int:
