@@ -18,6 +18,7 @@ REMEMBERED = 100
 #: Experiments that a condition is taken to have lasted before any were counted: one that has been
 #: left once is still more likely to last than not.
 LASTED = 3.0
+ORIGINAL = 0  # the condition that the model explains which nothing has been learned for
 
 
 class ConditionChain:
@@ -51,7 +52,8 @@ class ConditionChain:
         It stays `LASTED` times more often than counted. What followed and no version explained
         counts as staying, since no other one is known to be nearer. A condition that has been left
         is taken to stay less surely than counted, by one standard deviation (beta distribution):
-        who follows a machine that goes back and forth should know that it pays.
+        who follows a machine that goes back and forth should know that it pays. The benefit of the
+        doubt is the original's.
         """
         counts = {condition: LASTED}
         for before, after in itertools.pairwise(self.path):
@@ -60,7 +62,8 @@ class ConditionChain:
                 counts[known] = counts.get(known, 0.0) + 1.0
         total = sum(counts.values())
         stays, left = counts[condition] / total, 1 - counts[condition] / total
-        surely = stays - math.sqrt(stays * left / (total + 1)) if left else 1.0
+        doubt = math.sqrt(stays * left / (total + 1)) if condition != ORIGINAL else 0.0
+        surely = stays - doubt if left else 1.0
         rest = {c: n / total * (1 - surely) / left for c, n in counts.items() if c != condition}
         return {condition: surely, **rest}
 

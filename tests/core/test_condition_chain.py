@@ -40,6 +40,13 @@ def test_who_follows_a_coin_should_know_that_it_pays():
     assert chain_of([0, 1, 1, 1, 1, 0, 0, 1]).following(1)[1] > 0.5
 
 
+def test_the_benefit_of_the_doubt_is_the_originals():
+    """Of two conditions alike, that of the original is taken to last longer."""
+    path = [0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1, 0]
+    chain = chain_of(path)
+    assert chain.following(0)[0] > chain.following(1)[1] + 0.1
+
+
 def test_what_no_version_explains_is_nothing_to_expect():
     """It counts as staying: no known condition is nearer."""
     assert chain_of([1, None, 1, None]).following(1) == {1: 1.0}
