@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ldt_core.base.arrays import Array
-from ldt_core.base.errors import LdtError, OptionError, did_you_mean
+from ldt_core.base.errors import BadInput, LdtError, OptionError, did_you_mean
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import listed
 from ldt_core.calibration.calibration import rounded
@@ -32,6 +32,7 @@ KINDS = {
 #: Samples over which the speed's change is taken: single differences show noise, long ones nothing
 #: that is over by then. The span in which the effects tell most from a motor is taken.
 SPANS = (4, 8, 16, 32)
+SHORTEST = 2  # samples, of which one change of speed comes: shorter ones say nothing
 #: Part of the squared remainder that a kind must take away: what a motor leaves of any excitation
 #: has a little of every column in it.
 LEAST_GAIN = 0.1
@@ -64,7 +65,14 @@ class Balance:
 def balance(
     experiments: Sequence[Experiment], effects: Sequence[str], span: int = SPANS[0]
 ) -> Balance:
-    """The balance of a motor with these effects, names of `KINDS`."""
+    """The balance of a motor with these effects, names of `KINDS`.
+
+    Raises:
+        BadInput: all experiments are too short to show a change of speed.
+    """
+    experiments = [e for e in experiments if len(e) > SHORTEST]
+    if not experiments:
+        raise BadInput("the recording", f"experiments of more than {SHORTEST} samples", "none")
     rows, targets = [], []
     turned = "gravity_imbalance" in effects
     for i, e in enumerate(experiments):
@@ -116,7 +124,7 @@ def fitting(experiments: Sequence[Experiment]) -> Balance | None:
 
 def guidance(experiments: Sequence[Experiment]) -> str:
     """What would fit in place of a motor, as the end of a sentence; "" where nothing is found."""
-    found = fitting(experiments)
+    found = fitting(experiments) if any(len(e) > SHORTEST for e in experiments) else None
     if found is None:
         return ""
     left, motor = found.left, balance(experiments, (), found.span).left

@@ -38,11 +38,12 @@ def split(
     """
     if not 0 < holdout < 1:
         raise BadInput("holdout", "a share between 0 and 1", f"{holdout:g}")
-    whole = list(experiments)
+    whole, samples = list(experiments), sum(len(e) for e in experiments)
+    if samples < FEWEST_SAMPLES:  # noise and gap cannot be told apart
+        raise BadInput("the recording", f"at least {FEWEST_SAMPLES} samples", str(samples))
     if len(whole) < FEWEST_EXPERIMENTS:
         whole = [part for e in whole for part in _parts(e)]
     if len(whole) < 2:
-        samples = sum(len(e) for e in experiments)
         raise BadInput("the recording", f"at least {2 * FEWEST_SAMPLES} samples", str(samples))
     count = min(max(round(holdout * len(whole)), 1), len(whole) - 1)
     # Evenly spread over the recording, so that what changes in its course is in both parts.

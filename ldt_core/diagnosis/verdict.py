@@ -75,12 +75,14 @@ def is_gap(found: FittedSets, seed: int) -> bool:
     comes from draws of white noise on this very input. A gap far below the noise is none.
     """
     d = found.responses
-    score = np.max(d.target / d.length)
+    score = np.max(d.target / d.length, initial=0.0)  # 0 where no candidate can be simulated
     power = max(found.excess, float(score) ** 2)
     if power < THRESHOLDS.least_gap * found.band.samples or power < _trifle(found.residuals):
         return False
     if found.excess > found.band.limit_of(THRESHOLDS.gap_false_alarm):
         return True
+    if not d.target.size:
+        return False
     random = np.random.default_rng(seed)
     values, vectors = np.linalg.eigh(d.cosine)
     root = vectors * np.sqrt(np.maximum(values, 0.0))

@@ -54,7 +54,7 @@ KNOWN = {
 STATE_WORDS = {s.name: (s.words, s.tone) for s in (*STATES.values(), NOT_JUDGED)}
 
 
-@dataclass
+@dataclass(slots=True)  # there may be a hundred thousand
 class StepView:
     """An experiment and what the twin has made of it so far.
 

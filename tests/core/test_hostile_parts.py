@@ -280,3 +280,17 @@ def test_a_table_is_read_as_a_stream(tmp_path, monkeypatch):
         file.write("9;2.5;1;x\n")
     with pytest.raises(LdtError, match=f"line {rows + 2}, column 'volts': expected decimal commas"):
         CsvTable(tmp_path / "table.csv").read([1])
+
+
+@pytest.mark.parametrize("command", ["diagnose", "identify"])
+@pytest.mark.parametrize("samples", [1, 2])
+def test_experiments_that_show_nothing_are_refused(command, samples, tmp_path, capsys):
+    """Of one sample or two, noise and gap cannot be told apart."""
+    with BagWriter(tmp_path / "short", "rotor") as writer:
+        for e in made():
+            writer.write("experiment", e.part(0, samples), e.end)
+    out = "mine.yaml" if command == "identify" else "why"
+    assert invoke(ldt, [command, str(tmp_path / "short"), "--out", str(tmp_path / out)]) in (1, 2)
+    told = capsys.readouterr().err
+    assert told.splitlines()[-1].startswith("ldt: ")
+    assert "Traceback" not in told

@@ -281,18 +281,19 @@ def _cause(model: ModelRecord) -> str:
 
 def _settings(run: ReportedRun, compared: DetectorStatistic) -> list[Block]:
     """Machine, experiments, model and detector."""
-    extents, numbers = run.extents, [step.number for step in run.steps]
-    begin, end = _moment(extents[0].start), _moment(extents[-1].end)
+    extent, numbers = run.extent, [step.number for step in run.steps]
+    assert extent is not None  # of a run with a step
+    begin, end = _moment(extent.begin[1]), _moment(extent.end[1])
     pairs = [
         ("machine", run.bag.machine or "not recorded"),
         ("topics", run.bag.namespace or "of no namespace"),
         ("recording", f"{run.name}, from {begin} to {end}"),
         ("experiments", f"{len(numbers)}, numbers {numbers[0]} to {numbers[-1]}"),
-        ("samples", f"{_span([e.length for e in extents])} in an experiment"),
-        ("sample period", f"{_span([1e3 * e.period for e in extents])} ms"),
-        ("duration", f"{_span([e.period * e.length for e in extents])} s"),
-        ("voltage", f"{_outer([e.voltage for e in extents])} V"),
-        ("speed", f"{_outer([e.speed for e in extents])} rad/s"),
+        ("samples", f"{_span(list(extent.samples))} in an experiment"),
+        ("sample period", f"{_span([1e3 * p for p in extent.period])} ms"),
+        ("duration", f"{_span(list(extent.duration))} s"),
+        ("voltage", f"{_outer([extent.voltage])} V"),
+        ("speed", f"{_outer([extent.speed])} rad/s"),
         ("model", ", ".join(dict.fromkeys(m.kind for m in run.models)) or "not recorded"),
         ("detector", ", ".join(dict.fromkeys(s.detector for s in run.signals))),
         ("it compares", compared.label),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import heapq
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 from ldt_core.base.errors import RecordingError
 from ldt_core.base.experiment import DiagnosisRecord, Experiment, ModelRecord, Signal
@@ -21,21 +20,42 @@ MOST_HELD = 2_000_000
 CHANNELS = 6  # that an experiment has at most: time, voltage, three speeds, deviation
 
 
-class Extent(NamedTuple):
-    """What an experiment covers: times [s], samples, (least, most) of voltage [V] and speed."""
+Ends = tuple[float, float]  # the least and the most
 
-    start: float
-    end: float
-    period: float
-    length: int
-    voltage: tuple[float, float]
-    speed: tuple[float, float]
+
+@dataclass
+class Extent:
+    """What the experiments of a run cover.
+
+    Attributes:
+        begin: start of the one with the lowest number, behind that [s since the epoch].
+        end: end of the one with the highest number, behind that.
+        samples, period, duration, voltage, speed: the least and the most of all experiments; of
+            periods and durations in s, voltage in V, speed in rad/s.
+    """
+
+    begin: Ends
+    end: Ends
+    samples: Ends
+    period: Ends
+    duration: Ends
+    voltage: Ends
+    speed: Ends
 
     @classmethod
     def of(cls, e: Experiment) -> Extent:
-        """Of an experiment."""
+        """Of one experiment."""
         voltage, speed = ((float(row.min()), float(row.max())) for row in (e.voltage, e.speed))
-        return cls(e.start, e.end, e.period, len(e), voltage, speed)
+        single = ((value, value) for value in (float(len(e)), e.period, e.duration))
+        return cls((e.number, e.start), (e.number, e.end), *single, voltage, speed)
+
+    def take(self, e: Experiment) -> None:
+        """Take in one more."""
+        other = Extent.of(e)
+        self.begin, self.end = min(self.begin, other.begin), max(self.end, other.end)
+        for name in ("samples", "period", "duration", "voltage", "speed"):
+            (least, most), (low, high) = getattr(self, name), getattr(other, name)
+            setattr(self, name, (min(least, low), max(most, high)))
 
 
 @dataclass
@@ -53,7 +73,7 @@ class ReportedRun:
     health: Health
     steps: list[StepView] = field(default_factory=list)
     signals: list[Signal] = field(default_factory=list)
-    extents: list[Extent] = field(default_factory=list)
+    extent: Extent | None = None
     models: list[ModelRecord] = field(default_factory=list)
     diagnoses: list[DiagnosisRecord] = field(default_factory=list)
     summary: Summary = field(default_factory=Summary)
@@ -80,15 +100,20 @@ def read_run(recording: str | Path, namespace: str = "") -> ReportedRun:
     bag = read_twin_run(recording, namespace)
     most, shown = room(max(1, bag.storage.count(bag.topic("signal") or "")), CHANNELS)
     collector = StepCollector(bag.topic("original_prediction") is not None)
-    found: dict[int, tuple[StepView, Extent]] = {}
+    found: dict[int, StepView] = {}
+    extent: Extent | None = None
     worst = _Worst(shown, most)
     models: list[ModelRecord] = []
     diagnoses: list[DiagnosisRecord] = []
 
     def put(step: StepView) -> None:
-        if step.experiment is not None:
-            found[step.number] = step, Extent.of(step.experiment)
-            worst.take(step)
+        nonlocal extent
+        assert step.experiment is not None  # of a step that is whole
+        found[step.number] = step
+        if extent is None:
+            extent = Extent.of(step.experiment)
+        extent.take(step.experiment)
+        worst.take(step)
 
     def seen(name: str, record: Record) -> None:
         if isinstance(record, ModelRecord):
@@ -105,8 +130,7 @@ def read_run(recording: str | Path, namespace: str = "") -> ReportedRun:
     if not found:
         raise RecordingError(bag.path, "experiments that a twin has predicted and judged", "none")
     run.models, run.diagnoses = models, diagnoses
-    numbers = sorted(found)
-    run.steps, run.extents = [found[n][0] for n in numbers], [found[n][1] for n in numbers]
+    run.steps, run.extent = [found[n] for n in sorted(found)], extent
     for step in run.steps:
         assert step.signal is not None  # or it would be no step
         run.signals.append(step.signal)
