@@ -120,6 +120,9 @@ def _experiments(health: Health) -> list[Finding]:
         many = f"{numbered('number', health.missing, MAX_LISTED)} missing"
         remedy = "look whether the recorder had a burst, or the machine a pause, at that time"
         found.append(warning(name, many, remedy))
+    for before, after in health.numbers.jumps[:MAX_LISTED]:
+        remedy = "look who else sends experiments; a twin leaves out a number out of nowhere"
+        found.append(warning(name, f"after number {before} comes {after}", remedy))
     if health.repeated:
         remedy = "number the experiments on from run to run; a run takes the first of a number"
         found.append(warning(name, f"{_listed(health.repeated)} recorded repeatedly", remedy))

@@ -248,6 +248,8 @@ class Bag:
         if repeated:
             told = numbered("experiment", repeated.spans, MAX_LISTED_SPANS)
             self.storage.note(f"{self.path}: recorded more than once: {told}")
+        for before, after in seen.jumps[:MAX_LISTED_SPANS]:
+            self.storage.note(f"{self.path}: after experiment {before} comes {after}")
         if missing := seen.gaps:
             told = numbered("experiment", missing, MAX_LISTED_SPANS)
             self.storage.note(f"{self.path}: missing: {told}")

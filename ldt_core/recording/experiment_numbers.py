@@ -12,6 +12,8 @@ from ldt_core.base.sentences import Span
 from ldt_core.recording.codec import DECODERS
 from ldt_core.recording.messages import DIAGNOSTICS, MULTI_ARRAY, deserialize
 
+#: Experiments that may be missing at once: eleven days of one a second. Beyond, numbers jump.
+MOST_JUMP = 1_000_000
 EXACT_END = 2**53  # whole numbers up to here are exact in a float64
 
 
@@ -38,9 +40,15 @@ class ExperimentNumbers:
 
     @property
     def gaps(self) -> list[Span]:
-        """The stretches between them."""
+        """The stretches between them in which numbers are missing; a jump is none."""
         held = zip(self._last, self._first[1:], strict=False)
-        return [(before + 1, after - 1) for before, after in held]
+        return [(b + 1, a - 1) for b, a in held if a - b <= MOST_JUMP]
+
+    @property
+    def jumps(self) -> list[Span]:
+        """The numbers before and after each jump."""
+        held = zip(self._last, self._first[1:], strict=False)
+        return [(before, after) for before, after in held if after - before > MOST_JUMP]
 
     @property
     def last(self) -> int | None:

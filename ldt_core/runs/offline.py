@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from ldt_core.base.bounded import forget_oldest
 from ldt_core.base.errors import BadInput
-from ldt_core.base.experiment import Experiment, Step
+from ldt_core.base.experiment import Experiment, Prediction, Signal, Step
 from ldt_core.base.metrics import Summary
 from ldt_core.machine.machine_file import Machine
-from ldt_core.recording.bag import read_bag
+from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.learning_switch import LearningSwitch
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.run_key import check_key, key_text
 from ldt_core.restart.stage_restart import TwinRestart
 from ldt_core.twin.loop import Twin
+
+#: Predictions that are read before their experiment comes; nodes are a few steps apart at most.
+LOOK_AHEAD = 1000
 
 
 def run(
@@ -122,29 +126,57 @@ def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary:
         return  # ended before anything was recorded
     try:
         opened = read_bag(bag, namespace or "/")
-        adaptations = list(opened.records("adaptation"))
-        done = summary.answered = {a.experiment for a in adaptations}
-        for adaptation in adaptations:
-            summary.add_adaptation(adaptation)
-        for signal in opened.records("signal"):
-            if signal.experiment in done:
-                summary.add_signal(signal)
-        for diagnosis in opened.records("diagnosis"):
+        for signal in _dealt_with(opened, summary):
+            summary.add_signal(signal)
+        done = summary.answered
+        for diagnosis in opened.rare("diagnosis"):
             summary.diagnoses.append(diagnosis)
-        for advice in opened.records("advice"):
+        for advice in opened.rare("advice"):
             summary.advice = advice
-        originals = {p.number: p.start for p in opened.records("original_prediction")}
-        predictions = opened.records("original_prediction")
+        originals = _Originals(opened)
         # Without one that went all the way there may be none: it ended before, which is no damage.
         for experiment in opened.experiments() if done else ():
             summary.recorded.add(experiment.number)
-            # A number may come twice: the one that was predicted has the prediction's start.
-            if originals.get(experiment.number) != experiment.start:
-                continue
             if experiment.number in done and machine.may_have_made(experiment):
-                del originals[experiment.number]
-                original = next(p for p in predictions if p.number == experiment.number)
-                summary.add_original(original.max_error(experiment))
+                original = originals.of(experiment)
+                if original is not None:
+                    summary.add_original(original.max_error(experiment))
         summary.note(*opened.notes)
     except BadInput as error:
         summary.note(f"the recording cannot be read whole: {error}")
+
+
+def _dealt_with(bag: Bag, summary: Summary) -> Iterator[Signal]:
+    """Signals of the experiments that have an adaptation, which the summary takes in."""
+    waiting: dict[int, list[Signal]] = {}
+    for _, record in bag.usable(bag.messages("signal", "adaptation"), whole=True):
+        number = record.number
+        if isinstance(record, Signal):
+            waiting.setdefault(number, []).append(record)
+        else:
+            summary.answered.add(number)
+            summary.add_adaptation(record)
+        if number in summary.answered:
+            yield from waiting.pop(number, ())
+
+
+class _Originals:
+    """Predictions of the model that never learns, read along with the experiments."""
+
+    def __init__(self, bag: Bag) -> None:
+        self._coming = bag.records("original_prediction")
+        self._read: dict[int, Prediction] = {}
+
+    def of(self, experiment: Experiment) -> Prediction | None:
+        """The one of this experiment: a number may come twice, with another start."""
+        number = experiment.number
+        while number not in self._read and len(self._read) < LOOK_AHEAD:
+            prediction = next(self._coming, None)
+            if prediction is None:
+                break
+            self._read.setdefault(prediction.number, prediction)
+        found = self._read.get(number)
+        if found is not None and found.start <= experiment.start:
+            del self._read[number]  # nothing later can be of an earlier start
+        forget_oldest(self._read, LOOK_AHEAD // 2)
+        return found if found is not None and found.start == experiment.start else None

@@ -17,10 +17,9 @@ from __future__ import annotations
 from ldt_core.base.bounded import forget_oldest
 from ldt_core.base.errors import ExperimentError, RepeatedExperiment
 from ldt_core.base.experiment import Experiment
+from ldt_core.recording.experiment_numbers import MOST_JUMP
 from ldt_core.twin.stage import WINDOW
 
-#: Experiments that may be missing at once: eleven days of one a second.
-MOST_JUMP = 1_000_000
 #: Experiments in a row that are refused before a counter and a clock that went back are believed.
 PATIENT = 3
 

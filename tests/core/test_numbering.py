@@ -8,8 +8,9 @@ import pytest
 from ldt_core.base.errors import ExperimentError, RepeatedExperiment
 from ldt_core.base.experiment import Experiment
 from ldt_core.machine.machine_file import load_machine
+from ldt_core.recording.experiment_numbers import MOST_JUMP
 from ldt_core.twin.loop import Twin
-from ldt_core.twin.numbering import MOST_JUMP, Numbering
+from ldt_core.twin.numbering import Numbering
 
 REST = np.zeros(3)
 

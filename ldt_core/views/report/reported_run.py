@@ -46,8 +46,9 @@ class Extent:
     def of(cls, e: Experiment) -> Extent:
         """Of one experiment."""
         voltage, speed = ((float(row.min()), float(row.max())) for row in (e.voltage, e.speed))
-        single = ((value, value) for value in (float(len(e)), e.period, e.duration))
-        return cls((e.number, e.start), (e.number, e.end), *single, voltage, speed)
+        samples, period, duration = ((v, v) for v in (float(len(e)), e.period, e.duration))
+        begin, end = (e.number, e.start), (e.number, e.end)
+        return cls(begin, end, samples, period, duration, voltage, speed)
 
     def take(self, e: Experiment) -> None:
         """Take in one more."""
