@@ -20,9 +20,9 @@ from ldt_core.cli.spelling import SuggestingGroup, unknown_option
 from ldt_core.cli.terminal import echo
 
 GROUP = "ldt.command"
-# As wide as the terminal up to 100 columns: the options' descriptions are sentences.
 LONGEST_PLACE = 300  # characters of a file's name in a sentence
 UNNAMEABLE = (errno.ENAMETOOLONG, errno.ELOOP)  # what no file can be called
+# As wide as the terminal up to 100 columns: the options' descriptions are sentences.
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from rich.box import SIMPLE_HEAD
 from rich.markup import escape
@@ -26,11 +26,12 @@ from rich.progress import track as _track
 from rich.table import Table
 
 from ldt_core.base.errors import LdtError
-from ldt_core.base.experiment import Adaptation, Signal, Step
-from ldt_core.base.metrics import Summary
-from ldt_core.base.model_state import shown_state, times_noise
 from ldt_core.cli.console import Console
 from ldt_core.cli.terminal import echo, echo_json, one_line
+
+if TYPE_CHECKING:  # with its arrays it takes longer to load than all of the help
+    from ldt_core.base.experiment import Adaptation, Signal, Step
+    from ldt_core.base.metrics import Summary
 
 Item = TypeVar("Item")
 
@@ -104,6 +105,8 @@ class RunProgress:
 
     def show(self, machine: str, signal: Signal, adaptation: Adaptation) -> None:
         """The experiment that is done."""
+        from ldt_core.base.model_state import shown_state, times_noise
+
         state, beside = shown_state(signal), times_noise(signal.adequacy)
         words = (
             f"max error {signal.max_error:7.3f} rad/s  "
@@ -238,7 +241,7 @@ def _table(title: str, summaries: Mapping[str, Summary]) -> Table:
         return table
     table.box, table.padding, table.pad_edge = SIMPLE_HEAD, (0, 1, 0, 0), False
     table.add_column("", no_wrap=True)
-    for label in Summary().cells():
+    for label in next(iter(summaries.values())).cells():
         table.add_column(label, justify="right", no_wrap=True)
     for machine, summary in summaries.items():
         table.add_row(one_line(machine), *summary.cells().values())
