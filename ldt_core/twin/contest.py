@@ -228,7 +228,7 @@ class ContestAdaptor(Adaptor):
             details = {"candidate_rmse": reached, "present_rmse": present}
             return Action.ADAPTED, self._reason(before, experiment, origin), details
         details = {}
-        then = f"searched again in {self.backoff.wait} experiments"
+        then = f"searches wait for {self.backoff.wait} more experiments"
         if self.backoff.due:
             self.pending, details = self._unexplained(experiment)[-POOL:], {SEARCHING: 1.0}
             then = "other models compete at the next experiment"

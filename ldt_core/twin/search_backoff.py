@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 #: Experiments that a search waits at most. Each waits twice as long as the last one that failed, so
-#: that few experiments of a machine that nothing explains pay for one (exponential backoff).
+#: that few experiments of a machine that nothing explains pay for one (exponential backoff). The
+#: detector waits alike where nothing is adopted; where a rival is, only the detector begins anew.
 LONGEST = 64
 
 
@@ -14,7 +15,7 @@ class SearchBackoff:
 
     Attributes:
         wait: experiments until the next search.
-        last: how many the last failed one let pass.
+        last: from the last failed one.
     """
 
     def __init__(self) -> None:
@@ -32,8 +33,7 @@ class SearchBackoff:
 
     def failed(self) -> None:
         """A search explained nothing."""
-        self.last = min(2 * self.last + 1, LONGEST)
-        self.wait = self.last + 1
+        self.wait = self.last = min(max(2 * self.last, 1), LONGEST)
 
     def state(self) -> list[int]:
         """For `return_to`."""

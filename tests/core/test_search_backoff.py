@@ -20,8 +20,8 @@ def searches(backoff, experiments):
 def test_a_search_that_fails_doubles_the_wait():
     """Up to the longest."""
     found = searches(SearchBackoff(), 400)
-    gaps = [b - a - 1 for a, b in itertools.pairwise(found)]
-    assert gaps[:6] == [1, 3, 7, 15, 31, 63]
+    gaps = [b - a for a, b in itertools.pairwise(found)]
+    assert gaps[:6] == [1, 2, 4, 8, 16, 32]
     assert max(gaps) == LONGEST
 
 
@@ -31,7 +31,7 @@ def test_what_is_explained_ends_the_waiting():
     searches(backoff, 20)
     backoff.saw(explained=True)
     assert backoff.due
-    assert searches(backoff, 3) == [1, 3]
+    assert searches(backoff, 4) == [1, 2, 4]
 
 
 def test_a_state_goes_on_alike():
