@@ -30,7 +30,14 @@ from typing import Any, Protocol
 import numpy as np
 
 from ldt_core.base.arrays import Array
-from ldt_core.base.errors import FAULTS, LdtError, OptionError, did_you_mean, reason_of
+from ldt_core.base.errors import (
+    FAULTS,
+    LdtError,
+    OptionError,
+    described,
+    did_you_mean,
+    reason_of,
+)
 from ldt_core.physics.parameter import Parameter, own_name
 from ldt_core.physics.terms import Terms, compile_term
 
@@ -169,7 +176,9 @@ class Effect:
             if parameter.name not in values:
                 continue
             if not isinstance(changed, Mapping) or parameter.name not in changed:
-                raise LdtError(f"effect {self.name}, on_parameters: gives no {parameter.name}")
+                where = f"effect {self.name}, on_parameters"
+                expected = f"all of the machine's parameters, {parameter.name} among them"
+                raise OptionError(where, expected, described(changed))
             value = changed[parameter.name]
             if not parameter.accepts(value):
                 where = f"effect {self.name}, {parameter.name} of the machine"
@@ -191,7 +200,8 @@ class Effect:
         assert self.on_voltage is not None
         at, volts = self._asked(self.on_voltage, times, levels, **given)
         if np.ndim(at) != 1 or np.shape(at) != np.shape(volts) or not (np.diff(at) >= 0).all():
-            raise LdtError(f"effect {self.name}, on_voltage: gives no times in order with levels")
+            expected = "times in order and as many levels"
+            raise OptionError(f"effect {self.name}, on_voltage", expected, described(at))
         return at, volts
 
     def shown(self, speed: Array, period: float, given: Values) -> Array:
@@ -199,7 +209,8 @@ class Effect:
         assert self.on_measurement is not None
         seen: Array = self._asked(self.on_measurement, speed, period, **given)
         if np.shape(seen) != speed.shape:
-            raise LdtError(f"effect {self.name}, on_measurement: gives no {speed.size} speeds")
+            expected, got = f"{speed.size} measured speeds", described(seen)
+            raise OptionError(f"effect {self.name}, on_measurement", expected, got)
         return seen
 
     def _asked(self, function: Callable[..., Any], *arguments: Any, **given: float) -> Any:

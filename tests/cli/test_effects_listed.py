@@ -94,7 +94,10 @@ def test_an_effect_that_keeps_its_promises_is_told_so(mine, capsys):
         ("MINE = effect(on_measurement=lambda speed, c: speed)", "TypeError"),
         ("MINE = effect(on_measurement=lambda w, dt, c: w[1:] + c)", "600 measured speeds, got"),
         ("MINE = effect(on_parameters=lambda v, c: {**v, 'J': v['J'] - c})", "J of the machine"),
-        ("MINE = effect(on_parameters=lambda v, c: {})", "KeyError"),
+        (
+            "MINE = effect(on_parameters=lambda v, c: {})",
+            "parameters, m among them",
+        ),
         ("MINE = effect(torque=lambda t, a, w, i, u, p: -p[0], needs=('Jay',))", "Jay"),
         ("MINE = effect(equation='', torque=lambda t, a, w, i, u, p: -p[0])", "no equation"),
         ("MINE = effect(typical={}, torque=lambda t, a, w, i, u, p: -p[0])", "typical values"),

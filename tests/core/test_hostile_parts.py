@@ -190,12 +190,24 @@ def test_a_machine_s_experiments_have_so_many_samples(name):
 
 EFFECTS = {
     "that fails": ({"on_measurement": ends}, "SystemExit: 7"),
-    "of another length": ({"on_measurement": lambda v, p, c: v[1:]}, "gives no 200 speeds"),
-    "that says nothing": ({"on_measurement": lambda v, p, c: None}, "gives no 200 speeds"),
-    "of disorder": ({"on_voltage": lambda t, u, c: (t[::-1], u)}, "gives no times in order"),
-    "of unequal rows": ({"on_voltage": lambda t, u, c: (t, u[1:])}, "gives no times in order"),
-    "without a parameter": ({"on_parameters": lambda v, c: {}}, "gives no"),
-    "of parameters that are none": ({"on_parameters": lambda v, c: None}, "gives no"),
+    "of another length": (
+        {"on_measurement": lambda v, p, c: v[1:]},
+        "200 measured speeds, got",
+    ),
+    "that says nothing": (
+        {"on_measurement": lambda v, p, c: None},
+        "200 measured speeds, got",
+    ),
+    "of disorder": ({"on_voltage": lambda t, u, c: (t[::-1], u)}, "expected times in order"),
+    "of unequal rows": ({"on_voltage": lambda t, u, c: (t, u[1:])}, "expected times in order"),
+    "without a parameter": (
+        {"on_parameters": lambda v, c: {}},
+        "all of the machine.s",
+    ),
+    "of parameters that are none": (
+        {"on_parameters": lambda v, c: None},
+        "all of the machine.s",
+    ),
     "of arguments of its own": ({"on_parameters": lambda v: v}, "TypeError"),
 }
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from made_case import make_case
 
+from ldt_core import docs
 from ldt_core.base.experiment import rms
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.lab.challenge.case_plan import LEAST_EXPLAINED_SHARE, plan_case
@@ -69,9 +70,14 @@ def test_a_case_without_a_gap_is_its_machine_file_and_white_noise(physics):
     assert abs(moved.speed[0]) > 1  # it was running
 
 
+#: Effects that the challenge does not try yet, as the page `accuracy` says.
+UNTRIED = ("open_circuit", "viscous_asymmetric")
+
+
 def test_the_laws_are_of_the_librarys_effects_by_their_names_and_units():
     """Each effect has a law, with the library's parameters in the library's units."""
-    assert sorted(LAWS) == sorted(EFFECTS.names())
+    assert sorted([*LAWS, *UNTRIED]) == sorted(EFFECTS.names())
+    assert all(f"`{name}`" in docs.text("accuracy") for name in UNTRIED)
     for name, law in LAWS.items():
         assert dict(law.units) == {p.name: p.unit for p in get_effect(name).parameters}, name
 
