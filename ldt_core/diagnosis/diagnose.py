@@ -51,7 +51,7 @@ from ldt_core.diagnosis.residual_torque import (
     depends_on,
     residual_torque,
 )
-from ldt_core.diagnosis.sentence import not_measured, not_standing, sentence
+from ldt_core.diagnosis.sentence import not_measured, not_seen, not_standing, sentence
 from ldt_core.diagnosis.standing import objection
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import Decision, decide
@@ -172,6 +172,10 @@ class _Report:
             sure = THRESHOLDS.confidence_without_search
             d = self.decision = replace(d, kind="unknown", confidence=sure)
             self.named, self.use, after, now = None, [], before, was
+        still = float(np.sqrt(np.mean(np.concatenate([e.speed for e in self.held]) ** 2)))
+        blind = d.kind == "none" and was.rmse >= still
+        if blind:  # the machine file is no better than a shaft that stands still
+            d = self.decision = replace(d, kind="unknown")
         part, interval = closed(self.held, before, after, noise, self.seed)
         if d.kind == "none":
             part, interval = None, None
@@ -185,6 +189,8 @@ class _Report:
         words = sentence(self.machine.name, d.kind, acting, found, gap, where, left)
         if self.objection and d.best:
             words = not_standing(d.best.names, gap, where, self.objection)
+        if blind:
+            words = not_seen(gap, still)
         refit = self._refit(before, noise)
         if d.kind == "none":
             words = enough(refit, was.rmse) or words

@@ -65,6 +65,18 @@ def not_standing(
     )
 
 
+def not_seen(gap: Gap, motion: float) -> str:
+    """The sentence where the error is as large as the motion.
+
+    Args:
+        motion: root mean square of the speed [rad/s].
+    """
+    return (
+        f"Unknown: the machine file errs by {gap.before.rmse:.3g} rad/s on held-out experiments, "
+        f"no less than a shaft that stands still ({motion:.3g}), and only noise is seen there."
+    )
+
+
 def not_measured(fault: str, verdict: str) -> str:
     """The sentence where a sensor is at fault.
 

@@ -10,6 +10,7 @@ import pytest
 from recorded_machines import MOTOR, NOISE, ROTOR, candidates, record, uses
 
 from ldt_core.base.errors import BadInput, OptionError
+from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
@@ -431,3 +432,13 @@ def test_a_small_cause_far_out_of_the_noise_is_named_beside_a_large_one():
     found = diagnose(ROTOR, record(ROTOR, *effects, count=8, samples=1000), workers=1)
     assert set(found.verdict.effects) == {"motor_constant", "gravity_imbalance"}
     assert found.gap.after.rmse < 1.1 * NOISE
+
+
+def test_noise_as_large_as_the_motion_is_no_proof_that_all_is_well():
+    """Speeds from one end to the other at every sample, too wild for any candidate."""
+    volts = np.repeat(np.random.default_rng(3).uniform(2, 10, 8), 25)
+    turns = 7e5 * (-1.0) ** np.arange(volts.size)
+    wild = [Experiment(i, float(100 * i), 0.01, volts, turns) for i in range(1, 5)]
+    found = diagnose(MOTOR, wild)
+    assert found.verdict.kind == "unknown"
+    assert "no less than a shaft that stands still" in found.verdict.sentence
