@@ -52,7 +52,7 @@ class FoxgloveRelay(Fleet):
         self._streams: dict[str, Iterator[SampleMessage]] = {}
         self._next: dict[str, SampleMessage] = {}
         # It tells of each slip of a client, which is nobody's to read about here.
-        foxglove.set_log_level("ERROR")
+        foxglove.set_log_level("CRITICAL")
         self._context = foxglove.Context()
         try:
             self._server = foxglove.start_server(
