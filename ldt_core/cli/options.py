@@ -113,6 +113,39 @@ namespace_option = click.option(
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 
 
+def serving_options(port: int, what: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """The options of a server, at that port by default; `what` anybody may do who reaches it."""
+    options = (
+        click.option(
+            "--host",
+            default="127.0.0.1",
+            show_default=True,
+            help="Address to serve at. The default is this machine alone; 0.0.0.0 lets anybody "
+            f"{what}.",
+        ),
+        click.option(
+            "--port",
+            type=click.IntRange(0, 65535),
+            default=port,
+            show_default=True,
+            help="Port to serve at; 0 takes any that is free.",
+        ),
+    )
+
+    def add(function: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return add
+
+
+playback_rate_option = click.option(
+    "--rate",
+    default="1",
+    show_default=True,
+    help="Speed at which RECORDING is played relative to real time, or max.",
+)
 new_file_option = click.option("-o", "--out", required=True, help="Machine file to write.")
 judged_option = click.option(
     "--holdout",

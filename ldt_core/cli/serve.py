@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import click
 
-from ldt_core.cli.options import json_option, namespace_option
+from ldt_core.cli.options import (
+    json_option,
+    namespace_option,
+    playback_rate_option,
+    serving_options,
+)
 from ldt_core.cli.terminal import echo_result, printable
 
 PORT = 8765  # that these programs propose
@@ -12,26 +17,9 @@ PORT = 8765  # that these programs propose
 
 @click.command("serve", short_help="A graph or a recording for Foxglove and Lichtblick.")
 @click.argument("recording", required=False)
-@click.option(
-    "--rate",
-    default="1",
-    show_default=True,
-    help="Speed at which RECORDING is played relative to real time, or max.",
-)
+@playback_rate_option
 @click.option("--repeat", is_flag=True, help="Play RECORDING again and again.")
-@click.option(
-    "--host",
-    default="127.0.0.1",
-    show_default=True,
-    help="Address to serve at. The default is this machine alone; 0.0.0.0 lets anybody listen.",
-)
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    default=PORT,
-    show_default=True,
-    help="Port to serve at; 0 takes any that is free.",
-)
+@serving_options(PORT, "listen")
 @namespace_option
 @json_option
 def command(
@@ -58,6 +46,7 @@ def command(
     from ldt_core.base.stopping import stop_on_signals
     from ldt_core.views.export.foxglove_relay import FoxgloveRelay
     from ldt_core.views.watch.record_source import Playback, RecordSource, graph
+    from ldt_core.views.watch.server import is_loopback
 
     played = Playback(recording, namespace, rate) if recording else None
     source: RecordSource = played or graph(namespace)
@@ -74,7 +63,7 @@ def command(
         samples = threading.Thread(target=relay.play, args=(elapsed, stop), daemon=True)
         samples.start()
         address = f"ws://{host}:{relay.port}"
-        if host not in ("127.0.0.1", "localhost", "::1"):
+        if not is_loopback(host):
             warning = f"WARNING: bound to {host}: everybody on this network can listen"
             click.secho(printable(warning), err=True, fg="red", bold=True)
         echo_result(

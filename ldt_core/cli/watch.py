@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import click
 
-from ldt_core.cli.options import json_option, namespace_option
+from ldt_core.cli.options import (
+    json_option,
+    namespace_option,
+    playback_rate_option,
+    serving_options,
+)
 from ldt_core.cli.terminal import echo_result, printable
 
 PORT = 8766
@@ -12,25 +17,8 @@ PORT = 8766
 
 @click.command("watch", short_help="A running graph or a recording, live in a browser.")
 @click.argument("recording", required=False)
-@click.option(
-    "--rate",
-    default="1",
-    show_default=True,
-    help="Speed at which RECORDING is played relative to real time, or max.",
-)
-@click.option(
-    "--host",
-    default="127.0.0.1",
-    show_default=True,
-    help="Address to serve at. The default is this machine alone; 0.0.0.0 lets anybody look.",
-)
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    default=PORT,
-    show_default=True,
-    help="Port to serve at; 0 takes any that is free.",
-)
+@playback_rate_option
+@serving_options(PORT, "look")
 @namespace_option
 @json_option
 def command(

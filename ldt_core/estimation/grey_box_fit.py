@@ -311,10 +311,7 @@ def fit_grey_box(
     if best is None:
         raise ValueError("no guess to begin with")
     x, cost, information = best
-    inner = information[:n, :n]
-    if problem.size > n:  # start states eliminated
-        cross = information[:n, n:]
-        inner = inner - cross @ np.linalg.pinv(information[n:, n:], hermitian=True) @ cross.T
+    inner = of_first(information, n)  # start states eliminated
     rests = problem.residuals([(x, i) for i in count], 0.0, FINE_STEP)
     return GreyBoxFit(
         x[:n],
@@ -325,6 +322,15 @@ def fit_grey_box(
         problem.turn,
         problem.angles(x, information),
     )
+
+
+def of_first(information: Array, count: int) -> Array:
+    """(count, count) information of the first coordinates, those behind them unknown."""
+    inner, cross = information[:count, :count], information[:count, count:]
+    if cross.size == 0:
+        return inner
+    behind = np.linalg.pinv(information[count:, count:], hermitian=True)
+    return np.asarray(inner - cross @ behind @ cross.T)
 
 
 def _homotopy(problem: GreyBoxProblem, x: Array, rounds: int) -> tuple[Array, float, Array]:

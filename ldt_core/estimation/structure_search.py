@@ -27,6 +27,7 @@ from ldt_core.estimation.grey_box_fit import (
     GreyBoxProblem,
     Prior,
     fit_grey_box,
+    of_first,
 )
 from ldt_core.estimation.misfit import misfit
 from ldt_core.machine.machine_file import Machine
@@ -91,11 +92,8 @@ class FittedStructure:
         Laplace's approximation (MacKay, "Bayesian interpolation", Neural Computation 4, 1992): a
         narrow prior is rewarded where it is right.
         """
-        k = len(self.box.uncertain)
-        information = self.fit.information
-        inner, cross, own = information[:k, :k], information[:k, k:], information[k:, k:]
-        inner = inner - cross @ np.linalg.pinv(own, hermitian=True) @ cross.T
-        told, before = np.linalg.slogdet(inner)[1], np.linalg.slogdet(self.prior.precision)[1]
+        machine = of_first(self.fit.information, len(self.box.uncertain))
+        told, before = (np.linalg.slogdet(m)[1] for m in (machine, self.prior.precision))
         return self.fit.cost + float(told - before)
 
 

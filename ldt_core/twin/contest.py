@@ -84,6 +84,8 @@ class ContestAdaptor(Adaptor):
         #: Experiments to learn from, by what competes at the next one.
         self.pending: list[Experiment] = []
         self.backoff = SearchBackoff()
+        # Of other conditions, the model and the experiment shown that it does not explain.
+        self._apart: dict[int, tuple[Model, Experiment]] = {}
 
     def _dealt(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
         self._compared(experiment, signal)
@@ -164,11 +166,15 @@ class ContestAdaptor(Adaptor):
 
     def _merge(self, model: Model, here: int, experiment: Experiment) -> None:
         """Two versions that explain each other's experiments are estimates of one condition."""
+        apart = {}
         for version in self.earlier:
             there = self._condition(version)
             shown = self.chain.shown.get(there) if there not in (0, here) else None
-            if shown and explains(version, experiment) and explains(model, shown):
+            if shown and (self._apart.get(there) == (model, shown) or not explains(model, shown)):
+                apart[there] = model, shown
+            elif shown and explains(version, experiment):
                 self.chain.rename(there, here)
+        self._apart = apart
 
     def _foreseen(self, version: Model, experiment: Experiment) -> Model:
         """Which will err least in the next one: this version, which explains it, the present one or
@@ -178,7 +184,7 @@ class ContestAdaptor(Adaptor):
         last one. Then the original stands, of which people know how it errs.
         """
         here = self._condition(version)
-        rivals = (self.original, version, self.model)
+        rivals = list({id(m): m for m in (self.original, version, self.model)}.values())
         expected = [self.chain.expected_error(m, here, experiment) for m in rivals]
         best = int(np.argmin(expected))
         return rivals[best] if expected[best] < BETTER * expected[0] else self.original
@@ -218,10 +224,8 @@ class ContestAdaptor(Adaptor):
             return self._learn_more(experiment, present)
         best, origin = self._refitted(experiment), "re-estimated"
         if best is None or not explains(best, experiment):
-            best, origin = (
-                self._cause(experiment) if self.backoff.due else None,
-                "with another cause",
-            )
+            best = self._cause(experiment) if self.backoff.due else None
+            origin = "with another cause"
         if best is not None:
             reached = rms_error(best, experiment)
             self._adopt(best.again(before.version + 1))
