@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -128,6 +129,8 @@ def command(
         echo_json({**record, **found.as_dict()})
     else:
         _print(found, out)
+        bags = " ".join(map(shlex.quote, recordings))
+        echo(one_line(f"Next: ldt diagnose {bags} --machine {shlex.quote(out)} --out why"))
 
 
 def _with_effects(

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import click
 
+from ldt_core.base.errors import OptionError
 from ldt_core.base.sentences import counted
 from ldt_core.cli.options import declared_option, json_option, out_option
 from ldt_core.cli.outputs import force_option, replacing
 from ldt_core.cli.terminal import echo_result, one_line
 
+MOST_COLUMNS = 12  # of a table that are listed
 UNIT_HELP = "with a unit if it is not SI, for example"
 
 
@@ -20,13 +25,11 @@ UNIT_HELP = "with a unit if it is not SI, for example"
 @force_option
 @click.option(
     "--voltage",
-    required=True,
     metavar="FIELD[:UNIT]",
     help=f"Column or /topic.field[index] of the voltage, {UNIT_HELP} u:mV.",
 )
 @click.option(
     "--speed",
-    required=True,
     metavar="FIELD[:UNIT]",
     help=f"Column or /topic.field[index] of the speed, {UNIT_HELP} n:rpm.",
 )
@@ -55,8 +58,8 @@ def command(
     file: str,
     out: str,
     force: bool,
-    voltage: str,
-    speed: str,
+    voltage: str | None,
+    speed: str | None,
     current: str | None,
     time: str | None,
     sample_period: float | None,
@@ -72,6 +75,9 @@ def command(
     from ldt_core.recording.importers import import_file
     from ldt_core.recording.writer import BagWriter
 
+    if voltage is None or speed is None:
+        named = {"voltage": voltage, "speed": speed}
+        raise _fields_missing(file, [name for name, field in named.items() if field is None])
     imported = import_file(
         file,
         voltage=voltage,
@@ -101,4 +107,37 @@ def command(
         *map(one_line, imported.notes),
         f"{counted(len(imported.experiments), 'experiment')} of {samples} samples at "
         f"{1 / first.period:.6g} Hz: {out}",
+        one_line(f"Next, a machine file: ldt identify {shlex.quote(out)} --out FILE.yaml"),
+        one_line(
+            f"Then what it lacks:   ldt diagnose {shlex.quote(out)} --machine FILE.yaml --out why"
+        ),
+    )
+
+
+def _fields_missing(file: str, names: Sequence[str]) -> OptionError:
+    """What FILE has, and the command that imports it, as far as its columns' names tell."""
+    from ldt_core.recording.importers import is_bag
+
+    where = " and ".join(f"--{name}" for name in names)
+    if is_bag(Path(file)):
+        return OptionError(where, f"its topic and field; ldt info {shlex.quote(file)}", "none")
+    columns, proposed = proposed_import(file)
+    return OptionError(where, f"one of the columns {columns}, as in: {proposed}", "none")
+
+
+def proposed_import(file: str) -> tuple[str, str]:
+    """(columns of a table, the command that imports it): units in their names tell which is which.
+
+    Raises:
+        RecordingError: no table.
+    """
+    from ldt_core.recording.csv_table import CsvTable
+    from ldt_core.recording.units import propose_fields
+
+    names = CsvTable(file).names
+    told = {"voltage": "COLUMN", "speed": "COLUMN:UNIT", "time": "COLUMN", **propose_fields(names)}
+    options = " ".join(f"--{name} {shlex.quote(told[name])}" for name in told)
+    return (
+        ", ".join(map(repr, names[:MOST_COLUMNS])) + (", ..." if len(names) > MOST_COLUMNS else ""),
+        f"ldt import {shlex.quote(file)} {options} --length 10 --out imported",
     )

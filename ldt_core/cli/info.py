@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ldt_core.base.errors import RecordingError
 from ldt_core.base.sentences import counted, numbered, ranges
+from ldt_core.cli.import_file import proposed_import
 from ldt_core.cli.options import json_option, namespace_option
 from ldt_core.cli.terminal import echo_result, one_line, printable
 
@@ -36,6 +38,7 @@ def command(recording: str, namespace: str, as_json: bool) -> None:
     """
     from ldt_core.recording.bag import namespaces, read_bag
     from ldt_core.recording.health import inspect
+    from ldt_core.recording.importers import is_bag
     from ldt_core.recording.storage import Storage
 
     place = Path(recording)
@@ -51,7 +54,13 @@ def command(recording: str, namespace: str, as_json: bool) -> None:
             *(f"ldt info {one_line(folder)}" for folder in folders),
         )
         return
-    storage = Storage(recording)
+    try:
+        storage = Storage(recording)
+    except RecordingError:
+        if not place.is_file() or is_bag(place):
+            raise
+        _tell_table(recording, as_json)
+        return
     if storage.topics and not namespaces(storage.topics):
         _tell_foreign(storage, as_json)
         return
@@ -140,8 +149,13 @@ def _experiments(health: Health) -> str:
 
 
 def _next(bag: Bag, health: Health) -> str:
-    machine = "" if health.machine else " --machine FILE.yaml"
-    return f"ldt diagnose {bag.path}{machine} --out why" if health.numbers else ""
+    if not health.numbers:
+        return ""
+    if not health.machine:
+        return (
+            f"ldt identify {bag.path} --out FILE.yaml, or the machine's own file: ldt docs machine"
+        )
+    return f"ldt diagnose {bag.path} --out why"
 
 
 def _ended(health: Health) -> str:
@@ -167,6 +181,18 @@ def _when(begin: float, end: float) -> str:
 
 def _counts(counter: dict[str, int]) -> str:
     return ", ".join(f"{name} {count}" for name, count in sorted(counter.items()))
+
+
+def _tell_table(file: str, as_json: bool) -> None:
+    """Columns of a CSV file, and how to import it."""
+    columns, proposed = proposed_import(file)
+    echo_result(
+        as_json,
+        {"recording": file, "table": True, "columns": columns, "next": proposed},
+        one_line(f"{file} is a table with the columns {columns}"),
+        "Say which of them is the voltage, the speed, the time:",
+        one_line(proposed),
+    )
 
 
 def _tell_foreign(storage: Storage, as_json: bool) -> None:

@@ -5,6 +5,7 @@ On a terminal it is a bar on standard error; on a pipe or in a log a line there 
 
 from __future__ import annotations
 
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
@@ -226,6 +227,8 @@ def _print_table(runs: Sequence[tuple[str, Summary, str]], settings: Mapping[str
             console.print(one_line(line))
         if bag and Path(bag).exists():
             console.print(f"recording: {bag}")
+    if runs and (bag := runs[0][2]) and Path(bag).exists():
+        console.print(f"its page:  ldt report {shlex.quote(bag)} -o run.html", soft_wrap=True)
 
 
 def _table(title: str, summaries: Mapping[str, Summary]) -> Table:

@@ -37,7 +37,7 @@ def machine_of(machine: str, recordings: Iterable[str], namespace: str) -> str:
         elif there:
             raise BadInput("--machine", f"the file of {_of(there, recording)}", "none")
         elif there is not None:
-            doubt = f"does not say of which machine it is; taken for {machine} (--machine)"
+            doubt = f"does not say of which machine it is; taken for {machine} (--machine FILE)"
             warn(f"{recording} {doubt}")
     if not any(named.values()):
         return machine

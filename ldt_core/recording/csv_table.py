@@ -24,6 +24,7 @@ import numpy as np
 from ldt_core.base.bounded_file import open_regular
 from ldt_core.base.errors import RecordingError, did_you_mean
 from ldt_core.base.experiment import Samples
+from ldt_core.base.sentences import counted
 from ldt_core.recording.messages import quoted
 
 GZIP_MAGIC = b"\x1f\x8b"
@@ -37,6 +38,10 @@ MOST_RATIO = 100  # of a larger text to what is packed; numbers reach 20
 LOOK_AHEAD = 20  # rows by which the delimiter is chosen: beyond every header
 LONGEST_LINE = 10_000_000  # characters; a million columns
 BLOCK = 5000  # rows whose cells are held as text
+LACKING = ("", "nan", "null")  # in small letters: how loggers write a value that they missed
+#: Of the rows that lack a value: a logger misses a few; more is a table of several rates, of which
+#: whole rows would hold a voltage for too long.
+MOST_LACKING = 0.1
 
 
 class CsvTable:
@@ -74,18 +79,20 @@ class CsvTable:
         expected = f"{did_you_mean(name, self.names)}, or a number from 1 to {len(self.names)}"
         raise RecordingError(f"{self.path}, column", expected, repr(name))
 
-    def read(self, columns: Sequence[int]) -> tuple[np.ndarray, list[Samples]]:
+    def read(self, columns: Sequence[int], timed: bool = False) -> tuple[np.ndarray, list[Samples]]:
         """(line of each row from 1, values of each column), all of one length.
 
         Args:
             columns: indices.
+            timed: whether a row says its time, so that one that lacks a value can be left out.
 
         Raises:
-            RecordingError: no rows, a short row, or a cell that is no finite number.
+            RecordingError: no rows, a short row, a cell that is no finite number, or too many rows
+                that lack a value.
         """
         pick = itemgetter(*columns) if len(columns) > 1 else lambda row: (row[columns[0]],)
         lines: list[np.ndarray] = []
-        read = [_Column(f"column {self.names[i]!r}") for i in columns]
+        read = [_Column(f"column {self.names[i]!r}", timed) for i in columns]
         rows = (
             (line, self._picked(pick, line, row)) for line, row in self._rows() if line > self._skip
         )
@@ -101,7 +108,16 @@ class CsvTable:
         where = np.concatenate(lines) if lines else np.empty(0, dtype=np.int64)
         if not where.size:
             raise RecordingError(self.path, "rows of numbers", "none")
-        return where, [column.numbers(self.path) for column in read]
+        values = [column.numbers(self.path) for column in read]
+        whole = ~np.logical_or.reduce([np.isnan(column) for column in values])
+        if (lacking := np.flatnonzero(~whole)).size:
+            told = f"{counted(lacking.size, 'row')} of {where.size}"
+            first = f"the first in line {where[lacking[0]]}"
+            if lacking.size > MOST_LACKING * where.size:
+                expected = f"a value in at least {1 - MOST_LACKING:.0%} of the rows"
+                raise RecordingError(self.path, expected, f"none in {told}, {first}")
+            self.notes.append(f"{told} left out for a value that they lack, {first}")
+        return where[whole], [column[whole] for column in values]
 
     def _picked(
         self, pick: Callable[[list[str]], tuple[str, ...]], line: int, row: list[str]
@@ -222,10 +238,12 @@ class _Column:
 
     Args:
         where: what a complaint calls it.
+        lacking: whether a cell may be empty; its number is NaN then.
     """
 
-    def __init__(self, where: str) -> None:
+    def __init__(self, where: str, lacking: bool) -> None:
         self._where = where
+        self._lacking = lacking
         self._blocks: list[Samples] = []
         self._bad: tuple[int, str] | None = None  # line and cell of the first that is no number
         self._bad_count = 0
@@ -244,10 +262,12 @@ class _Column:
             values = np.array(cells, dtype=np.float64)
         except ValueError:
             values = np.array([float(c) if _is_number(c) else np.nan for c in cells])
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size and self._bad is None:
-            self._bad = lines[int(bad[0])], cells[int(bad[0])]
-        self._bad_count += bad.size
+        bad = [int(k) for k in np.flatnonzero(~np.isfinite(values))]
+        if self._lacking:
+            bad = [k for k in bad if cells[k].strip().lower() not in LACKING]
+        if bad and self._bad is None:
+            self._bad = lines[bad[0]], cells[bad[0]]
+        self._bad_count += len(bad)
         self._blocks.append(values)
 
     def numbers(self, path: Path) -> Samples:

@@ -78,11 +78,15 @@ def import_file(
     if not Path(path).exists():
         raise RecordingError(str(path), "a CSV file or a recording", "No such file or directory")
     path = Path(path)
-    bag = path.is_dir() or path.name.endswith((".mcap", ".db3", ".zstd", ".bag"))
-    read = _from_bag if bag else _from_table
+    read = _from_bag if is_bag(path) else _from_table
     series, notes = read(path, given, sample_period)
     notes += _doubts(series, given)
     return _cut(str(path), series, notes, sample_period, length, cut)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a file is a recording by its name; else it is a table."""
+    return path.is_dir() or path.name.endswith((".mcap", ".db3", ".zstd", ".bag"))
 
 
 def _doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[str]:
@@ -109,7 +113,8 @@ def _from_table(
         )
     table = CsvTable(path)
     fields = {q: parse_field(text, q, table.names) for q, text in given.items()}
-    lines, columns = table.read([table.column(f.name) for f in fields.values()])
+    wanted = [table.column(f.name) for f in fields.values()]
+    lines, columns = table.read(wanted, timed="time" in fields)
     values = {
         q: column * field.factor for (q, field), column in zip(fields.items(), columns, strict=True)
     }

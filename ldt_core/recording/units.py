@@ -72,6 +72,21 @@ def parse_field(text: str, quantity: str, columns: Collection[str] = ()) -> Fiel
     return Field(quantity, name.strip(), units[unit], unit)
 
 
+def propose_fields(columns: Collection[str]) -> dict[str, str]:
+    """Quantity → FIELD[:UNIT], of each quantity that the unit in one column's name shows.
+
+    >>> propose_fields(["t", "u [V]", "Speed (rpm)"])
+    {'voltage': 'u [V]', 'speed': 'Speed (rpm):rpm'}
+    """
+    proposed = {}
+    for quantity, units in UNITS.items():
+        found = [(name, unit) for name in columns if (unit := _named_unit(name, units))]
+        if len(found) == 1:
+            ((name, unit),) = found
+            proposed[quantity] = name if units[unit] == 1 else f"{name}:{unit}"
+    return proposed
+
+
 def _named_unit(name: str, units: Collection[str]) -> str:
     """The unit that a name ends in, as of "time_ms", "n [rpm]" or "Speed (RPM)"; "" if in none."""
     ending = name.strip().rstrip(")]}")

@@ -49,7 +49,7 @@ def test_the_readme_works_by_copy_and_paste(tmp_path, programs, monkeypatch, cap
     """
     monkeypatch.setenv("COLUMNS", "200")
     done = execute((REPOSITORY / "README.md").read_text(), tmp_path, programs)
-    assert (done.commands, len(done.left_out)) == (1, 3)
+    assert (done.commands, len(done.left_out)) == (1, 4)
     monkeypatch.chdir(tmp_path)
     assert Path("ldt_demo/run.html").stat().st_size > 100_000
     assert invoke(ldt, ["advise", "ldt_demo/run"]) == 0

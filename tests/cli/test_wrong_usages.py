@@ -50,6 +50,9 @@ WRONG = {
     "diagnos {files}/motor": "did you mean 'diagnose'?",
     "simulate --effect unbalance:e=5 --out out": "5mm is 0.005 m",
     "import {files}/log.csv --voltage u --speed rpm --time time_ms --out out": "rpm:rpm",
+    "import {files}/log.csv --out out": "--speed rpm:rpm --time time_ms:ms",
+    "import {files}/log.csv --speed rpm:rpm --out out": "'time_ms', 'u', 'rpm'",
+    "import {files}/foreign --speed /press/name.data --out out": "ldt info",
     "run --model hybrid --order 2": "--model linear or --model auto",
     "run --play {files}/motor --noise 1": "no --play",
     "report {files}/motor -o run.html": "ldt replay makes one",
@@ -132,6 +135,14 @@ def test_a_foreign_recording_says_its_topics_and_how_to_import_them(files, capsy
     said = capsys.readouterr().out
     assert "/press/command  std_msgs/msg/Float64, 1 message" in said
     assert "--voltage /press/command.data --speed /TOPIC" in said
+
+
+def test_a_table_says_its_columns_and_how_to_import_it(files, capsys):
+    """A unit in a column's name says what it is; the rest is left to the reader."""
+    assert invoke(ldt, ["info", str(files / "log.csv")]) == 0
+    said = capsys.readouterr().out
+    assert "the columns 'time_ms', 'u', 'rpm'" in said
+    assert "--voltage COLUMN --speed rpm:rpm --time time_ms:ms" in said
 
 
 def test_a_folder_of_recordings_lists_them(files, capsys):

@@ -189,8 +189,8 @@ def test_all_channels_are_converted(tmp_path):
 
 BROKEN = {
     "a word": (PLAIN.replace("\n0.3,3.0", "\n0.3,off"), "line 5, column 'u'"),
-    "an empty cell": (PLAIN.replace("\n0.3,3.0", "\n0.3,"), "line 5, column 'u'"),
-    "nan": (PLAIN.replace("\n0.3,3.0", "\n0.3,nan"), "line 5, column 'u'"),
+    "three empty cells of twenty": (PLAIN.replace(",3.0,", ",,", 3), "line 2"),
+    "empty cells alone": ("t,u,n\n1,,2\n2,,3\n", "2 rows of 2"),
     "infinity": (PLAIN.replace("\n0.3,3.0", "\n0.3,1e999"), "line 5, column 'u'"),
     "a short row": (PLAIN.replace("\n0.2,", "\n0.2\n0.25,"), "line 4"),
     "time repeated": (PLAIN.replace("\n0.2,", "\n0.1,"), "line 4"),
@@ -203,6 +203,21 @@ BROKEN = {
     "no such column": (PLAIN.replace("t,u,n", "t,volts,n"), "'volts'"),
     "column twice": (PLAIN.replace("t,u,n", "t,u,u"), "several"),
 }
+
+
+@pytest.mark.parametrize("cell", ["", "nan", " NaN", "null"])
+def test_a_row_that_lacks_a_value_is_left_out_and_said(tmp_path, cell):
+    """As if the logger had not written it; without times nothing would say that it is missing."""
+    text = PLAIN.replace("\n0.3,3.0", f"\n0.3,{cell}")
+    without = "".join(line for line in PLAIN.splitlines(True) if not line.startswith("0.3,"))
+    left_out = load(table(tmp_path / "x.csv", text))
+    expected = load(table(tmp_path / "y.csv", without))
+    assert "1 row of 20 left out for a value that they lack, the first in line 5" in left_out.notes
+    assert [e.speed.tolist() for e in left_out.experiments] == [
+        e.speed.tolist() for e in expected.experiments
+    ]
+    with pytest.raises(RecordingError, match="line 5, column 'u'"):
+        load(tmp_path / "x.csv", time=None, sample_period=0.1)
 
 
 @pytest.mark.parametrize("fault", BROKEN)

@@ -194,7 +194,7 @@ def test_a_recording_is_taken_with_its_own_machine_alone(command, tmp_path, caps
     told = "{}: recorded of the machine 'press', while the file is of 'mill'"
     refused_rotor = "--machine: expected the file of 'press', of which {} was recorded (write"
     asked = "--machine: expected the file of 'press', of which {} was recorded, got none"
-    doubt = "{} does not say of which machine it is; taken for rotor (--machine)"
+    doubt = "{} does not say of which machine it is; taken for rotor (--machine FILE)"
     for index, (bag, machine, words) in enumerate(
         (
             (run, short_rotor, ""),

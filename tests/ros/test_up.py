@@ -106,7 +106,7 @@ def test_the_table_names_the_figures_and_the_recording(start, tmp_path):
     assert (code, errors) == (0, "")
     for words in ("MME of the learning twin", "MME of the original model", "adaptations"):
         assert words in output
-    recording = output.split("recording: ")[1].strip()
+    recording = output.split("recording: ")[1].splitlines()[0]
     assert (tmp_path / recording / "metadata.yaml").is_file()
 
 
