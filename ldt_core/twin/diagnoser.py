@@ -83,6 +83,11 @@ class Asked:
         """The one that asked."""
         return self.recent[-1][0]
 
+    @property
+    def holds(self) -> Known | None:
+        """What was known of the machine, if it says what an experiment must look like."""
+        return None if self.last is None or self.last.unknown else self.last
+
 
 class Diagnoser:
     """Diagnoses at positives, from the last experiments of the machine as it is now.
@@ -98,17 +103,16 @@ class Diagnoser:
     algebra of the process is on one thread.
 
     The experiment in which the machine changed is left out, and asks for nothing: its first half
-    is as before, its second is not. It works on
+    is as before, its second is not. If the last verdict explains the present experiment, the
+    machine has not changed since: all of the last `diagnosis_experiments` that it explains are
+    diagnosed together. Otherwise the present one is diagnosed alone. Together with those of a
+    machine that changes it would tell nothing, after a long search.
 
-    - those of the last `diagnosis_experiments` that the last verdict explains, if it explains the
-      present one too: the machine has not changed since;
-    - otherwise those after the last one that was negative, or that the last verdict explains.
-
-    If the cause of several is unknown, the machine may have changed among them, and the present one
-    is diagnosed alone; what that names counts. What comes out is tried on all recent experiments.
-    Those that it explains as well as the present one, within `VALID_ERROR_RATIO`, are of the
-    present machine; if they are others than those it was made of, they are diagnosed, and the
-    answer counts unless it does worse on the present experiment.
+    - Where it tells the causes apart, that counts. All recent experiments that the verdict explains
+      as well, within `VALID_ERROR_RATIO`, are of the present machine. They are diagnosed together,
+      and the answer counts unless it does worse on the present experiment.
+    - Where it does not, all those after the last one that was negative, or that the last verdict
+      explains, are diagnosed together. If their cause is unknown, the first answer stays.
 
     Args:
         settings: parameters of the group diagnosis; those that are missing have their defaults.
@@ -180,7 +184,7 @@ class Diagnoser:
     def _made(self, asked: Asked) -> Found:
         """The diagnosis, from nothing but what was asked: the loop may go on meanwhile."""
         with one_thread():
-            return self._checked(self._first(self._pool(asked)), asked)
+            return self._checked(self._first(asked), asked)
 
     def recall(self, step: RecordedStep) -> None:
         """Take over what a recorded step says, without diagnosing anew."""
@@ -268,14 +272,11 @@ class Diagnoser:
         """Of a free run [rad/s]; nan, which compares as false, where it diverges."""
         return rms(experiment.speed - free_run(self.machine, experiment, use))
 
-    def _pool(self, asked: Asked) -> list[Experiment]:
+    def _unexplained(self, asked: Asked) -> list[Experiment]:
         """What the signals and the last verdict let pass for the machine as it is now."""
-        last = asked.last if asked.last is not None and not asked.last.unknown else None
-        if last and self._valid(asked.experiment, last):
-            return [e for e, _ in asked.recent if self._valid(e, last)]
         pool = [asked.experiment]
         for e, level in reversed(asked.recent[:-1]):
-            if level is Level.NEGATIVE or (last and self._valid(e, last)):
+            if level is Level.NEGATIVE or (asked.holds and self._valid(e, asked.holds)):
                 break
             pool.insert(0, e)
         return pool
@@ -286,13 +287,18 @@ class Diagnoser:
         unknown = diagnosis.verdict.kind == "unknown"
         return Found(diagnosis, Known(use, self._error(pool[-1], use), unknown), pool)
 
-    def _first(self, pool: Sequence[Experiment]) -> Found:
+    def _first(self, asked: Asked) -> Found:
+        present, last = asked.experiment, asked.holds
+        if last and self._valid(present, last):
+            return self._diagnosed([e for e, _ in asked.recent if self._valid(e, last)])
+        alone, pool = self._diagnosed([present]), self._unexplained(asked)
+        if alone.diagnosis.verdict.kind == "effect" or len(pool) == 1:
+            return alone
         found = self._diagnosed(pool)
-        if found.known.unknown and len(pool) > 1:
-            alone = self._diagnosed(pool[-1:])
-            if alone.diagnosis.verdict.kind in NAMED:
-                return alone
-        return found
+        named = alone.diagnosis.verdict.kind in NAMED
+        if named and not found.known.error <= JOINT_ERROR_RATIO * alone.known.error:
+            return alone
+        return alone if found.known.unknown else found
 
     def _checked(self, found: Found, asked: Asked) -> Found:
         """The diagnosis, or a better one of the experiments that it says are valid."""

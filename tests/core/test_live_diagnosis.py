@@ -123,7 +123,7 @@ def test_a_verdict_that_no_longer_holds_is_sought_again_at_once():
 def test_experiments_before_a_negative_are_not_taken_for_the_same_machine():
     """The model explained them, and does not explain the present one."""
     _, answers, asked = fed([0.0, 0.0, 0.008, 0.008], "--0+")
-    assert asked == [[3, 4]]
+    assert asked == [[4], [3, 4]]
     assert answers[-1].values["since"] == 3
 
 
@@ -141,10 +141,10 @@ def test_experiments_that_the_verdict_explains_join_it():
     assert answers[-1].values["since"] == 1
 
 
-def test_mixed_experiments_are_sorted_out():
-    """Unknown together, and named alone: the machine has changed among them."""
+def test_a_machine_that_changes_is_not_diagnosed_of_a_mixture():
+    """Alone the last experiment tells its cause, which does not explain those before."""
     _, answers, asked = fed([0.008, 0.008, 0.012], "00+")
-    assert asked == [[1, 2, 3], [3]]
+    assert asked == [[3]]
     assert (answers[-1].kind, answers[-1].values["amount.unbalance.e"]) == ("effect", 0.012)
 
 
@@ -161,6 +161,39 @@ def test_more_experiments_that_make_it_worse_are_left_out():
     assert (answers[-1].kind, answers[-1].values["since"]) == ("effect", 3)
 
 
+@pytest.mark.parametrize(
+    ("alone", "together", "said"),
+    [
+        ("ambiguous", "effect", ("effect", 1)),
+        ("ambiguous", "unknown", ("ambiguous", 3)),
+        ("unknown", "effect", ("effect", 1)),
+        ("none", "effect", ("effect", 1)),
+        ("unknown", "unknown", ("unknown", 3)),
+    ],
+)
+def test_what_one_experiment_does_not_tell_is_asked_of_several(alone, together, said):
+    """At one speed all losses are alike. Several experiments count where they say more."""
+
+    def make(machine, experiments, **how):
+        kind = together if len(experiments) > 1 else alone
+        return verdict(kind, *([("unbalance", {"e": 0.008})] if kind in named else []))
+
+    named = ("effect", "ambiguous")
+    _, answers, _ = fed([0.008] * 3, "00+", make)
+    assert (answers[-1].kind, answers[-1].values["since"]) == said
+
+
+def test_several_that_explain_the_present_one_worse_do_not_count():
+    """They are of different machines, and what they say together is a mean."""
+
+    def make(machine, experiments, **how):
+        kind, e = ("effect", 0.010) if len(experiments) > 1 else ("ambiguous", 0.012)
+        return verdict(kind, ("unbalance", {"e": e}))
+
+    _, answers, _ = fed([0.008, 0.008, 0.012], "00+", make)
+    assert (answers[-1].kind, answers[-1].values["amount.unbalance.e"]) == ("ambiguous", 0.012)
+
+
 def test_what_is_unknown_alone_as_well_stays_unknown():
     """No name only because something must be said, and no cause for a model."""
     _, answers, _ = fed([0.008] * 2, "0+", lambda *_, **how: verdict("unknown"))
@@ -170,7 +203,7 @@ def test_what_is_unknown_alone_as_well_stays_unknown():
 def test_no_more_experiments_are_kept_than_asked_for():
     """The last ones."""
     _, _, asked = fed([0.008] * 6, "0" * 5 + "+", diagnosis_experiments=3)
-    assert asked == [[4, 5, 6]]
+    assert asked == [[6], [4, 5, 6]]
 
 
 def test_experiments_of_another_sample_period_are_not_mixed_in():
@@ -180,7 +213,7 @@ def test_experiments_of_another_sample_period_are_not_mixed_in():
     slow = replace(worn(0.008, 1), period=0.04)
     for e, sign in ((slow, "0"), (worn(0.008, 2), "0"), (worn(0.008, 3), "+")):
         diagnoser.step(e, Signal(e.number, LEVELS[sign], "threshold", 0, 1.0))
-    assert make.asked == [[2, 3]]
+    assert make.asked == [[3], [2, 3]]
 
 
 def test_the_record_has_the_scalars_of_the_diagnosis():
