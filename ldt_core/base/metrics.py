@@ -44,9 +44,10 @@ class Summary:
         self._noted: set[str] = set()
         self.model_version = 0
         self.rejected = 0
-        #: In the recording of a run: experiments that are in it, and those with an adaptation.
-        self.recorded: set[int] = set()
-        self.answered: set[int] = set()
+        #: In the recording of a run: experiments that are in it, and those with an adaptation, by
+        #: number and end [s], in their order.
+        self.recorded: list[tuple[int, float]] = []
+        self.answered: list[tuple[int, float]] = []
         #: What makes a run fail: experiments not answered or not recorded, a sentence each.
         self.failures: list[str] = []
         #: Experiments that came again, and were left out.
@@ -93,8 +94,7 @@ class Summary:
         self._signals[Level(signal.level)] += 1
         state = shown_state(signal)
         self._states[state.name] += 1
-        if self.last_state is None or signal.experiment >= self.last_state[0]:
-            self.last_state = signal.experiment, state
+        self.last_state = signal.experiment, state
         self._add("learning", signal.max_error)
 
     def add_original(self, max_error: float) -> None:

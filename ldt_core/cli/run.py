@@ -80,10 +80,11 @@ def _conduct(settings: dict[str, Any], no_bag: bool, stop: Event) -> list[tuple[
             summary = offline.run(
                 machine,
                 own,
-                paced(experiments, rate, stop),
+                experiments,
                 None if no_bag else member.bag,
                 partial(progress.show_step, member.name),
                 member.namespace,
+                lambda ahead: paced(ahead, rate, stop),
             )
             if own["play"]:
                 summary.note(*played.notes)

@@ -15,9 +15,10 @@ from mcap.records import Channel, Message, Schema
 import msgs_config
 from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.recording import run_settings
-from ldt_core.recording.experiment_numbers import ExperimentNumbers, number_of, parse_numbers
+from ldt_core.recording.experiment_numbers import ExperimentNumbers, parse_numbers
 from ldt_core.recording.mcap_completion import complete_file
 from ldt_core.recording.mcap_reader import TolerantMcapReader
+from ldt_core.recording.message_subject import number_of
 from ldt_core.recording.messages import offered_qos
 from ldt_core.recording.metadata import (
     METADATA,

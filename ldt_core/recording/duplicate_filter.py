@@ -4,29 +4,36 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping
+from collections.abc import Set as AbstractSet
 from pathlib import Path
 from typing import Self
 
 from ldt_core.base.bounded import forget_oldest
-from ldt_core.recording.experiment_numbers import ExperimentNumbers, number_of
+from ldt_core.recording.message_subject import Subject, said_of
 from ldt_core.recording.messages import content
-from ldt_core.recording.storage import Storage
+from ldt_core.recording.storage import RawMessage, Storage
 
 MAX_MESSAGES = 2000  # remembered; several times what a topic keeps for late joiners
-MAX_MODELS = 100  # models of before that may come again, ten times what their topic keeps
+MAX_RARE = 100  # messages of rare topics that may come again, ten times what a topic keeps of them
+RARE = ("model", "diagnosis", "advice")
+ENOUGH = 300  # of a topic at the end of a recording: three times what a topic keeps
+FIRST_TAIL, LONGEST_TAIL = 2**20, 2**28  # bytes of that end
 
 
 class DuplicateFilter:
-    """The last messages, and the experiments of those recorded before.
+    """The last messages, and what the last ones of a recording that goes on are about.
+
+    A number alone tells no repetition: a counter that began anew comes by it again, at another
+    time.
 
     Args:
-        before: topic → experiments of which there is a message in a recording that goes on.
+        before: topic → experiments, with a time (`said_of`), of which a message is recorded.
         known: (topic, message type, CDR bytes) of further messages in it.
     """
 
     def __init__(
         self,
-        before: Mapping[str, ExperimentNumbers] | None = None,
+        before: Mapping[str, AbstractSet[Subject]] | None = None,
         known: Iterable[tuple[str, str, bytes]] = (),
     ) -> None:
         self._before = dict(before or {})
@@ -35,19 +42,15 @@ class DuplicateFilter:
             self._take(*message)
 
     @classmethod
-    def of(cls, path: Path, numbers: Mapping[str, ExperimentNumbers]) -> Self:
-        """Of a recording that goes on.
-
-        Args:
-            path: its folder.
-            numbers: topic → experiments that are recorded, which may change from now on.
-        """
+    def of(cls, path: Path) -> Self:
+        """Of a recording that goes on: its folder."""
         storage = Storage(path)
-        # A model has no experiment's number.
-        topics = [t for t in storage.topics if t.rpartition("/")[2] == "model"]
-        models = storage.last(topics, MAX_MODELS)
-        before = {topic: held.copy() for topic, held in numbers.items()}
-        return cls(before, ((raw.topic, raw.kind, raw.data) for raw in models))
+        rare = [t for t in storage.topics if t.rpartition("/")[2] in RARE]
+        last = storage.last(rare, MAX_RARE)
+        before = _tail(storage, [t for t in storage.topics if t not in rare])
+        before |= _subjects(last)
+        models = ((r.topic, r.kind, r.data) for r in last if r.topic.endswith("model"))
+        return cls(before, models)
 
     def seen(self, topic: str, kind: str, data: bytes) -> bool:
         """Whether this message has come before; it has from now on.
@@ -57,10 +60,9 @@ class DuplicateFilter:
             kind: message type.
             data: CDR bytes.
         """
-        if before := self._before.get(topic):
-            number = number_of(topic, kind, data)
-            if number is not None and number in before:
-                return True
+        before = self._before.get(topic)
+        if before and said_of(topic, kind, data) in before:
+            return True
         return not self._take(topic, kind, data)
 
     def _take(self, topic: str, kind: str, data: bytes) -> bool:
@@ -71,3 +73,25 @@ class DuplicateFilter:
         self._last[digest] = None
         forget_oldest(self._last, MAX_MESSAGES)
         return True
+
+
+def _tail(storage: Storage, topics: list[str]) -> dict[str, set[Subject]]:
+    """What the last messages of topics are about."""
+    back = FIRST_TAIL
+    while True:
+        begin = storage.before_end(back)
+        found = _subjects(storage.messages(topics, begin))
+        enough = any(len(about) >= ENOUGH for about in found.values())
+        if enough or begin == (0, 0) or back >= LONGEST_TAIL:
+            return found
+        back *= 4
+
+
+def _subjects(raws: Iterable[RawMessage]) -> dict[str, set[Subject]]:
+    """Topic → what its messages are about."""
+    found: dict[str, set[Subject]] = {}
+    for raw in raws:
+        about = said_of(raw.topic, raw.kind, raw.data)
+        if about is not None:
+            found.setdefault(raw.topic, set()).add(about)
+    return found

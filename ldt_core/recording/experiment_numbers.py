@@ -7,14 +7,10 @@ import json
 from collections.abc import Iterable, Iterator
 from typing import Any, Self
 
-from ldt_core.base.errors import RecordingError
 from ldt_core.base.sentences import Span
-from ldt_core.recording.codec import DECODERS
-from ldt_core.recording.messages import DIAGNOSTICS, MULTI_ARRAY, deserialize
 
 #: Experiments that may be missing at once: eleven days of one a second. Beyond, numbers jump.
 MOST_JUMP = 1_000_000
-EXACT_END = 2**53  # whole numbers up to here are exact in a float64
 
 
 class ExperimentNumbers:
@@ -92,33 +88,6 @@ class ExperimentNumbers:
         if low < high:
             first, last = min(first, self._first[low]), max(last, self._last[high - 1])
         self._first[low:high], self._last[low:high] = [first], [last]
-
-
-def number_of(topic: str, kind: str, data: bytes) -> int | None:
-    """The experiment that a stored message is about, whatever else is in it.
-
-    Args:
-        topic: its name; the last part counts.
-        kind: message type.
-        data: CDR bytes.
-
-    Returns:
-        its number, None where the message is about none: a model, health, or other bytes.
-    """
-    name = topic.rpartition("/")[2]
-    if name not in DECODERS or DECODERS[name][0] != kind:
-        return None
-    number: float = 0
-    try:
-        message = deserialize(data, kind, topic)
-        if kind == MULTI_ARRAY:
-            number = float(message.data[0])
-        elif kind == DIAGNOSTICS:
-            texts = (v.value for s in message.status for v in s.values if v.key == "experiment")
-            number = int(next(texts, 0))
-    except (RecordingError, ValueError, IndexError):
-        return None
-    return int(number) if 1 <= number < EXACT_END and number == int(number) else None
 
 
 def numbers_text(numbers: dict[str, ExperimentNumbers], files: int) -> str:

@@ -14,6 +14,7 @@ REJECTED = "rejected "  # how the keys begin under which a node counts what it r
 LEFT_OUT = "left out, "  # the same, for samples that became part of no experiment
 LAST_REJECTION = "last rejection"
 REFUSED = "refused experiment"  # key of the twin: there will be no prediction of it
+RESUMED_AT = "resumed at"  # key of a source: end of the last experiment recorded before [s]
 SECOND_PUBLISHER = "second publisher of "  # how the keys begin under which an alarm is counted
 LIFELESS = "times lifeless, "  # the same, of topics whose publisher was killed, stopped, cut off
 UNMATCHED = "not matched, "  # the same, of those at the other end whose QoS does not fit

@@ -101,17 +101,19 @@ class StepSearch:
             RecordingError: damage on the way there.
         """
         if address not in self._seen:
-            index, at = self.begin(address)
-            found = None
-            while found is None and index < len(self._bases) - 1:
-                try:
-                    found = self._in_file(index, at)
-                except DAMAGE_ERRORS as error:
-                    file = self._bag.storage.files[index]
-                    raise RecordingError(file, "a file without damage", reason(error)) from None
-                index, at = index + 1, 0
-            self._seen[address] = found
+            self._seen[address] = next(self.all_from(address), None)
         return self._seen[address]
+
+    def all_from(self, address: int) -> Iterator[FoundStep]:
+        """The adaptations in the chunks that begin at an address or later; raises as `next`."""
+        index, at = self.begin(address)
+        while index < len(self._bases) - 1:
+            try:
+                yield from self._in_file(index, at)
+            except DAMAGE_ERRORS as error:
+                file = self._bag.storage.files[index]
+                raise RecordingError(file, "a file without damage", reason(error)) from None
+            index, at = index + 1, 0
 
     def _before(self, wanted: int, key: Callable[[FoundStep], int]) -> int:
         low, high = 0, self.end
@@ -128,7 +130,7 @@ class StepSearch:
                 high = middle
         return low
 
-    def _in_file(self, index: int, at: int) -> FoundStep | None:
+    def _in_file(self, index: int, at: int) -> Iterator[FoundStep]:
         file = self._bag.storage.files[index]
         if index not in self._files:
             if not is_mcap(file):
@@ -143,8 +145,7 @@ class StepSearch:
                 for record in opened(body):
                     if isinstance(record, Message) and record.channel_id in wanted:
                         with contextlib.suppress(BadInput):  # sent by somebody, used by nobody
-                            return self._anchor(self._bases[index] + place, record)
-        return None
+                            yield self._anchor(self._bases[index] + place, record)
 
     def _anchor(self, address: int, message: Message) -> FoundStep:
         kind = self._bag.topics[self._topic]

@@ -92,7 +92,7 @@ class Storage:
 
         Args:
             topics: absolute.
-            begin: file and byte before which nothing is read; the byte is a chunk's first one.
+            begin: file and byte before which nothing is read; reading begins with the next chunk.
         """
         per_message = str(self.metadata.get("compression_mode", "")).lower() == "message"
         for index, file in enumerate(self.files[begin[0] :]):
@@ -126,6 +126,15 @@ class Storage:
             if len(found) < most:
                 found = [*self.read(file, topics, picked=True), *found]
         return found
+
+    def before_end(self, back: int) -> tuple[int, int]:
+        """File and byte so many bytes before the end, for `messages`."""
+        for index, file in reversed(list(enumerate(self.files))):
+            size = file.stat().st_size
+            if back < size:
+                return index, size - back
+            back -= size
+        return 0, 0
 
     def _unzipped(self, raw: RawMessage) -> RawMessage:
         try:

@@ -26,9 +26,10 @@ from ldt_core.recording import run_settings
 from ldt_core.recording.append import RecordedContents, resume_contents
 from ldt_core.recording.codec import Record, encode_cdr
 from ldt_core.recording.duplicate_filter import DuplicateFilter
-from ldt_core.recording.experiment_numbers import ExperimentNumbers, number_of, numbers_text
+from ldt_core.recording.experiment_numbers import ExperimentNumbers, numbers_text
 from ldt_core.recording.lock import FolderLock
 from ldt_core.recording.mcap_writer import VANISHED, McapWriter, describe_channel
+from ldt_core.recording.message_subject import number_of
 from ldt_core.recording.messages import declaration, schema, serialize
 from ldt_core.recording.metadata import TopicInformation, bag_information, text_of, write_metadata
 from ldt_core.recording.node_status import HEALTH_TOPIC
@@ -61,8 +62,8 @@ class BagWriter:
             those recorded; settings that are not given are taken from there. A folder that does
             not exist is made.
         once: leave out a message that was written before, byte for byte, and after `resume` one
-            about an experiment that the topic is recorded of: somebody was started again, and says
-            once more what may not have been heard.
+            about an experiment, of the same time, that the end of the recording has on this topic:
+            somebody was started again, and says once more what may not have been heard.
         key: of the run, for the folder's metadata (`ldt_core.restart.run_key`).
 
     Raises:
@@ -297,7 +298,7 @@ class BagWriter:
             self._held.topics.setdefault(topic.name, topic)
         self._held.stem = self._held.stem or self.path.resolve().name
         if self._repeats is not None and self._held.files:
-            self._repeats = DuplicateFilter.of(self.path, self._held.numbers)
+            self._repeats = DuplicateFilter.of(self.path)
 
     def _new_file(self) -> McapWriter:
         """Begin one, with all topics that are known so far."""

@@ -74,7 +74,8 @@ class CheckpointFiles:
                 continue
             except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
                 self._log(f"{file} is ignored, the recording decides: {error}")
-        found.sort(key=lambda pair: pair[0].experiment, reverse=True)
+        # Of a counter that began anew the newest has not the highest number.
+        found.sort(key=lambda pair: (pair[0].start, pair[0].experiment), reverse=True)
         if found:  # the next one takes the older one's place
             self._slot = (found[0][1] + 1) % SLOTS
         return [checkpoint for checkpoint, _ in found]

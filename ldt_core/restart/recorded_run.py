@@ -6,17 +6,17 @@ import contextlib
 import itertools
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ldt_core.base.bounded import forget_oldest
-from ldt_core.base.errors import BadInput, LdtError, RecordingError
+from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.experiment import Action, Adaptation, Experiment, ModelRecord, Prediction, Signal
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import Bag
-from ldt_core.recording.experiment_numbers import number_of
+from ldt_core.recording.message_subject import Subject, agree, said_of
 from ldt_core.recording.step_search import ANCHOR, StepSearch
 from ldt_core.recording.storage import Storage
 from ldt_core.twin.adaptor import ROLLED_BACK
@@ -24,8 +24,10 @@ from ldt_core.twin.stage import WINDOW, RecordedStep
 
 #: In place of an experiment's number: the last one, whichever it is.
 END = sys.maxsize
-#: Ranges of numbers, which may have gaps, that are searched for `WINDOW` steps.
-REACHES = (WINDOW, 8 * WINDOW)
+#: Steps before a place at which reading begins: what is cut off there has no say in what follows.
+MARGIN = 2 * WINDOW
+#: Bytes at the end of a recording that are looked at first, then ever more.
+TAIL = 2**18
 #: Time after which a recording that could not be read is tried again [s].
 MENDING = 0.3
 
@@ -35,7 +37,6 @@ LOOP = ("experiment", "prediction", "signal", "adaptation", "model")
 YARDSTICK = "original_prediction"
 #: Topics whose records may come long after their step.
 BESIDE = ("diagnosis", "advice")
-Recorded = Experiment | Prediction | Signal | Adaptation | ModelRecord
 
 
 @dataclass(frozen=True)
@@ -64,15 +65,15 @@ class RecordedRun:
         absolute = f"/{name}" if name else ""
         return Bag(storage, absolute) if f"{absolute}/experiment" in storage.topics else None
 
-    def steps(self, around: int = 0) -> Iterator[RecordedStep]:
+    def steps(self, *around: int) -> Iterator[RecordedStep]:
         """Complete steps; none where nothing of the machine was recorded yet.
 
         Args:
-            around: number of an experiment, or `END`. Reading begins at least `WINDOW` steps before
-                it, which takes as long in a long recording as in a short one. Where that place
-                cannot be found, all steps are read.
+            around: numbers of experiments, or `END`; none, or 0 among them, for all steps. Reading
+                begins at least `WINDOW` steps before all of them, the last ones of their numbers
+                where a counter began anew. It takes as long as what follows there is long.
         """
-        tail = self._tail(around) if around > WINDOW else None
+        tail = self._tail(around) if around and min(around) > WINDOW else None
         if tail is not None:
             yield from tail
             return
@@ -80,19 +81,25 @@ class RecordedRun:
         if bag is not None:
             yield from complete_steps(bag, self.machine)
 
-    def last_of(self, topic: str, around: int = 0) -> int:
-        """The last experiment that a record of a topic is about or is, 0 if there is none.
+    def last_of(self, topic: str, around: int = 0) -> Subject:
+        """The last experiment that a record of a topic is about or is: number and time [s].
 
         Args:
             around: as of `steps`; what was recorded before that place does not count.
+
+        Returns:
+            As `said_of` of the record, (0, 0.0) without any.
         """
         if around > WINDOW:
             with contextlib.suppress(LdtError, OSError):
-                return self._last_around(topic, around)
+                bag = self.bag(listed=True)
+                begin = None if bag is None else _begin_before(bag, (around,))
+                if bag is not None and begin is not None:
+                    return last_said(bag, topic, begin)
         bag = self.bag()
-        return last_in(bag, topic) if bag is not None and bag.topic(topic) else 0
+        return (0, 0.0) if bag is None else last_said(bag, topic)
 
-    def _tail(self, around: int) -> Iterator[RecordedStep] | None:
+    def _tail(self, around: Sequence[int]) -> Iterator[RecordedStep] | None:
         """None where such a place cannot be found.
 
         Enough steps come before that experiment that what may be left out there, or be told late,
@@ -106,45 +113,65 @@ class RecordedRun:
                     time.sleep(MENDING)
         return None  # whoever reads all of it says what is wrong, or reads on behind it
 
-    def _steps_around(self, around: int) -> Iterator[RecordedStep] | None:
+    def _steps_around(self, around: Sequence[int]) -> Iterator[RecordedStep] | None:
         bag = self.bag(listed=True)
-        if bag is None or bag.topic(ANCHOR) is None:
+        begin = None if bag is None else _begin_before(bag, around)
+        if bag is None or begin is None:
             return None
-        search = StepSearch(bag)
-        if around == END:
-            last = search.near_end()
-            around = last.number if last else 0
-        for reach in REACHES:
-            done = around - reach - 1
-            if done <= WINDOW:
-                return None
-            begin = search.begin(search.of_number(done - WINDOW))
-            steps = complete_steps(bag, self.machine, begin, done)
-            before = list(itertools.islice(steps, WINDOW))
-            if len(before) == WINDOW and before[-1].number < around:
-                return itertools.chain(before, steps)
+        steps = complete_steps(bag, self.machine, begin)
+        before = list(itertools.islice(steps, WINDOW))
+        return itertools.chain(before, steps) if len(before) == WINDOW else None
+
+
+def _begin_before(bag: Bag, around: Sequence[int]) -> tuple[int, int] | None:
+    """File and byte `MARGIN` steps before the last ones of these numbers; None near the beginning.
+
+    It looks from the end on backwards: numbers begin anew where a counter does, so that their
+    order in a recording says nothing of its beginning.
+    """
+    if bag.topic(ANCHOR) is None:
         return None
-
-    def _last_around(self, topic: str, around: int) -> int:
-        bag = self.bag(listed=True)
-        if bag is None:
-            return 0
-        search = StepSearch(bag)
-        last = search.near_end()
-        if last is None:
-            raise RecordingError(bag.path, "steps", "none")
-        number = min(around, last.number)
-        if bag.topic(topic) is None:
-            return 0
-        begin = search.begin(search.of_number(number - WINDOW))
-        raws = bag.messages(topic, begin=begin)
-        return max((number_of(raw.topic, raw.kind, raw.data) or 0 for raw in raws), default=0)
+    search, back = StepSearch(bag), TAIL
+    while True:
+        found = list(search.all_from(max(search.end - back, 0)))
+        places = {step.number: place for place, step in enumerate(found)}
+        wanted = (len(found) if n == END else _at_most(places, n) for n in around)
+        first = min(wanted) - MARGIN
+        if first >= 0:
+            return search.begin(found[first].address)
+        if back >= search.end:
+            return None
+        back *= 4
 
 
-def last_in(bag: Bag, topic: str) -> int:
-    """The last experiment that a record of a topic is about or is, in a recording that has it."""
-    raws = bag.storage.picked([bag.topic(topic) or ""])
-    return max((number_of(raw.topic, raw.kind, raw.data) or 0 for raw in raws), default=0)
+def _at_most(places: Mapping[int, int], number: int) -> int:
+    """Where the last of this number is, or of the one nearest below it; -1 where there is none."""
+    if number in places:
+        return places[number]
+    return places[max(below)] if (below := [n for n in places if n < number]) else -1
+
+
+def last_said(bag: Bag, topic: str, begin: tuple[int, int] = (0, 0)) -> Subject:
+    """Number and time of the last record of a topic, (0, 0.0) where there is none."""
+    name = bag.topic(topic)
+    if name is None:
+        return 0, 0.0
+    found = bag.storage.picked([name]) if begin == (0, 0) else bag.messages(topic, begin=begin)
+    last = 0, 0.0
+    for raw in found:
+        last = said_of(raw.topic, raw.kind, raw.data) or last
+    return last
+
+
+class _Compared(NamedTuple):
+    """What a prediction of the original model is about."""
+
+    number: int
+    start: float
+
+
+Recorded = Experiment | Prediction | Signal | Adaptation | ModelRecord | _Compared
+_Complete = tuple[Experiment, Prediction, Signal, Adaptation, ModelRecord | None]
 
 
 @dataclass
@@ -171,15 +198,17 @@ class _Open:
 
 
 def complete_steps(
-    bag: Bag, machine: Machine, begin: tuple[int, int] = (0, 0), done: int = 0
+    bag: Bag, machine: Machine, begin: tuple[int, int] = (0, 0)
 ) -> Iterator[RecordedStep]:
-    """Complete steps of a recording in the order of their numbers, up to where it ends.
+    """Complete steps of a recording in the order in which they were made, up to where it ends.
 
     A step is complete once its experiment, prediction, signal, adaptation and the model that goes
     on are recorded. What comes after the last one is done again, and comes out the same.
 
     A node that was started again may have sent its messages in another order, and some twice: the
     first of each counts. A step that stays incomplete while `WINDOW` later ones come is left out.
+    Steps come by their numbers until a counter begins anew, which shows by a number that is not
+    above the last one's, predicted at another start.
     Where somebody has rolled the twin back after a step, that is how the step ended. A message that
     is none of its topic's is left out, as the nodes did when it came.
 
@@ -187,42 +216,91 @@ def complete_steps(
         bag: as `read_bag` opened it; may be one that is being written.
         machine: what it cannot have made was refused, whatever its number.
         begin: file and byte before which nothing is read (`Storage.messages`).
-        done: the steps up to this number are left out.
     """
     beside = {name: _beside(bag, name, begin) for name in BESIDE}
     models: dict[int, ModelRecord] = {}
-    open_: dict[int, _Open] = {}
+    counted = _Counted(models, bag.topic(YARDSTICK) is not None)
     held: RecordedStep | None = None  # the last step, after which a rollback may come
-    compared = bag.topic(YARDSTICK) is not None
-    for name, record in _messages(bag, begin, done):
+    for name, record in _messages(bag, begin):
         if isinstance(record, ModelRecord):
             models[record.version] = record
             forget_oldest(models, 2 * WINDOW)
-        elif isinstance(record, int):
-            if record > done:
-                open_.setdefault(record, _Open()).original = True
+        elif isinstance(record, Experiment) and not machine.may_have_made(record):
+            continue
         else:
-            number = record.experiment if isinstance(record, Signal | Adaptation) else record.number
-            if isinstance(record, Adaptation) and held and number == held.experiment.number:
+            if isinstance(record, Adaptation) and held and record.number == held.number:
                 held = _rolled_back(held, record, models)
-            refused = isinstance(record, Experiment) and not machine.may_have_made(record)
-            if number <= done or refused:
-                continue
-            _take(open_.setdefault(number, _Open()), name, record)
-        for number in sorted(open_):
-            step = _complete(open_[number], models, compared)
-            if step is not None:
-                done = number
-                for earlier in [n for n in open_ if n <= done]:
-                    del open_[earlier]
-                diagnosis, advice = (beside.get(kind, {}).get(number) for kind in BESIDE)
-                if held is not None:
-                    yield held
-                held = RecordedStep(*step, diagnosis, advice)
-            elif open_[number].begun and len(open_) <= WINDOW:
-                break
+            counted.take(name, record)
+        for step in counted.completed():
+            diagnosis, advice = (_said_at(step[0], beside[kind]) for kind in BESIDE)
+            if held is not None:
+                yield held
+            held = RecordedStep(*step, diagnosis, advice)
     if held is not None:
         yield held
+
+
+class _Counted:
+    """Steps under way, by the numbers of a counter and of that which may have begun anew.
+
+    Args:
+        models: those that were recorded last, by version; may change.
+        compared: whether a step has a yardstick.
+    """
+
+    def __init__(self, models: Mapping[int, ModelRecord], compared: bool) -> None:
+        self._models, self._compared = models, compared
+        self._done = 0
+        self._starts: dict[int, float] = {}  # of the last steps that were completed
+        self._open: dict[int, _Open] = {}
+        self._anew: dict[int, _Open] = {}  # of numbers that are done, at another time
+
+    def take(self, name: str, record: Any) -> None:
+        """Take in what is said of an experiment."""
+        number = record.number
+        if number > self._done:
+            _take(self._open.setdefault(number, _Open()), name, record)
+            return
+        start = getattr(record, "start", None)
+        if start is not None and self._starts.get(number) != start:
+            _take(self._anew.setdefault(number, _Open()), name, record)
+            forget_oldest(self._anew, 2 * WINDOW)
+        elif start is None and number in self._anew:
+            _take(self._anew[number], name, record)
+
+    def completed(self) -> Iterator[_Complete]:
+        """Steps that are complete by now; those before them are left out from now on."""
+        yield from self._in_turn()
+        # Each topic keeps its order: what was under way before such a step is not completed later.
+        if any(self._complete(step) for step in self._anew.values()):
+            self._open, self._anew, self._done = self._anew, {}, 0
+            yield from self._in_turn()
+
+    def _in_turn(self) -> Iterator[_Complete]:
+        for number in sorted(self._open):
+            step = self._complete(self._open[number])
+            if step is not None:
+                self._done = number
+                self._starts[number] = step[0].start
+                forget_oldest(self._starts, 2 * WINDOW)
+                for earlier in [n for n in self._open if n <= number]:
+                    del self._open[earlier]
+                yield step
+            elif self._open[number].begun and len(self._open) <= WINDOW:
+                break
+
+    def _complete(self, step: _Open) -> _Complete | None:
+        experiment, adaptation = step.experiment, step.adaptation
+        if experiment is None or step.prediction is None or step.signal is None:
+            return None
+        if adaptation is None or (self._compared and not step.original):
+            return None
+        if adaptation.action is not Action.ADAPTED:
+            return experiment, step.prediction, step.signal, adaptation, None
+        model = self._models.get(adaptation.model_version)
+        if model is None:
+            return None
+        return experiment, step.prediction, step.signal, adaptation, model
 
 
 def _rolled_back(
@@ -235,52 +313,47 @@ def _rolled_back(
     return replace(step, adaptation=told, model=model)
 
 
-def _beside(bag: Bag, name: str, begin: tuple[int, int]) -> dict[int, Any]:
-    """Records that may come long after their step, by experiment."""
-    if begin == (0, 0):
-        return {record.experiment: record for record in bag.rare(name)}
-    found: dict[int, Any] = {}
-    for _, record in bag.usable(bag.messages(name, begin=begin)):
-        found[record.experiment] = record
+def _beside(bag: Bag, name: str, begin: tuple[int, int]) -> dict[int, list[tuple[float, Any]]]:
+    """Records that may come long after their step, by experiment, with their time [s]."""
+    topic = bag.topic(name)
+    if topic is None:
+        return {}
+    whole = begin == (0, 0)
+    raws = bag.storage.picked([topic]) if whole else bag.messages(name, begin=begin)
+    found: dict[int, list[tuple[float, Any]]] = {}
+    for raw, record in bag.usable(raws):
+        _, stamp = said_of(raw.topic, raw.kind, raw.data) or (0, 0.0)
+        found.setdefault(record.experiment, []).append((stamp, record))
     return found
 
 
-def _messages(bag: Bag, begin: tuple[int, int], done: int) -> Iterator[tuple[str, Recorded | int]]:
-    """Records by topic; of the yardstick, which nothing is computed from, the number alone."""
+def _said_at(experiment: Experiment, records: Mapping[int, list[tuple[float, Any]]]) -> Any:
+    """What was said last of an experiment, and not of another one of its number."""
+    said = reversed(records.get(experiment.number, ()))
+    return next((record for stamp, record in said if agree(stamp, experiment.end)), None)
+
+
+def _messages(bag: Bag, begin: tuple[int, int]) -> Iterator[tuple[str, Recorded]]:
+    """Records by topic; of the yardstick, which nothing is computed from, what it is about."""
     for index, raw in enumerate(bag.messages(*LOOP, YARDSTICK, begin=begin), start=1):
         name = raw.topic.rpartition("/")[2]
-        number = number_of(raw.topic, raw.kind, raw.data)
-        if number is not None and number < done:
-            continue
         if name == YARDSTICK:
-            yield name, number or 0
+            about = said_of(raw.topic, raw.kind, raw.data)
+            if about is not None:
+                yield name, _Compared(*about)
             continue
         try:
             record = bag.decoded(raw, index)
         except BadInput:
             continue  # every node refused it when it came, and went on
-        assert isinstance(record, Recorded)  # of the topics in LOOP
+        assert isinstance(record, Experiment | Prediction | Signal | Adaptation | ModelRecord)
         yield name, record
 
 
-def _take(step: _Open, name: str, record: Experiment | Prediction | Signal | Adaptation) -> None:
+def _take(step: _Open, name: str, record: Recorded) -> None:
     if isinstance(record, Experiment):
         step.experiments.append(record)
+    elif isinstance(record, _Compared):
+        step.original = True
     elif getattr(step, name) is None:
         setattr(step, name, record)
-
-
-def _complete(
-    step: _Open, models: dict[int, ModelRecord], compared: bool
-) -> tuple[Experiment, Prediction, Signal, Adaptation, ModelRecord | None] | None:
-    experiment, adaptation = step.experiment, step.adaptation
-    if experiment is None or step.prediction is None or step.signal is None or adaptation is None:
-        return None
-    if compared and not step.original:
-        return None
-    if adaptation.action is not Action.ADAPTED:
-        return experiment, step.prediction, step.signal, adaptation, None
-    model = models.get(adaptation.model_version)
-    if model is None:
-        return None
-    return experiment, step.prediction, step.signal, adaptation, model

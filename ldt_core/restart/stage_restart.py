@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import msgs_config
-from ldt_core.base.errors import LdtError, RecordingError
+from ldt_core.base.errors import ExperimentError, LdtError, RecordingError
 from ldt_core.base.experiment import Experiment
+from ldt_core.recording.message_subject import Subject
 from ldt_core.restart.checkpoint import Checkpoint, CheckpointFiles, Lookup
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.run_key import key_text
 from ldt_core.twin.adaptor import ROLLED_BACK
 from ldt_core.twin.loop import Twin
+from ldt_core.twin.numbering import Numbering
 from ldt_core.twin.stage import WINDOW, RecordedStep, Stage
 
 #: Groups of parameters from which a stage's state follows, beside machine and versions.
@@ -50,6 +52,7 @@ class StageRestart:
     ) -> None:
         self.stage, self.role, self.run, self.settings = stage, role, run, settings
         self.known = 0
+        self._until: Subject | None = None  # number and start of that step, before it comes
         self._log = log
         own = {n: settings[n] for n in msgs_config.parameters(*GROUPS[role]) if n in settings}
         key = [key_text(run.machine), run.namespace.strip("/"), role, own]
@@ -67,13 +70,23 @@ class StageRestart:
                 self._log(f"{where} is ignored, the recording decides: {error}")
             else:
                 self.known = checkpoint.experiment
+                self._until = checkpoint.experiment, checkpoint.start
                 break
         return self.known
 
+    def covers(self, step: RecordedStep) -> bool:
+        """Whether the stage has returned to this step of the recording, or a later one.
+
+        To be asked of each step that comes, in their order, and once.
+        """
+        if self._until is None:
+            return False
+        if self._until == (step.number, step.experiment.start):
+            self._until = None
+        return True
+
     def recall(self, step: RecordedStep) -> None:
-        """Let the stage recall a step, unless it has returned to a later one."""
-        if step.number <= self.known:
-            return
+        """Let the stage recall a step that it has not returned to."""
         self.stage.recall(step)
         if ROLLED_BACK not in step.adaptation.details:
             self.passed(step.experiment)
@@ -100,13 +113,12 @@ class StageRestart:
         before: deque[RecordedStep] = deque(maxlen=WINDOW)
         for step in self.run.steps(number):
             before.append(step)
-            if step.number >= number:
+            if (step.number, step.experiment.start) == (number, checkpoint.start):
                 break
+        else:
+            raise RecordingError(path, f"step {number} at {checkpoint.start}, complete", "none")
         bag = self.run.bag(listed=True)
-        last = before[-1] if before else None
-        if last is None or bag is None or last.number != number:
-            raise RecordingError(path, f"step {number}, complete", "none")
-        if last.experiment.start != checkpoint.start or ROLLED_BACK in last.adaptation.details:
+        if bag is None or ROLLED_BACK in before[-1].adaptation.details:
             raise RecordingError(path, f"the same step {number}", "another")
         return Lookup(bag, self.run.machine, self.settings, before)
 
@@ -120,6 +132,8 @@ class TwinRestart:
 
     def __init__(self, twin: Twin, run: RecordedRun, log: Callable[[str], None]) -> None:
         self._twin, self._run = twin, run
+        self._last: Experiment | None = None
+        self._count = 0  # of the steps that were read
         self._stages = [
             StageRestart(stage, role, run, twin.settings, log)
             for role, stage in twin.stages.items()
@@ -132,18 +146,58 @@ class TwinRestart:
             RecordingError: a recording that cannot be read, or that this twin cannot have made.
             ModelError: a recorded model that cannot be this machine's.
         """
-        last = 0
-        least = min([restart.return_to_checkpoint() for restart in self._stages])
-        for step in self._run.steps(least):
-            last = step.number
+        for step in self._run.steps(*[r.return_to_checkpoint() for r in self._stages]):
+            self._last, self._count = step.experiment, self._count + 1
             self.recall(step)
-        return last
+        return self._last.number if self._last else 0
+
+    def following(
+        self, experiments: Iterable[Experiment], rejected: Callable[[LdtError], None]
+    ) -> Iterator[Experiment]:
+        """The experiments of the run that come after the last recorded step.
+
+        Their numbers do not tell: a counter may have begun anew. So all that came before are let
+        pass as the twin let them pass, until the last one comes; it refuses the next ones then as
+        if nothing had happened.
+
+        Args:
+            experiments: all of the run from the first on, or those that follow alone.
+            rejected: told of those that were refused before, once more.
+
+        Raises:
+            RecordingError: the last step's experiment is not among them.
+        """
+        stream, last = iter(experiments), self._last
+        if last is None:
+            yield from stream
+            return
+        numbering, passed = Numbering(), 0
+        for index, one in enumerate(stream):
+            if index == 0 and one.number > last.number and one.start > last.start:
+                yield one
+                break
+            try:
+                self._run.machine.check(one)
+                numbering.admit(one)
+            except ExperimentError as error:
+                rejected(error)
+                continue
+            passed += 1
+            # One that is sent twice, far apart, is the last one where enough came before it.
+            if passed >= self._count and (one.number, one.start) == (last.number, last.start):
+                self._twin.predictor.numbering = numbering
+                break
+        else:
+            expected = f"experiment {last.number}, with which {self._run.path} ends, among those"
+            raise RecordingError("the experiments of the run", expected, "others")
+        yield from stream
 
     def recall(self, step: RecordedStep) -> None:
         """Take over what a recorded step says; raises as `resume`."""
         self._twin.predictor.recall(step)
         for restart in self._stages:
-            restart.recall(step)
+            if not restart.covers(step):
+                restart.recall(step)
         self._twin.predictor.model = self._twin.adaptor.model
 
     def passed(self, experiment: Experiment) -> None:

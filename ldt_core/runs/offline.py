@@ -12,11 +12,13 @@ from ldt_core.base.experiment import Experiment, Prediction, Signal, Step
 from ldt_core.base.metrics import Summary
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import Bag, read_bag
+from ldt_core.recording.message_subject import Subject, said_of
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.learning_switch import LearningSwitch
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.run_key import check_key, key_text
 from ldt_core.restart.stage_restart import TwinRestart
+from ldt_core.twin.adaptor import ROLLED_BACK
 from ldt_core.twin.loop import Twin
 
 #: Predictions that are read before their experiment comes; nodes are a few steps apart at most.
@@ -30,6 +32,7 @@ def run(
     bag: Path | str | None,
     on_step: Callable[[Step], None] = lambda step: None,
     namespace: str = "",
+    pace: Callable[[Iterable[Experiment]], Iterable[Experiment]] = iter,
 ) -> Summary:
     """Take experiments through the twin, and record every message that the graph would send.
 
@@ -39,6 +42,7 @@ def run(
         bag: folder of the recording, which must not exist unless the run goes on; None records
             nothing.
         namespace: of the machine's topics in the recording.
+        pace: hands on the experiments that follow what is recorded, each when it is time.
 
     Raises:
         BadInput: settings, machine or bag that cannot be used.
@@ -46,7 +50,7 @@ def run(
     """
     twin = Twin.from_settings(machine, settings)
     if bag is None:
-        return run_unrecorded(twin, experiments, on_step)
+        return run_unrecorded(twin, pace(experiments), on_step)
     untrained = twin.model.record()
     summary = Summary()
     goes_on = bool(settings.get("resume"))
@@ -65,7 +69,7 @@ def run(
     ) as writer:
         restart = TwinRestart(twin, RecordedRun(bag, namespace, machine), summary.note)
         done = restart.resume() if goes_on else 0
-        ahead = (e for e in experiments if e.number > done)
+        ahead = pace(restart.following(experiments, summary.reject))
         for index, step in enumerate(twin.steps(ahead, summary.reject)):
             if index == 0 and not done:
                 writer.write("model", untrained, step.experiment.start)
@@ -128,16 +132,16 @@ def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary:
         opened = read_bag(bag, namespace or "/")
         for signal in _dealt_with(opened, summary):
             summary.add_signal(signal)
-        done = summary.answered
+        answered = {number for number, _ in summary.answered}
         for diagnosis in opened.rare("diagnosis"):
             summary.diagnoses.append(diagnosis)
         for advice in opened.rare("advice"):
             summary.advice = advice
         originals = _Originals(opened)
         # Without one that went all the way there may be none: it ended before, which is no damage.
-        for experiment in opened.experiments() if done else ():
-            summary.recorded.add(experiment.number)
-            if experiment.number in done and machine.may_have_made(experiment):
+        for experiment in opened.experiments() if answered else ():
+            summary.recorded.append((experiment.number, experiment.end))
+            if experiment.number in answered and machine.may_have_made(experiment):
                 original = originals.of(experiment)
                 if original is not None:
                     summary.add_original(original.max_error(experiment))
@@ -148,16 +152,19 @@ def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary:
 
 def _dealt_with(bag: Bag, summary: Summary) -> Iterator[Signal]:
     """Signals of the experiments that have an adaptation, which the summary takes in."""
-    waiting: dict[int, list[Signal]] = {}
-    for _, record in bag.usable(bag.messages("signal", "adaptation"), whole=True):
-        number = record.number
+    waiting: dict[Subject, Signal] = {}
+    answered: dict[Subject, None] = {}
+    for raw, record in bag.usable(bag.messages("signal", "adaptation"), whole=True):
+        about = said_of(raw.topic, raw.kind, raw.data) or (record.number, 0.0)
         if isinstance(record, Signal):
-            waiting.setdefault(number, []).append(record)
-        else:
-            summary.answered.add(number)
+            waiting.setdefault(about, record)
+        elif about not in answered:
+            answered[about] = None
+            if ROLLED_BACK not in record.details:
+                summary.answered.append(about)
             summary.add_adaptation(record)
-        if number in summary.answered:
-            yield from waiting.pop(number, ())
+        if about in answered and about in waiting:
+            yield waiting.pop(about)
 
 
 class _Originals:

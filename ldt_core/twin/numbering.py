@@ -70,12 +70,9 @@ class Numbering:
         forget_oldest(self._starts, WINDOW)
 
     def recall(self, experiment: Experiment) -> None:
-        """Take note of one that was taken before; what was taken later stays the last."""
-        if self.last is None or experiment.number > self.last:
+        """Take note of one that was taken before, in their order; one known already is no news."""
+        if self._starts.get(experiment.number) != experiment.start:
             self.took(experiment)
-        else:
-            self._starts = {experiment.number: experiment.start, **self._starts}
-            forget_oldest(self._starts, WINDOW)
 
     def _run_up_to(self, experiment: Experiment) -> list[tuple[int, float]]:
         """Number and start of those refused in a row before it, where it counts on from them."""

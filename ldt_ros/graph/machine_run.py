@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +23,8 @@ from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.models import MODELS
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
-from ldt_core.recording.node_status import LEFT_OUT, SECOND_PUBLISHER, NodeStatus
+from ldt_core.recording.message_subject import Subject, agree
+from ldt_core.recording.node_status import LEFT_OUT, RESUMED_AT, SECOND_PUBLISHER, NodeStatus
 from ldt_core.recording.pace import parse_rate
 from ldt_core.recording.run_settings import settings_text
 from ldt_core.restart.run_key import begin_of, check_key
@@ -85,8 +88,9 @@ class MachineRun(Member):
         resumed = (source.number("resumed") if source else 0) or 0
         done = summary.experiments
         if resumed:  # what became of those before, the nodes of this run cannot tell
-            sent, done = sent - resumed, sum(n > resumed for n in summary.answered)
-            summary.recorded = {n for n in summary.recorded if n > resumed}
+            about = resumed, float(source.values.get(RESUMED_AT, "nan")) if source else math.nan
+            sent, done = sent - resumed, len(since(summary.answered, about))
+            summary.recorded = since(summary.recorded, about)
         missing = sent - summary.rejected - summary.repeated - done
         if missing > 0:
             recorder = health.get("recorder")
@@ -97,10 +101,11 @@ class MachineRun(Member):
         """Which of those sent are not answered, or not in the recording, and why the latter."""
         summary = self.summary
         lost, open_ = ExperimentNumbers(), ExperimentNumbers()
+        known = Counter(number for number, _ in summary.answered)
         for number in answered:
-            if number not in summary.answered:
+            if number not in known:
                 lost.add(number)
-        for number in summary.recorded - summary.answered:
+        for number in Counter(number for number, _ in summary.recorded) - known:
             open_.add(number)
         told = []
         if lost:
@@ -113,6 +118,14 @@ class MachineRun(Member):
             which = numbered("experiment", open_.spans, MOST_LISTED)
             told.append(f"not answered: {among}{which}" if open_ else "not answered")
         return f"{missing} of {sent} experiments sent are missing, {'; '.join(told)}"
+
+
+def since(experiments: list[Subject], last: Subject) -> list[Subject]:
+    """Those behind this one, by numbers and ends; where it is not there, those of higher number."""
+    for place, (number, end) in enumerate(experiments):
+        if number == last[0] and agree(end, last[1]):
+            return experiments[place + 1 :]
+    return [e for e in experiments if e[0] > last[0]]
 
 
 def machine_runs(settings: Mapping[str, Any]) -> list[MachineRun]:

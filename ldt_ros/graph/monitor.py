@@ -20,7 +20,13 @@ from ldt_core.base.experiment import Adaptation, Signal
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.node_status import REFUSED, NodeStatus
 from ldt_core.runs.fleet_members import SOURCES
-from ldt_ros.nodes.interfaces import LISTENER_DEPTH, from_message, listener_qos, message_type
+from ldt_ros.nodes.interfaces import (
+    LISTENER_DEPTH,
+    from_message,
+    listener_qos,
+    message_type,
+    stamp_of,
+)
 
 #: Signals that wait for their adaptation; what is older has lost it.
 CAPACITY = 200
@@ -44,12 +50,12 @@ class Monitor(Node):
         self.statements: Counter[str] = Counter()
         self.last_experiment = 0
         self.last_step = 0
-        self.last_adapted = 0
         self.last_signal = 0
         #: Experiments of which an adaptation came.
         self.answered = ExperimentNumbers()
         self.first_step_at: float | None = None
         self._signals: dict[int, Signal] = {}
+        self._adapted: dict[tuple[int, float | None], None] = {}  # the last ones, with stamps
         for topic, callback in (("signal", self._on_signal), ("adaptation", self._on_adaptation)):
             self.create_subscription(
                 message_type(topic), topic, callback, listener_qos(topic, LISTENER_DEPTH)
@@ -69,7 +75,7 @@ class Monitor(Node):
                 return False
         sources = self._sources
         ended = not sources or any(told.ended for told in sources)
-        return self.last_step >= self.last_experiment and ended
+        return self.last_experiment in (0, self.last_step) and ended
 
     @property
     def _sources(self) -> list[NodeStatus]:
@@ -93,26 +99,29 @@ class Monitor(Node):
         self.health[told.role] = told
         self.statements[told.role] += 1
         if told.role in SOURCES:
-            self.last_experiment = max(self.last_experiment, told.number("experiment") or 0)
+            # Its counter may begin anew; a source that is started again has sent none at first.
+            self.last_experiment = told.number("experiment") or self.last_experiment
         if told.values.get(REFUSED) == str(self.last_experiment):
-            self.last_step = max(self.last_step, self.last_experiment)
+            self.last_step = self.last_experiment
 
     def _on_signal(self, message: Any) -> None:
         with contextlib.suppress(LdtError):  # the nodes count it
             signal = from_message("signal", message)
             self._signals[signal.experiment] = signal
-            self.last_signal = max(self.last_signal, signal.experiment)
+            self.last_signal = signal.experiment
             forget_oldest(self._signals, CAPACITY)
 
     def _on_adaptation(self, message: Any) -> None:
         with contextlib.suppress(LdtError):
             adaptation = from_message("adaptation", message)
             self.answered.add(adaptation.experiment)
-            if adaptation.experiment <= self.last_adapted:
+            about = adaptation.experiment, stamp_of(message)
+            if about in self._adapted:
                 return  # an adaptor that was started again says once more what it said
+            self._adapted[about] = None
+            forget_oldest(self._adapted, CAPACITY)
             self.first_step_at = self.first_step_at or time.monotonic()
-            self.last_adapted = adaptation.experiment
-            self.last_step = max(self.last_step, adaptation.experiment)
+            self.last_step = adaptation.experiment
             signal = self._signals.pop(adaptation.experiment, None)
             if signal is not None:
                 self.on_step(signal, adaptation)

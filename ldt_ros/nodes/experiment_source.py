@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -15,10 +16,10 @@ from sensor_msgs.msg import JointState
 from ldt_core.base.experiment import Experiment
 from ldt_core.machine import Plant
 from ldt_core.recording.bag import read_bag
-from ldt_core.recording.node_status import REFUSED, NodeStatus
+from ldt_core.recording.node_status import REFUSED, RESUMED_AT, NodeStatus
 from ldt_core.recording.pace import parse_rate
 from ldt_core.restart.recorded_run import END
-from ldt_ros.nodes.interfaces import from_message, to_message
+from ldt_ros.nodes.interfaces import from_message, stamp_of, to_message
 from ldt_ros.nodes.node import LINGER, LdtNode, NodePart
 from ldt_ros.nodes.statements import StartGate
 
@@ -134,8 +135,11 @@ class ExperimentSource(NodePart):
             self._publisher = node.topics.publishes("experiment")
             node.topics.listens("adaptation", self._on_adaptation)
         # Of a run that goes on, the last experiment that is recorded as adapted to.
-        self._resumed = max((step.number for step in node.recording.steps(END)), default=0)
-        self.adapted = self._resumed
+        last = deque((step.experiment for step in node.recording.steps(END)), maxlen=1)
+        self._resumed = last[0] if last else None
+        self.adapted = last[0].number if last else 0
+        self._awaited = (last[0].number, last[0].start) if last else None
+        self._passed = False  # whether one has come
         self._next: Experiment | None = None
         self._message: Any = None
         self._sent: Experiment | None = None
@@ -149,7 +153,10 @@ class ExperimentSource(NodePart):
     def health(self) -> dict[str, Any]:
         """Number of the last experiment sent, how many were, and after which a run goes on."""
         sent = self._sent.number if self._sent else 0
-        return {"experiment": sent, "sent": self._count, "resumed": self._resumed}
+        told: dict[str, Any] = {"experiment": sent, "sent": self._count}
+        if self._resumed is not None:
+            told |= {"resumed": self._resumed.number, RESUMED_AT: repr(self._resumed.end)}
+        return told
 
     def halt(self) -> None:
         """Send no further experiment, and say which was the last."""
@@ -172,10 +179,16 @@ class ExperimentSource(NodePart):
     def _on_adaptation(self, message: DiagnosticArray) -> None:
         adaptation = from_message("adaptation", message)
         answers = self._sent is not None and adaptation.experiment == self._sent.number
-        if answers or self._node.settings["resume"]:
+        if answers or (self._node.settings["resume"] and self._comes_after(message)):
             self.adapted = max(self.adapted, adaptation.experiment)
         if answers:
             self._go_on()
+
+    def _comes_after(self, message: DiagnosticArray) -> bool:
+        """Whether it is of a time behind that to which the recording went, which none of an
+        earlier beginning of the counter is."""
+        stamp = stamp_of(message)
+        return stamp is None or self._resumed is None or stamp > self._resumed.start
 
     def _is_answered(self) -> bool:
         """Whether what was sent last had been adapted to before, so that nobody adapts now."""
@@ -282,7 +295,7 @@ class ExperimentSource(NodePart):
         self._next = self._message = None
         try:
             self._next = self.fetch()
-            while self._next is not None and self._next.number <= self._resumed:
+            while self._next is not None and self._is_past(self._next):
                 self._next = self.fetch()
             if self._next is not None:
                 self._message = to_message(self._next)
@@ -290,6 +303,20 @@ class ExperimentSource(NodePart):
                 self._samples.load(self._next)
         except Exception as error:  # no fault of the message that it follows
             self._node.failure = error
+
+    def _is_past(self, one: Experiment) -> bool:
+        """Whether it comes before the end of the recording that goes on, or is its last.
+
+        Numbers do not tell: a counter may have begun anew.
+        """
+        last = self._awaited
+        if last is None:
+            return False
+        key = one.number, one.start
+        if key == last or (key[0] > last[0] and key[1] > last[1] and not self._passed):
+            self._awaited = None
+        self._passed = True
+        return key == last or self._awaited is not None
 
 
 class PlantNode(LdtNode):

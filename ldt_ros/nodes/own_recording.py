@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 
 from ldt_core.base.errors import RecordingError
+from ldt_core.recording.message_subject import Subject
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.twin.stage import RecordedStep
 from ldt_ros.nodes.watchdog import alive
@@ -33,43 +34,51 @@ class OwnRecording:
         self._in_vain = 0
 
     def steps(self, around: int = 0) -> Iterator[RecordedStep]:
-        """Complete steps; `around` as of `RecordedRun.steps`.
+        """Complete steps; `around` as one of `RecordedRun.steps`.
 
         Raises:
             RecordingError: a recording that cannot be read.
         """
-        last = 0
+        last: Subject | None = None
         for again in reversed(range(TRIES if self.run.path else 0)):
+            told = last is None
             try:
-                for step in self.run.steps(last or around):
-                    if step.number > last:
-                        last = step.number
-                        alive()  # a long recording takes longer than a watchdog waits
+                for step in self.run.steps(around if last is None else last[0]):
+                    alive()  # a long recording takes longer than a watchdog waits
+                    key = step.number, step.experiment.start
+                    if told:
+                        last = key
                         yield step
+                    told = told or key == last
                 return
             except (RecordingError, OSError):  # its recorder may be mending it at this moment
                 if not again:
                     raise
                 time.sleep(MENDING)
 
-    def missed(self, last: int, number: int) -> Iterator[RecordedStep]:
+    def missed(self, last: Subject, number: int) -> Iterator[RecordedStep]:
         """Steps between two, soon after the node was started again.
 
         What it reads at its start may be older than what another node reads that is started again
         after it: that one goes on from there, and nobody sends what is between.
+
+        Args:
+            last: number and start [s] of the experiment dealt with last, (0, 0.0) before any.
+            number: of the one that has come.
         """
         soon = time.monotonic() - self._opened_at < CATCH_UP_TIME and self._in_vain < VAIN_LOOKS
-        if not (self.run.path and soon and number > last + 1):
+        if not (self.run.path and soon and number > last[0] + 1):
             return
         found = False
-        for step in self.steps(last):
-            if step.number >= number:
-                break
-            if step.number > last:
+        for step in self.steps(last[0]):
+            # Of a counter that began anew, the same numbers came before.
+            if last[0] < step.number < number and step.experiment.start > last[1]:
                 found = True
                 yield step
+            elif found:
+                break
         self._in_vain += not found
 
-    def last_of(self, topic: str, around: int = 0) -> int:
-        """The last experiment that a record of a topic is about, 0 if there is none."""
-        return self.run.last_of(topic, around) if self.run.path else 0
+    def last_of(self, topic: str, around: int = 0) -> Subject:
+        """The last experiment that a record of a topic is about, as `RecordedRun.last_of`."""
+        return self.run.last_of(topic, around) if self.run.path else (0, 0.0)

@@ -8,6 +8,7 @@ from typing import Any, Generic, TypeVar
 from ldt_core.base.bounded import forget_oldest
 from ldt_core.base.errors import ExperimentError
 from ldt_core.base.experiment import Experiment, Prediction
+from ldt_core.recording.message_subject import STAMP_END, TIME_TOLERANCE, agree
 from ldt_core.twin.stage import RecordedStep
 from ldt_ros.nodes.interfaces import from_message, stamp_of
 from ldt_ros.nodes.node import LdtNode, NodePart
@@ -18,10 +19,6 @@ Right = TypeVar("Right")
 #: Twice what a topic keeps, which comes at once after its publisher was cut off: what waits longer
 #: has lost its other half.
 CAPACITY = 200
-#: Longest time by which two statements of one time may differ [s].
-TIME_TOLERANCE = 1e-3
-#: First time that a stamp cannot say [s since the epoch].
-STAMP_END = 2.0**31
 
 
 class Pairing(Generic[Left, Right]):
@@ -155,7 +152,7 @@ class ExperimentPairs(NodePart):
         said, own = stamp, experiment.end
         if isinstance(record, Prediction):
             said, own = record.start, experiment.start
-        if said is not None and 0 < own < STAMP_END and abs(said - own) > TIME_TOLERANCE:
+        if said is not None and not agree(said, own):
             what = f"{self._beside} of experiment {experiment.number}"
             raise ExperimentError(what, f"the time {own:.3f} s, as the experiment's", f"{said:.3f}")
         self._callback(experiment, record)

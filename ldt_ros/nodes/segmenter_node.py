@@ -176,7 +176,7 @@ class SegmenterNode(LdtNode):
         self._publisher = self.topics.publishes("experiment")
         self._begun = self._speed_came = False
         #: Experiments of before this node was started again.
-        self._before = self.recording.last_of("experiment", END)
+        self._before, _ = self.recording.last_of("experiment", END)
         self._sent = self._last = self._before
         self._sent_at = 0.0
         self._silent = 0

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from ldt_core.base.experiment import Experiment
+from ldt_core.recording.message_subject import Subject, agree
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.stage_restart import StageRestart
 from ldt_core.twin.stage import RecordedStep, Stage
@@ -31,7 +32,6 @@ class StageWorker(NodePart):
         answers: topic of which a record, if any, ends the work on an experiment.
 
     Attributes:
-        last: number of the last experiment begun with.
         finished_with: number of the last one that nothing is left to do about.
         left_out: experiments that were left out.
         thread: on which the work is done.
@@ -54,7 +54,8 @@ class StageWorker(NodePart):
             stage, node.role, run, node.settings, lambda told: node.get_logger().warning(told)
         )
         self.waiting = waiting
-        self.last = self.finished_with = self.left_out = 0
+        self.finished_with = self.left_out = 0
+        self._last: Subject = (0, 0.0)  # number and start of the last experiment begun with
         self._make_up: Callable[[RecordedStep], None] | None = None
         self.thread = ThreadPoolExecutor(1, thread_name_prefix=node.role)
         # One thread writes each, so that neither needs a lock.
@@ -78,18 +79,18 @@ class StageWorker(NodePart):
         """
         self._make_up = make_up
         if self._node.settings["resume"]:
-            self.last = self.finished_with = self.restart.return_to_checkpoint()
+            self.finished_with = self.restart.return_to_checkpoint()
         for step in self._node.recording.steps(self.restart.known):
             met(step)
-            if step.number <= self.restart.known:
-                continue
-            self._take_over(step, again)
+            if self.restart.covers(step):
+                self._dealt_with(step.experiment)
+            else:
+                self._take_over(step, again)
 
     @functools.cached_property
-    def answered(self) -> int:
-        """The last experiment of which the answer, if any, is recorded."""
-        known = self.restart.known
-        return max(known, self._node.recording.last_of(self._answers, known))
+    def answered(self) -> float:
+        """End of the last experiment of which an answer is recorded [s since the epoch]."""
+        return self._node.recording.last_of(self._answers, self.restart.known)[1]
 
     @property
     def pending(self) -> int:
@@ -108,7 +109,8 @@ class StageWorker(NodePart):
     def recall(self, step: RecordedStep) -> None:
         """Take over what a recorded step says."""
         self.restart.recall(step)
-        self.last = self.finished_with = step.number
+        self._dealt_with(step.experiment)
+        self.finished_with = step.number
 
     def deal(self, experiment: Experiment, work: Callable[[], None], long: bool) -> None:
         """Do the work on an experiment in its turn: on the thread where it, or one before, is long.
@@ -125,17 +127,21 @@ class StageWorker(NodePart):
             self._in_turn(experiment, work)
             self.finished_with = experiment.number
 
+    def _dealt_with(self, experiment: Experiment) -> None:
+        self._last = experiment.number, experiment.start
+
     def _take_over(self, step: RecordedStep, again: Callable[[RecordedStep], None] | None) -> None:
-        if again is None or step.number <= self.answered:
+        end = step.experiment.end
+        if again is None or end < self.answered or agree(self.answered, end):
             self.recall(step)
         else:
             again(step)
 
     def _in_turn(self, experiment: Experiment, work: Callable[[], None]) -> None:
         # Whoever was started again meanwhile, the stage is where the experiment before left it.
-        for step in self._node.recording.missed(self.last, experiment.number):
+        for step in self._node.recording.missed(self._last, experiment.number):
             self._take_over(step, self._make_up)
-        self.last = experiment.number
+        self._dealt_with(experiment)
         work()
         self.restart.passed(experiment)
 

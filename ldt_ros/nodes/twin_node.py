@@ -13,12 +13,13 @@ from ldt_core.base.experiment import Adaptation, Experiment
 from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
+from ldt_core.recording.message_subject import agree
 from ldt_core.recording.node_status import REFUSED
 from ldt_core.restart.checkpoint import Lookup
 from ldt_core.restart.recorded_run import END
 from ldt_core.twin.predictor import Predictor
 from ldt_core.twin.stage import WINDOW, RecordedStep
-from ldt_ros.nodes.interfaces import from_message, to_message
+from ldt_ros.nodes.interfaces import from_message, stamp_of, to_message
 from ldt_ros.nodes.model_versions import ModelVersions
 from ldt_ros.nodes.node import LdtNode, NodePart
 
@@ -120,7 +121,8 @@ class TwinNode(LdtNode):
         self.predictor.warm_up()
         self._models: ModelVersions[Model] = ModelVersions(model)
         self._waiting: deque[tuple[Experiment, float]] = deque()
-        self._adapted: dict[int, Adaptation] = {}
+        self._adapted: dict[int, tuple[Adaptation, float | None]] = {}  # with their stamps
+        self._last_end = 0.0  # of the experiment predicted last [s since the epoch]
         self._arrivals = Arrivals(self.settings["deadline"])
         self.parts = [self._arrivals]
         for step in self.recording.steps(END):
@@ -165,16 +167,20 @@ class TwinNode(LdtNode):
         last = self.predictor.last
         # What was adapted before this node was started again is ahead of what it predicts now.
         ahead = last is None or adaptation.experiment > last
-        if adaptation.experiment <= max(self._adapted, default=0) or (
-            ahead and not self.settings["resume"]
-        ):
-            return
-        self._note(adaptation)
-        self._go_on()
+        if not ahead or self.settings["resume"]:
+            self._note(adaptation, stamp_of(message))
+            self._go_on()
 
-    def _note(self, adaptation: Adaptation) -> None:
-        self._adapted[adaptation.experiment] = adaptation
-        forget_oldest(self._adapted, WINDOW)
+    def _note(self, adaptation: Adaptation, stamp: float | None) -> None:
+        number = adaptation.experiment
+        if self._adaptation_of_last() is None or number != self.predictor.last:
+            self._adapted[number] = adaptation, stamp
+            forget_oldest(self._adapted, WINDOW)
+
+    def _adaptation_of_last(self) -> Adaptation | None:
+        """That of the experiment predicted last, which an earlier one of its number is not."""
+        found, stamp = self._adapted.get(self.predictor.last or 0, (None, None))
+        return found if stamp is None or agree(stamp, self._last_end) else None
 
     def _refuse(self, experiment: Experiment, error: LdtError) -> None:
         if isinstance(error, RepeatedExperiment):
@@ -204,16 +210,18 @@ class TwinNode(LdtNode):
     def _take_up(self, step: RecordedStep) -> None:
         """Take over what a recorded step says."""
         self._arrivals.known(step.number)
+        self._begin_anew_at(step.number)
         self.predictor.recall(step)
+        self._last_end = step.experiment.end
         if step.model is not None:
             restored = restore_model(step.model, self.machine, self.settings)
             self.predictor.model = restored
             self._models.put(restored.version, restored)
-        self._note(step.adaptation)
+        self._note(step.adaptation, None)
 
     def _find_model(self) -> None:
         """The model in force came into it before the steps that were taken up, perhaps."""
-        version = self._adapted[max(self._adapted)].model_version
+        version = next(reversed(self._adapted.values()))[0].model_version
         if self._models.get(version) is None:
             try:
                 bag = self.recording.run.bag(listed=True)
@@ -230,20 +238,27 @@ class TwinNode(LdtNode):
             self.get_logger().warning(self._arrivals.complaint())
             self.report.tell()
         if self._waiting:
-            for step in self.recording.missed(self.predictor.last or 0, self._waiting[0][0].number):
+            last = self.predictor.last or 0
+            start = self.predictor.starts.get(last, 0.0)
+            for step in self.recording.missed((last, start), self._waiting[0][0].number):
                 self._take_up(step)
         while self._waiting and self._may_predict(*self._waiting[0]):
             experiment, _ = self._waiting.popleft()
             self._predict(experiment)
 
-    def _predict(self, experiment: Experiment) -> None:
-        if experiment.number <= (self.predictor.last or 0):  # its counter began anew
+    def _begin_anew_at(self, number: int) -> None:
+        """Forget what was adapted to, where a counter began anew."""
+        if number <= (self.predictor.last or 0):
             self._adapted.clear()
+
+    def _predict(self, experiment: Experiment) -> None:
+        self._begin_anew_at(experiment.number)
         try:
             prediction = self.predictor.answer(experiment)
         except LdtError as error:
             self._refuse(experiment, error)
             return
+        self._last_end = experiment.end
         self._prediction.publish(to_message(prediction))
         self._predicted_at = time.monotonic()
         try:
@@ -259,7 +274,7 @@ class TwinNode(LdtNode):
             untrained, resumed = self._models.first, self.settings["resume"]
             self.predictor.model = untrained if resumed else self._models.last
             return True
-        adapted = self._adapted.get(last)
+        adapted = self._adaptation_of_last()
         if adapted is not None:
             model = self._models.get(adapted.model_version)
             if model is not None:
@@ -270,7 +285,7 @@ class TwinNode(LdtNode):
         if time.monotonic() - turn < self.settings["adaptation_timeout"]:
             return False
         earlier = [n for n in self._adapted if n <= last]
-        newest = self._adapted[max(earlier)].model_version if earlier else -1
+        newest = self._adapted[max(earlier)][0].model_version if earlier else -1
         self.predictor.model = self._models.get(newest) or self.predictor.model
         self._timeouts += 1
         self.get_logger().warning(

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from ldt_core.recording.bag import Bag, read_bag
-from ldt_core.recording.experiment_numbers import number_of
+from ldt_core.recording.message_subject import number_of
 from tests.benchmarks.row import Row
 
 EXPERIMENTS = 20

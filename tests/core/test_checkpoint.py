@@ -225,7 +225,7 @@ def test_a_file_that_is_no_checkpoint_of_the_run_is_told_and_left_out(spoil, wor
     ("change", "words"),
     [
         ({"experiment": COUNT + 50}, "complete"),
-        ({"start": 1.5e9}, "the same step"),
+        ({"start": 1.5e9}, "640 at 1500000000.0"),
         ({"state": {}}, "keys"),
     ],
 )

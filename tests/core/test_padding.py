@@ -22,7 +22,7 @@ from ldt_core.base.experiment import (
 )
 from ldt_core.recording.codec import DECODERS, encode_cdr
 from ldt_core.recording.duplicate_filter import DuplicateFilter
-from ldt_core.recording.experiment_numbers import number_of
+from ldt_core.recording.message_subject import number_of
 from ldt_core.recording.messages import HEAD, content, deserialize, schema
 
 DecoderFactory = pytest.importorskip("mcap_ros2.decoder").DecoderFactory

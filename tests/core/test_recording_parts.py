@@ -30,7 +30,6 @@ from ldt_core.recording.bag import experiments, read_bag
 from ldt_core.recording.codec import DECODERS, encode_cdr
 from ldt_core.recording.experiment_numbers import (
     ExperimentNumbers,
-    number_of,
     numbers_text,
     parse_numbers,
 )
@@ -38,6 +37,7 @@ from ldt_core.recording.health import inspect
 from ldt_core.recording.lock import FolderLock, is_written
 from ldt_core.recording.mcap_completion import complete_file
 from ldt_core.recording.mcap_records import HEAD
+from ldt_core.recording.message_subject import number_of
 from ldt_core.recording.messages import DIAGNOSTICS, MULTI_ARRAY
 from ldt_core.recording.metadata import TopicInformation
 from ldt_core.recording.repair import repair

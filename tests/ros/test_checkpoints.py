@@ -67,7 +67,7 @@ def test_a_node_goes_on_from_a_checkpoint_of_a_run_without_the_graph(
         StageWorker, "recall", lambda self, step: (taken.append(step), recall(self, step))[1]
     )
     node = stranger.start(kind, resume=str(folder), **GIVEN, advice_every=100)
-    stranger.until(lambda: node.worker.last == COUNT)
+    stranger.until(lambda: node.worker.finished_with == COUNT)
     # What may have been under way an advisor does again, as without checkpoints.
     again = 0 if kind is AdvisorNode else COUNT % EVERY
     assert (node.worker.restart.known, len(taken)) == (COUNT - COUNT % EVERY, again)
@@ -103,7 +103,7 @@ def test_a_node_keeps_checkpoints_beside_the_recording(stranger, tmp_path):
         stranger.send("experiment", one)
         stranger.send("prediction", prediction(number))
         stranger.send("signal", answer(number))
-    stranger.until(lambda: node.worker.last == 2 * EVERY)
+    stranger.until(lambda: node.worker.finished_with == 2 * EVERY)
     files = [tmp_path / f"detector.{slot}.checkpoint" for slot in (0, 1)]
     assert sorted(tmp_path.glob("*.checkpoint")) == files
     assert [json.loads(f.read_text())["experiment"] for f in files] == [EVERY, 2 * EVERY]

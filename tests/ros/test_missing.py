@@ -7,7 +7,7 @@ import pytest
 from ldt_core.base.settings import resolve
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
-from ldt_core.recording.node_status import LAST_REJECTION, REJECTED, NodeStatus
+from ldt_core.recording.node_status import LAST_REJECTION, REJECTED, RESUMED_AT, NodeStatus
 
 pytest.importorskip("rclpy")
 
@@ -22,7 +22,8 @@ REFUSED = {REJECTED + "experiment: ExperimentError": "1", LAST_REJECTION: "x"}
 def failures(in_bag, adapted, heard, **nodes) -> list[str]:
     """Of a run of four experiments."""
     run = MachineRun("rotor", "", resolve({}), "r1", load_machine("rotor"))
-    run.summary.recorded, run.summary.answered = set(in_bag), set(adapted)
+    run.summary.recorded = [(number, 100.0 + number) for number in in_bag]
+    run.summary.answered = [(number, 100.0 + number) for number in adapted]
     run.summary._signals[0] = len(adapted)
     told = {"plant": {"sent": "4", "experiment": "4"}, **nodes}
     health = {role: NodeStatus(role, "", values) for role, values in told.items()}
@@ -49,7 +50,7 @@ def test_what_nobody_answered_is_named():
 
 def test_a_run_that_goes_on_is_judged_by_what_it_sends_itself():
     """Of those before, refused ones among them, its nodes know nothing."""
-    began = {"sent": "4", "experiment": "4", "resumed": "3"}
+    began = {"sent": "4", "experiment": "4", "resumed": "3", RESUMED_AT: "103.0"}
     assert failures([1, 2, 3, 4], [1, 3, 4], [4], plant=began) == []
     words = "1 of 1 experiments sent are missing, not answered: experiment 4"
     assert failures([1, 2, 3, 4], [1, 3], [], plant=began) == [words]

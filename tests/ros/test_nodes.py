@@ -246,7 +246,7 @@ def test_a_node_that_is_started_again_waits_for_its_recording_to_be_mended(
     monkeypatch.setattr(RecordedRun, "steps", half)
     monkeypatch.setattr("ldt_ros.nodes.own_recording.MENDING", 0.01)
     node = stranger.start(DetectorNode, resume=str(folder))
-    assert (len(tries), node.worker.last) == (3, 6)
+    assert (len(tries), node.worker.finished_with) == (3, 6)
     expected = build_detector_stage(resolve({}))
     for step in steps(RecordedRun(folder, "/", node.machine)):
         expected.recall(step)
