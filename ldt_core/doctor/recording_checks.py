@@ -124,7 +124,7 @@ def _experiments(health: Health) -> list[Finding]:
         remedy = "look who else sends experiments; a twin leaves out a number out of nowhere"
         found.append(warning(name, f"after number {before} comes {after}", remedy))
     if health.repeated:
-        remedy = "number the experiments on from run to run; a run takes the first of a number"
+        remedy = "number them on from run to run; a twin tells those of one number by their start"
         found.append(warning(name, f"{_listed(health.repeated)} recorded repeatedly", remedy))
     if health.backwards:
         told = f"{_listed(health.backwards)} start before the one before has ended"

@@ -12,7 +12,7 @@ from ldt_core.base.experiment import Experiment, Prediction, Signal, Step
 from ldt_core.base.metrics import Summary
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import Bag, read_bag
-from ldt_core.recording.message_subject import Subject, said_of
+from ldt_core.recording.message_subject import Subject, agree, said_of
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.learning_switch import LearningSwitch
 from ldt_core.restart.recorded_run import RecordedRun
@@ -132,16 +132,19 @@ def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary:
         opened = read_bag(bag, namespace or "/")
         for signal in _dealt_with(opened, summary):
             summary.add_signal(signal)
-        answered = {number for number, _ in summary.answered}
+        ends: dict[int, list[float]] = {}
+        for number, end in summary.answered:
+            ends.setdefault(number, []).append(end)
         for diagnosis in opened.rare("diagnosis"):
             summary.diagnoses.append(diagnosis)
         for advice in opened.rare("advice"):
             summary.advice = advice
         originals = _Originals(opened)
         # Without one that went all the way there may be none: it ended before, which is no damage.
-        for experiment in opened.experiments() if answered else ():
+        for experiment in opened.experiments() if ends else ():
             summary.recorded.append((experiment.number, experiment.end))
-            if experiment.number in answered and machine.may_have_made(experiment):
+            said = any(agree(end, experiment.end) for end in ends.get(experiment.number, ()))
+            if said and machine.may_have_made(experiment):
                 original = originals.of(experiment)
                 if original is not None:
                     summary.add_original(original.max_error(experiment))
@@ -172,18 +175,16 @@ class _Originals:
 
     def __init__(self, bag: Bag) -> None:
         self._coming = bag.records("original_prediction")
-        self._read: dict[int, Prediction] = {}
+        self._read: dict[Subject, Prediction] = {}
 
     def of(self, experiment: Experiment) -> Prediction | None:
         """The one of this experiment: a number may come twice, with another start."""
-        number = experiment.number
-        while number not in self._read and len(self._read) < LOOK_AHEAD:
+        wanted = experiment.number, experiment.start
+        while wanted not in self._read and len(self._read) < LOOK_AHEAD:
             prediction = next(self._coming, None)
             if prediction is None:
                 break
-            self._read.setdefault(prediction.number, prediction)
-        found = self._read.get(number)
-        if found is not None and found.start <= experiment.start:
-            del self._read[number]  # nothing later can be of an earlier start
+            self._read.setdefault((prediction.number, prediction.start), prediction)
+        found = self._read.pop(wanted, None)
         forget_oldest(self._read, LOOK_AHEAD // 2)
-        return found if found is not None and found.start == experiment.start else None
+        return found

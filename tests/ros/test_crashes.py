@@ -10,6 +10,7 @@ import signal
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 
@@ -17,9 +18,11 @@ pytest.importorskip("rclpy")
 
 from disturbed import MODEL, PATIENCE, RUN, differences, finished, killed, nodes, recorded, wait_for
 
+from ldt_core.base.experiment import Experiment
 from ldt_core.cli import invoke
 from ldt_core.cli import ldt as commands
 from ldt_core.recording.bag import read_bag
+from ldt_core.recording.writer import BagWriter
 
 
 def hosted(launcher: int) -> dict[int, psutil.Process]:
@@ -72,6 +75,32 @@ def test_a_whole_stack_that_was_killed_goes_on(ldt, undisturbed, tmp_path):
     assert run["experiments"] == 40
     assert differences(undisturbed, tmp_path / "run") == {}
     assert read_bag(tmp_path / "run").notes == []
+
+
+def test_a_counter_that_began_anew_is_no_reason_to_lose_anything(ldt, tmp_path):
+    """Each node killed behind that, then all at once: the records of the run without a graph."""
+    rest = np.zeros(5)
+    with BagWriter(tmp_path / "played", "rotor") as writer:
+        for index, number in enumerate([*range(1, 21), *range(1, 41)]):
+            turning = np.linspace(0.0, 5.0 + index, 5)
+            one = Experiment(number, 1e9 + index, 0.01, rest + 3, turning)
+            writer.write("experiment", one, one.end)
+    quick = ("--detector", "threshold", "--threshold", "0.5", "--gate", "none")
+    play = ("--play", "played", *MODEL, *quick)
+    finished(ldt("run", *play, "--bag", "undisturbed", "--json"))
+    process = ldt("up", *play, "--bag", "run", "--rate", "6")
+    wait_for(tmp_path / "run", 24)
+    roles = ("twin", "detector", "adaptor", "recorder", "player")
+    assert Counter(killed(process, 5, 0.2, 1, roles)) == Counter(roles)
+    os.killpg(process.pid, signal.SIGSTOP)
+    for node in nodes(process.pid).values():
+        node.kill()
+    process.kill()
+    process.communicate()
+    assert 24 <= recorded(tmp_path / "run") < 59
+    finished(ldt("up", "--resume", "run", "--rate", "max", "--json"))
+    found = differences(tmp_path / "undisturbed", tmp_path / "run")
+    assert found == {"experiment": "0 lost, 1 more or other"}  # the one that was refused
 
 
 def test_a_run_without_the_graph_goes_on_as_well(ldt, undisturbed, tmp_path):
