@@ -2,22 +2,29 @@
 
 It takes the place of a page's `Fleet`: a source of records feeds it. Samples of an experiment are
 sent as messages of their own (`sample_messages`); of a recording as time goes on, of a running
-graph when the experiment has come.
+graph when the experiment and its predictions have come. A machine that streams has its speed sent
+on at once.
 """
 
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
 from ldt_core.base.errors import BadInput, LdtError
-from ldt_core.base.experiment import Experiment, Prediction
+from ldt_core.base.experiment import Experiment, Prediction, Signal
 from ldt_core.recording.codec import DECODERS, Record, encode
 from ldt_core.recording.messages import schema, serialize, standard
 from ldt_core.recording.node_status import HEALTH_TOPIC
 from ldt_core.views.export.predicted_runs import PredictedRun
-from ldt_core.views.export.sample_messages import KIND, SampleMessage, sample_messages
+from ldt_core.views.export.sample_messages import (
+    KIND,
+    SampleMessage,
+    sample_messages,
+    speed_message,
+)
 from ldt_core.views.watch.fleet import Fleet
 
 try:
@@ -31,6 +38,10 @@ except ImportError as error:
 BACKLOG = 16_384  # messages that wait for a slow client: four experiments of 2000 samples
 #: Topics of samples that every machine has.
 SAMPLED = ("joint_states", "voltage")
+#: For the predictions of an experiment that has come [s]; one that a busy twin makes later is sent
+#: as a message, and its curve is lacking.
+PATIENCE = 5.0
+MOST_WAITING = 16  # experiments of a machine; a twin that is busy is so far behind for a while
 STEP = 0.05  # s between two sends of samples, faster than a screen shows
 
 
@@ -51,6 +62,10 @@ class FoxgloveRelay(Fleet):
         self._present: dict[str, PredictedRun] = {}
         self._streams: dict[str, Iterator[SampleMessage]] = {}
         self._next: dict[str, SampleMessage] = {}
+        #: Of a running graph: machine → number → the experiment, and when it came.
+        self._waiting: dict[str, dict[int, tuple[PredictedRun, float]]] = {}
+        self._early: dict[str, deque[tuple[str, Prediction]]] = {}
+        self._streaming: set[str] = set()  # machines whose speed comes sample by sample
         # It tells of each slip of a client, which is nobody's to read about here.
         foxglove.set_log_level("CRITICAL")
         self._context = foxglove.Context()
@@ -101,20 +116,58 @@ class FoxgloveRelay(Fleet):
         moment = self._moment(namespace, record)
         message = encode(record, machine=self._names.get(namespace, ""), time=moment or 0.0)
         self._send(_absolute(namespace, topic), message.__msgtype__, serialize(message), moment)
+        if self.live:
+            self._wait(namespace, topic, record)
+            return
+        run = self._present.get(namespace)
         if isinstance(record, Experiment):
             self._flush(namespace)
             self._present[namespace] = PredictedRun(record)
             self._begin(namespace)
-        elif isinstance(record, Prediction) and namespace in self._present:
-            run = self._present[namespace]
-            own = record.start == run.experiment.start and len(record) == len(run.experiment)
-            if own:
-                twin = record if topic == "prediction" else run.prediction
-                original = record if topic == "original_prediction" else run.original
-                self._present[namespace] = PredictedRun(run.experiment, twin, original)
-                self._begin(namespace)
-        else:
+        elif run is not None and isinstance(record, Prediction) and run.fits(record):
+            self._present[namespace] = run.beside(topic, record)
+            self._begin(namespace)
+        elif isinstance(record, Signal):
             self._flush(namespace)
+
+    def _wait(self, namespace: str, topic: str, record: Record) -> None:
+        """An experiment waits for its predictions; those before it are sent before it."""
+        with self._lock:
+            waiting = self._waiting.setdefault(namespace, {})
+            early = self._early.setdefault(namespace, deque(maxlen=2 * MOST_WAITING))
+            if isinstance(record, Experiment):
+                waiting[record.number] = PredictedRun(record), self._clock()
+                told = [(t, p) for t, p in early if p.number == record.number]
+            elif isinstance(record, Prediction):
+                told = [(topic, record)]
+                if record.number not in waiting:  # no order is promised between topics
+                    early.append((topic, record))
+            else:
+                told = []
+            for name, prediction in told:
+                run, came = waiting.get(prediction.number, (None, 0.0))
+                if run is not None and run.fits(prediction):
+                    waiting[prediction.number] = run.beside(name, prediction), came
+            self._send_waiting(namespace)
+
+    def _send_waiting(self, namespace: str) -> None:
+        name, streamed = self._names.get(namespace, ""), namespace in self._streaming
+        waiting = self._waiting[namespace]
+        for number, (run, came) in list(waiting.items()):
+            late = self._clock() - came > PATIENCE
+            if not (run.predicted or late or len(waiting) > MOST_WAITING):
+                return
+            del waiting[number]
+            for message in sample_messages(run, name, streamed):
+                topic = _absolute(namespace, message.topic)
+                self._send(topic, KIND, message.data, message.time_ns / 1e9)
+
+    def sample(self, namespace: str, moment: float, speed: float) -> None:
+        """Send a sample that a machine streams; as `Fleet.sample`, which counts."""
+        super().sample(namespace, moment, speed)
+        self._streaming.add(namespace)
+        message = speed_message(self._names.get(namespace, ""), moment, speed)
+        self._send(_absolute(namespace, message.topic), KIND, message.data, moment)
 
     def play(self, elapsed: Callable[[], float | None], stop: threading.Event) -> None:
         """Send samples as time goes on, until told to stop.
@@ -129,6 +182,8 @@ class FoxgloveRelay(Fleet):
                     limit = elapsed()
                     begin = self._present[namespace].experiment.start
                     self._flush(namespace, None if limit is None else begin + limit)
+                for namespace in self._waiting:
+                    self._send_waiting(namespace)
 
     def _begin(self, namespace: str) -> None:
         """Samples from now on with what is known of them; those sent stay sent."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment, Prediction
@@ -18,6 +18,21 @@ class PredictedRun:
     experiment: Experiment
     prediction: Prediction | None = None
     original: Prediction | None = None
+
+    @property
+    def predicted(self) -> bool:
+        """Whether both predictions are there."""
+        return self.prediction is not None and self.original is not None
+
+    def fits(self, prediction: Prediction) -> bool:
+        """Whether a prediction is of this experiment."""
+        return belongs(prediction, self.experiment)
+
+    def beside(self, topic: str, prediction: Prediction) -> PredictedRun:
+        """The same with a prediction of a topic, `prediction` or `original_prediction`."""
+        if topic == "prediction":
+            return replace(self, prediction=prediction)
+        return replace(self, original=prediction)
 
     def curves(self) -> dict[str, Array]:
         """Name → (L,) samples of all that was measured or predicted, in SI units."""

@@ -1,8 +1,8 @@
 """Samples as `sensor_msgs/JointState`, of which stock tools draw curves; none is recorded in a run.
 
-`joint_states` has three joints: the machine as measured, `predicted` by the twin and by the
-`original` model, where there are such. `voltage` and `current` are efforts, as of a machine that
-streams its samples (`ldt up --stream`).
+`joint_states` has up to three joints: the machine as measured, `predicted` by the twin, and by the
+`original` model; a place before a known one is NaN where it is not known. `voltage` and `current`
+are efforts, as of a machine that streams its samples (`ldt up --stream`).
 """
 
 from __future__ import annotations
@@ -64,14 +64,26 @@ class _Template:
         return bytes(made)
 
 
-def sample_messages(run: PredictedRun, machine: str) -> Iterator[SampleMessage]:
-    """All samples of an experiment, in the order of their times."""
+def sample_messages(
+    run: PredictedRun, machine: str, streamed: bool = False
+) -> Iterator[SampleMessage]:
+    """All samples of an experiment, in the order of their times.
+
+    Args:
+        run: the experiment and its predictions.
+        machine: its name.
+        streamed: whether the measured speed was sent already, sample by sample.
+    """
     e, curves = run.experiment, run.curves()
-    joints = {machine or "machine": "speed", "predicted": "predicted_speed"}
-    joints["original"] = "original_speed"
-    there = {name: curve for name, curve in joints.items() if curve in curves}
-    rows = np.column_stack([curves[c] for c in there.values()]).astype("<f8")
-    parts = [("joint_states", _Template(machine, list(there), False), rows)]
+    lacking = np.full(len(e), np.nan)
+    known = [None if streamed else e.speed, *map(curves.get, ("predicted_speed", "original_speed"))]
+    while known and known[-1] is None:
+        known.pop()
+    parts = []
+    if known:  # layouts name a joint by its place
+        rows = np.column_stack([lacking if c is None else c for c in known]).astype("<f8")
+        names = [machine or "machine", "predicted", "original"][: len(known)]
+        parts.append(("joint_states", _Template(machine, names, False), rows))
     for name in ("voltage", "current"):
         if name in curves:
             values = np.ascontiguousarray(curves[name], dtype="<f8").reshape(-1, 1)
@@ -81,3 +93,10 @@ def sample_messages(run: PredictedRun, machine: str) -> Iterator[SampleMessage]:
         time_ns = first + round(k * e.period * SECOND)
         for topic, template, values in parts:
             yield SampleMessage(topic, time_ns, template.fill(time_ns, values[k].tobytes()))
+
+
+def speed_message(machine: str, moment: float, speed: float) -> SampleMessage:
+    """A sample that a machine streams: its stamp [s since the epoch], its speed [rad/s]."""
+    time_ns = round(moment * SECOND)
+    template = _Template(machine, [machine or "machine"], False)
+    return SampleMessage("joint_states", time_ns, template.fill(time_ns, struct.pack("<d", speed)))
