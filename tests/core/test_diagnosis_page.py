@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from ldt_core.base.errors import LdtError
 from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount
-from ldt_core.views.diagnosis_page import diagnosis_page
+from ldt_core.views.diagnosis_page import diagnosis_page, diagnosis_sections
 from ldt_core.views.diagnosis_page.diagnosis_page import picture
 from ldt_core.views.diagnosis_page.headline import WORDS, headline
 from ldt_core.views.diagnosis_page.number_format import amount, percent, value_of
@@ -102,7 +102,7 @@ def test_the_short_sentence_names_cause_amount_and_what_it_closes(diagnoses):
     """Of one effect, of two, of a group; none of what is unknown, all of a sensor's fault."""
     assert headline(diagnoses["effect"]).startswith("Unbalance, 4.9 ± 0.3 mm, closes 99 % of")
     assert " rad/s)." in headline(diagnoses["effect"])
-    assert " and gravity imbalance, 0." in headline(diagnoses["pair"])
+    assert " and gravity imbalance (0." in headline(diagnoses["pair"])
     assert " close " in headline(diagnoses["pair"])
     assert headline(diagnoses["ambiguous"]).startswith(
         "Viscous friction, motor constant or source resistance closes"
@@ -111,6 +111,41 @@ def test_the_short_sentence_names_cause_amount_and_what_it_closes(diagnoses):
     assert headline(diagnoses["none"]).startswith("No gap: ")
     verdict = replace(diagnoses["unknown"].verdict, sentence="Sensor fault: it sticks.")
     assert headline(replace(diagnoses["unknown"], verdict=verdict)) == "Sensor fault: it sticks."
+
+
+def test_several_causes_of_which_some_stay_open_are_told_apart_in_the_sentence(diagnoses):
+    """Groups stand between semicolons, a factor is "times", and no comma stands twice."""
+    found = diagnoses["pair"]
+    first = next(c for c in found.candidates if c.effect == "coulomb_friction")
+    resistance = replace(
+        first,
+        effect="armature_resistance",
+        parameters={"factor": ParameterAmount(1.6, "", (1.5, 1.7))},
+    )
+    added = {"effect": "armature_resistance", "parameters": {"factor": 1.6}}
+    along = {"effect": "inertia", "parameters": {"factor": 0.4968}}
+    verdict = replace(
+        found.verdict,
+        kind="ambiguous",
+        acting=[["armature_resistance"], ["viscous_asymmetric", "viscous_friction"]],
+    )
+    found = replace(
+        found,
+        candidates=[resistance, *found.candidates],
+        effects=[added, along],
+        verdict=verdict,
+    )
+    assert headline(found).startswith(
+        "Armature resistance (1.6 ± 0.1 times); viscous asymmetric or viscous friction: "
+        "together they close "
+    )
+    pairs = dict(
+        pair
+        for block in diagnosis_sections.gap(found).blocks
+        for pair in getattr(block, "pairs", ())
+    )
+    assert pairs["fitted along"] == "inertia: factor = 0.497"
+    assert pairs["effect added"].startswith("armature_resistance: factor = 1.60")
 
 
 def test_the_page_needs_nothing_else(page):

@@ -94,7 +94,7 @@ def gap(diagnosis: Diagnosis) -> Section:
     if not known(found.closed_fraction):
         closed = "undefined: there is no gap beyond the noise to close"
     pairs = [("closed of the gap", closed)]
-    pairs += [("effect added", _added(diagnosis, e)) for e in diagnosis.effects]
+    pairs += [_added(diagnosis, e) for e in diagnosis.effects]
     groups = [g for g in diagnosis.verdict.acting if len(g) > 1]
     pairs += [("either", listed(g, "or")) for g in groups]
     section.blocks.append(Pairs(pairs))
@@ -105,12 +105,16 @@ def gap(diagnosis: Diagnosis) -> Section:
     return section
 
 
-def _added(diagnosis: Diagnosis, effect: Mapping[str, Any]) -> str:
-    """An effect of the verdict with its amounts."""
+def _added(diagnosis: Diagnosis, effect: Mapping[str, Any]) -> tuple[str, str]:
+    """An effect of the verdict with its amounts, or a number of the file that was fitted along."""
     name = str(effect["effect"])
+    if name not in {n for group in diagnosis.verdict.acting for n in group}:
+        told = (f"{n} = {value_of(v)}" for n, v in effect["parameters"].items())
+        return "fitted along", f"{name}: {', '.join(told)}"
     ranked = [c for c in diagnosis.candidates if c.effect == name]
     amounts = [amount(n, a) for c in ranked[:1] for n, a in c.parameters.items()]
-    return f"{name}: {', '.join(f'{text} ({interval})' for text, interval in amounts)}"
+    told = (f"{text} ({interval})" for text, interval in amounts)
+    return "effect added", f"{name}: {', '.join(told)}"
 
 
 def curves(diagnosis: Diagnosis) -> Figure | None:

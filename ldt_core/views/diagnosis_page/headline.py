@@ -17,6 +17,7 @@ WORDS = {
     "unknown": "cause unknown",
 }
 SENSOR = "ensor fault"  # of a sentence that says so, which no shorter one may hide
+FACTOR = "factor"  # the parameter of an effect that says how many times the file's number it is
 DIGITS = 2  # of errors: what was measured knows no more
 MOST_DIGITS = 6  # behind the point
 
@@ -37,16 +38,19 @@ def headline(diagnosis: Diagnosis) -> str:
         )
     if verdict.kind not in ("effect", "ambiguous") or not verdict.acting:
         return f"No known cause explains the gap of {before} rad/s."
-    named = listed([_group(diagnosis, group) for group in verdict.acting])
+    alone = len(verdict.acting) == 1
+    groups = [_group(diagnosis, group, alone) for group in verdict.acting]
+    open_ones = not alone and any(len(group) > 1 for group in verdict.acting)
+    named = "; ".join(groups) if open_ones else listed(groups)
     closed = ""
     if known(gap.closed_fraction):
-        verb = "closes" if len(verdict.acting) == 1 else "close"
-        closed = f" {verb} {100 * gap.closed_fraction:.0f} % of the gap"
+        verb = "closes" if alone else ": together they close" if open_ones else "close"
+        closed = f"{'' if open_ones else ' '}{verb} {100 * gap.closed_fraction:.0f} % of the gap"
     return f"{named[0].upper()}{named[1:]}{closed} ({before} → {after} rad/s)."
 
 
-def _group(diagnosis: Diagnosis, group: Sequence[str]) -> str:
-    """An effect with its amount, or all that may be it."""
+def _group(diagnosis: Diagnosis, group: Sequence[str], alone: bool) -> str:
+    """An effect with its amount, or all that may be it; whether it is the only one."""
     if len(group) > 1:
         return listed([spoken(name) for name in group], "or")
     ranked = next((c for c in diagnosis.candidates if c.effect == group[0]), None)
@@ -55,10 +59,16 @@ def _group(diagnosis: Diagnosis, group: Sequence[str]) -> str:
         return spoken(group[0])
     amounts = {n: a for n, a in ranked.parameters.items() if a.ci95 is not None}
     told = ", ".join(
-        brief_amount(a) if len(amounts) == 1 else f"{n} {brief_amount(a)}"
+        f"{brief_amount(a)} times"
+        if n == FACTOR
+        else brief_amount(a)
+        if len(amounts) == 1
+        else f"{n} {brief_amount(a)}"
         for n, a in amounts.items()
     )
-    return f"{spoken(group[0])}{f', {told},' if told else ''}"
+    if not told:
+        return spoken(group[0])
+    return f"{spoken(group[0])}, {told}," if alone else f"{spoken(group[0])} ({told})"
 
 
 def brief_amount(found: ParameterAmount) -> str:
