@@ -13,6 +13,7 @@ from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Action, Experiment, Level, Prediction, Signal, Step
 from ldt_core.base.model_state import NOT_JUDGED, STATES, shown_state, times_noise
 from ldt_core.recording.bag import read_twin_run
+from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.views.page import style
 from ldt_core.views.step_view import LEVEL_WORDS, StepView, recorded_steps
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 HEIGHT = 7.8  # inches: three panels in the proportions of a README
+MOST_CELLS = 500  # a pixel or two each; of more, those of one state in a row are drawn as one
 STRIP = 0.05  # of an axes' height: the cells of the states
 #: Tone of a state → colour.
 PAINTS = {
@@ -211,8 +213,10 @@ def _states(axes: Axes, signals: list[Signal]) -> None:
     for state in (*STATES.values(), NOT_JUDGED):
         found = [s.experiment for s in signals if shown_state(s) is state]
         if found:
+            stretches = ExperimentNumbers((n, n) for n in found).spans
+            cells = stretches if len(signals) > MOST_CELLS else [(n, n) for n in found]
             axes.broken_barh(
-                [(n - 0.5, 1.0) for n in found],
+                [(first - 0.5, last - first + 1.0) for first, last in cells],
                 (1 - STRIP, STRIP),
                 transform=axes.get_xaxis_transform(),
                 facecolors=PAINTS[state.tone],
