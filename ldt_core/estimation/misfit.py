@@ -7,10 +7,12 @@ lasts for more than one sample, and makes these products positive.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.estimation.noise import roughness
@@ -22,6 +24,8 @@ TOLERATED = 0.2
 BELIEVED = 3.0
 #: Sizes, in standard deviations, of the misfits that the e-value is sensitive to.
 SIZES = (1.0, 2.0, 4.0, 8.0)
+_SIZES = np.array(SIZES)[:, np.newaxis]
+_HALVES = _SIZES * _SIZES / 2
 #: Samples of the shortest stretch that is looked at by itself: its e-value can reach 5e6.
 STRETCH = 32
 #: e-value up to which a model explains an experiment: at most one true model in 740 does not, as
@@ -61,6 +65,12 @@ class Misfit:
         return self.evidence < EXPLAINED and not self.far
 
 
+@functools.lru_cache(maxsize=64)
+def _edges(length: int, count: int) -> NDArray[np.int64]:
+    """Where so many stretches of a row begin."""
+    return np.linspace(0, length, count, endpoint=False).astype(np.int64)
+
+
 def misfit(residual: Array, deviation: Array | None = None) -> Misfit:
     """What a residual says of the model that left it.
 
@@ -77,32 +87,32 @@ def misfit(residual: Array, deviation: Array | None = None) -> Misfit:
     """
     floor = ROUNDING * float(np.abs(residual).max())
     noise = max(roughness(residual) ** 2, floor**2, LEAST_SQUARE)
-    claimed = np.zeros(residual.size)
+    scaled = residual / math.sqrt(noise)
+    square = np.square(scaled)
+    row, relative = scaled, square
     if deviation is not None:
         claimed = (deviation**2 - float(np.min(deviation)) ** 2) / noise
-    scaled = residual / math.sqrt(noise)
-    weight = 1.0 / np.sqrt(1.0 + BELIEVED**2 / TOLERATED * claimed)
-    row = scaled * weight
+        row = scaled * (1.0 / np.sqrt(1.0 + BELIEVED**2 / TOLERATED * claimed))
+        relative = square / (1.0 + claimed)
     products = row[:-1] * row[1:]
-    surplus = products - TOLERATED
+    surplus, squares = products - TOLERATED, np.square(products)
     levels = []
     excess = 0.0
     count = 1
     while count == 1 or products.size // count >= STRETCH:
-        edges = np.linspace(0, products.size, count, endpoint=False).astype(np.int64)
+        edges = _edges(products.size, count)
         above = np.add.reduceat(surplus, edges)
-        spread = np.sqrt(np.add.reduceat(np.square(products), edges))
+        spread = np.sqrt(np.add.reduceat(squares, edges))
         z = above / np.maximum(spread, 1e-150)
         if count == 1:
             excess = float(z[0])
-        powers = np.array([m * z - m * m / 2 for m in SIZES])
+        powers = _SIZES * z - _HALVES
         levels.append(float(np.mean(np.exp(np.minimum(powers, MOST_LOG)))))
         count *= 2
-    square = np.square(scaled)
     return Misfit(
         float(np.mean(levels)),
         excess,
         math.sqrt(float(np.mean(square))),
-        math.sqrt(float(np.mean(square / (1.0 + claimed)))),
+        math.sqrt(float(np.mean(relative))),
         bool(np.max(scaled[:-1] * scaled[1:]) > FAR**2),
     )
