@@ -24,8 +24,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ldt_core.base.errors import ExperimentError
+from ldt_core.base.errors import FAULTS, ExperimentError, MachineFileError
 from ldt_core.base.experiment import Experiment, Samples
+from ldt_core.physics.base import Physics
 
 VOLTAGE_SLACK = 1e-6  # of the range: measured voltages are rounded when they are written to text
 #: A unit's error makes it a thousand; sampling in earnest differs by a hundred from the file's.
@@ -40,6 +41,10 @@ LONGEST = 25_000.0
 LONGEST_LEARNED = 2500.0
 #: Times the declared duration that a slow machine's experiment may last.
 DURATION_FACTOR = 10.0
+
+
+#: Of a machine [1/s]: of the 16 digits of a float64 four are left for what takes a second.
+FASTEST = 1e12
 
 
 class HasDuration(Protocol):
@@ -65,6 +70,23 @@ class Declared(NamedTuple):
     sample_period: float
     duration: float
     parameters: Mapping[str, float]
+
+
+def refuse_too_fast(source: str, physics: Physics, values: Mapping[str, float]) -> None:
+    """Refuse a machine beside whose fastest rate floating point has no digits for a second.
+
+    Raises:
+        MachineFileError: says how fast it would be; mostly a unit or a power of ten is wrong.
+    """
+    try:
+        rates = np.abs(np.linalg.eigvals(physics.state_space(values)[0]))
+    except FAULTS:  # a physics of the user's own, which says so where it is simulated
+        return
+    fastest = float(rates.max(initial=0.0))
+    if not fastest <= FASTEST:
+        expected = f"a machine whose speed and current settle at rates up to {FASTEST:g} 1/s"
+        got = f"{fastest:.3g} 1/s (its inertia, resistance or inductance is off by powers of ten?)"
+        raise MachineFileError(f"{source}, parameters", expected, got)
 
 
 def refuse_impossible(machine: Declared, experiment: Experiment) -> None:

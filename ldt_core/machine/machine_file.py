@@ -24,7 +24,12 @@ from ldt_core.base.errors import (
 )
 from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.machine.experiment_limits import MOST_SAMPLES, Declared, refuse_impossible
+from ldt_core.machine.experiment_limits import (
+    MOST_SAMPLES,
+    Declared,
+    refuse_impossible,
+    refuse_too_fast,
+)
 from ldt_core.machine.file_values import (
     check_keys,
     mapping_of,
@@ -306,6 +311,7 @@ def machine_from_dict(data: Any, source: str) -> Machine:
         raise MachineFileError(f"{source}, experiment.duration", expected, duration)
     parameters = mapping_of(f"{source}, parameters", top["parameters"])
     stated = stated_parameters(source, physics, parameters)
+    refuse_too_fast(source, physics, stated.values)
     effects, beside = stated_effects(source, physics, stated.values, top.get("effects", []))
     return Machine(
         name=name,

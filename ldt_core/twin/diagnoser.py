@@ -27,6 +27,7 @@ from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.holdout import free_run
 from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.machine.experiment_limits import too_long_to_learn
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.speed_jumps import median_step
 from ldt_core.twin.stage import Archive, RecordedStep
@@ -166,7 +167,10 @@ class Diagnoser:
     def _due(self, experiment: Experiment) -> bool:
         """Whether the verdict that was asked for takes part from this experiment on."""
         asked = self.asked
-        return asked is not None and experiment.number >= asked.experiment.number + self.after
+        if asked is None:
+            return False
+        first = asked.experiment.number
+        return experiment.number >= first + self.after or experiment.number < first  # begun anew
 
     def _answer(self, signal: Signal) -> DiagnosisRecord | None:
         """What was asked for; waits for it where it is made beside the loop."""
@@ -233,7 +237,14 @@ class Diagnoser:
         self.asked = Asked(asked, known) if asked else None
 
     def _take(self, experiment: Experiment, signal: Signal) -> bool:
-        """Take in one experiment; whether it is the occasion for a diagnosis."""
+        """Take in one experiment; whether it is the occasion for a diagnosis.
+
+        Of one that is too long for it nothing is learned, and nobody knows what happened in it.
+        """
+        if words := too_long_to_learn(self.machine, experiment):
+            self._recent.clear()
+            self.trouble = words
+            return False
         if self._recent and not self._recent[-1][0].same_period(experiment):
             self._recent.clear()
         mixed = signal.level is Level.POSITIVE and self._changed_within(experiment)

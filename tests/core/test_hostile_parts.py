@@ -11,8 +11,8 @@ import pytest
 
 import msgs_config
 from ldt_core.base.bounded_file import read_bounded
-from ldt_core.base.errors import LdtError, OptionError, did_you_mean
-from ldt_core.base.experiment import FAILED, Action, Experiment
+from ldt_core.base.errors import LdtError, MachineFileError, OptionError, did_you_mean
+from ldt_core.base.experiment import FAILED, Action, Experiment, Level, Signal
 from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.base.registry import Registry
 from ldt_core.base.settings import resolve
@@ -29,6 +29,7 @@ from ldt_core.recording.csv_table import CsvTable
 from ldt_core.recording.writer import BagWriter
 from ldt_core.runs.offline import write_step
 from ldt_core.twin.adaptor import TOO_LONG
+from ldt_core.twin.diagnoser import Diagnoser
 from ldt_core.twin.loop import Twin
 
 SHORT = replace(load_machine("rotor"), duration=2.0)
@@ -244,6 +245,28 @@ def test_what_is_too_long_to_learn_from_is_predicted_all_the_same():
     assert "2502 s are too long for it" in refused.adaptation.reason
     assert refused.experiment not in twin.adaptor.memory.recent
     assert learned.adaptation.action is Action.ADAPTED
+
+
+def test_what_is_too_long_is_not_diagnosed_either():
+    """Beside a model that has learned nothing from it; what it says of the machine is not known."""
+    period = SHORT.sample_period * 100
+    rest = np.full(int(LONGEST_LEARNED / period) + 2, 6.0)
+    made_of: list[object] = []
+    diagnoser = Diagnoser(SHORT, {}, make=lambda *a, **k: made_of.append(a))
+    said = Signal(1, Level.POSITIVE, "threshold", 0, 9.0)
+    assert diagnoser.step(Experiment(1, 1e9, period, rest, rest), said) is None
+    assert "2502 s are too long for it" in diagnoser.trouble
+    assert (made_of, diagnoser.state()["recent"]) == ([], [])
+
+
+@pytest.mark.parametrize("change", ["J: 0.02 ", "b: 0.01 "])
+def test_a_machine_too_fast_for_floating_point_is_refused(change):
+    """With the file, by one sentence, before a library fails at it."""
+    name, _, value = change.partition(" ")
+    absurd = f"{name} {'1e-30' if name == 'J:' else '1e14'} "
+    text = msgs_config.machine_text("rotor").replace(f"{name} {value}", absurd)
+    with pytest.raises(MachineFileError, match=r"parameters: expected a machine whose speed"):
+        parse_machine(text, "mine.yaml")
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from ldt_core.effects import get_effect
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.machine.plant import Plant
 from ldt_core.models import restore_model
+from ldt_core.models.gaussian_process import learn, sparse
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.hybrid import HybridModel
 from ldt_core.models.physics import PhysicsModel
@@ -105,6 +106,18 @@ def test_a_known_drag_is_recovered():
     """Within 2 % of its largest value wherever the machine ran, from 4 experiments of 10 s."""
     speed = np.linspace(18, 40, 50)
     np.testing.assert_allclose(learned_at(trained(), speed), drag(speed, 0), atol=0.6)
+
+
+def test_a_long_run_is_learned_in_parts(monkeypatch):
+    """Memory that does not grow with it; the parts make the whole, but for rounding."""
+    model, made = HybridModel(MACHINE), experiments(count=2)
+    whole = model.fit(made)
+    for module in (learn, sparse):
+        monkeypatch.setattr(module, "ROWS", 37)
+    parts = model.fit(made)
+    one, other = (m.predict(made[0]) for m in (whole, parts))
+    np.testing.assert_allclose(one.speed, other.speed, rtol=1e-6)
+    np.testing.assert_allclose(one.speed_std, other.speed_std, rtol=1e-4)
 
 
 def test_learning_takes_the_error_to_the_noise():

@@ -22,9 +22,11 @@ from ldt_core.models.gaussian_process.observer import (
     estimate_noise,
     filter_columns,
     filtered,
+    kalman_gains,
     one_step,
 )
 from ldt_core.models.gaussian_process.sparse import (
+    ROWS,
     Kernel,
     SparsePosterior,
     cells,
@@ -141,7 +143,13 @@ def _learn(runs: Sequence[MotorRun], inputs: tuple[str, ...], most: int) -> Lear
             known = {"current": states[:, 0], "speed": states[:, 1], "voltage": run.voltage}
             at = np.column_stack([known[name] for name in inputs])
             target, _, _ = filtered(run, np.zeros(len(run.speed)), noise.ratio)
-            yield filter_columns(run, kernel(at, inducing), noise.ratio), target, part[1:]
+            gains, scales = kalman_gains(run.ad, noise.ratio, len(run.speed))
+            states = np.zeros((2, len(inducing)))
+            for begin in range(0, len(target), ROWS):
+                here = slice(begin, min(begin + ROWS, len(target)))
+                after = slice(here.start + 1, here.stop + 1)
+                about = kernel(at[here], inducing), gains[after], scales[after], states
+                yield filter_columns(run, *about), target[here], part[after]
 
     found = condition_in_parts(kernel, inducing, observations(), innovation_std, PARTS)
     return _disturbance(runs, inputs, found, parts, noise_std, span, lengths, steps, raw)

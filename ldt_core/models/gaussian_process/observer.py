@@ -76,7 +76,7 @@ def one_step(run):
 
 
 @njit(cache=True)
-def _gains(ad, ratio, samples):
+def kalman_gains(ad, ratio, samples):
     """Kalman gains (L, 2) and innovation scales (L,), in units of the sensor noise."""
     gains, scales = np.zeros((samples, 2)), np.ones(samples)
     # The first sample is all that is known of the start; the current is taken as known.
@@ -113,7 +113,7 @@ def filtered(run, force, ratio):
     """
     ad, bd, gd, voltage, speed = run.ad, run.bd, run.gd, run.voltage, run.speed
     samples = len(speed)
-    gains, scales = _gains(ad, ratio, samples)
+    gains, scales = kalman_gains(ad, ratio, samples)
     innovations, states = np.empty(samples - 1), np.empty((samples, 2))
     i, w = run.current, speed[0]
     states[0, 0], states[0, 1] = i, w
@@ -129,19 +129,28 @@ def filtered(run, force, ratio):
 
 
 @njit(cache=True)
-def filter_columns(run, columns, ratio):
-    """(L - 1, m) what accelerations columns (L, m) contribute to the scaled innovations."""
+def filter_columns(run, columns, gains, scales, states):
+    """What accelerations at samples in a row contribute to the scaled innovations after each.
+
+    Args:
+        run: the experiment, a `MotorRun`.
+        columns: (n, m) accelerations [rad/s²].
+        gains, scales: (n, 2), (n,) of the samples after these, see `kalman_gains`.
+        states: (2, m) what came before, 0 at first; changed to what comes after.
+
+    Returns:
+        (n, m).
+    """
     ad, gd = run.ad, run.gd
     samples, m = columns.shape
-    gains, scales = _gains(ad, ratio, samples)
-    out = np.empty((samples - 1, m))
-    i, w = np.zeros(m), np.zeros(m)
-    for k in range(1, samples):
+    out = np.empty((samples, m))
+    i, w = states[0], states[1]
+    for k in range(samples):
         for j in range(m):
-            f = columns[k - 1, j]
+            f = columns[k, j]
             ahead_i = ad[0, 0] * i[j] + ad[0, 1] * w[j] + gd[0] * f
             ahead_w = ad[1, 0] * i[j] + ad[1, 1] * w[j] + gd[1] * f
-            out[k - 1, j] = ahead_w / scales[k]
+            out[k, j] = ahead_w / scales[k]
             i[j] = ahead_i - gains[k, 0] * ahead_w
             w[j] = ahead_w - gains[k, 1] * ahead_w
     return out

@@ -52,6 +52,9 @@ LONGEST_LENGTH = 3.0
 SIGNAL_RANGE = (1e-2, 1e1)
 #: Noise variance relative to that of the targets, at least: also the jitter of exact data.
 LEAST_NOISE_SHARE = 1e-8
+#: Inputs of which covariances are computed at a time: 100 MB with 200 inducing points, however
+#: long an experiment is.
+ROWS = 2**15
 #: Minus log likelihood where there is none: the search turns back.
 NO_LIKELIHOOD = 1e25
 
@@ -110,7 +113,9 @@ class SparsePosterior:
 
     def mean(self, x: Array) -> Array:
         """(n,) posterior mean at inputs (n, d)."""
-        return self.kernel(x, self.inducing) @ self.weights
+        rows = range(0, max(len(x), 1), ROWS)
+        parts = [self.kernel(x[at : at + ROWS], self.inducing) @ self.weights for at in rows]
+        return np.concatenate(parts) if len(parts) > 1 else parts[0]
 
     def std(self, x: Array) -> Array:
         """(n,) posterior standard deviation at inputs (n, d), that of the prior far from data."""
