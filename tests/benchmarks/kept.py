@@ -1,0 +1,84 @@
+"""The results that the page `ldt docs speed` shows, and its table, which is made from them.
+
+python -m tests.benchmarks --keep [NAME ...]
+
+measures, takes the rows into `bags/benchmarks.json` with day, commit and processor, and writes the
+table anew. Without `--keep` nothing is touched.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from ldt_core.docs import path
+from tests.benchmarks.row import Row
+
+KEPT = Path(__file__).parents[2] / "bags" / "benchmarks.json"
+BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
+HEAD = "| work | LDT | peer | its time | peer / LDT | aim | note | measured |"
+Kept = Mapping[str, Any]
+
+
+def load() -> list[dict[str, Any]]:
+    """What is kept, in the order of the table."""
+    rows: list[dict[str, Any]] = json.loads(KEPT.read_text("utf-8"))
+    return rows
+
+
+def merge(rows: Iterable[Kept], measured: Iterable[Row], processor: str) -> list[Kept]:
+    """Rows with those measured now in the place of the same work beside the same peer."""
+    day = datetime.now(UTC).date().isoformat()
+    head = ["git", "-C", str(KEPT.parent), "rev-parse", "--short", "HEAD"]
+    commit = subprocess.run(head, capture_output=True, text=True, check=True).stdout.strip()
+    stamp = {"day": day, "commit": commit, "processor": processor}
+    by_work = {(r["name"], r["peer"]): r for r in rows}
+    for row in measured:
+        by_work[row.name, row.peer] = {**asdict(row), **stamp}
+    return list(by_work.values())
+
+
+def table(rows: Iterable[Kept]) -> str:
+    """Markdown: a line for each row, and the processors, told by letters."""
+    kept = list(rows)
+    processors = list(dict.fromkeys(r["processor"] for r in kept))
+    letters = {p: chr(ord("A") + k) for k, p in enumerate(processors)}
+    lines = [HEAD, "|---" * HEAD.count(" | ") + "|---|"]
+    for r in kept:
+        ratio = r["peer_s"] / r["ours_s"]
+        cells = (
+            *(r["name"], span(r["ours_s"]), r["peer"], span(r["peer_s"])),
+            f"{ratio:.3g}" if ratio >= 1 else f"1/{1 / ratio:.3g}",
+            *(r["aim"], r["note"], f"{r['day']}, {r['commit']}, {letters[r['processor']]}"),
+        )
+        lines.append("| " + " | ".join(cells) + " |")
+    told = "; ".join(f"{letter}: {p}" for p, letter in letters.items())
+    return "\n".join(
+        [*lines, "", f"Measured: day, the commit that took it in, processor. {told}.", ""]
+    )
+
+
+def page(text: str, rows: Iterable[Kept]) -> str:
+    """The page with the table in its place."""
+    before, _, rest = text.partition(BEGIN)
+    return before + BEGIN + "\n" + table(rows) + "\n" + END + rest.partition(END)[2]
+
+
+def keep(measured: Iterable[Row], processor: str) -> None:
+    """Take rows into the kept results, and write the page's table anew."""
+    rows = merge(load(), measured, processor)
+    KEPT.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", "utf-8")
+    path("speed").write_text(page(path("speed").read_text("utf-8"), rows), "utf-8")
+
+
+def span(seconds: float) -> str:
+    """A time with three digits and the unit that fits."""
+    for scale, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")):
+        if seconds >= scale:
+            return f"{seconds / scale:.3g} {unit}".replace("4e+03", "4000")
+    return f"{seconds / 1e-9:.3g} ns"
