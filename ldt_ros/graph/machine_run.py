@@ -213,9 +213,17 @@ def host_processes(runs: Sequence[MachineRun], folder: Path) -> list[HostProcess
 
 
 def write_parameters(run: MachineRun, folder: Path, **others: str) -> str:
-    """Write what a machine's nodes are told, those that start from now on; the file's name."""
+    """Write what a machine's nodes are told, those that start from now on; the file's name.
+
+    The machine is what its file said at first: it may be edited while a run goes on, and a node
+    that is started again would go on with another machine.
+    """
     defaults = {n: d["default"] for n, d in msgs_config.parameters().items()}
     values = {n: v for n, v in run.settings.items() if v != defaults[n]}
+    if run.settings["machine"] not in msgs_config.machine_names():
+        machine = folder / f"{run.name}.machine.yaml"
+        machine.write_text(yaml.safe_dump(run.machine.as_dict(), allow_unicode=True))
+        values["machine"] = str(machine)
     file = folder / f"{run.name}.yaml"
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": {**values, **others}}}))
     return str(file)

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-import pytest
+from pathlib import Path
 
+import pytest
+import yaml
+
+import msgs_config
 from ldt_core.base.settings import resolve
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.node_status import LAST_REJECTION, REJECTED, RESUMED_AT, NodeStatus
+from ldt_core.restart.run_key import key_text
 
 pytest.importorskip("rclpy")
 
-from ldt_ros.graph.machine_run import MachineRun
+from ldt_ros.graph.machine_run import MachineRun, machine_runs, write_parameters
 
 VANISHED = "r1: the file or its folder was deleted"
 LOST = {REJECTED + "signal: LdtError": "1", LAST_REJECTION: f"signal: {VANISHED}"}
@@ -54,3 +59,18 @@ def test_a_run_that_goes_on_is_judged_by_what_it_sends_itself():
     assert failures([1, 2, 3, 4], [1, 3, 4], [4], plant=began) == []
     words = "1 of 1 experiments sent are missing, not answered: experiment 4"
     assert failures([1, 2, 3, 4], [1, 3], [], plant=began) == [words]
+
+
+@pytest.mark.parametrize("then", ["other", "none"])
+def test_a_machine_file_that_is_edited_changes_nothing_in_the_run(then, tmp_path):
+    """A node that is started again gets the machine that the run began with."""
+    file, text = tmp_path / "mine.yaml", msgs_config.machine_text("rotor")
+    file.write_text(text)
+    settings = {"machine": str(file), "bag": str(tmp_path / "run")}
+    (run,) = machine_runs(resolve(settings))
+    file.write_text(text.replace("K_t: 0.3 ", "K_t: 0.6 ") if then == "other" else "{")
+    for resume in ("", "run"):  # at first, and again
+        told = yaml.safe_load(Path(write_parameters(run, tmp_path, resume=resume)).read_text())
+        again = load_machine(told["/**"]["ros__parameters"]["machine"])
+        assert key_text(again) == key_text(load_machine("rotor"))
+    assert str(file) in run.settings["run_settings"]
