@@ -223,7 +223,7 @@ def _print(found: Diagnosis, folder: Path) -> None:
     console.print(found.verdict.sentence)
     if found.verdict.kind != "none":
         table = Table(title="what was tried, each alone")
-        for column in ("effect", "explains", "amount", "why not"):
+        for column in ("effect", "explains", "amount", "verdict"):
             table.add_column(column, justify="right" if column == "explains" else "left")
         for c in found.candidates[:MAX_CANDIDATES]:
             share = "" if c.closed_fraction is None else f"{c.closed_fraction:.1%}"
