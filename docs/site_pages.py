@@ -174,8 +174,8 @@ def topics() -> str:
 def parameters() -> str:
     """Every parameter of nodes and commands."""
     rows = [
-        "| parameter | option | type | default | range or choices | is |",
-        "|---|---|---|---|---|---|",
+        "| option | type | default | range or choices | is |",
+        "|---|---|---|---|---|",
     ]
     for name, d in msgs_config.parameters().items():
         limits = d.get("range") or [c for c in d.get("choices", ()) if c]
@@ -183,10 +183,13 @@ def parameters() -> str:
         unit = f" [{d['unit']}]" if d.get("unit") else ""
         default = d["default"] if d["default"] not in ("", []) else "–"
         rows.append(
-            f"| `{name}` | `{flag_of(name)}` | {d['type']} | {default} | {shown or '–'} | "
+            f"| `{flag_of(name)}` | {d['type']} | {default} | {shown or '–'} | "
             f"{_plain(d['description'])}{unit} |"
         )
-    head = "Options of commands and ROS parameters of nodes are the same, declared once."
+    head = (
+        "Options of commands and ROS parameters of nodes are the same, declared once. A parameter "
+        "has underscores: `--checkpoint-every` is `checkpoint_every`."
+    )
     return f"# Parameters\n\n{head}\n\n" + "\n".join(rows) + "\n"
 
 

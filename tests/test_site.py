@@ -11,6 +11,7 @@ import pytest
 import ldt_core
 import msgs_config
 from ldt_core import docs
+from ldt_core.base.settings import flag_of
 from ldt_core.cli import SECTIONS
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -53,7 +54,7 @@ def test_the_reference_has_every_command_parameter_topic_and_name(site):
         assert f"<code>{topic}</code>" in text["topics"], topic
     parameters = (site / "parameters.html").read_text()
     for name in msgs_config.parameters():
-        assert f"<code>{name}</code>" in parameters, name
+        assert f"<code>{flag_of(name)}</code>" in parameters, name
 
 
 def test_a_broken_link_and_a_foreign_address_are_found(site):
