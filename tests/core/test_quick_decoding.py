@@ -17,6 +17,7 @@ from ldt_core.base.experiment import (
     Prediction,
     Signal,
 )
+from ldt_core.recording import message_subject
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.codec import DECODERS, decode, decode_cdr, encode_cdr
 from ldt_core.recording.flat_status import flat_status
@@ -61,6 +62,24 @@ def test_whatever_the_bytes_are_both_ways_say_the_same(topic):
         slow = outcome(lambda data=data: decode(topic, deserialize(data, kind, topic)))
         assert quick == slow
     assert kind != DIAGNOSTICS or flat_status(good) is not None
+
+
+@pytest.mark.parametrize("topic", RECORDS)
+def test_what_a_message_is_about_is_the_same_both_ways(topic, monkeypatch):
+    """Number and time, out of the bytes at once and of the whole message; mostly at once."""
+    kind, chance = DECODERS[topic][0], random.Random(2)
+    good = encode_cdr(RECORDS[topic], "rotor", 1e9)
+    tried = [good, good[:-1], good[:40], good + b"\0", b""]
+    for at in range(len(good)):
+        changed = bytearray(good)
+        changed[at] ^= 1 << chance.randrange(8)
+        tried.append(bytes(changed))
+    quick = [message_subject.said_of(topic, kind, data) for data in tried]
+    assert quick[0] == (3, 1e9)
+    for name in ("_head", "_status"):
+        monkeypatch.setattr(message_subject, name, lambda data: None)
+    slow = [message_subject.said_of(topic, kind, data) for data in tried]
+    assert repr(quick) == repr(slow)
 
 
 def test_steps_are_the_same_in_any_order(tmp_path):
