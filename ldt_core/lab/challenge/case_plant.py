@@ -29,7 +29,8 @@ _FIELDS = {
         *("static", "stribeck_speed", "stribeck_power", "gear"),
     ),
     "drag": (
-        *("eddy", "eddy_slowness", "drag", "drag_power", "drag_speed", "drag_linear"),
+        *("eddy", "eddy_backward", "eddy_slowness"),
+        *("drag", "drag_power", "drag_speed", "drag_linear"),
         *("stall_speed", "stall_share", "band", "band_speed", "band_width"),
     ),
     "winding": (
@@ -38,7 +39,8 @@ _FIELDS = {
         *("heat_winding", "heat_housing", "time_winding", "time_housing"),
     ),
     "supply": (
-        *("source", "source_rise", "brush", "brush_current", "brush_rise", "block", "block_fall"),
+        *("source", "source_rise", "brush", "brush_current", "brush_rise"),
+        *("block", "block_fall", "open", "open_fall"),
         *("current_limit", "speed_limit", "limiter_gain", "limiter_leak", "actuator_time"),
         *("limit", "limit_sharpness", "dead", "dead_softness", "delay", "walk"),
     ),

@@ -45,7 +45,8 @@ def drag(omega, p):  # pragma: no cover - compiled
     speed = abs(omega)
     torque = p.b * omega
     if p.eddy != 0.0:
-        torque += p.eddy * omega / (1.0 + (omega * p.eddy_slowness) ** 2)
+        level = p.eddy if omega >= 0.0 else p.eddy_backward
+        torque += level * omega / (1.0 + (omega * p.eddy_slowness) ** 2)
     if p.drag != 0.0:
         ratio = speed / p.drag_speed
         size = p.drag * p.drag_speed**2 * (ratio**p.drag_power + p.drag_linear * ratio)
@@ -122,6 +123,8 @@ def lost_voltage(y, volts, p):  # pragma: no cover - compiled
         lost += p.brush * math.tanh(i / p.brush_current) * rise
     if p.block != 0.0 and (volts == 0.0 or i * volts < 0.0):
         lost += p.block / (1.0 + p.block_fall * size) * i
+    if p.open != 0.0 and volts == 0.0:
+        lost += p.open / (1.0 + p.open_fall * size) * i
     if size > p.current_limit:
         lost += CONTACT * play(i, p.current_limit)
     over = abs(y[1]) - p.speed_limit

@@ -35,6 +35,7 @@ class Law:
         family: laws of one family would undo or hide one another, and never act together.
         needs: "" for every machine, "rotor", or "eccentric": a rotor with known unbalance.
         reversing: shows only when the machine turns both ways.
+        pausing: shows only where the command is 0 at times.
         quick: of the library's form only where the current settles within a sample or so.
         kept: parameters that are exact as they are and not fitted.
         place: (values, shape, machine's parameters) → where the law acts, if only in a region.
@@ -50,6 +51,7 @@ class Law:
     family: str = ""
     needs: str = ""
     reversing: bool = False
+    pausing: bool = False
     quick: bool = False
     kept: tuple[str, ...] = ()
     place: Callable[[Numbers, Numbers, Numbers], dict[str, Any] | None] | None = None

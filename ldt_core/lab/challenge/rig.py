@@ -24,6 +24,7 @@ KINDS = (
     *("ramps", "reversing_ramps", "closed_loop"),
 )
 REVERSING = tuple(kind for kind in KINDS if kind.startswith("reversing"))
+STEPPED = ("steps", "reversing")  # kinds whose levels may be 0 at times
 SINES = 6  # in a multisine
 BAND = (0.05, 2.0)  # Hz, of multisines
 RAMPS = (0.5, 3.0)  # s, shortest and longest
@@ -43,6 +44,7 @@ class VoltagePattern:
         high: highest voltage [V].
         hold: shortest and longest time that a step is held [s].
         last: frequency in which a chirp ends [Hz].
+        pauses: share of a step pattern's levels that are exactly 0.
     """
 
     kind: str
@@ -50,6 +52,7 @@ class VoltagePattern:
     high: float
     hold: tuple[float, float] = (1.0, 1.0)
     last: float = 1.0
+    pauses: float = 0.0
 
     @property
     def reversing(self) -> bool:
@@ -79,6 +82,8 @@ class VoltagePattern:
         while at < samples:
             stop = at + max(1, round(random.uniform(*self.hold) / period))
             volts[at:stop] = random.uniform(self.low, self.high)
+            if self.pauses and random.random() < self.pauses:
+                volts[at:stop] = 0.0
             at = stop
         return volts
 
@@ -100,7 +105,8 @@ def draw_excitation(kind: str, random: np.random.Generator) -> VoltagePattern:
 
 SHOWN, ALIKE, OTHER = 10, 4, 3  # experiments: of the case, and further of its kind and another
 PROBES = (1, 5, 9)  # experiments on which sizes are found
-STARTS = ("rest", "angle", "running")  # at rest at angle 0, at rest at any angle, cut from a run
+#: At rest at angle 0, at rest at any angle, each cut from a run, all cut from one long record.
+STARTS = ("rest", "angle", "running", "cut")
 VOLTAGE, ANGLE, NOISE, EACH, CHANCE = range(5)  # independent random streams of an experiment
 FOUNDATION = 7  # states of the machine as its file knows it
 
@@ -185,10 +191,14 @@ class CaseBench:
     def drive(self, number: int) -> Drive:
         """How experiment `number` (from 1) is driven."""
         if number not in self._drives:
-            s = self.setting
-            warm = s.warm if s.start == "running" else 0
+            s, random = self.setting, self.setting.random(number, VOLTAGE)
             used = s.other if number > SHOWN + ALIKE else s.excitation
-            volts = used.voltage(warm + s.samples, s.period / s.pace, s.random(number, VOLTAGE))
+            warm = s.warm if s.start in ("running", "cut") else 0
+            total = warm + s.samples
+            if s.start == "cut" and number <= SHOWN:  # one record, with all that was before
+                random, total = s.random(1, VOLTAGE), warm + SHOWN * s.samples
+                warm += (number - 1) * s.samples
+            volts = used.voltage(total, s.period / s.pace, random)[: warm + s.samples]
             angle = 0.0
             if s.start == "angle":
                 angle = float(s.random(number, ANGLE).uniform(0, 2 * np.pi))
@@ -224,7 +234,7 @@ class CaseBench:
         state = np.zeros_like(first)
         state[:FOUNDATION] = first[:FOUNDATION]
         speed = free_run(self.plant((), number), self.drive(number), state).speed
-        if self.setting.start != "running":  # the same first state, whatever acts
+        if self.setting.start not in ("running", "cut"):  # the same first state, whatever acts
             self._ideal[number] = speed
         return speed
 

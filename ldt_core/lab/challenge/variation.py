@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,14 @@ import yaml
 import msgs_config
 from ldt_core.base.errors import OptionError, did_you_mean
 from ldt_core.lab.challenge.law import Law
-from ldt_core.lab.challenge.rig import KINDS, REVERSING, STARTS, CaseSetting, draw_excitation
+from ldt_core.lab.challenge.rig import (
+    KINDS,
+    REVERSING,
+    STARTS,
+    STEPPED,
+    CaseSetting,
+    draw_excitation,
+)
 
 ROTOR, MOTOR = "dc_motor_rotor", "dc_motor"
 MOTORS = 0.5  # share of machines without a foundation
@@ -30,7 +38,9 @@ SPREAD, MOST = 0.15, 0.35  # of the logarithm of each number, and how far it may
 KNOWN_UNBALANCE = 0.1  # share of rotors whose file knows of some unbalance, whatever acts
 ECCENTRICITY = (0.003, 0.006)  # m, of those
 SHARES = (0.3, 0.2, 0.08, 0.06, 0.08, 0.04, 0.07, 0.07, 0.1)  # of KINDS, in their order
-STARTING = (0.55, 0.15, 0.3)  # shares of STARTS
+STARTING = (0.5, 0.13, 0.27, 0.1)  # shares of STARTS
+CUT = 0.5  # of the usual samples, in each piece of one long record
+PAUSING, PAUSES = 0.25, 0.3  # share of stepped voltages that pause, and of their levels at 0
 WARM = (2.0, 4.0)  # s, that a machine runs before the recording is cut
 NOISE = (0.005, 0.2)  # rad/s, drawn by its logarithm
 CURRENT_NOISE = 0.02  # A
@@ -56,7 +66,7 @@ def draw_setting(
         seed: of the experiments.
         physics: kind of machine.
         excitation: kind, of the case itself.
-        start: rest, angle or running.
+        start: see STARTS.
         noise: deviation on the speed [rad/s].
         current: whether it is recorded.
         samples: in an experiment.
@@ -82,11 +92,20 @@ def draw_setting(
     slowest = QUICK if any(law.quick for law in laws) else ELECTRICAL[1]
     machine = _machine(physics, "eccentric" in needs, pace, slowest, random)
     both_ways = any(law.reversing for law in laws)
-    drawn = _kind(random, REVERSING if both_ways else KINDS)
+    pausing = any(law.pausing for law in laws)
+    kinds = REVERSING if both_ways else KINDS
+    drawn = _kind(random, tuple(k for k in kinds if k in STEPPED) if pausing else kinds)
     kind = excitation or drawn
     other = _kind(random, tuple(k for k in KINDS if k != kind))
     voltages = draw_excitation(kind, random), draw_excitation(other, random)
-    drawn_start = STARTS[random.choice(len(STARTS), p=STARTING)]
+    if pausing or random.random() < PAUSING:
+        one, two = (replace(v, pauses=PAUSES * (v.kind in STEPPED)) for v in voltages)
+        voltages = one, two
+    drawn_start = start or STARTS[random.choice(len(STARTS), p=STARTING)]
+    if drawn_start == "cut" and kind == "closed_loop":  # its controller begins with each record
+        drawn_start = "running"
+    length = samples if physics == MOTOR else round(samples * USUAL / period)
+    length = round(length * CUT) if drawn_start == "cut" else length
     warm = round(random.uniform(*WARM) * pace / period)
     drawn_noise = float(f"{np.exp(random.uniform(*np.log(NOISE))):.3g}")
     with_current = random.random() < 0.5
@@ -98,12 +117,12 @@ def draw_setting(
         known=machine,
         excitation=voltages[0],
         other=voltages[1],
-        start=start or drawn_start,
+        start=drawn_start,
         warm=warm,
         noise=used_noise,
         current_noise=CURRENT_NOISE if (with_current if current is None else current) else None,
         seed=seed,
-        samples=samples if physics == MOTOR else round(samples * USUAL / period),
+        samples=length,
         period=period,
         pace=pace,
         quantum=step,

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from made_case import make_case
 
-from ldt_core import docs
 from ldt_core.base.experiment import rms
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.lab.challenge.case_plan import LEAST_EXPLAINED_SHARE, plan_case
@@ -55,10 +54,11 @@ def test_without_a_law_the_rotor_moves_as_the_twins_physics_says(e, kind):
     np.testing.assert_allclose(ours.current, twin[:, 2], atol=1e-6)
 
 
-@pytest.mark.parametrize("physics", ["dc_motor_rotor", "dc_motor"])
-def test_a_case_without_a_gap_is_its_machine_file_and_white_noise(physics):
+@pytest.mark.parametrize(("physics", "start"), [("dc_motor_rotor", "running"), ("dc_motor", "cut")])
+def test_a_case_without_a_gap_is_its_machine_file_and_white_noise(physics, start):
     """What is left of it, next to the twin's free run from the true start, is the noise."""
-    plan = plan_case("none", seed=(1,), physics=physics, start="running", samples=1000)
+    about = {"physics": physics, "start": start, "excitation": "steps", "samples": 1000}
+    plan = plan_case("none", seed=(1,), **about)
     machine, bench = machine_from_dict(plan.machine, "case"), CaseBench(plan.setting)
     moved, measured = bench.run((), 1), bench.experiment((), 1)
     first = moved.states[0][: len(machine.model.states)]
@@ -70,14 +70,9 @@ def test_a_case_without_a_gap_is_its_machine_file_and_white_noise(physics):
     assert abs(moved.speed[0]) > 1  # it was running
 
 
-#: Effects that the challenge does not try yet, as the page `accuracy` says.
-UNTRIED = ("open_circuit", "viscous_asymmetric")
-
-
 def test_the_laws_are_of_the_librarys_effects_by_their_names_and_units():
     """Each effect has a law, with the library's parameters in the library's units."""
-    assert sorted([*LAWS, *UNTRIED]) == sorted(EFFECTS.names())
-    assert all(f"`{name}`" in docs.text("accuracy") for name in UNTRIED)
+    assert sorted(LAWS) == sorted(EFFECTS.names())
     for name, law in LAWS.items():
         assert dict(law.units) == {p.name: p.unit for p in get_effect(name).parameters}, name
 
@@ -125,7 +120,7 @@ def test_bristles_take_their_level_from_a_steady_speed_and_hold_below_it():
 
 def test_an_eddy_brake_loses_half_of_its_slope_at_its_strongest_speed():
     """Smythe: c omega / (1 + (omega / omega_c)^2)."""
-    moved = motion(np.full(1000, 10.0), eddy=0.004, eddy_slowness=1 / 25)
+    moved = motion(np.full(1000, 10.0), eddy=0.004, eddy_backward=0.004, eddy_slowness=1 / 25)
     speed, current = state(moved, "omega"), state(moved, "current")
     brake = 0.3 * current - 0.01 * speed
     assert brake == pytest.approx(0.004 * speed / (1 + (speed / 25) ** 2), rel=1e-6)
@@ -152,6 +147,40 @@ def test_a_delay_moves_the_motion_and_nothing_else():
     late, prompt = motion(volts, delay=0.03), motion(volts)
     assert np.all(late.speed[:4] == 0)
     np.testing.assert_allclose(late.speed[3:], prompt.speed[:-3], atol=1e-6)
+
+
+def test_pieces_of_one_record_go_on_where_the_last_one_ended():
+    """One run, cut: the state at a piece's first sample is one sample behind the last one's end."""
+    plan = plan_case(
+        "none", seed=(3,), physics="dc_motor", start="cut", excitation="steps", samples=400
+    )
+    bench = CaseBench(plan.setting)
+    one, next_one = bench.run((), 4), bench.run((), 5)
+    whole, count = bench.drive(5).volts, plan.setting.samples
+    np.testing.assert_allclose(bench.drive(4).volts, whole[: whole.size - count])
+    moved = simulate(ideal(plan.setting.known), bench.drive(5), RANDOM)
+    np.testing.assert_allclose(moved.states, next_one.states)
+    step = np.abs(next_one.speed[0] - one.speed[-1])
+    assert step <= 1.5 * np.abs(np.diff(np.concatenate([one.speed, next_one.speed]))).max()
+
+
+def test_a_drive_that_pauses_leaves_the_terminals_open_only_then():
+    """The shaft coasts by its own friction, J omega' = -b omega, and brakes at any other command."""
+    volts = np.repeat([10.0, 0.0, 2.0], 100)
+    coasting, plain = motion(volts, open=100.0), motion(volts)
+    slowing = ROTOR.parameters["b"] / ROTOR.parameters["J"]
+    ratio = coasting.speed[199] / coasting.speed[110]
+    assert ratio == pytest.approx(math.exp(-slowing * 89 * PERIOD), rel=0.05)
+    assert plain.speed[199] < 0.5 * plain.speed[110]
+    assert coasting.speed[-1] == pytest.approx(plain.speed[-1], rel=0.05)
+
+
+def test_an_eddy_brake_may_be_another_one_backward():
+    """K i = (b + eddy) omega, either way its own."""
+    for volts, level in ((10.0, 0.004), (-10.0, 0.008)):
+        moved = motion(np.full(1000, volts), eddy=0.004, eddy_backward=0.008)
+        speed, current = state(moved, "omega"), state(moved, "current")
+        assert 0.3 * current == pytest.approx((0.01 + level) * speed, rel=1e-6)
 
 
 def test_a_backlash_lets_the_motor_turn_alone_through_its_gap():

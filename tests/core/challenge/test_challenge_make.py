@@ -71,7 +71,8 @@ def test_a_cases_folder_holds_two_recordings_and_a_machine_file(made):
         assert sorted(p.name for p in folder.iterdir()) == ["further", "machine.yaml", "recording"]
         machine = load_machine(folder / "machine.yaml")
         shown, further = (experiments(folder / n).experiments for n in ("recording", "further"))
-        assert {len(e) for e in shown} <= {SAMPLES, SAMPLES // 2}  # at half the rate
+        # At half the rate, or pieces of one record.
+        assert {len(e) for e in shown} <= {SAMPLES, SAMPLES // 2, SAMPLES // 4}
         assert len(shown) == SHOWN
         assert [e.number for e in [*shown, *further]] == list(range(1, SHOWN + ALIKE + OTHER + 1))
         assert list(read_bag(folder / "recording").topics) == ["/experiment"]

@@ -146,12 +146,28 @@ def _brush(p, v, s, odd):
     (0.05, 32.0),
     drawn(R="R", fall=(0.05, 0.2)),  # fall: 1/A
     lambda size, s, known: {"share": size / (1.0 + size)},
+    family="braking",
     quick=True,
 )
 def _block(p, v, s, odd):
     # A resistance in the way back that lets only 1 - share of the braking current through.
     p["block"] = s["R"] * v["share"] / (1.0 - v["share"])
     p["block_fall"] = odd * s["fall"]
+
+
+@electrical(
+    "open_circuit",
+    {"share": ""},
+    (0.05, 32.0),
+    drawn(R="R", fall=(0.05, 0.2)),  # fall: 1/A
+    lambda size, s, known: {"share": size / (1.0 + size)},
+    family="braking",
+    quick=True,
+    pausing=True,
+)
+def _open(p, v, s, odd):
+    p["open"] = s["R"] * v["share"] / (1.0 - v["share"])
+    p["open_fall"] = odd * s["fall"]
 
 
 @electrical(

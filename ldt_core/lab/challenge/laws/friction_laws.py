@@ -97,9 +97,28 @@ def _gear(p, v, s, odd):
     (2e-5, 0.05),
     drawn(sign=EITHER, strongest=(60.0, 150.0)),
     lambda size, s, known: {"b": max(s["sign"] * size, -0.95 * known["b"])},
+    family="viscous",
 )
 def _viscous(p, v, s, odd):
-    p["eddy"], p["eddy_slowness"] = v["b"], odd / s["strongest"]
+    p["eddy"] = p["eddy_backward"] = v["b"]
+    p["eddy_slowness"] = odd / s["strongest"]
+
+
+@friction(
+    "viscous_asymmetric",
+    {"b_forward": "N m s", "b_backward": "N m s"},
+    (2e-5, 0.05),
+    drawn(strongest=(60.0, 150.0), ratio=_ratio),
+    lambda size, s, known: {
+        "b_forward": size * math.sqrt(s["ratio"]),
+        "b_backward": size / math.sqrt(s["ratio"]),
+    },
+    family="viscous",
+    reversing=True,
+)
+def _viscous_by_direction(p, v, s, odd):
+    p["eddy"], p["eddy_backward"] = v["b_forward"], v["b_backward"]
+    p["eddy_slowness"] = odd / s["strongest"]
 
 
 @friction(
