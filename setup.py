@@ -128,6 +128,7 @@ def build() -> None:
         packages=find_packages(include=["ldt_core*", "ldt_ros*", "msgs_config*"]),
         package_data={
             "ldt_core": ["py.typed"],
+            "ldt_core.diagnosis": ["*.json"],
             "ldt_core.docs": ["*.md"],
             "ldt_core.views.page": ["templates/*"],
             "ldt_core.views.report": ["templates/*", "uplot/*"],

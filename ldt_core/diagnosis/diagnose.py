@@ -14,6 +14,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.base.threads import one_thread
 from ldt_core.diagnosis.attribution import amounts, shapley_shares
 from ldt_core.diagnosis.candidate import Candidate, machine_scales
+from ldt_core.diagnosis.confidence import all_grounds, confidence
 from ldt_core.diagnosis.diagnosis import (
     Diagnosis,
     DrawnExperiment,
@@ -169,8 +170,7 @@ class _Report:
                 self.machine, self.named, self.fitted, self.held, was, now, noise
             )
         if self.objection:
-            sure = THRESHOLDS.confidence_without_search
-            d = self.decision = replace(d, kind="unknown", confidence=sure)
+            d = self.decision = replace(d, kind="unknown")
             self.named, self.use, after, now = None, [], before, was
         still = float(np.sqrt(np.mean(np.concatenate([e.speed for e in self.held]) ** 2)))
         blind = d.kind == "none" and was.rmse >= still
@@ -199,6 +199,7 @@ class _Report:
         words = " ".join(w for w in (words, far) if w)
         if self.fault:
             words = not_measured(self.fault, "" if self.faulty else words)
+        grounds = all_grounds(d.grounds, acting, now.rmse / noise, bool(self.objection))
         best = d.best.use if d.best else []
         depends = []
         if d.structured:
@@ -211,7 +212,7 @@ class _Report:
                 "fit": sorted({e.number for e in self.fitted}),
                 "held_out": sorted({e.number for e in self.held}),
             },
-            verdict=Verdict(d.kind, effects, acting, d.confidence, words),
+            verdict=Verdict(d.kind, effects, acting, confidence(d.kind, grounds), words, grounds),
             gap=gap,
             where=where,
             candidates=[*self._ranked(found, before, noise), *self._nominal_row(refit, before)],

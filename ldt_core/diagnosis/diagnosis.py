@@ -88,6 +88,8 @@ class Verdict:
     Attributes:
         effects: all that act together (effect), or all names that are possible (ambiguous).
         acting: one list for each effect that acts: the names it may have, the best first.
+        confidence: share of such verdicts that was right among simulated cases; see `confidence`.
+        grounds: what it was judged by.
     """
 
     kind: str
@@ -95,6 +97,7 @@ class Verdict:
     acting: Sequence[Sequence[str]]
     confidence: float
     sentence: str
+    grounds: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -156,6 +156,16 @@ def fit(
         z = first if quick else descend(first, STEPS_TO_START_STATES)[0]
         starts[0] = starts[0] if quick else settled(z, near=known)
         z, left, slopes = descend(z, steps)
+        for _ in range(0 if quick or not residuals.shaking else START_ANGLE_ROUNDS):
+            # The angles were sought with other parameters: some may be a whole minimum off.
+            last, old = (z, left, slopes), starts[0]
+            starts[0] = settled(z)
+            z, left, slopes = descend(z, steps)
+            loss, had = float(left @ left), float(last[1] @ last[1])
+            if loss > had:
+                (z, left, slopes), starts[0] = last, old
+            if loss > (1 - START_ANGLE_GAIN) * had:
+                break
     sought = residuals.shaking or not any(p.at_rest for p in residuals.pieces)
     if not sought and turns(residuals, used(members, by_member(members, z))):
         shared, kept = (z, left, slopes), starts[0]

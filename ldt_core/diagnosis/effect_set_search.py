@@ -15,7 +15,7 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.threads import spread
 from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.effect_fit import EffectFit, fit
+from ldt_core.diagnosis.effect_fit import STEPS, EffectFit, fit
 from ldt_core.diagnosis.error_band import ErrorBand
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.model_selection import FittedSets, Names, plain_enough
@@ -35,18 +35,21 @@ ADDED = 3  # effects added to each of them whatever they promise, and as many th
 ADDED_CLOSE = 0.5  # of the best promise: what an effect of the second half of those reaches
 EXCHANGES = 2  # rounds in which the members of the best set are exchanged
 ENABLED_STARTS = 200  # simulations of a pair of which one effect shows only beside the other
+STARTS_BESIDE = 4  # of an effect that is simulated beside a set
 RIVALS = 6  # effects that may take the place of a member of the chosen set
 RIVAL_CLOSE = 0.7  # of the best promise: what a rival reaches
 SIZE_TRIED_ANYWAY = 3  # effects: sets up to this size are tried even where the last did not help
 FAR_OFF = 0.3  # of the loss: with more left, an addition is tried only if its response promises
 WORTH_A_FIT = 0.1  # of the power left: what the response of such an addition promises
 # Which sets are fitted on all experiments.
-FINISHED = 4  # sets of each size
-FINISHED_PLAINER = 2  # further sets of each size, with fewer parameters
+FINISHED = 2  # sets of each size; those that compete with the answer come at the end
+FINISHED_PLAINER = 1  # further sets of each size, with fewer parameters
+FINISHED_RIVALS = 6  # sets that differ from the chosen one in one member
 BEHIND = 1.5  # times the power that the best of a size leaves: a set further behind is not fitted
 MANY_PARAMETERS = 3  # with which a fit may end before its best
 UNFINISHED = 0.005  # of the gap: a fit with many parameters that leaves more goes on
 UNFINISHED_STEPS = 30  # least-squares steps for which it goes on
+MOST_WORK = 100_000_000  # integration steps, after which no further set is sought: 8 to 40 s
 
 
 class TriedSet(NamedTuple):
@@ -94,6 +97,11 @@ class EffectSetSearch:
         self.found.scouted[frozenset()] = fitted or empty(self.scout)
         self.band = ErrorBand(self.scout)
 
+    @property
+    def spent(self) -> bool:
+        """Whether the search has done all the work that it may do."""
+        return self.residuals.work.steps > MOST_WORK
+
     def run(self) -> FittedSets:
         """Fit sets of one effect, then of two and three as long as something is left.
 
@@ -112,13 +120,19 @@ class EffectSetSearch:
                 self._exchange(count, enough)
             self._finish(count)
             best = self._best(count)
-            if not best or self.band.excess(best[0].residual) < enough:
+            if self.spent or not best or self.band.excess(best[0].residual) < enough:
                 break
             if count > 1 and not self._gained(count):
                 bases = 1
-            if count >= SIZE_TRIED_ANYWAY and not self._gained(count):
+            tried = SIZE_TRIED_ANYWAY if self._room_for_more(best[0]) else 2
+            if count >= tried and not self._gained(count):
                 break
         return self.found
+
+    def _room_for_more(self, best: EffectFit) -> bool:
+        """Whether a set leaves so much that a further effect could be named by its own part."""
+        left, gap = self.band.excess(best.residual), self.band.excess(self.responses.base)
+        return left > THRESHOLDS.further_effect_of_gap * gap
 
     def _gained(self, count: int) -> bool:
         """Whether the best set of a size takes away half of what the best smaller one leaves."""
@@ -141,8 +155,10 @@ class EffectSetSearch:
     def _pairs(self) -> None:
         ranked = sorted(rank_pairs(self.responses).items(), key=lambda q: -q[1][0])
         z, c = self.responses.z, self.candidates
-        self._scout([TriedSet([c[i], c[j]], [z[k], z[m]]) for (i, j), (_, k, m) in ranked[:PAIRS]])
-        self._scout(self._enabled())
+        tries = [TriedSet([c[i], c[j]], [z[k], z[m]]) for (i, j), (_, k, m) in ranked[:PAIRS]]
+        self._scout(() if self.spent else tries)
+        if not self.spent:
+            self._scout(self._enabled())
 
     def _enabled(self) -> list[TriedSet]:
         """Pairs of which one effect shows only beside the other, such as a foundation's."""
@@ -172,13 +188,13 @@ class EffectSetSearch:
 
     def _build_on(self, count: int, bases: int) -> None:
         tries = []
-        for k, base in enumerate(of_each_kind(self._best(count))[:bases]):
+        for k, base in enumerate(of_each_kind(self._best(count))[: 0 if self.spent else bases]):
             more = [*self.additions(base, ADDED), *self.additions(base, 2 * ADDED, ADDED_CLOSE)]
             if k == 0 or count == 1:
                 more += self.additions(base, ADDED, about=self._about(base))
             chosen = {c.name: (c, z) for c, z in more}.values()
             tries += [self._with(base, candidate, start) for candidate, start in chosen]
-        self._scout(tries)
+        self._scout(() if self.spent else tries)
 
     def _exchange(self, count: int, enough: float) -> None:
         """Try others in the place of each member of the best set, until that gains nothing.
@@ -195,8 +211,8 @@ class EffectSetSearch:
                 for candidate, start in self.additions(rest, ADDED, about=self._about(rest)):
                     if frozenset([*rest.names, candidate.name]) not in self.found.scouted:
                         tries.append(self._with(rest, candidate, start))
-            self._scout(tries)
-            if self._best(count)[0] is best:
+            self._scout(() if self.spent else tries)
+            if self.spent or self._best(count)[0] is best:
                 break
         self._prune(self._best(count)[0])
 
@@ -223,8 +239,9 @@ class EffectSetSearch:
     def _about(self, base: EffectFit) -> Responses:
         """What the other effects do beside a set: some act only together with another one."""
         others = [c for c in self.candidates if c.name not in base.names]
+        begun = self.responses.promising(base, STARTS_BESIDE)
         return simulate_all(
-            self.scout, others, lambda: self.tick("simulating effects"), base, self.workers
+            self.scout, others, lambda: self.tick("simulating effects"), base, self.workers, begun
         )
 
     def additions(
@@ -325,8 +342,9 @@ class EffectSetSearch:
             if self.scout.size == self.residuals.size:
                 self.found.fits[names] = scouted
             else:
+                steps = SCOUT_STEPS if self.spent else STEPS
                 self.found.fits[names] = fit(
-                    self.residuals, scouted.members, scouted.z, own=len(self.own)
+                    self.residuals, scouted.members, scouted.z, steps=steps, own=len(self.own)
                 )
             self._polish(names)
         return self.found.fits[names]
@@ -343,6 +361,7 @@ class EffectSetSearch:
         if (
             found.free < MANY_PARAMETERS
             or behind
+            or self.spent
             or not UNFINISHED * whole < left < FAR_OFF * whole
         ):
             return
@@ -369,13 +388,13 @@ class EffectSetSearch:
         tries = []
         for leave in range(len(base.effects)):
             rest = self._without(base, leave)
+            # What no recording tells from a member is tried whatever it costs.
             twins = self.twins.get(base.effects[leave].name, ())
-            tried = self.additions(rest, RIVALS + 1, RIVAL_CLOSE)
+            tried = [] if self.spent else self.additions(rest, RIVALS + 1, RIVAL_CLOSE)
             tried += [(c, z) for c, z, _ in self.responses.promised_beside(rest) if c.name in twins]
             for candidate, start in tried:
                 if candidate.name not in base.names:
                     tries.append(self._with(rest, candidate, start))
         found, scouted = self._scout(tries), self.found.scouted.get(frozenset(base.names), base)
-        return [
-            self.finish(f) for f in found if self._near(f, scouted) or self._plainer(f, scouted)
-        ]
+        close = [f for f in found if self._near(f, scouted) or self._plainer(f, scouted)]
+        return [self.finish(f) for f in sorted(close, key=lambda f: f.loss)[:FINISHED_RIVALS]]

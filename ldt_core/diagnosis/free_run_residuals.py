@@ -33,11 +33,11 @@ from ldt_core.diagnosis.start_states import (
 from ldt_core.estimation.noise import white_noise
 from ldt_core.estimation.variable_projection import basis_of, project_out
 from ldt_core.machine.machine_file import Machine
-from ldt_core.physics.base import ANGLE, CURRENT, NOT_TRACKED, SPEED, FreeRun
+from ldt_core.physics.base import ANGLE, CURRENT, MAX_STEP, NOT_TRACKED, SPEED, FreeRun
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.integrate import propagate
+from ldt_core.physics.integrate import MAX_STEP_RATE, propagate
 from ldt_core.physics.motor import MOTOR
-from ldt_core.physics.motor_rates import memory
+from ldt_core.physics.motor_rates import memory, motor_rate
 
 Values = Mapping[str, float]
 Used = tuple[Effect, Values]
@@ -48,6 +48,17 @@ AT_REST = 4.0  # noise deviations: a first sample nearer to 0 is that of a machi
 NOISE_FLOOR = 1e-4  # of a channel's size: a simulation without noise must not divide by 0
 ANGLE_SHOWS = 1e-3  # noise deviations by which an effect that depends on the angle shows it
 SHORTEST_STEP = 0.5e-3  # s, of the integration, whatever a fit tries: bounds the time it takes
+
+
+#: What a step costs where the current is solved for, beside one of eight runs side by side.
+PRICE_OF_FAST_CURRENT = 4
+
+
+@dataclass
+class Work:
+    """Integration steps done so far, of runs side by side; shared by all parts of a recording."""
+
+    steps: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +99,7 @@ class FreeRunResiduals:
         #: Noise of each channel in the deviations by which residuals are divided.
         self.level = (1.0, 1.0)
         self.workers = workers
+        self.work, self.price = Work(), self._price()
         #: Time constant with which the motor forgets its speed [s].
         self.memory = memory(self.physics.folded(self.values))
         self.pieces: list[PreparedExperiment] = []
@@ -113,6 +125,14 @@ class FreeRunResiduals:
             self.starts = searched_start_states(self, (), True, 0, True, True, SEARCH_STEP)
         if tolerance > 0:
             self._tolerate(tolerance)
+
+    def _price(self) -> int:
+        """Steps for a sample, as far as the machine without any effect tells."""
+        period = max((e.period for e in self.experiments), default=SEARCH_STEP)
+        rate = motor_rate(self.physics.folded(self.values))
+        if rate * MAX_STEP > MAX_STEP_RATE:
+            return PRICE_OF_FAST_CURRENT * math.ceil(period / SEARCH_STEP)
+        return math.ceil(period / min(SEARCH_STEP, MAX_STEP_RATE / rate))
 
     def _tolerate(self, tolerance: float) -> None:
         """Take the noise to be as large as the laws' own errors are likely to be."""
@@ -144,6 +164,8 @@ class FreeRunResiduals:
         chosen = [self.experiments[i] for i in numbers]
         part = FreeRunResiduals(self.machine, chosen, self.noise, workers or self.workers)
         part.level = self.level
+        self.work.steps += part.work.steps
+        part.work = self.work
         return part
 
     def of(
@@ -236,6 +258,11 @@ class FreeRunResiduals:
                 if values is not None:
                     begun.append(self._free_run(asked, values))
                     about.append((place, values))
+        self.work.steps += self.price * sum(
+            np.size(run.voltage)
+            for run in begun
+            if run.tracked[1] > 0 or any(e.torque or e.terminal for e, _ in run.effects)
+        )
         simulate = self.physics.simulate_all
         for k, states in simulate(begun, step, SHORTEST_STEP, self.workers):
             run, (place, values) = begun[k], about[k]

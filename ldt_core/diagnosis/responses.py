@@ -99,6 +99,27 @@ class Responses:
             for i, k in chosen.items()
         ]
 
+    def promising(self, base: EffectFit, count: int) -> Callable[[Candidate], Sequence[Array]]:
+        """For a candidate, those of its coordinates that promise most beside a set.
+
+        Of one that shows nothing without the set, as many that are spread over its starts.
+        """
+        span = following(base) if base.members else np.zeros((self.responses.shape[1], 0))
+        moved = self.responses - (self.responses @ span) @ span.T
+        left = base.residual - span @ (span.T @ base.residual)
+        size, target = np.einsum("ij,ij->i", moved, moved), moved @ left
+        scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
+        order = np.argsort(scale**2 * size - 2 * scale * target)
+        place = {c.name: i for i, c in enumerate(self.candidates)}
+
+        def of(candidate: Candidate) -> Sequence[Array]:
+            own = [k for k in order if self.owner[k] == place[candidate.name]]
+            if not own:
+                return candidate.starts()[:: -(-len(candidate.starts()) // (2 * count))]
+            return [self.z[k] for k in own[:count]]
+
+        return of
+
     @functools.cached_property
     def with_free_phase(self) -> frozenset[str]:
         """Effects whose phase each experiment may choose, since start angles are not known."""
@@ -146,20 +167,23 @@ def simulate_all(
     tick: Callable[[], None] = lambda: None,
     own: EffectFit | None = None,
     workers: int = 1,
+    begun: Callable[[Candidate], Sequence[Array]] = Candidate.starts,
 ) -> Responses:
     """Simulate every candidate at its starts; responses that do not show are left out.
 
     Args:
         own: the machine's own parameters as fitted, or a set with them, beside which the candidates
             are simulated; the directions in which its parameters may follow are projected out.
+        begun: coordinates at which a candidate is simulated.
     """
     given = own.use if own else []
     starts = own.starts if own else None
     base = residuals.of(given, starts=starts)
     span = following(own) if own else np.zeros((residuals.size, 0))
-    owner, z = [], []
+    owner: list[int] = []
+    z: list[Array] = []
     for i, c in enumerate(candidates):
-        tried = c.starts()
+        tried = begun(c)
         owner += [i] * len(tried)
         z += tried
     rows = np.empty((len(z), residuals.size))

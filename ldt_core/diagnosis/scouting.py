@@ -11,7 +11,7 @@ from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.model_selection import Names
 from ldt_core.diagnosis.nominal_prior import NominalPrior
 
-SCOUT_SAMPLES = 12_000  # in the scout's experiments together, at most: bounds the time of a fit
+SCOUT_SAMPLES = 6_000  # in the scout's experiments together, at most: bounds the time of a fit
 SCOUT_EXPERIMENTS = 8  # at most: enough to show every part of a recording
 
 

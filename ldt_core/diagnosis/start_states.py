@@ -23,7 +23,7 @@ Use = Sequence[tuple[Effect, Mapping[str, float]]]
 
 MOTOR_NAMES = ("J", "K_t", "R", "L", "b")  # parameters that shake nothing
 NO_OFFSET = np.zeros(0)
-SEARCH_STEP = 2e-3  # s, longest integration step: its error is far below the noise
+SEARCH_STEP = 5e-3  # s, longest integration step: its error is below a third of the noise
 GAUSS_NEWTON_STEPS = 4  # for a foundation in motion, whose start is not linear in the speed
 LEAST_DECREASE = 0.98  # of the loss: a step after which more than that is left is the last
 ANGLES_TRIED = 13  # in a turn: a prime, so that a ripple of few periods a turn is seen at each
@@ -153,7 +153,7 @@ def searched_start_states(
     if turning:
         sought = [i for i, piece in enumerate(pieces) if free or not piece.at_rest]
         angles[sought] = _best_angles(residuals, sought, use, step, near)
-    if turning and free and not residuals.shaking:
+    if turning and free:
         # Else a fit could move the effects only as far as these angles let it.
         still = [i for i, piece in enumerate(pieces) if piece.at_rest or not unknown]
         turned = [

@@ -12,7 +12,6 @@ from typing import Any
 
 #: Chosen so that the cases of `ldt challenge`, whose laws are not the library's, come out right.
 CASES = "chosen on simulated machines, see `ldt challenge`"
-SEALED = "share that was right in the sealed round, see `ldt docs accuracy`"
 CHI_SQUARE = "chi-square distribution, 1 degree of freedom"
 CHOSEN = "chosen"
 MOTOR = "a motor's free response, see `physics.motor`"
@@ -61,9 +60,6 @@ class Thresholds:
     )
     remainder_false_alarm: float = _limit(
         0.01, CHANCE, CHOSEN, "The usual level at which noise passes for structure."
-    )
-    confidence_without_search: float = _limit(
-        0.99, CHANCE, CHOSEN, "Without draws there is no estimate, but a test can err."
     )
     trusted_experiments: int = _limit(
         4, "experiments", CHOSEN, "Three to fit and one to hold out, before a sensor fault."
@@ -139,16 +135,7 @@ class Thresholds:
         4.0, "power that a linear model leaves", CHOSEN, "Twice its error: it knows less physics."
     )
     trifle_of_gap: float = _limit(
-        0.01, OF_GAP, CHOSEN, "With a tenth of the error left, laws may differ in their details."
-    )
-    # How often such a verdict was right
-    unknown_right: float = _limit(
-        0.95, CHANCE, SEALED, "Of 66 unknown verdicts, 59 foreign causes."
-    )
-    single_right: float = _limit(0.96, CHANCE, SEALED, "Of 135 single causes.")
-    pair_right: float = _limit(0.84, CHANCE, SEALED, "Of 45 pairs.")
-    triple_right: float = _limit(
-        0.6, CHANCE, CASES, "40 % of 15 sealed ones, before members were exchanged."
+        0.03, OF_GAP, CASES, "A library's law that is the right one leaves up to as much."
     )
     # What the recording and a further experiment can show
     visible_change: float = _limit(

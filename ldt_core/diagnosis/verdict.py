@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,7 +34,7 @@ class Decision:
         left: the same with the chosen set.
         structured: whether what is left is more than noise.
         residuals: all experiments, with the noise as it was found.
-        confidence: that the verdict is right, as far as the experiments agree with each other.
+        grounds: what speaks for it and against it; see `confidence.GROUNDS`.
     """
 
     kind: str
@@ -43,7 +44,7 @@ class Decision:
     left: float
     structured: bool
     residuals: FreeRunResiduals
-    confidence: float
+    grounds: Mapping[str, float]
 
     @property
     def acting(self) -> list[list[str]]:
@@ -77,6 +78,9 @@ def is_gap(found: FittedSets, seed: int) -> bool:
     d = found.responses
     score = np.max(d.target / d.length, initial=0.0)  # 0 where no candidate can be simulated
     power = max(found.excess, float(score) ** 2)
+    # What is left by the file's own numbers, within their tolerances, is the simulation's error.
+    if found.excess < THRESHOLDS.law_error**2 * found.band.excess(found.residuals.of()):
+        return False
     if power < THRESHOLDS.least_gap * found.band.samples or power < _trifle(found.residuals):
         return False
     if found.excess > found.band.limit_of(THRESHOLDS.gap_false_alarm):
@@ -106,9 +110,9 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     band = found.band
     band.level = search.band.level = band.channel_noise(found.base)
     if faulty or not is_gap(found, seed):
-        kind, sure = "unknown" if faulty else "none", THRESHOLDS.confidence_without_search
+        kind = "unknown" if faulty else "none"
         residuals = _with_noise(found.residuals, band.level)
-        return Decision(kind, None, (), found.excess, found.excess, False, residuals, sure)
+        return Decision(kind, None, (), found.excess, found.excess, False, residuals, {})
     search.run()
     best = found.of_size(1)[0]
     for size in range(1, THRESHOLDS.largest_set + 1):
@@ -131,19 +135,33 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     kind = "unknown" if unknown else "ambiguous" if len(alike) > 1 else "effect"
     least = min(alike, key=lambda f: f.loss)
     rivals = [f for f in pool if f not in alike and f.loss > least.loss]
-    sure = _confidence(found, least, [] if unknown else rivals, unknown, seed)
-    sure *= _observed(len(best.names), unknown)
+    same = _agreement(found, least, [] if unknown else rivals, unknown, seed)
+    grounds = _grounds(search, best, rivals, left, gap, same)
     residuals = _with_noise(found.residuals, band.level)
-    return Decision(kind, best, tuple(alike), gap, left, structured, residuals, sure)
+    return Decision(kind, best, tuple(alike), gap, left, structured, residuals, grounds)
 
 
-def _observed(effects: int, unknown: bool) -> float:
-    """How often such a verdict was right where all draws of experiments agreed on it."""
-    limits = THRESHOLDS
-    if unknown:
-        return limits.unknown_right
-    rates = limits.single_right, limits.pair_right
-    return rates[effects - 1] if effects <= len(rates) else limits.triple_right
+def _grounds(
+    search: EffectSetSearch,
+    best: EffectFit,
+    rivals: Sequence[EffectFit],
+    left: float,
+    gap: float,
+    same: float,
+) -> dict[str, float]:
+    """What speaks for a verdict, as far as the fitted experiments tell; see `confidence`."""
+    band = search.found.band
+    noise, samples = band.speed_limit(THRESHOLDS.remainder_false_alarm), band.samples
+    least = max(band.speed_excess(best.residual), 0.0) + noise
+    next_one = min((max(band.speed_excess(f.residual), 0.0) for f in rivals), default=gap) + noise
+    return {
+        "agreement": math.log(same / (1 - same)),
+        "left": math.log10((max(left, 0.0) + noise) / (max(gap, 0.0) + noise)),
+        "margin": math.log10(next_one / least),
+        "strength": math.log10(max(gap, 1e-9) / samples) / 2,
+        "prior": float(np.abs(best.z[-1]).max()) if best.own else 0.0,
+        "spent": float(search.spent),
+    }
 
 
 def _unexplained(band: ErrorBand, left: Any, gap: Any) -> Any:
@@ -157,7 +175,7 @@ def _with_noise(residuals: FreeRunResiduals, level: tuple[float, float]) -> Free
     return FreeRunResiduals(residuals.machine, residuals.experiments, noise, residuals.workers)
 
 
-def _confidence(
+def _agreement(
     found: FittedSets, best: EffectFit, rivals: Sequence[EffectFit], unknown: bool, seed: int
 ) -> float:
     """Share of the draws of experiments (with replacement) that give the same verdict."""

@@ -165,7 +165,7 @@ def test_pieces_of_one_record_go_on_where_the_last_one_ended():
 
 
 def test_a_drive_that_pauses_leaves_the_terminals_open_only_then():
-    """The shaft coasts by its own friction, J omega' = -b omega, and brakes at any other command."""
+    """The shaft coasts by its own friction, and brakes at any other command."""
     volts = np.repeat([10.0, 0.0, 2.0], 100)
     coasting, plain = motion(volts, open=100.0), motion(volts)
     slowing = ROTOR.parameters["b"] / ROTOR.parameters["J"]

@@ -210,7 +210,7 @@ def test_sets_that_differ_in_two_members_are_grouped_by_family():
             (1.1, ["coulomb_friction", "open_circuit"]),
         )
     ]
-    decision = Decision("ambiguous", sets[0], tuple(sets), 1.0, 0.0, False, None, 0.9)
+    decision = Decision("ambiguous", sets[0], tuple(sets), 1.0, 0.0, False, None, {})
     assert decision.acting == [
         ["no_regeneration", "open_circuit"],
         ["stribeck_friction", "coulomb_friction"],

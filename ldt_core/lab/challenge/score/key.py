@@ -16,6 +16,7 @@ from ldt_core.effects import EFFECTS
 from ldt_core.lab.challenge.case_plan import KINDS, MEMBERS
 
 MOST_BYTES = 100_000_000
+ABOUT = ("physics", "current_noise", "file")  # of the setting, for checks and tables
 BEFOREHAND = ("case", "left_out")  # what of an entry may be read before the case is diagnosed
 
 
@@ -36,7 +37,7 @@ class Truth:
         left_out: effect that the diagnosis has to do without.
         further_noise: root mean square of the noise as it fell out, by number of the further
             experiment [rad/s]; empty if the key does not say.
-        about: physics and current_noise, as far as the key says them.
+        about: see ABOUT, as far as the key says them.
     """
 
     case: str
@@ -125,7 +126,7 @@ def _truth(where: str, entry: Mapping[str, Any]) -> Truth:
         place=_place(where, entry.get("place")),
         left_out=left,
         further_noise=_further_noise(where, entry.get("further_noise") or {}),
-        about={n: entry[n] for n in ("physics", "current_noise") if n in entry},
+        about={n: entry[n] for n in ABOUT if n in entry},
         **numbers,
     )
 

@@ -142,6 +142,8 @@ def _plain(j: Judged) -> dict[str, Any]:
         "outside": truth.outside,
         "signal_to_noise": truth.signal_to_noise,
         "verdict": answer.kind,
+        "confidence": (answer.found or {}).get("verdict", {}).get("confidence"),
+        "nominal": nominal_said(j),
         "acting": answer.acting,
         "outcome": j.outcome,
         "right": j.right,
@@ -154,6 +156,17 @@ def _plain(j: Judged) -> dict[str, Any]:
         "seconds": answer.seconds,
         "error": answer.error,
     }
+
+
+def nominal_said(j: Judged) -> bool | None:
+    """Whether the answer says that the file's own numbers explain the gap, where they do.
+
+    None where they do not: where something acts, or where they were calibrated.
+    """
+    if j.truth.kind != "none" or (j.truth.about or {}).get("file") != "datasheet":
+        return None
+    moved = (j.answer.found or {}).get("refit") or []
+    return j.answer.kind == "none" and any(r.get("closed_fraction") is not None for r in moved)
 
 
 LEFT, ABOVE, AROUND = 2.2, 1.9, 0.1  # inches, for names and about a matrix
