@@ -30,7 +30,7 @@ def covariance(fit: EffectFit, left: float, gap: float) -> Array:
     The set leaves the power `left` beyond noise, of the power `gap` of the whole gap.
     """
     # What is known beforehand does not get wider with what the laws leave.
-    wider = 1 + (max(left, 0.0) + TRACELESS_ERROR * gap) / REMAINDER_SHAPES
+    wider = 1 + (max(left, 0.0) + TRACELESS_ERROR * max(gap, 0.0)) / REMAINDER_SHAPES
     rows = np.vstack([fit.jacobian / math.sqrt(wider), fit.prior_rows])
     size = np.linalg.norm(rows, axis=0)
     seen = np.flatnonzero(size > 1e-9)

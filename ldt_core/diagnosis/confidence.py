@@ -39,6 +39,14 @@ def table() -> Mapping[str, Any]:
     return dict(json.loads(TABLE.read_text(encoding="utf-8")))
 
 
+def decades(power: float, other: float) -> float:
+    """Decimal logarithm of a ratio of powers in noise deviations, of which none is below 1.
+
+    Less than one deviation is chance, and may be below 0.
+    """
+    return math.log10(max(power, 1.0) / max(other, 1.0))
+
+
 def all_grounds(
     fitted: Mapping[str, float],
     acting: Sequence[Sequence[str]],

@@ -11,6 +11,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.attribution import shapley_shares
+from ldt_core.diagnosis.confidence import decades
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.error_band import ErrorBand
@@ -156,9 +157,9 @@ def _grounds(
     next_one = min((max(band.speed_excess(f.residual), 0.0) for f in rivals), default=gap) + noise
     return {
         "agreement": math.log(same / (1 - same)),
-        "left": math.log10((max(left, 0.0) + noise) / (max(gap, 0.0) + noise)),
-        "margin": math.log10(next_one / least),
-        "strength": math.log10(max(gap, 1e-9) / samples) / 2,
+        "left": decades(max(left, 0.0) + noise, max(gap, 0.0) + noise),
+        "margin": decades(next_one, least),
+        "strength": decades(gap, samples) / 2,
         "prior": float(np.abs(best.z[-1]).max()) if best.own else 0.0,
         "spent": float(search.spent),
     }

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 from recorded_machines import MOTOR, record
 
 from ldt_core.base.result_files import write
 from ldt_core.diagnosis import effect_set_search
-from ldt_core.diagnosis.confidence import GROUNDS, confidence, table
+from ldt_core.diagnosis.attribution import covariance
+from ldt_core.diagnosis.candidate import Candidate
+from ldt_core.diagnosis.confidence import GROUNDS, confidence, decades, table
 from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.effects import get_effect
 from tests.confidence_calibration import TAKEN, cases, fitted
 
 
@@ -20,6 +25,20 @@ def test_no_more_is_stated_than_so_many_cases_can_show(kind, far):
     """Whatever speaks for a verdict, it stays within the range of its calibration."""
     low, high = table()["named" if kind in ("effect", "ambiguous") else kind]["range"]
     assert 0 < low <= confidence(kind, dict.fromkeys(GROUNDS, far)) <= high < 1
+
+
+@pytest.mark.parametrize("power", [-3.0, 0.0, 0.5])
+def test_powers_below_the_noise_have_a_logarithm(power):
+    """What is left may by chance be less than nothing: a diagnosis must not end in an error."""
+    assert decades(power, power) == 0.0
+    assert decades(1000.0, power) == pytest.approx(3.0)
+
+
+def test_a_gap_that_is_less_than_nothing_by_chance_has_a_covariance():
+    """Without a gap its power scatters about 0, and may be far below beside a strong prior."""
+    friction = Candidate(get_effect("coulomb_friction"), 10.0)
+    fit = EffectFit((friction,), (np.zeros(1),), np.zeros(3), np.ones((3, 1)), 0.0)
+    assert covariance(fit, -5.0, -1e6) == pytest.approx(np.array([[1 / 3]]))
 
 
 def test_the_table_knows_its_grounds():
