@@ -40,6 +40,7 @@ class Summary:
         self._states: Counter[str] = Counter()
         #: Of machine and model after the last experiment, and its number; None before any.
         self.last_state: tuple[int, ModelState] | None = None
+        self._end = 0.0  # of that experiment [s since the epoch]
         self._actions: Counter[Action] = Counter()
         self._noted: set[str] = set()
         self.model_version = 0
@@ -81,7 +82,7 @@ class Summary:
 
     def add(self, step: Step) -> None:
         """Take in one turn of the loop."""
-        self.add_signal(step.signal)
+        self.add_signal(step.signal, step.experiment.end)
         self.add_original(step.original.max_error(step.experiment))
         self.add_adaptation(step.adaptation)
         if step.diagnosis is not None:
@@ -89,12 +90,18 @@ class Summary:
         if step.advice is not None:
             self.advice = step.advice
 
-    def add_signal(self, signal: Signal) -> None:
-        """Take in the signal, and with it the learning twin's error, of one experiment."""
+    def add_signal(self, signal: Signal, end: float = 0.0) -> None:
+        """Take in the signal, and with it the learning twin's error, of one experiment.
+
+        Args:
+            end: of the experiment [s since the epoch].
+        """
         self._signals[Level(signal.level)] += 1
         state = shown_state(signal)
         self._states[state.name] += 1
-        self.last_state = signal.experiment, state
+        # By time: a counter may have begun anew. Of one time, by number.
+        if self.last_state is None or (end, signal.experiment) >= (self._end, self.last_state[0]):
+            self.last_state, self._end = (signal.experiment, state), end
         self._add("learning", signal.max_error)
 
     def add_original(self, max_error: float) -> None:

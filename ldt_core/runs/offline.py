@@ -130,8 +130,8 @@ def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary:
         return  # ended before anything was recorded
     try:
         opened = read_bag(bag, namespace or "/")
-        for signal in _dealt_with(opened, summary):
-            summary.add_signal(signal)
+        for signal, end in _dealt_with(opened, summary):
+            summary.add_signal(signal, end)
         ends: dict[int, list[float]] = {}
         for number, end in summary.answered:
             ends.setdefault(number, []).append(end)
@@ -153,8 +153,8 @@ def recorded_summary(bag: Path | str, namespace: str, machine: Machine, summary:
         summary.note(f"the recording cannot be read whole: {error}")
 
 
-def _dealt_with(bag: Bag, summary: Summary) -> Iterator[Signal]:
-    """Signals of the experiments that have an adaptation, which the summary takes in."""
+def _dealt_with(bag: Bag, summary: Summary) -> Iterator[tuple[Signal, float]]:
+    """Signals, with their times, of experiments with an adaptation, which the summary takes in."""
     waiting: dict[Subject, Signal] = {}
     answered: dict[Subject, None] = {}
     for raw, record in bag.usable(bag.messages("signal", "adaptation"), whole=True):
@@ -167,7 +167,7 @@ def _dealt_with(bag: Bag, summary: Summary) -> Iterator[Signal]:
                 summary.answered.append(about)
             summary.add_adaptation(record)
         if about in answered and about in waiting:
-            yield waiting.pop(about)
+            yield waiting.pop(about), about[1]
 
 
 class _Originals:
