@@ -159,7 +159,7 @@ QUANTITIES = {"speed", "voltage", "acceleration", "time", "frequency", "experime
 #: Keys beyond the contract.
 MORE = {
     "top": {"notes", "effects"},
-    "verdict": {"acting"},
+    "verdict": {"acting", "grounds"},
     "gap": {"regimes"},
     "where": {"share_of_data", "steady"},
 }
