@@ -42,6 +42,9 @@ DIFFERENCE = 1e-3
 LONGEST_STEP = 1.0
 #: Levenberg-Marquardt damping, as a part of the curvature: at the start, and its bounds.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-9, 1e6
+#: Most steps under the strongest observer. It has to converge there, since all else follows from
+#: where it ends: one parameter three tolerances away takes a dozen steps of at most one each.
+FIRST_ROUNDS = 25
 #: Steps at each further gain where even the strongest observer leaves more than noise: such a
 #: structure cannot explain the machine, and only its size is of interest.
 HOPELESS = 2
@@ -295,7 +298,7 @@ def fit_grey_box(
         guesses: (n,) coordinates of the grey box each.
         tries: how many of them, the best by their cost under the observer, are descended from at
             most, until the residuals are noise.
-        rounds: most Levenberg-Marquardt steps at each gain.
+        rounds: most Levenberg-Marquardt steps at each gain but the first.
     """
     problem = problem.turned(guesses)
     points = problem.with_angles(guesses, GAINS[0])
@@ -336,7 +339,8 @@ def of_first(information: Array, count: int) -> Array:
 def _homotopy(problem: GreyBoxProblem, x: Array, rounds: int) -> tuple[Array, float, Array]:
     """(coordinates, cost, information) at the end of the way from the observer to the free run."""
     for gain in GAINS:
-        x = problem.descend(x, gain, COARSE_STEP, rounds)[0]
-        if gain == GAINS[0] and not problem.explains(x, gain, COARSE_STEP):
+        first = gain == GAINS[0]
+        x = problem.descend(x, gain, COARSE_STEP, FIRST_ROUNDS if first else rounds)[0]
+        if first and not problem.explains(x, gain, COARSE_STEP):
             rounds = min(rounds, HOPELESS)
     return problem.descend(x, GAINS[-1], FINE_STEP, rounds)

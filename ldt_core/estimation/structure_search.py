@@ -23,6 +23,7 @@ from ldt_core.base.threads import spread
 from ldt_core.estimation.grey_box import COARSE_STEP, GreyBox
 from ldt_core.estimation.grey_box_fit import (
     DIFFERENCE,
+    FIRST_ROUNDS,
     GreyBoxFit,
     GreyBoxProblem,
     Prior,
@@ -165,7 +166,8 @@ class StructureSearch:
 
         Effects are added one by one under the observer, the values of the others being estimated
         along, until the innovations are noise or nothing is gained. The weaker observer is asked
-        only where what the stronger one found does not explain the experiments.
+        only where what the stronger one found does not explain the experiments, and at last once
+        more beside the best that was fitted whole.
 
         Args:
             present: to which effects are added, or which they replace.
@@ -173,13 +175,25 @@ class StructureSearch:
         """
         found: list[FittedStructure] = []
         for gain in SCREENING_GAINS:
-            for grown in self._grown(present, library, gain):
-                if all(set(grown.effects) != set(other.box.effects) for other in found):
-                    found.append(self.fitted(grown, grown.effects))
+            found += self._fitted_whole(self._grown(present, library, gain), found)
             if any(structure.explains for structure in found):
                 break
+        else:
+            # What bends the machine's parameters to explain the innovations may hide another one.
+            best = min(found, key=lambda s: s.score, default=None)
+            if best is not None:
+                given = {e.name: values for e, values in best.box.values(best.fit.q)[1]}
+                begun = Present(best.box.effects, given, present.prior)
+                found += self._fitted_whole(self._grown(begun, library, gain), found)
         found = sorted(found, key=lambda s: s.score)
         return [self.pruned(found[0]), *found[1:]] if found else []
+
+    def _fitted_whole(
+        self, grown: Sequence[Present], found: Sequence[FittedStructure]
+    ) -> list[FittedStructure]:
+        """Those of other effects than what is found already."""
+        known = [set(structure.box.effects) for structure in found]
+        return [self.fitted(g, g.effects) for g in grown if set(g.effects) not in known]
 
     def pruned(self, found: FittedStructure) -> FittedStructure:
         """What explains, without the effects that do not pay the price of their parameters."""
@@ -204,16 +218,17 @@ class StructureSearch:
             tried = [(*present.effects, e) for e in library if e.name not in here]
             if not found:  # and other ones in the place of those that were there
                 tried += [(e,) for e in library if here]
-            basis = self._machine_slopes(present, gain)
-            before = self._screened(present, present.effects, basis, gain)
+            basis, silent = self._machine_slopes(present, gain)
+            before = self._screened(present, present.effects, basis, gain, silent)
 
             def screen(
                 i: int,
                 tried: Sequence[tuple[Effect, ...]] = tried,
                 present: Present = present,
                 basis: Array = basis,
+                silent: NDArray[np.bool_] = silent,
             ) -> Screened:
-                return self._screened(present, tried[i], basis, gain)
+                return self._screened(present, tried[i], basis, gain, silent)
 
             results = list(spread(screen, len(tried), self.workers))
             order = sorted(range(len(tried)), key=lambda i: results[i].cost)
@@ -236,8 +251,12 @@ class StructureSearch:
         count = self.workers if workers is None else workers
         return GreyBoxProblem(box, self.experiments, self.noise, prior, workers=count)
 
-    def _machine_slopes(self, present: Present, gain: float) -> Array:
-        """Orthonormal basis of what the machine's own parameters change, prior rows below."""
+    def _machine_slopes(self, present: Present, gain: float) -> tuple[Array, NDArray[np.bool_]]:
+        """What the machine's own parameters change, prior rows below, and which change nothing.
+
+        An orthonormal basis; and (k,) those that the present effects leave without any effect, as
+        a foundation is that nothing shakes.
+        """
         box = GreyBox(self.machine, present.effects, self.tolerances)
         k = len(box.uncertain)
         problem = self._problem(box, present.prior)
@@ -248,12 +267,22 @@ class StructureSearch:
         root = np.linalg.cholesky(present.prior.precision) if k else np.zeros((0, 0))
         below = np.eye(slopes.shape[1])
         below[:k, :k] = root.T
-        return np.linalg.qr(np.vstack([slopes, below]))[0]
+        silent = ~np.any(slopes[:, :k], axis=0)
+        return np.linalg.qr(np.vstack([slopes, below]))[0], silent
 
     def _screened(
-        self, present: Present, effects: Sequence[Effect], basis: Array, gain: float
+        self,
+        present: Present,
+        effects: Sequence[Effect],
+        basis: Array,
+        gain: float,
+        silent: NDArray[np.bool_],
     ) -> Screened:
-        """Least squared residuals under the observer, the machine's parameters eliminated."""
+        """Least squared residuals under the observer, the machine's parameters eliminated.
+
+        To first order, about the present structure. Where an effect makes parameters act that did
+        nothing there, their slopes are not known: both are fitted together.
+        """
         box = GreyBox(self.machine, effects, self.tolerances)
         problem = self._problem(box, present.prior, workers=1)
         k, below = len(box.uncertain), basis.shape[0]
@@ -286,6 +315,16 @@ class StructureSearch:
             if not float(better @ better) < best:
                 break
             best, q, rows = float(better @ better), tried, better
+        x = problem.point(np.concatenate([present.prior.mean, q]))
+        if silent.any():
+            woken = x.copy()
+            woken[:k][silent] += DIFFERENCE
+            asleep, awake = problem.rows([x, woken], gain, COARSE_STEP)
+            if np.any(awake != asleep):
+                joint, cost, _ = problem.descend(x, gain, COARSE_STEP, FIRST_ROUNDS)
+                if cost < best:
+                    best, q = cost, joint[k : box.size]
+                    rows = problem.rows([joint], gain, COARSE_STEP)[0]
         given = {e.name: values for e, values in box.values(np.concatenate([np.zeros(k), q]))[1]}
         ends = np.cumsum([int(kept.sum()) for kept in problem.keep])
         parts = np.split(rows[: ends[-1]], ends[:-1])

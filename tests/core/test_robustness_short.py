@@ -1,4 +1,4 @@
-"""The default twin stays as good as it was on four streams."""
+"""The default twin stays as good as it was on four streams, and on single hard experiments."""
 
 from __future__ import annotations
 
@@ -6,6 +6,11 @@ import json
 
 import pytest
 
+from ldt_core.base.experiment import Action
+from ldt_core.estimation.misfit import misfit
+from ldt_core.lab.study.robustness.streams import STREAMS
+from ldt_core.models.grey_box import GreyBoxModel
+from ldt_core.twin.loop import Twin
 from tests.robustness_short import FILE, SHORT, left
 
 #: Of the share written beside it that a share may have grown by.
@@ -22,3 +27,23 @@ def test_what_is_left_has_not_grown_by_a_tenth(stream):
 def test_every_stream_has_its_figure():
     """And no other one stands in the file."""
     assert set(json.loads(FILE.read_text())) == set(SHORT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("stream", "seed", "effects"),
+    [
+        ("foundation_10_e10", 5, {"unbalance"}),
+        ("foundation_10_e6", 6, {"unbalance"}),
+        ("drag_e6", 9, {"unbalance", "quadratic_drag"}),
+    ],
+)
+def test_an_effect_that_wakes_parameters_is_found_although_they_are_off(stream, seed, effects):
+    """A foundation moves nothing before an unbalance shakes it, and is 10 % beside its file."""
+    given = STREAMS[stream](seed, 1)
+    twin = Twin(given.machine)
+    (first,) = given.experiments
+    assert twin.step(first).adaptation.action is Action.ADAPTED
+    assert isinstance(twin.model, GreyBoxModel)
+    assert {e.name for e in twin.model.effects} == effects
+    assert misfit(first.speed - twin.model.predict(first).speed).explained
