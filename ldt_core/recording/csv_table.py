@@ -38,7 +38,7 @@ MOST_RATIO = 100  # of a larger text to what is packed; numbers reach 20
 LOOK_AHEAD = 20  # rows by which the delimiter is chosen: beyond every header
 LONGEST_LINE = 10_000_000  # characters; a million columns
 BLOCK = 5000  # rows whose cells are held as text
-LACKING = ("", "nan", "null")  # in small letters: how loggers write a value that they missed
+LACKING = ("", "null")  # in small letters; "nan" is what a program computed, and is refused
 #: Of the rows that lack a value: a logger misses a few; more is a table of several rates, of which
 #: whole rows would hold a voltage for too long.
 MOST_LACKING = 0.1

@@ -205,7 +205,7 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("cell", ["", "nan", " NaN", "null"])
+@pytest.mark.parametrize("cell", ["", "null", " NULL"])
 def test_a_row_that_lacks_a_value_is_left_out_and_said(tmp_path, cell):
     """As if the logger had not written it; without times nothing would say that it is missing."""
     text = PLAIN.replace("\n0.3,3.0", f"\n0.3,{cell}")
