@@ -38,9 +38,12 @@ Array = NDArray[np.float64]
 
 #: Gauss-Newton steps of the screening; under the observer an effect is found in two or three.
 SCREENING_STEPS = 4
-#: Observer gains of the screening: all of the innovation, for what captures the shaft; a tenth, for
-#: what is weak and lasts, which so many samples' noise would hide.
-SCREENING_GAINS = (1.0, 0.1)
+#: Screenings, in turn until one explains: observer gain, and whether parameters that an effect
+#: brings to life are fitted with it. All of the innovation is for what captures the shaft; a tenth,
+#: for what is weak and lasts, which so many samples' noise would hide. Where parameters are off,
+#: fitting finds what first order does not; under the weak observer, whose squared error has more
+#: minima, it is the last resort.
+SCREENINGS = ((1.0, True), (0.1, False), (0.1, True))
 #: Structures of each screening that are fitted whole, the best and its rival.
 FINALISTS = 2
 #: Effects of a structure: of what few experiments tell, more are rarely told apart.
@@ -166,34 +169,24 @@ class StructureSearch:
 
         Effects are added one by one under the observer, the values of the others being estimated
         along, until the innovations are noise or nothing is gained. The weaker observer is asked
-        only where what the stronger one found does not explain the experiments, and at last once
-        more beside the best that was fitted whole.
+        only where what the stronger one found does not explain the experiments; see `SCREENINGS`.
 
         Args:
             present: to which effects are added, or which they replace.
             library: of effects that this machine can have.
         """
         found: list[FittedStructure] = []
-        for gain in SCREENING_GAINS:
-            found += self._fitted_whole(self._grown(present, library, gain), found)
+        wakes = bool(self._machine_slopes(present, SCREENINGS[0][0])[1].any())
+        for gain, jointly in SCREENINGS:
+            if found and jointly and not wakes:
+                continue  # it would be the same again
+            for grown in self._grown(present, library, gain, jointly):
+                if all(set(grown.effects) != set(other.box.effects) for other in found):
+                    found.append(self.fitted(grown, grown.effects))
             if any(structure.explains for structure in found):
                 break
-        else:
-            # What bends the machine's parameters to explain the innovations may hide another one.
-            best = min(found, key=lambda s: s.score, default=None)
-            if best is not None:
-                given = {e.name: values for e, values in best.box.values(best.fit.q)[1]}
-                begun = Present(best.box.effects, given, present.prior)
-                found += self._fitted_whole(self._grown(begun, library, gain), found)
         found = sorted(found, key=lambda s: s.score)
         return [self.pruned(found[0]), *found[1:]] if found else []
-
-    def _fitted_whole(
-        self, grown: Sequence[Present], found: Sequence[FittedStructure]
-    ) -> list[FittedStructure]:
-        """Those of other effects than what is found already."""
-        known = [set(structure.box.effects) for structure in found]
-        return [self.fitted(g, g.effects) for g in grown if set(g.effects) not in known]
 
     def pruned(self, found: FittedStructure) -> FittedStructure:
         """What explains, without the effects that do not pay the price of their parameters."""
@@ -210,7 +203,9 @@ class StructureSearch:
             best = least
         return best
 
-    def _grown(self, present: Present, library: Sequence[Effect], gain: float) -> list[Present]:
+    def _grown(
+        self, present: Present, library: Sequence[Effect], gain: float, jointly: bool
+    ) -> list[Present]:
         """The best structure under an observer of this gain, and the rival of its last effect."""
         found: list[Present] = []
         while len(present.effects) < MOST_EFFECTS:
@@ -219,6 +214,7 @@ class StructureSearch:
             if not found:  # and other ones in the place of those that were there
                 tried += [(e,) for e in library if here]
             basis, silent = self._machine_slopes(present, gain)
+            silent &= jointly
             before = self._screened(present, present.effects, basis, gain, silent)
 
             def screen(
@@ -281,7 +277,7 @@ class StructureSearch:
         """Least squared residuals under the observer, the machine's parameters eliminated.
 
         To first order, about the present structure. Where an effect makes parameters act that did
-        nothing there, their slopes are not known: both are fitted together.
+        nothing there, their slopes are not known: those that are `silent` are fitted with it.
         """
         box = GreyBox(self.machine, effects, self.tolerances)
         problem = self._problem(box, present.prior, workers=1)

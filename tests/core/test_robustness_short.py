@@ -36,6 +36,7 @@ def test_every_stream_has_its_figure():
         ("foundation_10_e10", 5, {"unbalance"}),
         ("foundation_10_e6", 6, {"unbalance"}),
         ("drag_e6", 9, {"unbalance", "quadratic_drag"}),
+        ("drag_e10", 0, {"unbalance", "quadratic_drag"}),
     ],
 )
 def test_an_effect_that_wakes_parameters_is_found_although_they_are_off(stream, seed, effects):
