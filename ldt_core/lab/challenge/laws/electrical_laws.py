@@ -140,34 +140,28 @@ def _brush(p, v, s, odd):
     p["brush_rise"] = odd * s["rise"]
 
 
-@electrical(
-    "no_regeneration",
+#: A resistance that lets only 1 - share of a current through: units, sizes, draw, values.
+LETS_LESS_THROUGH = (
     {"share": ""},
     (0.05, 32.0),
     drawn(R="R", fall=(0.05, 0.2)),  # fall: 1/A
     lambda size, s, known: {"share": size / (1.0 + size)},
-    family="braking",
-    quick=True,
 )
+
+
+def _put_less_through(p, v, s, odd, name):
+    p[name] = s["R"] * v["share"] / (1.0 - v["share"])
+    p[f"{name}_fall"] = odd * s["fall"]
+
+
+@electrical("no_regeneration", *LETS_LESS_THROUGH, family="braking", quick=True)
 def _block(p, v, s, odd):
-    # A resistance in the way back that lets only 1 - share of the braking current through.
-    p["block"] = s["R"] * v["share"] / (1.0 - v["share"])
-    p["block_fall"] = odd * s["fall"]
+    _put_less_through(p, v, s, odd, "block")  # in the way back of the braking current
 
 
-@electrical(
-    "open_circuit",
-    {"share": ""},
-    (0.05, 32.0),
-    drawn(R="R", fall=(0.05, 0.2)),  # fall: 1/A
-    lambda size, s, known: {"share": size / (1.0 + size)},
-    family="braking",
-    quick=True,
-    pausing=True,
-)
+@electrical("open_circuit", *LETS_LESS_THROUGH, family="braking", quick=True, pausing=True)
 def _open(p, v, s, odd):
-    p["open"] = s["R"] * v["share"] / (1.0 - v["share"])
-    p["open_fall"] = odd * s["fall"]
+    _put_less_through(p, v, s, odd, "open")
 
 
 @electrical(

@@ -64,15 +64,22 @@ def _ratio(random):
     return math.exp(either(random) * random.uniform(math.log(1.5), math.log(4.0)))
 
 
+def _by_direction(name):
+    """A parameter forward and one backward, in the ratio drawn."""
+
+    def values(size, s, known):
+        root = math.sqrt(s["ratio"])
+        return {f"{name}_forward": size * root, f"{name}_backward": size / root}
+
+    return values
+
+
 @friction(
     "asymmetric_friction",
     {"torque_forward": "N m", "torque_backward": "N m"},
     (0.001, 0.8),
     drawn(*BRISTLES.items(), ratio=_ratio),
-    lambda size, s, known: {
-        "torque_forward": size * math.sqrt(s["ratio"]),
-        "torque_backward": size / math.sqrt(s["ratio"]),
-    },
+    _by_direction("torque"),
     family="dry",
     reversing=True,
 )
@@ -109,10 +116,7 @@ def _viscous(p, v, s, odd):
     {"b_forward": "N m s", "b_backward": "N m s"},
     (2e-5, 0.05),
     drawn(strongest=(60.0, 150.0), ratio=_ratio),
-    lambda size, s, known: {
-        "b_forward": size * math.sqrt(s["ratio"]),
-        "b_backward": size / math.sqrt(s["ratio"]),
-    },
+    _by_direction("b"),
     family="viscous",
     reversing=True,
 )
