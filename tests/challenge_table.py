@@ -17,11 +17,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ldt_core.docs import path
 from ldt_core.lab.statistics import proportion
+from tests.page_table import write_table
 
 KEPT = Path(__file__).parents[1] / "bags" / "challenge.json"
-BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
 COLUMNS = (
     *("who", "case", "kind", "effects", "outside", "verdict", "acting", "outcome", "right"),
     *("confidence", "nominal", "closure", "seconds"),
@@ -166,12 +165,6 @@ def picture(found: Mapping[str, Any], folder: Path) -> None:
     style.save(style.Drawing("reliability", *about, draw), folder)
 
 
-def page(text: str, found: Mapping[str, Any]) -> str:
-    """The page with the tables in their place."""
-    before, _, rest = text.partition(BEGIN)
-    return before + BEGIN + "\n" + table(found) + "\n" + END + rest.partition(END)[2]
-
-
 def main(*folders: str) -> int:
     """Write tables, picture and what they were made from."""
     found = kept([Path(f) for f in folders])
@@ -179,7 +172,7 @@ def main(*folders: str) -> int:
     head = json.dumps(found)[:-1]
     KEPT.write_text(f'{head}, "cases": [\n{rows}\n]}}\n', encoding="utf-8")
     again = json.loads(KEPT.read_text("utf-8"))
-    path("accuracy").write_text(page(path("accuracy").read_text("utf-8"), again), "utf-8")
+    write_table("accuracy", table(again))
     picture(again, KEPT.parent / "figures")
     return 0
 

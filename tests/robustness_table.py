@@ -17,16 +17,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from ldt_core.docs import path
 from ldt_core.lab.study.robustness.robust_run import DEFAULT, RobustRun, RobustTask, score_run
 from ldt_core.lab.study.robustness.streams import STREAMS
+from tests.page_table import write_table
 
 KEPT = Path(__file__).parents[1] / "bags" / "robustness.csv"
 COLUMNS = (
     *("stream", "setup", "seed", "experiments", "left", "late_left", "learned"),
     *("adaptations", "changes", "gross_holds", "seconds"),
 )
-BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
 HEAD = "| stream | seeds | left | a step late | after the first | new models a change |"
 Row = Mapping[str, str]
 
@@ -73,12 +72,6 @@ def table(found: Iterable[Row]) -> str:
     return "\n".join([*lines, "", said, ""])
 
 
-def page(text: str, found: Iterable[Row]) -> str:
-    """The page with the table in its place."""
-    before, _, rest = text.partition(BEGIN)
-    return before + BEGIN + "\n" + table(found) + "\n" + END + rest.partition(END)[2]
-
-
 def _percent(found: Iterable[Row], name: str) -> str:
     """The mean over seeds, and the least and the most."""
     shares = [100 * float(r[name]) for r in found]
@@ -93,7 +86,7 @@ def main(study: str) -> int:
         writer = csv.DictWriter(text, COLUMNS)
         writer.writeheader()
         writer.writerows(found)
-    path("streams").write_text(page(path("streams").read_text("utf-8"), found), "utf-8")
+    write_table("streams", table(found))
     return 0
 
 

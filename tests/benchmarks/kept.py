@@ -16,11 +16,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from ldt_core.docs import path
 from tests.benchmarks.row import Row
+from tests.page_table import write_table
 
 KEPT = Path(__file__).parents[2] / "bags" / "benchmarks.json"
-BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
 HEAD = "| work | LDT | peer | its time | peer / LDT | aim | note | measured |"
 Kept = Mapping[str, Any]
 
@@ -63,22 +62,17 @@ def table(rows: Iterable[Kept]) -> str:
     )
 
 
-def page(text: str, rows: Iterable[Kept]) -> str:
-    """The page with the table in its place."""
-    before, _, rest = text.partition(BEGIN)
-    return before + BEGIN + "\n" + table(rows) + "\n" + END + rest.partition(END)[2]
-
-
 def keep(measured: Iterable[Row], processor: str) -> None:
     """Take rows into the kept results, and write the page's table anew."""
     rows = merge(load(), measured, processor)
     KEPT.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", "utf-8")
-    path("speed").write_text(page(path("speed").read_text("utf-8"), rows), "utf-8")
+    write_table("speed", table(rows))
 
 
 def span(seconds: float) -> str:
     """A time with three digits and the unit that fits."""
     for scale, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")):
         if seconds >= scale:
-            return f"{seconds / scale:.3g} {unit}".replace("4e+03", "4000")
+            value = seconds / scale
+            return f"{value:.0f} {unit}" if value >= 1000 else f"{value:.3g} {unit}"
     return f"{seconds / 1e-9:.3g} ns"

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from ldt_core.docs import text
-from tests.benchmarks.kept import load, merge, page, table
+from tests.benchmarks.kept import load, merge, table
 from tests.benchmarks.row import Row
+from tests.page_table import with_table
 
 
 def test_the_table_is_that_of_the_result_file():
     """As `python -m tests.benchmarks --keep` writes it."""
-    assert page(text("speed"), load()) == text("speed")
+    assert with_table(text("speed"), table(load())) == text("speed")
 
 
 def test_what_is_measured_anew_takes_its_row_s_place():

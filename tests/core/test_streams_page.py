@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from ldt_core.docs import text
-from tests.robustness_table import KEPT, page, rows
+from tests.page_table import with_table
+from tests.robustness_table import KEPT, rows, table
 
 
 def test_the_table_is_that_of_the_result_file():
     """As `python -m tests.robustness_table` writes it."""
-    assert page(text("streams"), rows(KEPT)) == text("streams")
+    assert with_table(text("streams"), table(rows(KEPT))) == text("streams")

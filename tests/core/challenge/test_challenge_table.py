@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 
 from ldt_core.docs import text
-from tests.challenge_table import KEPT, page, table
+from tests.challenge_table import KEPT, table
+from tests.page_table import with_table
 
 
 def test_the_tables_are_those_of_the_result_file():
     """As `python -m tests.challenge_table` writes them."""
     found = json.loads(KEPT.read_text("utf-8"))
-    assert page(text("accuracy"), found) == text("accuracy")
+    assert with_table(text("accuracy"), table(found)) == text("accuracy")
 
 
 def test_a_group_of_four_is_no_name():
