@@ -176,10 +176,11 @@ class StructureSearch:
             library: of effects that this machine can have.
         """
         found: list[FittedStructure] = []
-        wakes = bool(self._machine_slopes(present, SCREENINGS[0][0])[1].any())
+        screened = 0.0
         for gain, jointly in SCREENINGS:
-            if found and jointly and not wakes:
+            if gain == screened and not self._machine_slopes(present, gain)[1].any():
                 continue  # it would be the same again
+            screened = gain
             for grown in self._grown(present, library, gain, jointly):
                 if all(set(grown.effects) != set(other.box.effects) for other in found):
                     found.append(self.fitted(grown, grown.effects))
@@ -311,8 +312,8 @@ class StructureSearch:
             if not float(better @ better) < best:
                 break
             best, q, rows = float(better @ better), tried, better
-        x = problem.point(np.concatenate([present.prior.mean, q]))
         if silent.any():
+            x = problem.point(np.concatenate([present.prior.mean, q]))
             woken = x.copy()
             woken[:k][silent] += DIFFERENCE
             asleep, awake = problem.rows([x, woken], gain, COARSE_STEP)
