@@ -103,7 +103,7 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
         return stop.exit_code
     except click.Abort as stop:
         if isinstance(stop.__cause__, EOFError):  # click takes it for the end of what is typed
-            return _say(f"a file ends too early: {stop.__cause__ or 'no more to be read'}", 1)
+            return _say(f"a file ends too early: {str(stop.__cause__) or 'no more to be read'}", 1)
         return _say("interrupted", 130)
     except click.exceptions.NoArgsIsHelpError as error:
         echo(error.format_message(), err=True)

@@ -18,7 +18,7 @@ REMEMBERED = 100
 #: Experiments that a condition is taken to have lasted before any were counted: one that has been
 #: left once is still more likely to last than not.
 LASTED = 3.0
-ORIGINAL = 0  # the condition that the model explains which nothing has been learned for
+UNLEARNED = 0  # the condition that the model explains which has learned nothing
 
 
 class ConditionChain:
@@ -62,7 +62,7 @@ class ConditionChain:
                 counts[known] = counts.get(known, 0.0) + 1.0
         total = sum(counts.values())
         stays, left = counts[condition] / total, 1 - counts[condition] / total
-        doubt = math.sqrt(stays * left / (total + 1)) if condition != ORIGINAL else 0.0
+        doubt = math.sqrt(stays * left / (total + 1)) if condition != UNLEARNED else 0.0
         surely = stays - doubt if left else 1.0
         rest = {c: n / total * (1 - surely) / left for c, n in counts.items() if c != condition}
         return {condition: surely, **rest}

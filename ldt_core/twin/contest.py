@@ -18,7 +18,7 @@ from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.hybrid import HybridModel
 from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK, Adaptor
-from ldt_core.twin.condition_chain import ConditionChain
+from ldt_core.twin.condition_chain import UNLEARNED, ConditionChain
 from ldt_core.twin.memory import Memory
 from ldt_core.twin.search_backoff import SearchBackoff
 from ldt_core.twin.stage import Archive, RecordedStep
@@ -141,7 +141,7 @@ class ContestAdaptor(Adaptor):
 
     def _condition(self, model: Model) -> int:
         """The condition that a version stands for: its number, of what is the original again 0."""
-        return 0 if alike(model, self.original) else model.version
+        return UNLEARNED if alike(model, self.original) else model.version
 
     def _explain(self, experiment: Experiment) -> None:
         """Find the version that explains the experiment, the present one before all others."""
@@ -169,7 +169,7 @@ class ContestAdaptor(Adaptor):
         apart = {}
         for version in self.earlier:
             there = self._condition(version)
-            shown = self.chain.shown.get(there) if there not in (0, here) else None
+            shown = self.chain.shown.get(there) if there not in (UNLEARNED, here) else None
             if shown and (self._apart.get(there) == (model, shown) or not explains(model, shown)):
                 apart[there] = model, shown
             elif shown and explains(version, experiment):
