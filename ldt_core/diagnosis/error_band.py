@@ -123,7 +123,7 @@ class ErrorBand:
         """What the noise of speed and current is, in the deviations assumed: from above the band.
 
         It differs by a factor of at most `noise_level_change` from what the measured signals say.
-        Where nothing lies above the band, it is what they say.
+        Where nothing lies above the band, or steps of a sensor repeat, it is what they say.
         """
         power: tuple[list[Array], list[Array]] = ([], [])
         change = THRESHOLDS.noise_level_change
@@ -136,9 +136,11 @@ class ErrorBand:
         found = [np.concatenate(p) if p else np.zeros(0) for p in power]
         first, second = (
             min(max(math.sqrt(float(np.median(p)) / math.log(2)), known / change), known * change)
-            if p.size
+            if p.size and white == 1.0
             else known
-            for p, known in zip(found, self.residuals.level, strict=True)
+            for p, known, white in zip(
+                found, self.residuals.level, self.residuals.whiteness, strict=True
+            )
         )
         return first, second
 

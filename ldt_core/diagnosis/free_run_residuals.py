@@ -30,7 +30,7 @@ from ldt_core.diagnosis.start_states import (
     searched_start_states,
     start_states_for,
 )
-from ldt_core.estimation.noise import white_noise
+from ldt_core.estimation.noise import rounding_correlation, sensor_step, white_noise
 from ldt_core.estimation.variable_projection import basis_of, project_out
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE, CURRENT, MAX_STEP, NOT_TRACKED, SPEED, FreeRun
@@ -98,6 +98,8 @@ class FreeRunResiduals:
         self.noise = noise or channel_noise(self.experiments)
         #: Noise of each channel in the deviations by which residuals are divided.
         self.level = (1.0, 1.0)
+        #: Of these, what the noise is sample by sample: less where steps of a sensor repeat.
+        self.whiteness = (1.0, 1.0)
         self.workers = workers
         self.work, self.price = Work(), self._price()
         #: Time constant with which the motor forgets its speed [s].
@@ -123,8 +125,25 @@ class FreeRunResiduals:
         self.shaking = self.physics.shakes(self.values)
         if self.shaking:
             self.starts = searched_start_states(self, (), True, 0, True, True, SEARCH_STEP)
+        if noise is None:
+            self._repeat()
         if tolerance > 0:
             self._tolerate(tolerance)
+
+    def _repeat(self) -> None:
+        """Take the noise for as large as white noise that tells as little as repeated steps."""
+        current = [e.current for e in self.experiments if e.current is not None]
+        steps = sensor_step([e.speed for e in self.experiments]), sensor_step(current)
+        if not any(steps):
+            return
+        runs = [Simulated(i, (), float(a)) for i, a in enumerate(self.starts.angles)]
+        shown = self.simulated(runs, SEARCH_STEP)
+        wider = [
+            math.sqrt(rounding_correlation([np.nan_to_num(run[k]) for run in shown], step, noise))
+            for k, (step, noise) in enumerate(zip(steps, self.noise, strict=True))
+        ]
+        self.whiteness = 1.0 / wider[0], 1.0 / wider[1]
+        self._widen(*wider)
 
     def _price(self) -> int:
         """Steps for a sample, as far as the machine without any effect tells."""
@@ -148,12 +167,18 @@ class FreeRunResiduals:
         # The speed is what is to be predicted: a current measured well adds to what is known of
         # it, but its gap does not outweigh the speed's.
         wider[1] = max(wider[1], math.sqrt(current / max(speed / wider[0] ** 2, 1.0)))
-        self.noise = self.noise[0] * wider[0], self.noise[1] * wider[1]
         self.level = 1.0 / wider[0], 1.0 / wider[1]
+        self._widen(*wider)
+
+    def _widen(self, speed: float, current: float) -> None:
+        """Multiply the deviations by which residuals are divided."""
+        if speed == current == 1.0:
+            return
+        self.noise = self.noise[0] * speed, self.noise[1] * current
         for piece in self.pieces:  # the columns' channels are weighed by the noise
             length = len(piece.experiment)
-            piece.columns[:length] /= wider[0]
-            piece.columns[length:] /= wider[1]
+            piece.columns[:length] /= speed
+            piece.columns[length:] /= current
         bases = tuple(basis_of(p.columns) for p in self.pieces)
         self.starts = StartStates(self.starts.angles, bases, self.starts.offsets)
         if self.shaking:
@@ -163,7 +188,7 @@ class FreeRunResiduals:
         """The residuals with some of the experiments only, by their place in the list."""
         chosen = [self.experiments[i] for i in numbers]
         part = FreeRunResiduals(self.machine, chosen, self.noise, workers or self.workers)
-        part.level = self.level
+        part.level, part.whiteness = self.level, self.whiteness
         self.work.steps += part.work.steps
         part.work = self.work
         return part

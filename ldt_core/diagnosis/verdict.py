@@ -172,7 +172,11 @@ def _unexplained(band: ErrorBand, left: Any, gap: Any) -> Any:
 
 
 def _with_noise(residuals: FreeRunResiduals, level: tuple[float, float]) -> FreeRunResiduals:
-    noise = residuals.noise[0] * level[0], residuals.noise[1] * level[1]
+    speed, current = (
+        n * size * white
+        for n, size, white in zip(residuals.noise, level, residuals.whiteness, strict=True)
+    )
+    noise = speed, current
     return FreeRunResiduals(residuals.machine, residuals.experiments, noise, residuals.workers)
 
 

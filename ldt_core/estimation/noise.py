@@ -12,21 +12,75 @@ from ldt_core.base.arrays import Array
 THIRD_DIFFERENCE = math.sqrt(20)  # standard deviation of that of white noise with deviation 1
 NORMAL_MEDIAN = 0.6745  # of the size of a standard normal number
 FEWEST_SAMPLES = 4  # for a third difference, or for a pair of lags
+ROUNDING = 1 / math.sqrt(12)  # deviation of a uniform error, of the step to which it is rounded
+# A sensor's step, from the values that it shows.
+RECURRENCE = 1.5  # samples for each distinct value: of a signal without steps each value is its own
+FEWEST_STEPS = 4  # between distinct values, to tell a step
+SAME_VALUE = 1e-6  # of the signals' range: values nearer to each other are one, in other units
+USUAL_STEP = 0.05  # quantile of the differences of distinct values: a fast signal leaves many out
+LESSER_STEP, FEW = 0.7, 0.01  # of that quantile, and the share of differences that may lie below
 
 
 def white_noise(signals: Iterable[Array]) -> float:
     """Deviation of white noise on smooth signals, in their unit, from third differences.
 
     Their median, so that steps of a signal do not count; 0 where all signals have fewer than 4
-    samples.
+    samples. Not less than what a sensor with steps rounds off (Widrow, Kollar, "Quantization
+    noise", 2008): most differences of a coarse one are 0.
 
     Args:
         signals: (L,) each.
     """
-    parts = [np.abs(np.diff(s, 3)) for s in signals if len(s) >= FEWEST_SAMPLES]
+    known = list(signals)
+    parts = [np.abs(np.diff(s, 3)) for s in known if len(s) >= FEWEST_SAMPLES]
     if not parts:
         return 0.0
-    return float(np.median(np.concatenate(parts))) / NORMAL_MEDIAN / THIRD_DIFFERENCE
+    found = float(np.median(np.concatenate(parts))) / NORMAL_MEDIAN / THIRD_DIFFERENCE
+    return max(found, ROUNDING * sensor_step(known))
+
+
+def sensor_step(signals: Sequence[Array]) -> float:
+    """The step to which a sensor rounds, in the signals' unit; 0 of one that shows none.
+
+    The smallest difference of distinct values that occurs throughout. The values of a sensor with
+    steps recur, and are hardly ever nearer to each other than a step.
+
+    Args:
+        signals: (L,) each, of one sensor.
+    """
+    shown = np.sort(np.concatenate([np.zeros(0), *signals]))
+    if not shown.size or not np.isfinite(shown[[0, -1]]).all():
+        return 0.0
+    apart = np.diff(shown)
+    apart = apart[apart > SAME_VALUE * (shown[-1] - shown[0])]
+    if apart.size < FEWEST_STEPS or RECURRENCE * apart.size > shown.size:
+        return 0.0
+    usual = float(np.quantile(apart, USUAL_STEP))
+    return usual if np.mean(apart < LESSER_STEP * usual) <= FEW else 0.0
+
+
+def rounding_correlation(signals: Sequence[Array], step: float, deviation: float) -> float:
+    """Samples of white noise that tell as much as one of a sensor with steps, at least 1.
+
+    What rounding adds is white only where noise carries the signal over half a step or more
+    (Widrow, Kollar, section 4). A slower signal stays on one side of its value for as long as it
+    stays between two steps.
+
+    Args:
+        signals: (L,) each, as they would be without noise and steps.
+        step: to which the sensor rounds, in their unit.
+        deviation: of noise and rounding together, in their unit.
+    """
+    own = math.sqrt(max(deviation**2 - (ROUNDING * step) ** 2, 0.0))
+    if own >= step / 2:  # of a step 0, too
+        return 1.0
+    random = np.random.default_rng(0)
+    errors = []
+    for s in signals:  # where a signal lies between two steps is chance
+        offset = s + step * random.random()
+        noise = own * random.standard_normal(s.size)
+        errors.append(np.round((offset + noise) / step) * step - offset)
+    return common_correlation_time(errors)
 
 
 def correlation_time(residual: Array) -> float:
