@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ldt_core.base.compiled import njit
 from ldt_core.effects.base import SMALL_VOLTAGE, Effect, factor_of, scaled
 from ldt_core.physics.parameter import Parameter
 
@@ -53,7 +53,7 @@ def _open(t, theta, omega, current, voltage, p):
     return 0.0
 
 
-@njit(cache=True)
+@njit()
 def _blocked(back, drop):  # pragma: no cover - compiled
     """How far diodes let the terminals rise above a command that would take current back [V]."""
     size = math.sqrt(back * back + DIODE_VOLTAGE * DIODE_VOLTAGE)

@@ -18,9 +18,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.compiled import njit
 from ldt_core.physics.integrate import STATES, _corrected, _direction, _is_finite, _rates
 from ldt_core.physics.terms import evaluate
 
@@ -108,7 +108,7 @@ def _series(z: Array, first: int) -> Array:
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _at(y, h, first, k1, second, k2, omega, current):  # pragma: no cover - compiled
     """The state behind y by two weighted rates, speed and current as given."""
     f, s = h * first, h * second
@@ -126,7 +126,7 @@ def _at(y, h, first, k1, second, k2, omega, current):  # pragma: no cover - comp
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _added(y, t, v, z, d, c, terms):  # pragma: no cover - compiled
     """(rates, acceleration beside the ideal motor's, terminal voltage); writes effects' rates."""
     s, o = _direction(y)
@@ -135,7 +135,7 @@ def _added(y, t, v, z, d, c, terms):  # pragma: no cover - compiled
     return k, k[1] - (c.pull * y[2] - c.drag * y[1]), u
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _slopes(y, t, v, z, d, c, terms, scale, g):  # pragma: no cover - compiled
     """Write into g (2, 2) how acceleration and voltage change with speed and current."""
     torque, u = evaluate(terms, t, y, v, z, d)
@@ -152,7 +152,7 @@ def _slopes(y, t, v, z, d, c, terms, scale, g):  # pragma: no cover - compiled
         g[1, j] = (u_there - u) / step
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _solve(m, r):  # pragma: no cover - compiled
     """Solve m r' = r for (4, 4) m, which is overwritten, into r."""
     for i in range(4):
@@ -175,7 +175,7 @@ def _solve(m, r):  # pragma: no cover - compiled
         r[i] /= m[i, i]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def collocate(
     edges,
     volts,

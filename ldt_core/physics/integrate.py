@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ldt_core.base.compiled import njit
 from ldt_core.physics.lanes import LARGEST_ANGLE, sine_and_cosine
 from ldt_core.physics.terms import evaluate, forget, is_quiet
 
@@ -26,7 +26,7 @@ LONGEST_PAUSE = 16  # intervals with short steps, at most, before long ones are 
 SMALL_TURN = 0.1  # rad; below, the series of `turned` is exact to rounding
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def propagate(ad, bd, volts, initial, seen, gain):  # pragma: no cover - compiled
     """States of x[k+1] = ad x[k] + bd volts[k]: (L, n).
 
@@ -48,7 +48,7 @@ def propagate(ad, bd, volts, initial, seen, gain):  # pragma: no cover - compile
     return states
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def lagged(x, decay, now, before):  # pragma: no cover - compiled
     """y[k] = decay y[k-1] + now x[k] + before x[k-1]: (L,), settled at the first sample."""
     y = np.empty_like(x)
@@ -59,7 +59,7 @@ def lagged(x, decay, now, before):  # pragma: no cover - compiled
     return y
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def answered(x, decay, gain, kept):  # pragma: no cover - compiled
     """Rows y[k] = decay y[k-1] + gain x[k-1]: (L, n), the first `kept` (n,), which moves along."""
     y = np.empty_like(x)
@@ -70,7 +70,7 @@ def answered(x, decay, gain, kept):  # pragma: no cover - compiled
     return y
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def turned(s, o, theta, delta):  # pragma: no cover - compiled
     """Sine and cosine of theta + delta from those of theta: a step turns the shaft very little.
 
@@ -90,7 +90,7 @@ def turned(s, o, theta, delta):  # pragma: no cover - compiled
 # compiler resolves `len(y)`, so either length becomes machine code of its own.
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _direction(y):  # pragma: no cover - compiled
     """Sine and cosine of the angle, which three states do not need."""
     if len(y) == RIGID_STATES:
@@ -100,14 +100,14 @@ def _direction(y):  # pragma: no cover - compiled
     return sine_and_cosine(y[0])  # as lanes take it
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _turned(y, s, o, delta):  # pragma: no cover - compiled
     if len(y) == RIGID_STATES:
         return s, o
     return turned(s, o, y[0], delta)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _rates(y, s, o, torque, volts, c):  # pragma: no cover - compiled
     omega, current = y[1], y[2]
     alpha = c.pull * current - c.drag * omega + c.ease * torque
@@ -123,7 +123,7 @@ def _rates(y, s, o, torque, volts, c):  # pragma: no cover - compiled
     return omega, alpha, di, y[4], ax, y[6], az
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _moved(y, h, k):  # pragma: no cover - compiled
     a, b, c = y[0] + h * k[0], y[1] + h * k[1], y[2] + h * k[2]
     if len(y) == RIGID_STATES:
@@ -131,7 +131,7 @@ def _moved(y, h, k):  # pragma: no cover - compiled
     return a, b, c, y[3] + h * k[3], y[4] + h * k[4], y[5] + h * k[5], y[6] + h * k[6]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _summed(a, b, c, d):  # pragma: no cover - compiled
     x = a[0] + 2 * (b[0] + c[0]) + d[0]
     y = a[1] + 2 * (b[1] + c[1]) + d[1]
@@ -149,14 +149,14 @@ def _summed(a, b, c, d):  # pragma: no cover - compiled
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _corrected(y, change):  # pragma: no cover - compiled
     if len(y) == RIGID_STATES:
         return y[0], y[1] + change, y[2]
     return y[0], y[1] + change, y[2], y[3], y[4], y[5], y[6]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _is_finite(y, z):  # pragma: no cover - compiled
     total = z.sum()
     for i in range(len(y)):
@@ -164,7 +164,7 @@ def _is_finite(y, z):  # pragma: no cover - compiled
     return math.isfinite(total)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def runge_kutta(
     edges, volts, steps, long, samples, first, own, c, states, seen, gain, terms
 ):  # pragma: no cover - compiled

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ldt_core.base.compiled import njit
 from ldt_core.physics.integrate import (
     LONGEST_PAUSE,
     RIGID_STATES,
@@ -37,7 +37,7 @@ from ldt_core.physics.lanes import (
 from ldt_core.physics.run_plan import Coefficients
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _direction(y):  # pragma: no cover - compiled
     if len(y) == RIGID_STATES:
         return lanes_of(0.0), lanes_of(1.0)
@@ -50,7 +50,7 @@ def _direction(y):  # pragma: no cover - compiled
     return s, o
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _turned(y, s, o, delta):  # pragma: no cover - compiled
     """As `integrate.turned`."""
     if len(y) == RIGID_STATES:
@@ -69,7 +69,7 @@ def _turned(y, s, o, delta):  # pragma: no cover - compiled
     return s, o
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _loaded(a, like):  # pragma: no cover - compiled
     x, y, z = load(a, 0), load(a, 1), load(a, 2)
     if len(like) == RIGID_STATES:
@@ -77,7 +77,7 @@ def _loaded(a, like):  # pragma: no cover - compiled
     return x, y, z, load(a, 3), load(a, 4), load(a, 5), load(a, 6)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _interval(y, begin, length, count, v, c, terms, z):  # pragma: no cover - compiled
     """The state behind an interval of constant voltage; z[0] (own, WIDTH) moves along.
 
@@ -119,7 +119,7 @@ def _interval(y, begin, length, count, v, c, terms, z):  # pragma: no cover - co
     return y
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _total(y, z):  # pragma: no cover - compiled
     total = y[0] + y[1] + y[2]
     if len(y) != RIGID_STATES:
@@ -129,7 +129,7 @@ def _total(y, z):  # pragma: no cover - compiled
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _chosen(mask, a, b):  # pragma: no cover - compiled
     """The states of a where the mask is 1, of b where it is 0."""
     x = where_less(0.5, mask, a[0], b[0])
@@ -148,7 +148,7 @@ def _chosen(mask, a, b):  # pragma: no cover - compiled
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _tried(y, begin, length, steps, long, v, c, terms, z, wait, pause):  # pragma: no cover
     """The state behind an interval that some lanes may take in `long` steps; see `runge_kutta`."""
     own = z.shape[1]
@@ -181,7 +181,7 @@ def _tried(y, begin, length, steps, long, v, c, terms, z, wait, pause):  # pragm
     return after
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def runge_kutta_lanes(
     times, volts, steps, long, first, like, c, states, z, seen, gain, terms, failed
 ):  # pragma: no cover - compiled

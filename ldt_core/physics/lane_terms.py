@@ -11,14 +11,16 @@ import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 from llvmlite import ir
-from numba import cfunc, njit, types
+from numba import types
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.compiled import cfunc, njit
 from ldt_core.physics.lanes import (
     BYTES_OF_LANES,
     LANES,
@@ -67,9 +69,11 @@ def compile_for_lanes(function: Callable[..., Any], stateful: bool) -> Any:
     named = getattr(function, "__module__", None) in sys.modules  # see `terms.compile_term`
     try:
         try:
-            return cfunc(signature, cache=named, error_model="numpy")(function)
+            if named:
+                return cfunc(signature, function)
         except RuntimeError:
-            return cfunc(signature, error_model="numpy")(function)
+            pass
+        return numba.cfunc(signature, error_model="numpy")(function)
     except (NumbaError, TypeError, NotImplementedError):
         return None
 
@@ -95,7 +99,7 @@ def _call_lanes_with_states(typing, address, t, theta, omega, current, voltage, 
     return _caller(3)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _one_by_one(terms, j, t, theta, omega, current, volts, state, rate):  # pragma: no cover
     found = lanes_of(0.0)
     row = terms.table[j]
@@ -117,7 +121,7 @@ def _one_by_one(terms, j, t, theta, omega, current, volts, state, rate):  # prag
     return found
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(nogil=True, forceinline=True)
 def evaluate_lanes(terms, t, y, volts, state, rate):  # pragma: no cover - compiled
     """As `terms.evaluate`, of lanes."""
     torque, terminal = lanes_of(0.0), volts
@@ -146,7 +150,7 @@ def evaluate_lanes(terms, t, y, volts, state, rate):  # pragma: no cover - compi
     return torque, terminal
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def forget_lanes(terms):  # pragma: no cover - compiled
     """Begin to watch anew."""
     count = terms.table.shape[0]
@@ -155,7 +159,7 @@ def forget_lanes(terms):  # pragma: no cover - compiled
         store(terms.watch, count + j, lanes_of(-math.inf))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def is_quiet_lane(terms, i):  # pragma: no cover - compiled
     """Whether no watched term of lane i has changed by more than it may."""
     for j in range(terms.table.shape[0]):

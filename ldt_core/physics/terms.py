@@ -18,14 +18,16 @@ import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 from llvmlite import ir
-from numba import cfunc, njit, types
+from numba import types
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.compiled import cfunc, njit
 from ldt_core.base.errors import OptionError
 
 _F, _POINTER = types.float64, types.CPointer(types.float64)
@@ -60,9 +62,11 @@ def compile_term(where: str, function: Callable[..., float], stateful: bool) -> 
     named = getattr(function, "__module__", None) in sys.modules
     try:  # error model: a division by zero gives inf, which the integrator reports
         try:
-            return cfunc(signature, cache=named, error_model="numpy")(function)
+            if named:
+                return cfunc(signature, function)
         except RuntimeError:  # a function without a file, typed at a prompt, cannot be cached
-            return cfunc(signature, error_model="numpy")(function)
+            pass
+        return numba.cfunc(signature, error_model="numpy")(function)
     except (NumbaError, TypeError) as error:
         reason = str(error).strip().splitlines()[-1]
         raise OptionError(
@@ -94,7 +98,7 @@ def _call_with_states(typing, address, t, theta, omega, current, voltage, p, sta
     return _caller(3)
 
 
-@njit(cache=True)
+@njit()
 def evaluate(terms, t, y, volts, state, rate):  # pragma: no cover - compiled
     """(sum of torques [N m], terminal voltage [V]); writes the rates of the effects' states.
 
@@ -122,7 +126,7 @@ def evaluate(terms, t, y, volts, state, rate):  # pragma: no cover - compiled
     return torque, terminal
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def forget(terms):  # pragma: no cover - compiled
     """Begin to watch anew."""
     if terms is None:
@@ -131,7 +135,7 @@ def forget(terms):  # pragma: no cover - compiled
     terms.most[:] = -math.inf
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def is_quiet(terms):  # pragma: no cover - compiled
     """Whether no watched term has changed by more than it may."""
     if terms is None:

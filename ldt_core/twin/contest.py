@@ -8,7 +8,6 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from joblib import cpu_count
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import FAILED, Action, Adaptation, Experiment, Level, Signal, rms
@@ -312,6 +311,8 @@ class ContestAdaptor(Adaptor):
             return []
         asked = (start.version, tuple(id(e) for e in pool))
         if self._searched is None or self._searched[0] != asked:
+            from joblib import cpu_count  # 0.1 s to import, and most runs never search
+
             with one_thread():
                 self._searched = asked, list[Model](start.with_other_causes(pool, cpu_count()))
         return self._searched[1]

@@ -19,9 +19,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.compiled import njit
 from ldt_core.estimation.linear import schwarz
 from ldt_core.estimation.linear.output_error import Linear, OutputError
 
@@ -104,7 +104,7 @@ def _deviations(information: Array, deviation: float) -> Array:
     return (vectors * (deviation / np.sqrt(np.maximum(values, ROUNDING)))).T / size
 
 
-@njit(cache=True, fastmath=False)
+@njit(fastmath=False)
 def squared_distances(steps, drives, offsets, starts, weights, voltage):
     """(L,) weighted sum of the squared distances of runs from the first one.
 

@@ -26,8 +26,8 @@ loops over elements: each assignment to a slice would take a second to compile.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ldt_core.base.compiled import njit
 from ldt_core.estimation.linear import schwarz
 
 #: Share of a column's square that the columns before it leave, at least: less is rounding (products
@@ -41,7 +41,7 @@ LONGEST_STEP = 2.0
 THETA_TOLERANCE = 1e-9
 
 
-@njit(cache=True, fastmath=False)
+@njit(fastmath=False)
 def _first_pass(step, drive, first, u, y, begins, cuts, feedthrough, offset):
     """(segments, m, m) products of the columns w, x, u, 1, y; the upper triangle.
 
@@ -84,7 +84,7 @@ def _first_pass(step, drive, first, u, y, begins, cuts, feedthrough, offset):
     return grams
 
 
-@njit(cache=True, fastmath=False)
+@njit(fastmath=False)
 def _second_pass(
     step, drive, first, steps, drives, firsts, linear, v, u, y, begins, cuts, feedthrough, offset
 ):
@@ -150,7 +150,7 @@ def _second_pass(
     return grams
 
 
-@njit(cache=True, fastmath=False)
+@njit(fastmath=False)
 def eliminate(grams, kept, owners, experiments, n):
     """Take the start states out of the products of the segments that are kept.
 
@@ -190,7 +190,7 @@ def eliminate(grams, kept, owners, experiments, n):
     return rest, states
 
 
-@njit(cache=True, fastmath=False)
+@njit(fastmath=False)
 def _solve(gram, count):
     """Gauss and Jordan, in place, over the first columns of a matrix of products.
 
@@ -248,7 +248,7 @@ def solved(grams, kept, owners, experiments, n):
     return rest, states
 
 
-@njit(cache=True, fastmath=False)
+@njit(fastmath=False)
 def corrected(linear, v, rest, states, change):
     """(weights, start states) to first order where θ changes by that (n,), or () for not at all."""
     count = linear.size
@@ -270,7 +270,7 @@ def corrected(linear, v, rest, states, change):
     return better, others
 
 
-@njit(cache=True, fastmath=False)
+@njit(fastmath=False)
 def left_over(grams, owners, rest, states, count):
     """(segments,) sums of squared residuals once the linear parameters are corrected."""
     size = grams.shape[1]
@@ -292,7 +292,7 @@ def left_over(grams, owners, rest, states, count):
     return squares
 
 
-@njit(cache=True, fastmath=False)
+@njit(fastmath=False)
 def newton(rest, theta, low, high, damping):
     """(n,) the damped step within the bounds, and by how much it promises to lower the loss."""
     n = theta.size

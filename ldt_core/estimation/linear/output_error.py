@@ -21,10 +21,10 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.compiled import njit
 from ldt_core.estimation.linear import schwarz
 from ldt_core.estimation.linear.levenberg_marquardt import (
     corrected,
@@ -261,7 +261,7 @@ def _triangle(columns: Array) -> Array:
     return np.where(np.tri(size, dtype=bool).T, packed[:, :size].T, 0.0)
 
 
-@njit(cache=True, fastmath=False)
+@njit(fastmath=False)
 def _states(step, drive, u, begins):
     order = drive.size
     states = np.zeros((u.size, order))
@@ -275,7 +275,7 @@ def _states(step, drive, u, begins):
     return states
 
 
-@njit(cache=True, fastmath=False)
+@njit(fastmath=False)
 def _powers(step, first, length):
     order = first.size
     rows = np.empty((length, order))

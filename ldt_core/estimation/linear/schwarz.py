@@ -25,10 +25,10 @@ discrete time systems", Int. J. Control 23 (1976) 1–16. The exponential: C. Mo
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.compiled import njit
 
 #: [per sample] Fastest decay: e^−30 within one sample cannot be told from an infinitely fast one.
 FASTEST_DECAY = 30.0
@@ -76,7 +76,7 @@ def discrete_slopes(theta: Array, sigma: float) -> tuple[Array, Array, Array, Ar
     )
 
 
-@njit(cache=True, fastmath=False)
+@njit(fastmath=False)
 def _generator(theta, sigma, with_slopes):
     """[[A, b], [0, 0]], whose exponential is the system with a held input; its derivatives by θ."""
     order = theta.size
@@ -134,7 +134,7 @@ def drifts(theta: Array, sigma: float) -> bool:
     return bool(np.abs(poles_of(theta, sigma)).min() < DRIFT_FACTOR * sigma)
 
 
-@njit(cache=True, fastmath=False)
+@njit(fastmath=False)
 def exponential(matrix, slopes):
     """exp(matrix), and its derivative in the directions slopes (p, m, m): scaling and squaring."""
     size, directions = matrix.shape[0], slopes.shape[0]
@@ -179,7 +179,7 @@ def exponential(matrix, slopes):
     return total[0], total[1:]
 
 
-@njit(cache=True, fastmath=False)
+@njit(fastmath=False)
 def _times(a, b, product):
     # not BLAS: its threads would decide on the last bits
     size = a.shape[0]

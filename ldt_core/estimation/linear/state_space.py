@@ -17,10 +17,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.compiled import njit
 from ldt_core.base.errors import ExperimentError
 from ldt_core.base.experiment import Experiment
 from ldt_core.physics.zero_order_hold import zero_order_hold
@@ -137,7 +137,7 @@ def _frozen(values: ArrayLike) -> Array:
     return array
 
 
-@njit(cache=True, fastmath=False)
+@njit(fastmath=False)
 def _run(step, drive, C, D, offset, voltage, state):
     order = state.size
     output = np.empty(voltage.size)
@@ -222,7 +222,7 @@ def principal_deviations(covariance: Array) -> Array:
     return (vectors[:, real] * np.sqrt(values[real])).T
 
 
-@njit(cache=True, fastmath=False)
+@njit(fastmath=False)
 def _moments(step, drive, state, voltage, sums, products):
     order = state.size
     following = np.empty(order)

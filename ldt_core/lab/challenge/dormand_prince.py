@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ldt_core.base.compiled import njit
 from ldt_core.lab.challenge.equations import rates
 
 TOLERANCE = 1e-8  # relative, on each step's local error
@@ -15,7 +15,7 @@ SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # a step's length over the one before
 MAX_STEPS = 3_000_000  # of one run; a machine that needs more is none that anybody built
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def integrate(
     edges, volts, keep, y, p, active, tolerances, tolerance
 ):  # pragma: no cover - compiled

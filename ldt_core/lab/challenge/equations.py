@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from ldt_core.base.compiled import njit
 
 COPPER = 0.00393  # 1/K, temperature coefficient of copper's resistance
 TURNING = 0.05  # rad/s, over which a level that depends on the direction changes
@@ -24,7 +24,7 @@ PLAY_RATE = 50.0  # 1/s, at which a memory follows the edge of its play
 STALL_WIDTH = 1.0  # rad/s, over which a propeller stalls
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def dry_friction(omega, bristle, torque, p):  # pragma: no cover - compiled
     """(friction torque [N m], rate of the bristles' deflection [rad/s])."""
     ahead = 0.5 * (1.0 + math.tanh(omega / TURNING))
@@ -39,7 +39,7 @@ def dry_friction(omega, bristle, torque, p):  # pragma: no cover - compiled
     return level * share, rate
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def drag(omega, p):  # pragma: no cover - compiled
     """Torque of what turns in a fluid or a magnetic field [N m]."""
     speed = abs(omega)
@@ -60,7 +60,7 @@ def drag(omega, p):  # pragma: no cover - compiled
     return torque
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def load(t, theta, omega, memory, p):  # pragma: no cover - compiled
     """Torque of what the shaft carries and of its ripples [N m]."""
     torque = 0.0
@@ -86,7 +86,7 @@ def load(t, theta, omega, memory, p):  # pragma: no cover - compiled
     return torque
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def play(inside, width):  # pragma: no cover - compiled
     """What is left of a difference beyond a play of that half width, either way."""
     if inside > width:
@@ -96,7 +96,7 @@ def play(inside, width):  # pragma: no cover - compiled
     return 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def coupling(y, p):  # pragma: no cover - compiled
     """Torque that goes through the coupling to the far end [N m]."""
     slip = y[1] - y[12]
@@ -109,7 +109,7 @@ def coupling(y, p):  # pragma: no cover - compiled
     return torque
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def lost_voltage(y, volts, p):  # pragma: no cover - compiled
     """What the winding, the brushes and the drive take from the supply's voltage [V]."""
     i = y[2]
@@ -133,7 +133,7 @@ def lost_voltage(y, volts, p):  # pragma: no cover - compiled
     return lost
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def rates(t, y, volts, p, dy):  # pragma: no cover - compiled
     """Write the derivative of the state `y` (in the order of `case_plant.STATES`) to `dy`."""
     theta, omega, i = y[0], y[1], y[2]

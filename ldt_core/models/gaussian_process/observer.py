@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.compiled import njit
 
 #: Ratios of process to sensor noise variance [per sample] that are tried: from a pure free run to
 #: pure one-step differences, three a decade.
@@ -56,7 +56,7 @@ class ObserverNoise:
     ratio: float
 
 
-@njit(cache=True)
+@njit()
 def one_step(run):
     """Equation error of the physics alone.
 
@@ -75,7 +75,7 @@ def one_step(run):
     return lacking, currents
 
 
-@njit(cache=True)
+@njit()
 def kalman_gains(ad, ratio, samples):
     """Kalman gains (L, 2) and innovation scales (L,), in units of the sensor noise."""
     gains, scales = np.zeros((samples, 2)), np.ones(samples)
@@ -98,7 +98,7 @@ def kalman_gains(ad, ratio, samples):
     return gains, scales
 
 
-@njit(cache=True)
+@njit()
 def filtered(run, force, ratio):
     """Kalman filter over one run with a known acceleration.
 
@@ -128,7 +128,7 @@ def filtered(run, force, ratio):
     return innovations, states, scales[1:]
 
 
-@njit(cache=True)
+@njit()
 def filter_columns(run, columns, gains, scales, states):
     """What accelerations at samples in a row contribute to the scaled innovations after each.
 

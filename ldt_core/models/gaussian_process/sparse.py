@@ -25,8 +25,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, cholesky, solve_triangular
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
@@ -180,6 +178,8 @@ def condition_in_parts(
     As `condition`, each observation with the part (n,) that each of its rows belongs to, from 0;
     with one part nothing is left out.
     """
+    from scipy.linalg import cholesky, solve_triangular  # 0.2 s; who only predicts needs none
+
     points = len(inducing)
     prior = kernel(inducing, inducing)
     # The residual share bounds the eigenvalues from below; this only covers their rounding errors.
@@ -202,6 +202,8 @@ def condition_in_parts(
 def _posterior(
     kernel: Kernel, inducing: Array, lower: Array, gram: Array, right: Array
 ) -> SparsePosterior:
+    from scipy.linalg import cho_solve, cholesky, solve_triangular
+
     factor = cholesky(gram, lower=True)
     weights = solve_triangular(lower, cho_solve((factor, True), right), lower=True, trans="T")
     # Both factors of a leading block are the leading blocks of the factors, so the posterior that
@@ -305,6 +307,8 @@ def minus_log_likelihood(
     `theta` holds the logarithms of the prior variance and of the d length scales, `squares` the
     squared differences of the inputs (d, n, n), `noise` the variance of each target (n,).
     """
+    from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+
     weights = np.exp(-2 * theta[1:])
     covariance = np.exp(theta[0] - 0.5 * np.tensordot(weights, squares, 1))
     noisy = covariance.copy()

@@ -24,9 +24,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.compiled import njit
 from ldt_core.models.gaussian_process.sparse import SparsePosterior
 
 #: What f may depend on, in the order in which the compiled loop keeps them.
@@ -111,7 +111,7 @@ def compile_run(posterior: SparsePosterior | None, inputs: Sequence[str]) -> Fre
     )
 
 
-@njit(cache=True)
+@njit()
 def _run_table(ad, bd, gd, voltage, start, low, step, cubic, std, prior_std):
     """Speed (L,), slopes (L, 2) of f over current and speed, deviation (L,) of f: from a table.
 
@@ -140,7 +140,7 @@ def _run_table(ad, bd, gd, voltage, start, low, step, cubic, std, prior_std):
     return speed, slopes, deviation
 
 
-@njit(cache=True)
+@njit()
 def _run_inducing(
     ad, bd, gd, voltage, start, inputs, lengths, signal_std, inducing, weights, explained
 ):
@@ -189,7 +189,7 @@ def _run_inducing(
     return speed, slopes, deviation
 
 
-@njit(cache=True)
+@njit()
 def spread(ad, gd, slopes, deviation, persistence):
     """Variance of the speed along a run, for each source apart.
 

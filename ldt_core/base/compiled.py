@@ -1,0 +1,63 @@
+"""numba's `njit` and `cfunc`, with a cache that loads without preparing the compiler.
+
+Before it loads what is cached, numba imports and registers all that could be compiled: 0.2 s of a
+processor in every process. Machine code that is ready needs the memory manager alone. What is not
+cached prepares the compiler as ever.
+
+This looks into numba. It is for the version that was tried, any other loads as numba does, and for
+code that asks for nothing else at run time: no hash of a text, no parallel loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+from numba.core.caching import FunctionCache
+from numba.core.ccallback import CFunc
+from numba.core.runtime import rtsys
+from numba.core.sigutils import normalize_signature
+
+#: The version of numba whose cache was tried, the one that `constraints.txt` installs.
+TRIED = "0.68.1"
+
+
+class _ReadyCache(FunctionCache):  # type: ignore[misc]  # untyped
+    """Loads what is ready before, not after, the compiler is."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        rtsys.initialize(target_context)  # what is loaded calls it by addresses, unset before
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
+
+
+_Cache = _ReadyCache if numba.__version__ == TRIED else FunctionCache
+
+
+def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """As `numba.njit(cache=True, **options)`, for functions of LDT's own modules."""
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        dispatcher = numba.njit(**options)(function)
+        dispatcher._cache = _Cache(function)
+        return dispatcher
+
+    return compiled
+
+
+def cfunc(signature: Any, function: Callable[..., Any]) -> Any:
+    """As `numba.cfunc(signature, cache=True, error_model="numpy")(function)`.
+
+    A division by zero gives inf, which the integrator reports.
+
+    Raises:
+        RuntimeError: the function comes from no file, and cannot be cached.
+        NumbaError, TypeError: numba cannot compile it.
+    """
+    if not function.__module__.startswith("ldt_core."):  # who knows what it asks for
+        return numba.cfunc(signature, cache=True, error_model="numpy")(function)
+    found: Any = CFunc(function, normalize_signature(signature), {}, {"error_model": "numpy"})
+    found._cache = _Cache(function)
+    found.compile()
+    return found
