@@ -30,6 +30,13 @@ def one_thread() -> AbstractContextManager[object]:
     return _controller().limit(limits=1)
 
 
+def cores() -> int:
+    """Cores that this process may use: what its affinity and its container leave."""
+    from joblib import cpu_count  # 0.1 s to import, and most runs never search
+
+    return cpu_count()
+
+
 def spread(work: Callable[[int], T], count: int, workers: int) -> Iterator[T]:
     """What comes out for each number below a count, in their order, among so many threads."""
     if workers > 1 and count > 1:

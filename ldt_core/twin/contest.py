@@ -11,7 +11,7 @@ import numpy as np
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import FAILED, Action, Adaptation, Experiment, Level, Signal, rms
-from ldt_core.base.threads import one_thread
+from ldt_core.base.threads import cores, one_thread
 from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
@@ -311,10 +311,8 @@ class ContestAdaptor(Adaptor):
             return []
         asked = (start.version, tuple(id(e) for e in pool))
         if self._searched is None or self._searched[0] != asked:
-            from joblib import cpu_count  # 0.1 s to import, and most runs never search
-
             with one_thread():
-                self._searched = asked, list[Model](start.with_other_causes(pool, cpu_count()))
+                self._searched = asked, list[Model](start.with_other_causes(pool, cores()))
         return self._searched[1]
 
     def _unexplained(self, experiment: Experiment) -> list[Experiment]:
