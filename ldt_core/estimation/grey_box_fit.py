@@ -35,6 +35,9 @@ from ldt_core.estimation.misfit import misfit
 
 #: Observer gains of the homotopy: all of the innovation, then less, then the free run.
 GAINS = (1.0, 0.3, 0.1, 0.03, 0.0)
+#: Factor from gain to gain below these, where the free run is too far from the weakest observer.
+#: They end where the observer remembers the whole experiment, which is a free run.
+FINER = 0.3
 #: Difference quotients: of a coordinate. Their rounding error and their curvature error are alike
 #: for a simulation that is exact to 1e-9.
 DIFFERENCE = 1e-3
@@ -338,9 +341,23 @@ def of_first(information: Array, count: int) -> Array:
 
 def _homotopy(problem: GreyBoxProblem, x: Array, rounds: int) -> tuple[Array, float, Array]:
     """(coordinates, cost, information) at the end of the way from the observer to the free run."""
-    for gain in GAINS:
+    for gain in GAINS[:-1]:
         first = gain == GAINS[0]
         x = problem.descend(x, gain, COARSE_STEP, FIRST_ROUNDS if first else rounds)[0]
         if first and not problem.explains(x, gain, COARSE_STEP):
             rounds = min(rounds, HOPELESS)
-    return problem.descend(x, GAINS[-1], FINE_STEP, rounds)
+    found = _released(problem, x, rounds)
+    if problem.explains(found[0], 0.0, FINE_STEP) or not problem.explains(x, gain, COARSE_STEP):
+        return found
+    # Right as long as it is led: the last step, to the free run, was too long.
+    longest = max(len(e) for e in problem.experiments)
+    while gain * longest > 1:
+        gain *= FINER
+        x = problem.descend(x, gain, COARSE_STEP, rounds)[0]
+    return min(found, _released(problem, x, rounds), key=lambda end: end[1])
+
+
+def _released(problem: GreyBoxProblem, x: Array, rounds: int) -> tuple[Array, float, Array]:
+    """(coordinates, cost, information) of the free run's minimum next to these coordinates."""
+    x = problem.descend(x, 0.0, COARSE_STEP, rounds)[0]
+    return problem.descend(x, 0.0, FINE_STEP, rounds)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -48,8 +48,9 @@ class GreyBoxModel(Model):
     `parameters`: `machine`, the physics parameters; `effects`, name → parameter → value; `alike`,
     names of effects that explain the same as well; `noise_std` [rad/s], null while untrained;
     `start` with `turn` [rad], and `seen`, the start angles found (number, angle, std [rad] each);
-    `prior` with `mean` (k) and `precision` (k, k) of the machine's coordinates (`GreyBox`); and
-    `directions`, rows of coordinates by one standard deviation each.
+    `prior` with `mean` (k) and `precision` (k, k) of the machine's coordinates (`GreyBox`);
+    `before`, the same before it learned; and `directions`, rows of coordinates by one standard
+    deviation each.
 
     Args:
         machine: the machine as it is known beforehand.
@@ -65,13 +66,15 @@ class GreyBoxModel(Model):
 
     def untrained(self) -> dict[str, Any]:
         """The machine file's physics."""
-        prior = Prior.of_file(len(GreyBox(self.machine, (), self.machine.tolerances).uncertain))
+        count = len(GreyBox(self.machine, (), self.machine.tolerances).uncertain)
+        prior = _plain(Prior.of_file(count))
         return {
             "machine": dict(self.machine.parameters),
             "effects": {},
             "alike": [],
             "noise_std": None,
-            "prior": {"mean": prior.mean.tolist(), "precision": prior.precision.tolist()},
+            "prior": prior,
+            "before": prior,
             "directions": [],
             "start": {"turn": 0.0, "seen": []},
         }
@@ -88,13 +91,10 @@ class GreyBoxModel(Model):
         self.given = {e.name: e.check(given[e.name]) for e in self.effects}
         self.box = GreyBox(self.machine, self.effects, self.machine.tolerances)
         k = len(self.box.uncertain)
-        mean = np.array(self.parameters["prior"]["mean"], dtype=np.float64)
-        precision = np.array(self.parameters["prior"]["precision"], dtype=np.float64)
-        if mean.shape != (k,) or precision.shape != (k, k):
-            raise ValueError(f"a prior of {mean.size} parameters where the machine has {k}")
-        if k and float(np.linalg.eigvalsh(precision).min()) <= 0:
-            raise ValueError("a prior that is no distribution")
-        self.prior = Prior(mean, precision)
+        self.prior = _prior(self.parameters["prior"], k)
+        #: None in a recording that does not tell it.
+        begun = self.parameters.get("before")
+        self.before = None if begun is None else _prior(begun, k)
         known = self.machine.parameters
         ratios = [self.parameters["machine"][n] / known[n] for n in self.box.uncertain]
         own = np.array([math.log(r) for r in ratios]) / self.box.tolerance
@@ -166,12 +166,32 @@ class GreyBoxModel(Model):
             LdtError: no or too few samples.
         """
         search = self.search_on(experiments)
-        learned = Present(self.effects, self.given, self.prior)
-        found = search.fitted(learned, self.effects)
+        return self.adopt(search.pruned(self._fitted(search, self.prior)), experiments)
+
+    def updated(self, experiments: Sequence[Experiment]) -> Self | None:
+        """This model with more experiments of a machine that has not changed; None where it has.
+
+        What was known before the version learned is the prior, so that nothing counts twice; all
+        the experiments have to be explained by one machine.
+
+        Args:
+            experiments: those that this version has learned from, and more.
+
+        Raises:
+            LdtError: no or too few samples.
+        """
+        if self.before is None:
+            return None
+        search = self.search_on(experiments)
+        found = self._fitted(search, self.before)
+        return self.adopt(search.pruned(found), experiments) if found.explains else None
+
+    def _fitted(self, search: StructureSearch, known: Prior) -> FittedStructure:
+        found = search.fitted(Present(self.effects, self.given, known), self.effects)
         if self.version > 0 and found.surprises:
             anew = search.fitted(self.present, self.effects)
             found = min(found, anew, key=lambda s: s.surprise)
-        return self.adopt(search.pruned(found), experiments)
+        return found
 
     def search_on(self, experiments: Sequence[Experiment], workers: int = 1) -> StructureSearch:
         """A search for what explains these experiments.
@@ -244,7 +264,8 @@ class GreyBoxModel(Model):
             "effects": {e.name: given for e, given in use},
             "alike": list(alike),
             "noise_std": noise,
-            "prior": {"mean": fit.q[:k].tolist(), "precision": _symmetric(precision).tolist()},
+            "prior": _plain(Prior(fit.q[:k], _symmetric(precision))),
+            "before": _plain(found.prior),
             "directions": [np.clip(d, -1.0, 1.0).tolist() for d in widest[-DIRECTIONS:]],
         }
         return self.successor(record, experiments)
@@ -262,6 +283,19 @@ class GreyBoxModel(Model):
             others = listed([spoken(n) for n in self.parameters["alike"]], "or")
             said[-1] += f" (or {others}: not told apart)"
         return "; ".join(said)
+
+
+def _plain(prior: Prior) -> dict[str, Any]:
+    return {"mean": prior.mean.tolist(), "precision": prior.precision.tolist()}
+
+
+def _prior(plain: Mapping[str, Any], count: int) -> Prior:
+    mean, precision = (np.array(plain[n], dtype=np.float64) for n in ("mean", "precision"))
+    if mean.shape != (count,) or precision.shape != (count, count):
+        raise ValueError(f"a prior of {mean.size} parameters where the machine has {count}")
+    if count and float(np.linalg.eigvalsh(precision).min()) <= 0:
+        raise ValueError("a prior that is no distribution")
+    return Prior(mean, precision)
 
 
 def _symmetric(matrix: Array) -> Array:

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
-from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import FAILED, Action, Adaptation, Experiment, Level, Signal, rms
-from ldt_core.base.threads import cores, one_thread
-from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
-from ldt_core.models.hybrid import HybridModel
 from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK, Adaptor
+from ldt_core.twin.candidates import POOL, UNLEARNABLE, Candidates
 from ldt_core.twin.condition_chain import UNLEARNED, ConditionChain
 from ldt_core.twin.memory import Memory
 from ldt_core.twin.search_backoff import SearchBackoff
 from ldt_core.twin.stage import Archive, RecordedStep
-from ldt_core.twin.version_errors import alike, explains, rms_error
+from ldt_core.twin.version_errors import alike, explains, rms_error, same
 
 #: A model comes into force on data that it has not learned from if its error is less than this part
 #: of the present one's: chance makes the errors of equally good models differ by less.
@@ -30,11 +26,6 @@ BETTER = 0.95
 WATCHED, LEAST_WATCHED = 10, 5
 #: Sum of the twin's errors over the original's, above which the original comes back.
 WORSE = 1.1
-#: Experiments learned from at most, the newest included.
-POOL = 3
-#: The model that competes where no cause explains the machine. A linear one is no rival: without
-#: physics it errs without bound where the excitation is new.
-FLEXIBLE = "hybrid"
 #: In the details of an adaptation: what learns from it competes at the next experiment.
 SEARCHING = "searching"
 #: In the details of an adaptation: the original has come into force again.
@@ -44,8 +35,9 @@ ORIGINAL = "original_again"
 class ContestAdaptor(Adaptor):
     """Lets every earlier version, causes old and new, and a flexible model compete at a positive.
 
-    Where the present model claims not to know enough, it is re-estimated from more experiments. At
-    any other positive, in this order, until one explains the experiment:
+    Where the present model claims not to know enough, it learns more of the same machine: from all
+    that it has learned from, and more, under what was known before. It is replaced only where that
+    pays. At any other positive, in this order, until one explains the experiment:
 
     1. an earlier version, the original included: a machine that goes back and forth gets its
        version back at once, without training;
@@ -68,21 +60,23 @@ class ContestAdaptor(Adaptor):
         self, model: Model, memory: Memory, settings: Mapping[str, Any], **how: Any
     ) -> None:
         super().__init__(model, memory, **how)
-        self._settings = settings
+        self.candidates = Candidates(settings)
         self.original = model
         #: Largest errors of twin and original [rad/s] in the last experiments.
         self.errors: deque[tuple[float, float]] = deque(maxlen=WATCHED)
         #: What the machine was like, and how that follows upon each other.
         self.chain = ConditionChain()
-        # The last search: version that it began with and experiments, and what it found.
-        self._searched: tuple[tuple[int, tuple[int, ...]], list[Model]] | None = None
         #: The version that explains the present experiment.
         self._explaining: Model | None = None
         # Whether the present model claims that it does not know enough.
         self._learning = False
+        #: Experiments that the present version has learned from, as far as they are known.
+        self.learned_from: list[Experiment] = []
         #: Experiments to learn from, by what competes at the next one.
         self.pending: list[Experiment] = []
         self.backoff = SearchBackoff()
+        # Whether the version adopted last was in force before.
+        self._again = False
         # Of other conditions, the model and the experiment shown that it does not explain.
         self._apart: dict[int, tuple[Model, Experiment]] = {}
 
@@ -93,9 +87,9 @@ class ContestAdaptor(Adaptor):
             return super()._dealt(experiment, signal)
         self._explain(experiment)
         self._learning = signal.state == "learning"
-        before = self.model
+        before, recent = self.model, self.memory.recent
         done = self._contested(pool, experiment, signal) or super()._dealt(experiment, signal)
-        self._same(before, signal)
+        self._took(before, [*recent, experiment], signal)
         self._saw(experiment)
         return done
 
@@ -131,10 +125,11 @@ class ContestAdaptor(Adaptor):
         return self._warned(told, experiment), self.model
 
     def _adopt(self, model: Model) -> None:
-        same = [m for m in (*self.earlier[1:], self.model) if alike(m, model)]
+        there = [m for m in (*self.earlier[1:], self.model) if alike(m, model)]
+        self._again = bool(there) or alike(model, self.original)
         super()._adopt(model)
-        self.earlier = [m for i, m in enumerate(self.earlier) if i == 0 or m not in same]
-        for m in same:
+        self.earlier = [m for i, m in enumerate(self.earlier) if i == 0 or m not in there]
+        for m in there:
             if m is not self.original:
                 self.chain.rename(m.version, model.version)
 
@@ -148,14 +143,24 @@ class ContestAdaptor(Adaptor):
         self._explaining = known
         self.backoff.saw(known is not None)
 
-    def _same(self, before: Model, signal: Signal) -> None:
-        """More was learned of the same condition: its version is another, the condition is not."""
-        if signal.state == "learning" and before is not self.original:
+    def _took(self, before: Model, recent: Sequence[Experiment], signal: Signal) -> None:
+        """Note what a new version has learned from; of one in force again it is not known.
+
+        One that has learned more of the same condition is another version of it.
+        """
+        if self.model is before:
+            return
+        known = {e.number: e for e in (*self.learned_from, *recent)}  # the newest of a number
+        numbers = () if self._again else self.model.trained_on
+        learned = [known[n] for n in numbers if n in known]
+        more = signal.state == "learning" and not self._again and before is not self.original
+        if more or any(same(e, k) for e in learned for k in self.learned_from):
             self.chain.rename(before.version, self.model.version)
+        self.learned_from = learned
 
     def _saw(self, experiment: Experiment) -> None:
         model = self._explaining
-        learned = experiment.number in self.model.trained_on
+        learned = any(same(experiment, e) for e in self.learned_from)
         if alike(model, self.model) if model else learned and explains(self.model, experiment):
             model = self.model
         here = None if model is None else self._condition(model)
@@ -209,6 +214,14 @@ class ContestAdaptor(Adaptor):
         before = self.model
         present = rms(before.predict(experiment).residual(experiment))
         version = self._explaining
+        if self._learning:
+            more, why = self._learned_more(experiment)
+            if more is not None:
+                details = {"candidate_rmse": rms_error(more, experiment), "present_rmse": present}
+                self._adopt(more.again(before.version + 1))
+                return Action.ADAPTED, self._reason(before, experiment, "re-estimated"), details
+            if version is before:
+                return Action.REFUSED, f"{why}; version {before.version} stays", {}
         if version is not None and version is not before:
             next_one = self._foreseen(version, experiment)
             origin = f"is version {next_one.version} again"
@@ -219,11 +232,15 @@ class ContestAdaptor(Adaptor):
                     return Action.REFUSED, origin, {}
             self._adopt(next_one.again(before.version + 1))
             return Action.ADAPTED, self._reason(before, experiment, origin), {}
-        if self._learning and version is before:
-            return self._learn_more(experiment, present)
-        best, origin = self._refitted(experiment), "re-estimated"
+        versions = (before, *reversed(self.earlier))
+        recent, known = self._recent(experiment), self.learned_from
+        best = self.candidates.refitted(versions, known, experiment, recent)
+        origin = "re-estimated"
         if best is None or not explains(best, experiment):
-            best = self._cause(experiment) if self.backoff.due else None
+            best = None
+        if best is None and self.backoff.due:
+            found = self.candidates.structures(self._grey(), [experiment])
+            best = next((m for m in found if explains(m, experiment)), None)
             origin = "with another cause"
         if best is not None:
             reached = rms_error(best, experiment)
@@ -245,24 +262,17 @@ class ContestAdaptor(Adaptor):
         stays = f"version {before.version} stays"
         return Action.REFUSED, f"no known cause explains it, {then}; {stays}", details
 
-    def _learn_more(
-        self, experiment: Experiment, present: float
-    ) -> tuple[Action, str, dict[str, float]]:
-        """The present model, re-estimated from what it claims to explain, the newest included."""
-        before = self.model
-        valid = [e for e in self._recent(experiment) if explains(before, e)]
+    def _learned_more(self, experiment: Experiment) -> tuple[Model | None, str]:
+        """The present model with more learned of the same machine, if that pays, or why not."""
+        before, known, recent = self.model, self.learned_from, self._recent(experiment)
+        new = [e for e in recent if not any(same(e, k) for k in known) and explains(before, e)]
         try:
-            with one_thread():
-                fitted = before.fit([*valid[-POOL + 1 :], experiment])
-        except (LdtError, np.linalg.LinAlgError, ArithmeticError) as error:
-            return Action.REFUSED, f"{error}; version {before.version} stays", {}
-        reached = rms_error(fitted, experiment)
-        details = {"candidate_rmse": reached, "present_rmse": present}
-        if not reached < present:
-            reason = f"no better for learning more; version {before.version} stays"
-            return Action.REFUSED, reason, details
-        self._adopt(fitted.again(before.version + 1))
-        return Action.ADAPTED, self._reason(before, experiment, "re-estimated"), details
+            more = self.candidates.more(before, known, [*new[-POOL + 1 :], experiment])
+        except UNLEARNABLE as error:
+            return None, str(error)
+        if rms_error(more, experiment) < BETTER * rms_error(before, experiment):
+            return more, ""
+        return None, "learning more of the same machine does not pay"
 
     def _reason(self, before: Model, experiment: Experiment, origin: str) -> str:
         words = f"version {self.model.version} {origin}"
@@ -277,43 +287,6 @@ class ContestAdaptor(Adaptor):
             if error < least and explains(version, experiment):
                 best, least = version, error
         return best
-
-    def _refitted(self, experiment: Experiment) -> Model | None:
-        """The best of the causes known so far, re-estimated from the newest experiments."""
-        tried: dict[tuple[str, ...], GreyBoxModel] = {}
-        for model in (self.model, *reversed(self.earlier)):
-            if isinstance(model, GreyBoxModel):
-                tried.setdefault(tuple(sorted(model.given)), model)
-        found: list[Model] = []
-        for model in list(tried.values())[:POOL]:
-            try:
-                with one_thread():
-                    fitted = model.fit([experiment])
-                    valid = [e for e in self._recent(experiment) if explains(fitted, e)]
-                    if valid and explains(fitted, experiment):
-                        fitted = model.fit([*valid[-POOL + 1 :], experiment])
-                found.append(fitted)
-                if explains(fitted, experiment):
-                    break
-            except (LdtError, np.linalg.LinAlgError, ArithmeticError):
-                continue
-        return min(found, key=lambda m: rms_error(m, experiment), default=None)
-
-    def _cause(self, experiment: Experiment) -> Model | None:
-        """The cause that explains this experiment alone, if one does."""
-        found = self._structures([experiment])
-        return next((m for m in found if explains(m, experiment)), None)
-
-    def _structures(self, pool: Sequence[Experiment]) -> list[Model]:
-        """The best of what a search finds; found once, where it is asked for twice."""
-        start = self._grey()
-        if not isinstance(start, GreyBoxModel):
-            return []
-        asked = (start.version, tuple(id(e) for e in pool))
-        if self._searched is None or self._searched[0] != asked:
-            with one_thread():
-                self._searched = asked, list[Model](start.with_other_causes(pool, cores()))
-        return self._searched[1]
 
     def _unexplained(self, experiment: Experiment) -> list[Experiment]:
         """The newest experiments that neither the present model nor the original explains."""
@@ -336,21 +309,11 @@ class ContestAdaptor(Adaptor):
         def squared(model: Model) -> float:
             return sum(rms_error(model, e) ** 2 for e in judged)
 
-        best = min(self.candidates(pool), key=squared, default=None)
+        best = min(self.candidates.learned(self._grey(), pool), key=squared, default=None)
         least = min(squared(m) for m in (self.model, self.original))
         if best is None or not squared(best) < BETTER**2 * least:
             return None
         return best, f"learned from experiment {pool[-1].number} and does best in this one"
-
-    def candidates(self, pool: Sequence[Experiment]) -> list[Model]:
-        """New models that have learned from these experiments."""
-        found = list(self._structures(pool))
-        flexible = build_model(FLEXIBLE, self.model.machine, self._settings)
-        assert isinstance(flexible, HybridModel)
-        for physics in [flexible, *(flexible.on(m) for m in found if isinstance(m, GreyBoxModel))]:
-            with one_thread(), suppress(LdtError, np.linalg.LinAlgError, ArithmeticError):
-                found.append(physics.fit(pool))
-        return found
 
     def _grey(self) -> Model:
         """The model whose causes a search goes on from."""
@@ -371,12 +334,12 @@ class ContestAdaptor(Adaptor):
             self._explain(step.experiment)
         if pool:
             self.backoff.failed()
-        before = self.model
+        before, recent = self.model, self.memory.recent
         super().recall(step)
         if ROLLED_BACK in told:
-            self.chain = ConditionChain()
+            self.chain, self.learned_from = ConditionChain(), []
         elif not passed_over:
-            self._same(before, step.signal)
+            self._took(before, [*recent, step.experiment], step.signal)
             self._saw(step.experiment)
         if told.get(ORIGINAL):
             self.errors.clear()
@@ -385,15 +348,19 @@ class ContestAdaptor(Adaptor):
     def state(self) -> dict[str, Any]:
         """Its state by the numbers of what is recorded; `return_to` takes it back."""
         pending = [[e.number, e.start] for e in self.pending]
-        own = {"errors": list(self.errors), "pending": pending, "chain": self.chain.state()}
-        return {**super().state(), **own, "backoff": self.backoff.state()}
+        learned = [[e.number, e.start] for e in self.learned_from]
+        own = {"errors": list(self.errors), "pending": pending, "learned_from": learned}
+        chain, backoff = self.chain.state(), self.backoff.state()
+        return {**super().state(), **own, "chain": chain, "backoff": backoff}
 
     def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
         """Take back a state, before any step here."""
         errors = [(float(twin), float(original)) for twin, original in state["errors"]]
         pending = [archive.experiment(number, start) for number, start in state["pending"]]
+        learned = [archive.experiment(number, start) for number, start in state["learned_from"]]
         chain = ConditionChain()
         chain.return_to(state["chain"], archive)
         super().return_to(state, archive)
         self.errors, self.pending, self.chain = deque(errors, WATCHED), pending, chain
+        self.learned_from = learned
         self.backoff.return_to(state["backoff"])

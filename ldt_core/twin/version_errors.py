@@ -13,6 +13,11 @@ def alike(one: Model, other: Model) -> bool:
     return one.kind == other.kind and one.parameters == other.parameters
 
 
+def same(one: Experiment, other: Experiment) -> bool:
+    """Whether two are one experiment; a number comes again where a counter began anew."""
+    return (one.number, one.start) == (other.number, other.start)
+
+
 def largest_error(model: Model, experiment: Experiment) -> float:
     """Largest error [rad/s]; infinite where the model cannot predict."""
     try:

@@ -95,3 +95,44 @@ def test_a_twin_goes_on_from_its_state_as_if_it_had_never_ended(tmp_path):
         assert step.signal == other.signal
         assert step.adaptation == other.adaptation
         assert np.array_equal(step.prediction.speed, other.prediction.speed)
+
+
+def test_a_version_is_not_replaced_for_what_does_not_pay():
+    """Who has learned more has to err less on all that is known of the machine as it is."""
+    machine = wearing("quadratic_drag", "c", 4e-4)
+    plant = Plant(machine, experiments=8, seed=3)
+    twin = ldt.Twin("rotor", model="auto")
+    last = [twin.step(plant.experiment(i)) for i in range(1, 8)][-1]
+    adaptor, before = twin.adaptor, twin.model
+    assert [e.number for e in adaptor.learned_from] == list(before.trained_on)
+    told, model = adaptor.step(plant.experiment(8), unsure_of(last))
+    assert told.action == "refused"
+    assert "does not pay" in told.reason
+    assert model is before
+
+
+def test_a_counter_that_begins_anew_hides_nothing_that_can_be_learned_from():
+    """Another experiment of the same number has not been learned from."""
+    plant = Plant(wearing("quadratic_drag", "c", 4e-4), experiments=8, seed=3)
+    twin = ldt.Twin("rotor", model="auto")
+    last = [twin.step(plant.experiment(i)) for i in range(1, 8)][-1]
+    (old,) = twin.adaptor.learned_from
+    new = dataclasses.replace(plant.experiment(8), number=old.number)
+    asked = []
+
+    def noted(model, known, experiments):
+        asked.append((known, experiments))
+        return model
+
+    twin.adaptor.candidates.more = noted
+    twin.adaptor.memory.remember(new)
+    present = dataclasses.replace(new, number=9, start=new.start + 10)
+    twin.adaptor.step(present, unsure_of(last))
+    ((known, experiments),) = asked
+    assert known == [old]
+    assert any(e is new for e in experiments)
+
+
+def unsure_of(step):
+    """The signal of a step, had the model claimed that it does not know enough."""
+    return dataclasses.replace(step.signal, level=ldt.Level.POSITIVE, state="learning")

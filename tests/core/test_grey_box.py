@@ -129,6 +129,24 @@ def test_a_prior_that_the_data_contradict_is_doubted():
     assert again.given["coulomb_friction"]["torque"] == pytest.approx(0.1, rel=0.1)
 
 
+def test_more_of_the_same_machine_is_learned_and_nothing_counts_twice():
+    """With all it has learned from, under what was known before; another machine is none of it."""
+    first, second, third = experiments(OTHER, 3, [("unbalance", {"e": 0.01})], seed=4)
+    model = GreyBoxModel(ROTOR)
+    (fitted,) = model.with_other_causes([first])
+    more = fitted.updated([first, second])
+    assert more is not None
+    assert (more.version, more.trained_on) == (2, (1, 2))
+    assert np.array_equal(more.before.precision, model.prior.precision)
+    claims = [m.predict(third).speed_std for m in (fitted, more)]
+    claimed = [float(np.mean(c**2 - c.min() ** 2)) for c in claims]  # 0.060 and 0.005
+    assert claimed[1] < claimed[0] / 2
+    (changed,) = experiments(OTHER, 1, [("unbalance", {"e": 0.008})], seed=9)
+    assert fitted.updated([first, changed]) is None
+    untold = {k: v for k, v in fitted.parameters.items() if k != "before"}
+    assert GreyBoxModel(ROTOR, untold, 1, (1,)).updated([first, second]) is None
+
+
 def test_a_search_begins_with_what_the_file_says():
     """What one version learned of the machine holds beside its own effects only."""
     model = GreyBoxModel(ROTOR)

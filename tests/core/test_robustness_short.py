@@ -48,3 +48,12 @@ def test_an_effect_that_wakes_parameters_is_found_although_they_are_off(stream, 
     assert isinstance(twin.model, GreyBoxModel)
     assert {e.name for e in twin.model.effects} == effects
     assert misfit(first.speed - twin.model.predict(first).speed).explained
+
+
+@pytest.mark.slow
+def test_a_fit_that_the_observer_led_right_is_right_in_free_run():
+    """Where a shaft is caught a little too early or too late, the free run has many minima."""
+    given = STREAMS["staircase_200"](0, 200)
+    e = given.experiments[129]
+    (model,) = Twin(given.machine).model.with_other_causes([e])
+    assert misfit(e.speed - model.predict(e).speed).explained

@@ -1,0 +1,131 @@
+"""What may come into force: models that learn from the experiments that nothing explains yet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.threads import cores, one_thread
+from ldt_core.models import build_model
+from ldt_core.models.base import Model
+from ldt_core.models.grey_box import GreyBoxModel
+from ldt_core.models.hybrid import HybridModel
+from ldt_core.twin.version_errors import explains, rms_error, same
+
+#: Experiments learned from at most, the newest included.
+POOL = 3
+#: The same, with those that the version in force has learned from.
+MOST = 2 * POOL
+#: The model that competes where no cause explains the machine. A linear one is no rival: without
+#: physics it errs without bound where the excitation is new.
+FLEXIBLE = "hybrid"
+#: What learning can fail by.
+UNLEARNABLE = (LdtError, np.linalg.LinAlgError, ArithmeticError)
+
+
+class Candidates:
+    """Makes new models of earlier ones, by re-estimation, a search for causes, or flexibly.
+
+    Args:
+        settings: of the models that compete (`parameters.yaml`).
+    """
+
+    def __init__(self, settings: Mapping[str, Any]) -> None:
+        self._settings = settings
+        # The last search: version that it began with and experiments, and what it found.
+        self._searched: tuple[tuple[int, tuple[int, ...]], list[Model]] | None = None
+
+    def more(
+        self, model: Model, known: Sequence[Experiment], experiments: Sequence[Experiment]
+    ) -> Model:
+        """A model that has learned more of a machine that has not changed.
+
+        Args:
+            model: in force.
+            known: that it has learned from; none where they are not known any more.
+            experiments: that it has not learned from, the newest last.
+
+        Raises:
+            LdtError, LinAlgError, ArithmeticError: it cannot learn.
+        """
+        with one_thread():
+            pool = [*known, *experiments][-MOST:]
+            if known and isinstance(model, GreyBoxModel) and (found := model.updated(pool)):
+                return found
+            return model.fit(experiments if isinstance(model, GreyBoxModel) else pool)
+
+    def refitted(
+        self,
+        versions: Sequence[Model],
+        known: Sequence[Experiment],
+        experiment: Experiment,
+        recent: Sequence[Experiment],
+    ) -> Model | None:
+        """The best of the causes of these versions, re-estimated from the newest experiments.
+
+        Args:
+            versions: the present one first.
+            known: that the present one has learned from.
+            experiment: to explain.
+            recent: those before it that may show the same machine.
+        """
+        tried: dict[tuple[str, ...], GreyBoxModel] = {}
+        for model in versions:
+            if isinstance(model, GreyBoxModel):
+                tried.setdefault(tuple(sorted(model.given)), model)
+        found: list[Model] = []
+        for model in list(tried.values())[:POOL]:
+            with suppress(*UNLEARNABLE), one_thread():
+                fitted = model.fit([experiment])
+                if explains(fitted, experiment):
+                    own = known if model is versions[0] else ()
+                    fitted = self._with_more(model, fitted, own, [*recent, experiment])
+                found.append(fitted)
+                if explains(fitted, experiment):
+                    break
+        return min(found, key=lambda m: rms_error(m, experiment), default=None)
+
+    def _with_more(
+        self,
+        model: GreyBoxModel,
+        fitted: GreyBoxModel,
+        known: Sequence[Experiment],
+        recent: Sequence[Experiment],
+    ) -> GreyBoxModel:
+        """What was fitted to the last experiment alone, with the others that it explains."""
+        valid = [e for e in recent if explains(fitted, e)]
+        if known and all(explains(fitted, e) for e in known):
+            new = [e for e in valid if not any(same(e, k) for k in known)]
+            if found := model.updated([*known, *new[-POOL:]][-MOST:]):
+                return found
+        return model.fit(valid[-POOL:]) if len(valid) > 1 else fitted
+
+    def structures(self, start: Model, pool: Sequence[Experiment]) -> list[Model]:
+        """The best of what a search finds; found once, where it is asked for twice.
+
+        Args:
+            start: whose causes the search goes on from.
+            pool: to explain.
+        """
+        if not isinstance(start, GreyBoxModel):
+            return []
+        asked = (start.version, tuple(id(e) for e in pool))
+        if self._searched is None or self._searched[0] != asked:
+            with one_thread():
+                self._searched = asked, list[Model](start.with_other_causes(pool, cores()))
+        return self._searched[1]
+
+    def learned(self, start: Model, pool: Sequence[Experiment]) -> list[Model]:
+        """New models that have learned from these experiments: causes, and flexible ones."""
+        found = list(self.structures(start, pool))
+        flexible = build_model(FLEXIBLE, start.machine, self._settings)
+        assert isinstance(flexible, HybridModel)
+        for physics in [flexible, *(flexible.on(m) for m in found if isinstance(m, GreyBoxModel))]:
+            with one_thread(), suppress(*UNLEARNABLE):
+                found.append(physics.fit(pool))
+        return found
