@@ -64,11 +64,13 @@ def main(channel: socket.socket, parent: int) -> int:
     if not end_with(parent, signal.SIGKILL):
         return 1
     entitle("-m", "ldt_ros.graph.fork_server")
+    gc.disable()  # all that is made here stays
     preload()
     warm_up(json.loads(channel.recv(REQUEST)))
     # What is there now is never garbage; collecting it would copy the pages that processes share.
     gc.collect()
     gc.freeze()
+    gc.enable()
     while True:
         request, files, _, _ = socket.recv_fds(channel, REQUEST, 1)
         if not request:
