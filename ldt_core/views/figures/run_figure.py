@@ -15,6 +15,7 @@ from ldt_core.base.model_state import NOT_JUDGED, STATES, shown_state, times_noi
 from ldt_core.recording.bag import read_twin_run
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.views.page import style
+from ldt_core.views.step_order import StepOrder
 from ldt_core.views.step_view import LEVEL_WORDS, StepView, recorded_steps
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ class PlottedRun:
 
     steps: list[StepView]
     shown: ShownStep
+    notes: Sequence[str] = ()
 
 
 def load_run(recording: str | Path, namespace: str = "", number: int | None = None) -> PlottedRun:
@@ -94,7 +96,7 @@ def _among(numbers: Collection[int]) -> str:
 def _plotted(
     views: Iterable[StepView], number: int | None, what: str, where: str = ""
 ) -> PlottedRun:
-    steps: dict[int, StepView] = {}
+    order, numbers = StepOrder(), set[int]()
     best, shown = -np.inf, None
     for step in views:
         experiment, prediction, signal = step.experiment, step.prediction, step.signal
@@ -105,11 +107,12 @@ def _plotted(
             gain = step.original_error - prediction.max_error(experiment)
         if number == step.number or (number is None and gain > best):
             best, shown = gain, ShownStep(experiment, prediction, step.original, signal)
+        order.put(step)
         step.settle(None)
-        steps[step.number] = step
+        numbers.add(step.number)
     if shown is None:
-        raise OptionError("experiment", f"{_among(steps) or what}{where}", number)
-    return PlottedRun([steps[n] for n in sorted(steps)], shown)
+        raise OptionError("experiment", f"{_among(numbers) or what}{where}", number)
+    return PlottedRun(order.steps(), shown, order.notes)
 
 
 def plot_run(run: PlottedRun, out: str | Path, title: str = "") -> None:
@@ -130,6 +133,8 @@ def run_figure(run: PlottedRun, title: str = "") -> Figure:
         _experiment(upper, run.shown)
         _residual(middle, run.shown)
         _errors(lower, run.steps)
+        if run.notes:
+            lower.set_xlabel(" ".join(["experiment.", *run.notes]))
         if title:
             figure.suptitle(title)
 

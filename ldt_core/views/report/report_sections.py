@@ -63,7 +63,7 @@ def lead(run: ReportedRun) -> str:
     return (
         f"{_count(run.summary.experiments, 'experiment')} of {machine}, with a {kind} model and "
         f"the detector {last.detector}. The worst was experiment {worst.experiment}, with an error "
-        f"of {number(worst.max_error)} rad/s.{warning}"
+        f"of {number(worst.max_error)} rad/s.{' '.join(['', *run.notes])}{warning}"
     )
 
 
@@ -283,7 +283,7 @@ def _settings(run: ReportedRun, compared: DetectorStatistic) -> list[Block]:
     """Machine, experiments, model and detector."""
     extent, numbers = run.extent, [step.number for step in run.steps]
     assert extent is not None  # of a run with a step
-    begin, end = _moment(extent.begin[1]), _moment(extent.end[1])
+    begin, end = _moment(extent.begin), _moment(extent.end)
     pairs = [
         ("machine", run.bag.machine or "not recorded"),
         ("topics", run.bag.namespace or "of no namespace"),

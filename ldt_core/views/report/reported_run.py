@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ldt_core.base.errors import RecordingError
@@ -13,6 +13,7 @@ from ldt_core.recording.bag import Bag, read_twin_run
 from ldt_core.recording.codec import Record
 from ldt_core.recording.health import Health, inspect
 from ldt_core.views.packed_samples import room
+from ldt_core.views.step_order import StepOrder
 from ldt_core.views.step_view import StepCollector, StepView
 
 #: Samples of experiments that are held whole: five rows of them take 80 MB.
@@ -28,14 +29,14 @@ class Extent:
     """What the experiments of a run cover.
 
     Attributes:
-        begin: start of the one with the lowest number, behind that [s since the epoch].
-        end: end of the one with the highest number, behind that.
+        begin: the first start, by the clock of then [s since the epoch].
+        end: the last end.
         samples, period, duration, voltage, speed: the least and the most of all experiments; of
             periods and durations in s, voltage in V, speed in rad/s.
     """
 
-    begin: Ends
-    end: Ends
+    begin: float
+    end: float
     samples: Ends
     period: Ends
     duration: Ends
@@ -47,8 +48,7 @@ class Extent:
         """Of one experiment."""
         voltage, speed = ((float(row.min()), float(row.max())) for row in (e.voltage, e.speed))
         samples, period, duration = ((v, v) for v in (float(len(e)), e.period, e.duration))
-        begin, end = (e.number, e.start), (e.number, e.end)
-        return cls(begin, end, samples, period, duration, voltage, speed)
+        return cls(e.start, e.end, samples, period, duration, voltage, speed)
 
     def take(self, e: Experiment) -> None:
         """Take in one more."""
@@ -64,9 +64,10 @@ class ReportedRun:
     """A recorded run.
 
     Attributes:
-        steps: by number, those that were predicted and judged.
+        steps: those that were predicted and judged, in the order of `StepOrder`.
         models: in the order in which they were sent.
         diagnoses: in their order.
+        notes: what a person should know of the numbers.
     """
 
     name: str
@@ -78,6 +79,7 @@ class ReportedRun:
     models: list[ModelRecord] = field(default_factory=list)
     diagnoses: list[DiagnosisRecord] = field(default_factory=list)
     summary: Summary = field(default_factory=Summary)
+    notes: list[str] = field(default_factory=list)
 
     @property
     def worst_first(self) -> list[int]:
@@ -101,16 +103,16 @@ def read_run(recording: str | Path, namespace: str = "") -> ReportedRun:
     bag = read_twin_run(recording, namespace)
     most, shown = room(max(1, bag.storage.count(bag.topic("signal") or "")), CHANNELS)
     collector = StepCollector(bag.topic("original_prediction") is not None)
-    found: dict[int, StepView] = {}
+    order = StepOrder()
     extent: Extent | None = None
     worst = _Worst(shown, most)
-    models: list[ModelRecord] = []
-    diagnoses: list[DiagnosisRecord] = []
+    models: list[tuple[int, ModelRecord]] = []  # how often the counter had begun anew
+    diagnoses: list[tuple[int, DiagnosisRecord]] = []
 
     def put(step: StepView) -> None:
         nonlocal extent
         assert step.experiment is not None  # of a step that is whole
-        found[step.number] = step
+        order.put(step)
         if extent is None:
             extent = Extent.of(step.experiment)
         extent.take(step.experiment)
@@ -118,9 +120,9 @@ def read_run(recording: str | Path, namespace: str = "") -> ReportedRun:
 
     def seen(name: str, record: Record) -> None:
         if isinstance(record, ModelRecord):
-            models.append(record)
+            models.append((order.turn, record))
         elif isinstance(record, DiagnosisRecord):
-            diagnoses.append(record)
+            diagnoses.append((order.turn, record))
         elif (step := collector.take(name, record)) is not None:
             put(step)
 
@@ -128,10 +130,15 @@ def read_run(recording: str | Path, namespace: str = "") -> ReportedRun:
     for step in collector.rest():
         put(step)
     worst.settle()
-    if not found:
+    run.steps, run.extent = order.steps(), extent
+    if not run.steps:
         raise RecordingError(bag.path, "experiments that a twin has predicted and judged", "none")
-    run.models, run.diagnoses = models, diagnoses
-    run.steps, run.extent = [found[n] for n in sorted(found)], extent
+    for turn, model in models:
+        learned = tuple(order.shown(n, turn) for n in model.trained_on)
+        run.models.append(replace(model, trained_on=learned))
+    for turn, said in diagnoses:
+        run.diagnoses.append(replace(said, experiment=order.shown(said.experiment, turn)))
+    run.notes = order.notes
     for step in run.steps:
         assert step.signal is not None  # or it would be no step
         run.signals.append(step.signal)
