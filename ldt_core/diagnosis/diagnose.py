@@ -53,7 +53,7 @@ from ldt_core.diagnosis.residual_torque import (
     residual_torque,
 )
 from ldt_core.diagnosis.sentence import not_measured, not_seen, not_standing, sentence
-from ldt_core.diagnosis.standing import objection
+from ldt_core.diagnosis.standing import begun_errors, objection
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import Decision, decide
 from ldt_core.machine.machine_file import Machine
@@ -165,9 +165,10 @@ class _Report:
         band = self.search.found.band.limit
         noise = noise_there(self.held, after, self.residuals.noise[0], band)
         was, now = errors(self.held, before), errors(self.held, after)
+        begun = begun_errors(self.machine, self.named, self.held) if self.named else None
         if self.named:
             self.objection = objection(
-                self.machine, self.named, self.fitted, self.held, was, now, noise
+                self.machine, self.named, self.fitted, self.held, *(begun or (was, now)), noise
             )
         if self.objection:
             d = self.decision = replace(d, kind="unknown")
@@ -177,7 +178,8 @@ class _Report:
         if blind:  # the machine file is no better than a shaft that stands still
             d = self.decision = replace(d, kind="unknown")
         part, interval = closed(self.held, before, after, noise, self.seed)
-        if d.kind == "none":
+        angles = begun if self.named and now.rmse >= was.rmse else None
+        if d.kind == "none" or angles:  # no gap, or no free run that could promise anything
             part, interval = None, None
         by = regimes(self.held, before, after, noise) if d.kind != "none" else []
         gap = Gap(noise, was, now, part, interval, by)
@@ -186,7 +188,7 @@ class _Report:
         left = share(d.left / d.excess) if d.kind != "none" and d.excess > 0 else None
         acting = d.acting if self.named else []
         effects = list(dict.fromkeys(n for group in acting for n in group))
-        words = sentence(self.machine.name, d.kind, acting, found, gap, where, left)
+        words = sentence(self.machine.name, d.kind, acting, found, gap, where, left, angles)
         if self.objection and d.best:
             words = not_standing(d.best.names, gap, where, self.objection)
         if blind:

@@ -122,7 +122,9 @@ class ErrorBand:
     def channel_noise(self, rest: Array) -> tuple[float, float]:
         """What the noise of speed and current is, in the deviations assumed: from above the band.
 
-        It differs by a factor of at most `noise_level_change` from what the measured signals say.
+        It is at most `noise_level_change` times what the measured signals say, and may be far
+        less: to them, a ripple of the shaft that is quick against the sample period looks like
+        noise.
         Where nothing lies above the band, or steps of a sensor repeat, it is what they say.
         """
         power: tuple[list[Array], list[Array]] = ([], [])
@@ -135,7 +137,7 @@ class ErrorBand:
         # The median, so that a ripple which sweeps through some of them does not count.
         found = [np.concatenate(p) if p else np.zeros(0) for p in power]
         first, second = (
-            min(max(math.sqrt(float(np.median(p)) / math.log(2)), known / change), known * change)
+            min(math.sqrt(float(np.median(p)) / math.log(2)), known * change)
             if p.size and white == 1.0
             else known
             for p, known, white in zip(

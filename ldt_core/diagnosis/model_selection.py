@@ -99,6 +99,11 @@ class FittedSets:
         found = [f for names, f in self.fits.items() if len(names) == count]
         return sorted((f for f in found if not self.cancels(f)), key=lambda f: f.loss)
 
+    def parts(self, fitted: EffectFit) -> list[EffectFit]:
+        """A set without one of its members, as far as that was fitted on all experiments."""
+        names = frozenset(fitted.names)
+        return [self.fits[names - {n}] for n in fitted.names if names - {n} in self.fits]
+
     def cancels(self, fitted: EffectFit) -> bool:
         """Whether two members of a set move the experiments in nearly opposite directions."""
         names = frozenset(fitted.names)

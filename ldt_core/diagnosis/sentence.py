@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ldt_core.base.sentences import spoken
-from ldt_core.diagnosis.diagnosis import Gap, GapLocation, ParameterAmount
+from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount
 
 COMMON_RANGE = 0.5  # of two ranges together: where both hold more, one of them is said
 WHOLE_GAP = 0.9  # share of the gap in a place: with less, the share is said
@@ -19,11 +19,14 @@ def sentence(
     gap: Gap,
     where: Sequence[GapLocation],
     left: float | None,
+    begun: tuple[HeldOutErrors, HeldOutErrors] | None = None,
 ) -> str:
     """One or two sentences for a person.
 
     Args:
         left: part of the gap that the best set leaves.
+        begun: errors without the effects and with them from start angles that were fitted, where
+            a free run from angle 0 is no better with them.
     """
     if kind == "none":
         return (
@@ -41,6 +44,14 @@ def sentence(
     what = " and ".join(_one(group, amounts) for group in acting)
     verb, part = "explains" if len(acting) == 1 else "explain", gap.closed_fraction
     closed = "" if part is None else f" {verb} {part:.0%} of the gap"
+    if begun:
+        return (
+            f"{what[0].upper()}{what[1:]} {verb} the gap{place.rstrip(',')}: with {that}, and a "
+            f"start angle of its own for each held-out experiment, the error falls from "
+            f"{begun[0].rmse:.3g} to {begun[1].rmse:.3g} rad/s, noise is {gap.noise_std:.3g}. "
+            f"Where the start angle is unknown, {that} cannot be predicted "
+            f"({gap.after.rmse:.3g} rad/s)."
+        )
     return (
         f"{what[0].upper()}{what[1:]}{closed}{place.rstrip(',')}; adding {that} cuts the error on "
         f"held-out experiments from {gap.before.rmse:.3g} to {gap.after.rmse:.3g} rad/s, noise is "

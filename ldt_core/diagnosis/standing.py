@@ -13,10 +13,13 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.metrics import FreeRunError
 from ldt_core.base.sentences import spoken
 from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.holdout import errors
+from ldt_core.diagnosis.start_states import ANGLE_TOLERANCE
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.linear import LinearModel
@@ -76,6 +79,28 @@ def objection(
                 f"{power**0.5:.3g}"
             )
     return ""
+
+
+def begun_errors(
+    machine: Machine, best: EffectFit, held: Sequence[Experiment]
+) -> tuple[HeldOutErrors, HeldOutErrors] | None:
+    """Errors on the held-out experiments without the set and with it, start states fitted.
+
+    None where the start angles are all one, as the free runs have them. Where each experiment
+    begins at an angle of its own, a free run from a wrong one says nothing about the set.
+    """
+    if best.starts is None or np.ptp(best.starts.angles) < ANGLE_TOLERANCE:
+        return None
+    residuals = FreeRunResiduals(machine, held)
+    starts = residuals.start_states(best.use, free=True)
+    found = []
+    for rows in residuals.of_all([()]) + residuals.of_all([best.use], starts=starts):
+        speeds = [rows[p.rows][: len(p.experiment)] * residuals.noise[0] for p in residuals.pieces]
+        error = FreeRunError()
+        for speed in speeds:
+            error.add(speed)
+        found.append(HeldOutErrors(error.rmse, error.mean_max_error))
+    return found[0], found[1]
 
 
 def _linear(

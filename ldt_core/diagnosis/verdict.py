@@ -80,7 +80,7 @@ def is_gap(found: FittedSets, seed: int) -> bool:
     score = np.max(d.target / d.length, initial=0.0)  # 0 where no candidate can be simulated
     power = max(found.excess, float(score) ** 2)
     # What is left by the file's own numbers, within their tolerances, is the simulation's error.
-    if found.excess < THRESHOLDS.law_error**2 * found.band.excess(found.residuals.of()):
+    if power < THRESHOLDS.law_error**2 * found.band.excess(found.residuals.of()):
         return False
     if power < THRESHOLDS.least_gap * found.band.samples or power < _trifle(found.residuals):
         return False
@@ -120,11 +120,16 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
         best = min([best, *found.of_size(size)[:1]], key=lambda f: band.excess(f.residual))
     band.level = search.band.level = band.channel_noise(best.residual)
     gap = band.speed_gap(found.base, best.residual)
-    chosen = _largest_that_all_share(search, _growing_sets(found, gap))
+    chosen = _largest_that_all_share(search, _growing_sets(found, gap), gap)
     search.alternatives(chosen)
     pool = found.of_size(len(chosen.names))
     gap = band.speed_gap(found.base, pool[0].residual)
     alike = plainest(band, _as_good(band, pool), pool, gap)
+    # What leaves too much in the speed is no answer, however well it follows the current.
+    lefts = [band.speed_excess(f.residual) for f in alike]
+    alike = [
+        f for f, x in zip(alike, lefts, strict=True) if not _unexplained(band, x, gap)
+    ] or alike
     alike = sorted(alike, key=lambda f: kin(f.effects))  # else the best first, as before
     # Of laws of one family the one that follows the machine best is what predicts it.
     clear = THRESHOLDS.indistinguishable_loss
@@ -211,23 +216,36 @@ def _growing_sets(found: FittedSets, gap: float) -> list[EffectFit]:
         if not pool:
             continue
         # Of the sets that are as good as the best, one with the fewest effects of one family.
-        larger, smaller = min(_as_good(band, pool), key=lambda f: kin(f.effects)), chosen[-1]
-        gain = band.speed_gain(smaller.residual, larger.residual)
-        left = max(band.speed_excess(smaller.residual), 0.0)
-        clear = gain > THRESHOLDS.chance_gain * (len(larger.names) - len(smaller.names))
-        if not clear:
-            continue
-        rest = band.speed_excess(larger.residual)
-        whole = rest <= band.speed_limit(THRESHOLDS.remainder_false_alarm)
-        if earned(smaller.effects, larger.effects, gain, left, gap, whole):
+        larger = min(_as_good(band, pool), key=lambda f: kin(f.effects))
+        if _worth_more(band, chosen[-1], larger, gap):
             chosen.append(larger)
     return chosen
 
 
-def _largest_that_all_share(search: EffectSetSearch, chosen: Sequence[EffectFit]) -> EffectFit:
-    """The largest of these sets to which each member brings more than a trifle."""
+def _worth_more(band: ErrorBand, smaller: EffectFit, larger: EffectFit, gap: float) -> bool:
+    """Whether what a larger set gains over a smaller one earns it its further members."""
+    gain = band.speed_gain(smaller.residual, larger.residual)
+    left = max(band.speed_excess(smaller.residual), 0.0)
+    if not gain > THRESHOLDS.chance_gain * (len(larger.names) - len(smaller.names)):
+        return False
+    rest = band.speed_excess(larger.residual)
+    whole = rest <= band.speed_limit(THRESHOLDS.remainder_false_alarm)
+    return earned(smaller.effects, larger.effects, gain, left, gap, whole)
+
+
+def _largest_that_all_share(
+    search: EffectSetSearch, chosen: Sequence[EffectFit], gap: float
+) -> EffectFit:
+    """The largest of these sets to which each member brings more than a trifle.
+
+    The smaller set that it was held against may have been a poor one: a part of it that is nearly
+    as good as all of it shows that a member only mends another law.
+    """
+    found = search.found
     for tried in reversed(chosen[1:]):
-        if min(shapley_shares(search, tried).values()) >= THRESHOLDS.shapley_share:
+        if min(shapley_shares(search, tried).values()) < THRESHOLDS.shapley_share:
+            continue
+        if all(_worth_more(found.band, part, tried, gap) for part in found.parts(tried)):
             return tried
     return chosen[0]
 

@@ -1,0 +1,90 @@
+"""Cogging of another engine, with a second harmonic: quick for the samples, or begun anywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from recorded_machines import steps
+
+from ldt_core.base.experiment import Experiment
+from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.effects import get_effect
+from ldt_core.estimation.noise import white_noise
+from ldt_core.machine.machine_file import machine_from_dict
+
+J, K, R, L, B = 0.018, 0.3, 1.0, 5e-3, 0.01
+PERIOD, SAMPLES, FINER = 0.02, 500, 20  # s, of an experiment, steps of the engine in a sample
+TRIED = ("cogging_torque", "gravity_imbalance", "coulomb_friction", "inertia")
+MACHINE = machine_from_dict(
+    {
+        "name": "m",
+        "physics": "dc_motor",
+        "parameters": {"J": J, "K_t": K, "R": R, "L": L, "b": B},
+        "limits": {"voltage": [-24, 24]},
+        "experiment": {"duration": SAMPLES * PERIOD, "sample_period": PERIOD},
+    },
+    "m",
+)
+
+
+def cogged(torque, periods, volts, noise, angles):
+    """Experiments, one for each angle at the first sample [rad], by classical Runge-Kutta steps."""
+    random = np.random.default_rng(5)
+    u = np.array([steps(random, SAMPLES, *volts, 100) for _ in angles])
+    y = np.stack([np.array(angles, dtype=float), np.zeros(len(angles)), np.zeros(len(angles))])
+    speed, step = np.empty(u.shape), PERIOD / FINER
+
+    def rate(y, volt):
+        angle, turn = y[0], y[1]
+        ripple = np.sin(periods * angle) + 0.2 * np.sin(2 * periods * angle + 1.0)
+        return np.stack(
+            [turn, (K * y[2] - B * turn - torque * ripple) / J, (volt - R * y[2] - K * turn) / L]
+        )
+
+    for i in range(SAMPLES):
+        speed[:, i] = y[1]
+        for _ in range(FINER):
+            a = rate(y, u[:, i])
+            b = rate(y + step / 2 * a, u[:, i])
+            c = rate(y + step / 2 * b, u[:, i])
+            d = rate(y + step * c, u[:, i])
+            y = y + step / 6 * (a + 2 * b + 2 * c + d)
+    speed += noise * random.standard_normal(speed.shape)
+    rows = zip(u, speed, strict=True)
+    return [Experiment(k + 1, 20.0 * k, PERIOD, *row) for k, row in enumerate(rows)]
+
+
+def found(experiments):
+    """The diagnosis, of a few effects."""
+    return diagnose(MACHINE, experiments, effects=[get_effect(n) for n in TRIED], workers=1)
+
+
+def test_a_ripple_that_is_quick_against_the_samples_is_a_gap():
+    """To the measured signal's third differences it is noise, and larger than the sensor's."""
+    experiments = cogged(0.6, 5.0, (6.0, 12.0), 0.02, [0.0] * 5)
+    seeming = white_noise(e.speed for e in experiments)
+    assert seeming > 7 * 0.02
+    answer = found(experiments)
+    assert answer.verdict.effects == ["cogging_torque"]
+    assert answer.gap.noise_std < seeming / 3  # the second harmonic is left
+    cogging = next(c for c in answer.candidates if c.effect == "cogging_torque").parameters
+    assert cogging["periods"].value == pytest.approx(5.0, abs=0.01)
+    assert cogging["torque"].value == pytest.approx(0.6, rel=0.15)
+
+
+def test_a_ripple_is_named_though_no_experiment_begins_at_the_same_angle():
+    """From angle 0 a free run is worse with the right effect: it promises nothing, and says so."""
+    angles = np.random.default_rng(1).uniform(0, 6, 6)
+    experiments = cogged(0.06, 6.0, (4.0, 12.0), 0.01, list(angles))
+    answer = found(experiments)
+    assert answer.verdict.effects == ["cogging_torque"]
+    assert answer.gap.after.rmse > answer.gap.before.rmse
+    assert answer.gap.closed_fraction is None
+    assert "Where the start angle is unknown" in answer.verdict.sentence
+
+
+def test_noise_is_not_taken_for_less_than_it_is():
+    """Its level may fall to that above the errors' band, and is found there without a ripple."""
+    answer = found(cogged(0.0, 5.0, (6.0, 12.0), 0.02, [0.0] * 4))
+    assert answer.verdict.kind == "none"
+    assert answer.gap.noise_std == pytest.approx(0.02, rel=0.1)
