@@ -22,6 +22,7 @@ A user's own effect is a file with such an object, named by entry point (group `
 
 from __future__ import annotations
 
+import dis
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -56,6 +57,7 @@ class HasParameters(Protocol):
         """In their order."""
 
 
+ARGUMENTS = ("t", "theta", "omega", "current", "voltage")  # of torque and terminal
 STAGES = ("on_parameters", "on_voltage", "torque", "terminal", "on_measurement")
 
 
@@ -227,6 +229,20 @@ class Effect:
         return (0.0,) * len(self.states) if self.initial is None else self.initial(state, **given)
 
     @functools.cached_property
+    def reads(self) -> frozenset[str]:
+        """Which of t, theta, omega, current, voltage its torque or terminal function may read.
+
+        As its bytecode says; of what is no plain Python function, all.
+        """
+        function = self.torque or self.terminal
+        code = getattr(getattr(function, "py_func", function), "__code__", None)
+        if code is None or code.co_argcount < len(ARGUMENTS):
+            return frozenset(ARGUMENTS)
+        given = code.co_varnames[: len(ARGUMENTS)]
+        named = {x for i in dis.get_instructions(code) for x in _named(i.argval)}
+        return frozenset(a for a, name in zip(ARGUMENTS, given, strict=True) if name in named)
+
+    @functools.cached_property
     def compiled(self) -> Any:
         """The torque or terminal function as machine code, an OptionError where numba fails."""
         function = self.torque or self.terminal
@@ -261,6 +277,11 @@ class Effect:
         """The effect as one would write it after `--effect`."""
         changed = [f"{n}={v:g}" for n, v in given.items() if v != self.neutral[n]]
         return self.name + (":" + ",".join(changed) if changed else "")
+
+
+def _named(argument: Any) -> tuple[Any, ...]:
+    """Names in an instruction's argument: one or, of two instructions in one, two."""
+    return argument if isinstance(argument, tuple) else (argument,)
 
 
 def gather(

@@ -22,9 +22,9 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.compiled import njit
 from ldt_core.physics.integrate import STATES, _corrected, _direction, _is_finite, _rates
+from ldt_core.physics.motor_functions import motor_functions
 from ldt_core.physics.terms import evaluate
 
-HALVINGS = 6  # of a step at most: bounds the time, and what a 64th does moves no speed
 CUTS = 2  # halvings at once: a jump or a bend asks for several
 EASE = 1 / 8  # of the bend that a step may have: of a shorter one, twice as long a step has that
 MOST_ROUNDS = 24  # of Newton's method for one step: it needs three or four, or ten at a bend
@@ -33,14 +33,12 @@ FEWEST_ROUNDS = 4  # where states beside speed and current are found by repetiti
 SOLVED = 1e-8  # of the largest speed and current: the last change of a step that is solved
 DIFFERENCE = 1e-6  # of the same, for the slopes of the terms: a hundredth of a brush's 0.1 V
 SLOW = 0.1  # of the change before: a change that shrinks by less asks for new slopes
-LEAST_SEPARATION = 1e-5  # of the motor's roots, below which formulas for two roots lose digits
-SERIES = 0.5  # argument below which functions of the exponential are taken from their series
 
 
 class Moves(NamedTuple):
     """How speed and current move in a step, for each step length [i] and halving [j].
 
-    (I, HALVINGS + 1, 2, 2) each: of the states over a third of the step and over all of it; of the
+    (I, halvings + 1, 2, 2) each: of the states over a third of the step and over all of it; of the
     acceleration [rad/s^2] and voltage [V] at the two points, on the states at the two points.
     """
 
@@ -52,60 +50,36 @@ class Moves(NamedTuple):
     w22: Array
 
 
-def moves(a: Array, inductance: float, lengths: Array) -> Moves:
-    """The moves of a motor with A (2, 2) [1/s] of speed and current, for (I,) step lengths [s]."""
-    h = lengths[:, None] / 2.0 ** np.arange(HALVINGS + 1)
-    gain = np.array([1.0, 1.0 / inductance])  # of an acceleration, of a voltage
-    c = 1 / 3
-    third, one, two = _functions(a, c * h)
-    whole, one_end, two_end = _functions(a, h)
-    size = h[..., None, None]
-    first, last = c * size * one, size * one_end
-    slope, slope_end = c**2 * size * two, size * two_end
-    return Moves(
-        np.ascontiguousarray(third),
-        np.ascontiguousarray(whole),
-        np.ascontiguousarray((1.5 * first - 1.5 * slope) * gain),
-        np.ascontiguousarray((1.5 * slope - 0.5 * first) * gain),
-        np.ascontiguousarray((1.5 * last - 1.5 * slope_end) * gain),
-        np.ascontiguousarray((1.5 * slope_end - 0.5 * last) * gain),
+@njit(nogil=True)
+def moves(c, lengths, halvings):  # pragma: no cover - compiled
+    """The moves of a motor with `Coefficients` c, for (I,) step lengths [s]."""
+    shape = (lengths.size, halvings + 1, 2, 2)
+    table = Moves(
+        np.empty(shape),
+        np.empty(shape),
+        np.empty(shape),
+        np.empty(shape),
+        np.empty(shape),
+        np.empty(shape),
     )
-
-
-def _functions(a: Array, h: Array) -> tuple[Array, Array, Array]:
-    """exp(Z), (exp(Z) - 1) / Z, (exp(Z) - 1 - Z) / Z^2 of Z = a h, each of h's shape and (2, 2)."""
-    mean, product = (a[0, 0] + a[1, 1]) / 2, a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
-    half = np.sqrt(complex(mean**2 - product))
-    if abs(half) < LEAST_SEPARATION * abs(mean):
-        half = complex(LEAST_SEPARATION * abs(mean))
-        fast, slow = mean - half, mean + half
-    else:
-        fast = mean - half
-        slow = product / fast  # without cancellation
-    found = []
-    for at_fast, at_slow in zip(_scalars(fast * h), _scalars(slow * h), strict=True):
-        slope = ((at_slow - at_fast) / (slow - fast))[..., None, None]
-        found.append((at_slow[..., None, None] * np.eye(2) + slope * (a - slow * np.eye(2))).real)
-    return found[0], found[1], found[2]
-
-
-def _scalars(z: Array) -> tuple[Array, Array, Array]:
-    power = np.exp(z)
-    series = np.abs(z) < SERIES
-    safe = np.where(series, 1.0, z)
-    one = np.where(series, _series(z, 1), (power - 1) / safe)
-    two = np.where(series, _series(z, 2), (power - 1 - z) / safe**2)
-    return power, one, two
-
-
-def _series(z: Array, first: int) -> Array:
-    """Sum of z^k / (k + first)!, to rounding for |z| < SERIES."""
-    term = np.ones_like(z) / first  # 1! and 2!
-    total = term.copy()
-    for k in range(1, 16):
-        term = term * z / (k + first)
-        total = total + term
-    return total
+    third, last = np.empty((4, 2, 2)), np.empty((4, 2, 2))
+    for i in range(lengths.size):
+        for j in range(halvings + 1):
+            h = lengths[i] / 2.0**j
+            motor_functions(c.pull, c.drag, c.emf, c.loss, h / 3, third)
+            motor_functions(c.pull, c.drag, c.emf, c.loss, h, last)
+            for p in range(2):
+                for q in range(2):
+                    size = h if q == 0 else h * c.supply  # of an acceleration, of a voltage
+                    first, slope = size / 3 * third[1, p, q], size / 9 * third[2, p, q]
+                    table.third[i, j, p, q] = third[0, p, q]
+                    table.w11[i, j, p, q] = 1.5 * first - 1.5 * slope
+                    table.w12[i, j, p, q] = 1.5 * slope - 0.5 * first
+                    first, slope = size * last[1, p, q], size * last[2, p, q]
+                    table.whole[i, j, p, q] = last[0, p, q]
+                    table.w21[i, j, p, q] = 1.5 * first - 1.5 * slope
+                    table.w22[i, j, p, q] = 1.5 * slope - 0.5 * first
+    return table
 
 
 @njit(nogil=True)
@@ -197,7 +171,7 @@ def collocate(
 
     Args:
         kind: (K,) place of each interval's step length in `table`.
-        table: `Moves`.
+        table: `Moves`; its halvings bound the time.
         scale: largest speed [rad/s] and current [A].
         bend: by how much N may move the speed in a step, beside the straight line [rad/s].
     """
@@ -210,7 +184,8 @@ def collocate(
     m, r, x = np.zeros((4, 4)), np.zeros(4), np.zeros(4)
     x0, dx = np.zeros(4), np.zeros(4)
     fewest = FEWEST_ROUNDS if count > 0 or len(y) > 3 else 1
-    units = 1 << HALVINGS
+    halvings = table.third.shape[1] - 1
+    units = 1 << halvings
     known = False
     for k in range(volts.size):
         v = volts[k]
@@ -289,8 +264,8 @@ def collocate(
             known = known and solved
             aside = abs(w21[0, 0] * (1.5 * a1 - 0.5 * a2 - a0))
             aside += abs(w21[0, 1] * (1.5 * u1 - 0.5 * u2 - u0))
-            if level < HALVINGS and not (solved and aside <= bend):
-                level = min(level + CUTS, HALVINGS)
+            if level < halvings and not (solved and aside <= bend):
+                level = min(level + CUTS, halvings)
                 continue
             y = _at(y, h, 3 / 4, k1, 1 / 4, k2, x[2], x[3])
             for j in range(count):

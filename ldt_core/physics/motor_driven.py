@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import functools
+import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ from ldt_core.physics.base import (
 )
 from ldt_core.physics.motor_rates import inductance, memory, motor_rate
 from ldt_core.physics.run_plan import (
+    STEP_SHARE,
     BegunRun,
     Coefficients,
     Constants,
@@ -47,6 +49,12 @@ TINY = 1e-9  # V, so that a machine at rest without a voltage divides by no 0
 MAX_STEPS = 100_000_000  # of one simulation: 6 s of computing; more is a mistake
 #: Of the time in which the motor forgets its speed, an L/R with which it does so fastest.
 SETTLED = 0.25
+FINEST = (
+    64  # parts of an explicit method's step, to which one is halved where the current is solved
+)
+STABLE = 2.8  # rate times step, beyond which a Runge-Kutta step of an effect's own states grows
+#: What a term must not read for its rate to be a decay: a ripple asks for steps that follow it.
+SMOOTH = frozenset({"t", "theta"})
 QUIET_CHANGE = 1e-3  # of stall torque and voltage: a term that changes less needs no short steps
 
 
@@ -97,12 +105,16 @@ class MotorDriven(Physics):
     def alone(self, run: BegunRun, period: float, max_step: float, least_step: float) -> Array:
         """The states of a run that has begun; see `simulate`."""
         from ldt_core.physics.integrate import propagate  # see `integrate`
+        from ldt_core.physics.side_by_side import SideBySide
 
         tracked = _writable(run.tracked[0]), run.tracked[1]
         if run.exact:
             ad, bd = self.discretised(run.values, period)
             first = run.initial[: len(self.states)]
             return propagate(ad, bd, _writable(run.switches[1]), first, *tracked)
+        states = SideBySide(self, max_step, least_step).exponential(run)
+        if states is not None:
+            return states
         switches = run.switches[0], _writable(run.switches[1])
         about = run.values, run.times, switches, run.initial, run.terms, max_step
         return self.integrate(*about, tracked, least_step)
@@ -183,7 +195,7 @@ class MotorDriven(Physics):
         if plan.fast:
             failed = _collocated(
                 *(edges, volts, steps, samples, begin, own, k, states, tracked, used),
-                *(plan.values, most, BEND_IN_SEARCH if least_step > 0 else BEND),
+                *(plan.values, most, BEND_IN_SEARCH if least_step > 0 else BEND, plan.halvings),
             )
         else:
             failed = runge_kutta(
@@ -221,12 +233,28 @@ class MotorDriven(Physics):
         solved = [effect.terminal is not None and not effect.states for effect, _ in terms]
         electrical = [r for r, one in zip(rates, solved, strict=True) if one]
         fast = max([motor_rate(values), *electrical]) * MAX_STEP > MAX_STEP_RATE
+        halvings, explicit, asked = 0, False, rates
         if fast:  # then the current is solved for, and asks for no shorter steps
             settled = max(values["L"], SETTLED * values["R"] * memory(values))
             own_rate = self.rate({**values, "L": settled}, most)
             rates = [0.0 if one else r for r, one in zip(rates, solved, strict=True)]
+            steepest = max(own_rate, *rates) if rates else own_rate
+            finest = max(min(max_step, MAX_STEP_RATE / steepest), least_step) / FINEST
+            own_states = [r for r, (e, _) in zip(rates, terms, strict=True) if e.states]
+            if least_step > 0 and max(own_states, default=0.0) * least_step > STABLE:
+                raise LdtError(
+                    f"{self.name}: an effect's own states move within {1 / max(own_states):.3g} s, "
+                    f"which steps of {least_step:g} s do not follow"
+                )
+            # So is what falls off with the speed alone: where that bends, a step is halved.
+            sharp = [bool(e.states) or not SMOOTH.isdisjoint(e.reads) for e, _ in terms]
+            rates = [r if one else 0.0 for r, one in zip(rates, sharp, strict=True)]
         rate = max(own_rate, *rates) if rates else own_rate
         step = max(min(max_step, MAX_STEP_RATE / rate), least_step)
+        if fast:
+            halvings = math.ceil(math.log2(step / finest) - STEP_SHARE)
+            blind = all(e.torque is not None and "current" not in e.reads for e, _ in terms)
+            explicit = blind and steepest * step <= MAX_STEP_RATE + STEP_SHARE
         if end / step > MAX_STEPS:
             raise BadInput(
                 "machine parameters",
@@ -235,9 +263,9 @@ class MotorDriven(Physics):
                 f"{rate:.3g} 1/s, which takes steps of {step:.3g} s",
             )
         calm, watched = step, [False] * len(terms)
-        if least_step > 0 and terms and not fast:  # a search, which can do with less
+        if least_step > 0 and terms and (explicit or not fast):  # a search can do with less
             calm = max(min(max_step, MAX_STEP_RATE / own_rate), least_step)
-            watched = [min(MAX_STEP_RATE / r, calm) < calm if r > 0 else False for r in rates]
+            watched = [min(MAX_STEP_RATE / r, calm) < calm if r > 0 else False for r in asked]
         n = len(self.states)
         own = initial[n:]
         if own.size == 0:
@@ -247,7 +275,8 @@ class MotorDriven(Physics):
         first[:n], first[STATES:] = initial[:n], own
         rigid = bool(c.unbalance == 0 and not first[3:STATES].any())
         quiet = QUIET_CHANGE * values["K_t"] * most / values["R"], QUIET_CHANGE * most
-        return Plan(values, coefficients_of(c), step, calm, watched, quiet, first, rigid, fast)
+        steps = step, calm, watched, quiet
+        return Plan(values, coefficients_of(c), *steps, first, rigid, fast, explicit, halvings)
 
     def discretised(self, values: Values, period: float) -> tuple[Array, Array]:
         """Ad (n, n), Bd (n,) of the linear system over a sample period [s], exactly."""
@@ -298,6 +327,7 @@ def _collocated(
     values: Values,
     most: float,
     bend: float,
+    halvings: int,
 ) -> int:
     """`fast_current.collocate` with its table of moves; see there."""
     from ldt_core.physics.fast_current import collocate, moves
@@ -307,8 +337,7 @@ def _collocated(
     _, first, kind = np.unique(
         np.round(np.log(length) / SAME_LENGTH), return_index=True, return_inverse=True
     )
-    motor = np.array([[-c.drag, c.pull], [-c.emf, -c.loss]])
-    table = moves(motor, 1 / c.supply, length[first])
+    table = moves(c, length[first], halvings)
     volt = max(most, abs(begin[SPEED]) * values["K_t"], abs(begin[CURRENT]) * values["R"], TINY)
     scale = (volt / values["K_t"], volt / values["R"])
     return int(

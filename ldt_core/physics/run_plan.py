@@ -73,7 +73,8 @@ class Plan(NamedTuple):
 
     `step` and `calm` are the longest steps [s], and those to try first; `watched` and `quiet` as
     for `effect.gather`; `first` (7 + own,) the first state with the effects'; `rigid` whether three
-    states are enough; `fast` whether the current is solved for.
+    states are enough; `fast` whether the current is solved for, and then `explicit` whether that
+    takes no more than its exponential, else `halvings` of a step at most.
     """
 
     values: Values
@@ -85,6 +86,8 @@ class Plan(NamedTuple):
     first: Array
     rigid: bool
     fast: bool
+    explicit: bool
+    halvings: int
 
 
 class Plans(Protocol):

@@ -1,6 +1,6 @@
 """Free runs side by side: those that share sample times, steps and terms, eight at once.
 
-A run takes a lane wherever `MotorDriven.simulate` would take Runge-Kutta steps from sample to
+A run takes a lane wherever `MotorDriven.simulate` would take steps of one length from sample to
 sample; all others go there one by one. A lane does what the run would do alone, so what comes out
 depends neither on the other runs nor on their order.
 """
@@ -19,8 +19,9 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.threads import spread
 from ldt_core.physics.base import FreeRun
 from ldt_core.physics.effect import term_parameters
+from ldt_core.physics.exponential_steps import exponential_moves
 from ldt_core.physics.integrate import RIGID_STATES, STATES
-from ldt_core.physics.lane_steps import runge_kutta_lanes
+from ldt_core.physics.lane_runs import run_lanes
 from ldt_core.physics.lane_terms import (
     ADDRESS,
     COLUMNS,
@@ -73,9 +74,7 @@ class SideBySide:
         for i, run in enumerate(runs):
             try:
                 begun = self.physics.begun(run)
-                steps = begun.on_grid and not begun.exact
-                steps = steps and 1 < begun.times.size <= MOST_SAMPLES
-                lane = self._lane(i, begun) if steps else None
+                lane = self._lane(i, begun)
             except LdtError as error:
                 yield i, error
                 continue
@@ -96,11 +95,28 @@ class SideBySide:
             return [(i, error)]
 
     def _lane(self, i: int, begun: BegunRun) -> _Lane | None:
+        if begun.exact or not begun.on_grid or not 1 < begun.times.size <= MOST_SAMPLES:
+            return None
         most = float(np.abs(begun.switches[1]).max())
         end = float(begun.times[-1])
         about = begun.values, most, end, begun.initial, begun.terms
         plan = self.physics.planned(*about, self._max_step, self._least_step)
-        return None if plan.fast else _Lane(i, begun, plan)
+        lane = _Lane(i, begun, plan)
+        return lane if not plan.fast or (plan.explicit and _is_even(lane)) else None
+
+    def exponential(self, begun: BegunRun) -> Array | None:
+        """The states of one run by `exponential_steps`, None where they do not serve it.
+
+        Raises:
+            LdtError: as `simulate` does.
+        """
+        lane = self._lane(0, begun)
+        if lane is None or not lane.plan.fast:
+            return None
+        found = self._together([lane])[0][1]
+        if isinstance(found, LdtError):
+            raise found
+        return found
 
     def _likeness(self, lane: _Lane) -> object:
         """What runs share that are integrated side by side."""
@@ -108,7 +124,7 @@ class SideBySide:
         counts = (_likeness(begun.times, longest) for longest in (plan.step, plan.calm))
         terms = tuple(id(effect) for effect, _ in begun.terms)
         seen, gain = begun.tracked
-        about = id(begun.times), plan.rigid, terms, seen.size > 0, gain, plan.first.size
+        about = id(begun.times), plan.rigid, plan.fast, terms, seen.size > 0, gain, plan.first.size
         return (*counts, *about)
 
     def _together(self, lanes: Sequence[_Lane]) -> Found:
@@ -124,11 +140,16 @@ class SideBySide:
         own = _aligned(ROWS_OF_STATES, first.shape[0] - STATES, WIDTH)
         own[0] = first[STATES:]
         failed = np.full(WIDTH, -1)
-        runge_kutta_lanes(
+        coefficients = np.array([x.plan.coefficients for x in filled]).T.copy()
+        moves = None
+        if plan.fast:
+            count = [steps_of(times[:2], longest)[0] for longest in (plan.step, plan.calm)]
+            moves = exponential_moves(coefficients, times[1] / np.array(count))
+        run_lanes(
             *(times, volts, steps_of(times, plan.step), steps_of(times, plan.calm)),
             *(first[:STATES], (0.0,) * (RIGID_STATES if plan.rigid else STATES)),
-            np.array([x.plan.coefficients for x in filled]).T.copy(),
-            *(states, own, seen, begun.tracked[1], _gathered(filled), failed),
+            coefficients,
+            *(states, own, seen, begun.tracked[1], _gathered(filled), moves, failed),
         )
         found: Found = []
         for i, lane in enumerate(lanes):
@@ -164,6 +185,12 @@ def _gathered(lanes: Sequence[_Lane]) -> LaneTerms | None:
     watch[QUIET] = np.where(watched, quiet, np.inf)
     room = np.zeros((2, int(table[:, OWN].max())))
     return LaneTerms(table, parameters, by_lane, watch, room)
+
+
+def _is_even(lane: _Lane) -> bool:
+    """Whether all intervals of a run take the same number of steps."""
+    counts = (_likeness(lane.begun.times, longest) for longest in (lane.plan.step, lane.plan.calm))
+    return all(isinstance(count, int) for count in counts)
 
 
 def _likeness(times: Array, longest: float) -> object:

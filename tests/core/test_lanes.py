@@ -121,7 +121,7 @@ def test_runs_too_long_to_be_held_eight_at_once_are_simulated_alone(monkeypatch)
     runs = [a_run(ROTOR, random, [], 0.008) for _ in range(3)]
     expected = simulated(ROTOR, runs)
     monkeypatch.setattr(side_by_side, "MOST_SAMPLES", SAMPLES - 1)
-    monkeypatch.setattr(side_by_side, "runge_kutta_lanes", None)
+    monkeypatch.setattr(side_by_side, "run_lanes", None)
     for states, one in zip(simulated(ROTOR, runs), expected, strict=True):
         assert np.array_equal(states, one)
 
