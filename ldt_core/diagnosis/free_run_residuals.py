@@ -248,8 +248,10 @@ class FreeRunResiduals:
             rest = (e.speed - speed) / self.noise[0]
             if e.current is not None:
                 rest = np.concatenate([rest, (e.current - current) / self.noise[1]])
-            rest = np.nan_to_num(rest, nan=limit, posinf=limit, neginf=-limit)
-            yield np.clip(rest, -limit, limit)
+            np.clip(rest, -limit, limit, out=rest)
+            if math.isnan(rest.sum()):
+                rest[np.isnan(rest)] = limit
+            yield rest
 
     def can_simulate(self, use: Use) -> bool:
         """Whether the machine with these effects has a free run of the first experiment at all."""
@@ -275,10 +277,13 @@ class FreeRunResiduals:
             step: longest integration step [s].
         """
         found, begun, about = [], [], []
+        of_use: dict[int, Values | None] = {}  # all experiments are asked about the same object
         for place, asked in enumerate(runs):
             wild = np.full(len(self.experiments[asked.place]), DIVERGED_SPEED)
             found.append((wild, wild))
-            values = self.changed(asked.use)
+            if id(asked.use) not in of_use:
+                of_use[id(asked.use)] = self.changed(asked.use)
+            values = of_use[id(asked.use)]
             with contextlib.suppress(LdtError):
                 if values is not None:
                     begun.append(self._free_run(asked, values))
@@ -321,7 +326,7 @@ class FreeRunResiduals:
             or self.angular(effect for effect, _ in (*self.machine.effects, *use))
         )
         tracked = (seen, -math.expm1(-e.period / self.memory)) if followed else NOT_TRACKED
-        return FreeRun(self.values, e.voltage, e.period, start, use, tracked)
+        return FreeRun(self.values, e.voltage, e.period, start, use, tracked, values)
 
     def angular(self, effects: Iterable[Effect]) -> bool:
         """Whether what one of the effects does depends on the angle.

@@ -187,7 +187,7 @@ class GreyBox:
         first[CURRENT] += offset[CURRENT]
         tracked = (seen, gain) if gain > 0 else NOT_TRACKED
         about = machine, experiment.voltage, experiment.period, first, use, tracked
-        return FreeRun(*about), use
+        return FreeRun(*about, changed), use
 
     def _shown(self, states: Array, experiment: Experiment, use: Use, machine: Values) -> Array:
         try:

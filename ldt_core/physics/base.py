@@ -37,7 +37,10 @@ SENSOR_ROUNDS = 4
 
 
 class FreeRun(NamedTuple):
-    """What `Physics.simulate` takes of one run."""
+    """What `Physics.simulate` takes of one run.
+
+    `changed` are the values with the effects on them, where they are known already.
+    """
 
     values: Values
     voltage: ArrayLike
@@ -45,6 +48,7 @@ class FreeRun(NamedTuple):
     initial: ArrayLike
     effects: Effects = ()
     tracked: Tracked = NOT_TRACKED
+    changed: Values | None = None
 
 
 class Physics(abc.ABC):
@@ -153,7 +157,7 @@ class Physics(abc.ABC):
         from ldt_core.base.threads import spread  # imports linear algebra
 
         def alone(i: int) -> Array | LdtError:
-            values, voltage, period, initial, effects, tracked = runs[i]
+            values, voltage, period, initial, effects, tracked, _ = runs[i]
             about = values, voltage, period, initial, effects, max_step, tracked, least_step
             try:
                 return self.simulate(*about)

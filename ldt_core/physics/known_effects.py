@@ -126,8 +126,14 @@ class PhysicsWithEffects(Physics):
         first = [v for effect, given in known for v in effect.first_states(state, given)]
         if first and theirs and state.size == n + theirs:
             state = np.concatenate([state[:n], first, state[n:]])
-        plain = {p.name: run.values[p.name] for p in self.bare.parameters}
-        return run._replace(values=plain, initial=state, effects=[*known, *run.effects])
+        plain, changed = self._plain(run.values), None
+        if run.changed is not None and all(e.on_parameters is None for e, _ in known):
+            changed = self._plain(run.changed)
+        effects = [*known, *run.effects]
+        return run._replace(values=plain, initial=state, effects=effects, changed=changed)
+
+    def _plain(self, values: Values) -> Values:
+        return {p.name: values[p.name] for p in self.bare.parameters}
 
     def measure(
         self, states: Array, period: float, effects: Effects = (), values: Values | None = None

@@ -32,7 +32,7 @@ def simulated(machine, runs, workers=1, step=STEP, shortest=SHORTEST):
 
 def alone(machine, run, step=STEP, shortest=SHORTEST):
     """The states of one run, or the error that it ends with."""
-    values, voltage, period, initial, effects, tracked = run
+    values, voltage, period, initial, effects, tracked = run[:6]
     about = values, voltage, period, initial, effects, step, tracked, shortest
     try:
         return machine.model.simulate(*about)
