@@ -201,7 +201,8 @@ class _Report:
         words = " ".join(w for w in (words, far) if w)
         if self.fault:
             words = not_measured(self.fault, "" if self.faulty else words)
-        grounds = all_grounds(d.grounds, acting, now.rmse / noise, bool(self.objection))
+        over = (begun[1] if begun and self.named else now).rmse / noise
+        grounds = all_grounds(d.grounds, acting, over, bool(self.objection))
         best = d.best.use if d.best else []
         depends = []
         if d.structured:
@@ -266,7 +267,8 @@ class _Report:
         first = next((f"experiment {n}: sensor or machine? {w}" for n, w in odd if w), "")
         ended = self.named is not None and at_the_end(self.named)
         last = "the machine file's numbers moved as far as it lets them: something else is missing"
-        told = (f"{few} held out" if cut else "", first, last if ended else "")
+        same = "held out: of other voltages than theirs nothing is promised"
+        told = (f"{few} {same}" if cut else "", first, last if ended else "")
         return [note for note in told if note]
 
     def _all_groups(

@@ -171,9 +171,13 @@ def _grounds(
 
 
 def _unexplained(band: ErrorBand, left: Any, gap: Any) -> Any:
-    """Whether so much of the gap is left, in one draw or in each of many, that it is no cause."""
+    """Whether so much of the gap is left, in one draw or in each of many, that it is no cause.
+
+    More than noise alone, and more of the gap than a law may be off: two questions. What noise may
+    be is not taken off what is left, which is free of noise on average.
+    """
     limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
-    return left - limit > THRESHOLDS.unexplained_of_gap * gap
+    return (left > limit) & (left > THRESHOLDS.unexplained_of_gap * gap)
 
 
 def _with_noise(residuals: FreeRunResiduals, level: tuple[float, float]) -> FreeRunResiduals:
