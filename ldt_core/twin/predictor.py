@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ldt_core.base.errors import FAULTS, UnansweredExperiment, reason_of
+from ldt_core.base.errors import FAULTS, ModelError, UnansweredExperiment, reason_of
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
@@ -29,10 +29,26 @@ class Predictor:
 
     def warm_up(self) -> None:
         """Predict a short experiment that is nobody's, so that the first real one is not late."""
+        self.model.predict(self._idle())
+        self.original.predict(self._idle())
+
+    def try_out(self, model: Model) -> None:
+        """Let a model that somebody sent predict a short experiment that is nobody's.
+
+        In force, one that cannot would leave every experiment without an answer, for good.
+
+        Raises:
+            ModelError: it fails.
+        """
+        try:
+            model.predict(self._idle()).residual(self._idle())
+        except FAULTS as error:
+            where = f"model version {model.version}"
+            raise ModelError(where, "one that can predict", reason_of(error)) from error
+
+    def _idle(self) -> Experiment:
         rest = np.zeros(WARM_UP_SAMPLES)
-        idle = Experiment(1, 0.0, self.machine.sample_period, rest, rest)
-        self.model.predict(idle)
-        self.original.predict(idle)
+        return Experiment(1, 0.0, self.machine.sample_period, rest, rest)
 
     def predict(self, experiment: Experiment) -> Prediction:
         """Free run of the present model.

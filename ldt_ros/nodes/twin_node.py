@@ -105,6 +105,7 @@ class TwinNode(LdtNode):
     | a number above the next | those between are counted as missing, and told of |
     | none for the `deadline`, if there is one | told of until one comes, counted |
     | `model` | kept until an adaptation names its version; the last twelve |
+    | `model` that cannot predict | rejected |
     | `adaptation` of an earlier one | its model is taken when the time is out |
     | `adaptation` of one not predicted | ignored, unless this node was started again |
     | anything malformed | counted, logged once per kind |
@@ -159,6 +160,7 @@ class TwinNode(LdtNode):
         # An adaptor that begins anew counts its versions from 0 again.
         if known is None or known.record() != record:
             known = restore_model(record, self.machine, self.settings)
+            self.predictor.try_out(known)
         self._models.put(record.version, known)
         self._go_on()
 

@@ -139,6 +139,13 @@ def bad_models() -> dict[str, String]:
         "version below 0": variant(version=-1),
         "trained on 0": variant(trained_on=[0]),
         "no parameters": variant(),
+        "unbalance beyond floating point": variant(parameters={"machine": {**machine, "e": 1e300}}),
+        "a torque constant that overflows": variant(
+            parameters={"machine": {**machine, "K_t": 1e300}}
+        ),
+        "no torque constant": variant(parameters={"machine": {**machine, "K_t": 0.0}}),
+        "no inertia": variant(parameters={"machine": {**machine, "J": 0.0}}),
+        "another machine's parameters": variant(parameters={"machine": {"k": 1.0, "tau": 2.0}}),
         "parameters are no mapping": variant(parameters=[1]),
         "parameters of a wrong type": variant(parameters={"machine": 5}),
         "unknown parameter": variant(parameters={"machine": {**machine, "mass": 1.0}}),
