@@ -233,7 +233,8 @@ def _ladder(residuals: FreeRunResiduals, left: ResidualTorque) -> list[tuple[str
     for length, period in zip(left.pieces, left.periods, strict=True):
         part = slice(at, at + length)
         angle.append(np.cumsum(over["speed"][part]) * period)
-        steps = [max(1, round(k * residuals.memory / period)) for k in LAGS]
+        # A heavy machine remembers longer than was measured, up to more than memory holds.
+        steps = [max(1, min(length, round(k * residuals.memory / period))) for k in LAGS]
         volts = over["voltage"][part]
         before.append(
             np.column_stack([np.concatenate([np.full(s, volts[0]), volts])[:length] for s in steps])

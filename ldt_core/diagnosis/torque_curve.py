@@ -127,6 +127,7 @@ def _likeliest(gram: Array, along: Array, power: float, count: int) -> tuple[Arr
             best, chosen, variance = likely, stiff, left / count
     back = solve_triangular(root, vectors, lower=True, trans="T")
     weight = target / (values + chosen)
-    deviation = np.sqrt(variance * np.sum(back**2 / (values + chosen), axis=1))
+    with np.errstate(over="ignore"):  # infinite where nothing is known
+        deviation = np.sqrt(variance * np.sum(back**2 / (values + chosen), axis=1))
     taken = float(2 * weight @ target - np.sum(values * weight**2))
     return back @ weight, deviation, taken

@@ -15,6 +15,7 @@ from ldt_core.detectors.threshold import Threshold
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.models.physics import PhysicsModel
+from ldt_core.notebook.gap_diagnosis import diagnose
 from ldt_core.recording.bag import read_bag
 from ldt_core.restart.recorded_run import complete_steps
 from ldt_core.runs import offline
@@ -166,3 +167,10 @@ def test_an_experiment_without_an_answer_is_the_exit_code(monkeypatch, capsys):
     assert "experiments" in told.out
     words = f"rotor: experiment {BAD} is not answered: OverflowError: too large"
     assert told.err == f"ldt: {words}\n"
+
+
+def test_a_machine_heavier_than_any_is_diagnosed_within_memory():
+    """Its motor remembers 10^15 s: as many samples of the past were asked for."""
+    heavy = replace(SHORT, parameters={**SHORT.parameters, "J": 1e15})
+    found = diagnose(made(3), heavy)
+    assert found.verdict.kind in ("effect", "ambiguous", "unknown")
