@@ -97,7 +97,8 @@ class NominalPrior:
 
     def factors(self, coordinates: Array) -> dict[str, float]:
         """What the parameters are multiplied by at (r,) coordinates."""
-        ratios = np.exp(self.root @ coordinates)
+        with np.errstate(over="ignore"):  # infinite: a machine that is then not simulated
+            ratios = np.exp(self.root @ coordinates)
         return dict(zip(self.names, ratios.tolist(), strict=True))
 
     def among(self, columns: Sequence[int]) -> NominalPrior:

@@ -129,7 +129,8 @@ def cycles(folder: Path) -> list[Row]:
         for share, name in ((0.5, "median"), (0.99, "99th percentile")):
             ours, peer = (_least(found[n, "signal", period], share) for n in ("ours", "bare"))
             what = f"from `experiment` to `signal` {when}, {name}"
-            note = f"{CYCLES - SKIPPED} cycles, best of {ROUNDS}"
+            load = f"beside work of load {os.getloadavg()[0]:.0f}"
+            note = f"{CYCLES - SKIPPED} cycles, best of {ROUNDS}; {load}"
             rows.append(Row(what, ours, who, peer, "at least 1/3", note))
     return rows
 

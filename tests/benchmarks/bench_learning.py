@@ -20,6 +20,11 @@ from sklearn.linear_model import Ridge
 
 from ldt_core.base.experiment import Action, Experiment
 from ldt_core.base.settings import resolve
+from ldt_core.diagnosis.candidate import Candidate
+from ldt_core.diagnosis.effect_fit import fit
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.library import library
+from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.twin.loop import Twin
@@ -111,7 +116,46 @@ def run() -> list[Row]:
             f"ours in the {_nth(first - DRIFT)} experiment behind it, "
             f"the peer in the {_nth(peer_first - DRIFT)}",
         ),
+        verdict(stream),
     ]
+
+
+def verdict(stream: list[Experiment]) -> Row:
+    """From the drift to a verdict on it, beside a fit of every effect there is."""
+    list(_diagnosed(stream[: DRIFT + 1]))  # compiled code is loaded
+    spent = 0.0
+    for number, seconds, said in _diagnosed(stream):
+        spent += seconds if number > DRIFT else 0.0
+        if number > DRIFT and said:
+            break
+    machine, one = load_machine("rotor"), stream[DRIFT]
+    most = float(np.abs(one.voltage).max())
+    candidates = [Candidate(effect, most) for effect in library(machine)]
+    begin = time.process_time()
+    bench = FreeRunResiduals(machine, [one], tolerance=THRESHOLDS.law_error)
+    for candidate in candidates:
+        fit(bench, (candidate,), [candidate.coordinates(candidate.typical)])
+    other = time.process_time() - begin
+    return Row(
+        "from a drift to the verdict, computing alone",
+        *(spent, f"each of {len(candidates)} effects by scipy least_squares, once", other, ""),
+        f"ours in the {_nth(number - DRIFT)} experiment behind it, the model learned along; "
+        f"“{said}”; the peer names nothing, and tries no pairs; "
+        f"beside work of load {os.getloadavg()[0]:.0f}",
+    )
+
+
+def _diagnosed(stream: list[Experiment]) -> Iterator[tuple[int, float, str]]:
+    """Number, seconds, and the sentence of a diagnosis, "" without any."""
+    twin = Twin("rotor", diagnose=True)
+    for one in stream:
+        begin = time.process_time()
+        step = twin.step(one)
+        yield (
+            one.number,
+            time.process_time() - begin,
+            step.diagnosis.sentence.partition(",")[0] if step.diagnosis else "",
+        )
 
 
 def _first(dealt: list[Dealt]) -> int:
