@@ -194,6 +194,8 @@ class GreyBox:
             speed = self.physics.measure(states, experiment.period, use, machine)
         except LdtError:
             return np.full(len(experiment), DIVERGED)
+        if math.isfinite(speed.sum()):
+            return speed
         return np.nan_to_num(speed, nan=DIVERGED, posinf=DIVERGED, neginf=-DIVERGED)
 
     def turn(self, tried: Sequence[Array], experiment: Experiment, noise: float) -> float:

@@ -292,9 +292,13 @@ class GreyBoxProblem:
 
 
 def fit_grey_box(
-    problem: GreyBoxProblem, guesses: Sequence[Array], tries: int = 2, rounds: int = 8
+    problem: GreyBoxProblem,
+    guesses: Sequence[Array],
+    tries: int = 2,
+    rounds: int = 8,
+    near: Array | None = None,
 ) -> GreyBoxFit:
-    """The best fit that the homotopy finds from some guesses.
+    """The best fit that the homotopy finds from some guesses, or the next one to a known fit.
 
     Args:
         problem: what to fit.
@@ -302,11 +306,17 @@ def fit_grey_box(
         tries: how many of them, the best by their cost under the observer, are descended from at
             most, until the residuals are noise.
         rounds: most Levenberg-Marquardt steps at each gain but the first.
+        near: (n,) coordinates of what has explained other experiments of the same machine. Where
+            the minimum next to them explains these too, nothing else is asked.
     """
-    problem = problem.turned(guesses)
+    problem = problem.turned(guesses if near is None else [near])
+    if near is not None:
+        known = _released(problem, problem.with_angles([near], GAINS[0])[0], rounds)
+        if problem.explains(known[0], 0.0, FINE_STEP):
+            return _ended(problem, known)
+        problem = problem.turned(guesses)
     points = problem.with_angles(guesses, GAINS[0])
     costs = problem.costs(points, GAINS[0], COARSE_STEP)
-    n, count = problem.box.size, range(len(problem.experiments))
     best: tuple[Array, float, Array] | None = None
     for i in np.argsort(costs, kind="stable")[:tries]:
         found = _homotopy(problem, points[i], rounds)
@@ -316,7 +326,12 @@ def fit_grey_box(
             break
     if best is None:
         raise ValueError("no guess to begin with")
-    x, cost, information = best
+    return _ended(problem, best)
+
+
+def _ended(problem: GreyBoxProblem, end: tuple[Array, float, Array]) -> GreyBoxFit:
+    x, cost, information = end
+    n, count = problem.box.size, range(len(problem.experiments))
     inner = of_first(information, n)  # start states eliminated
     rests = problem.residuals([(x, i) for i in count], 0.0, FINE_STEP)
     return GreyBoxFit(

@@ -154,13 +154,15 @@ class StructureSearch:
         self.experiments, self.noise, self.workers = list(experiments), noise, workers
         self._samples = sum(len(e) for e in experiments)
 
-    def fitted(self, present: Present, effects: Sequence[Effect]) -> FittedStructure:
-        """These effects with the machine's parameters, fitted whole."""
+    def fitted(
+        self, present: Present, effects: Sequence[Effect], near: Array | None = None
+    ) -> FittedStructure:
+        """These effects with the machine's parameters, fitted whole; `near` as `fit_grey_box`."""
         box = GreyBox(self.machine, effects, self.tolerances)
         problem = self._problem(box, present.prior)
         guesses = box.first_guesses(present.given, again=True)
         starts = [np.concatenate([present.prior.mean, g]) for g in guesses]
-        fit = fit_grey_box(problem, starts)
+        fit = fit_grey_box(problem, starts, near=near)
         own = box.size - len(box.uncertain)
         return FittedStructure(box, fit, present.prior, fit.cost + own * math.log(self._samples))
 

@@ -187,7 +187,8 @@ class GreyBoxModel(Model):
         return self.adopt(search.pruned(found), experiments) if found.explains else None
 
     def _fitted(self, search: StructureSearch, known: Prior) -> FittedStructure:
-        found = search.fitted(Present(self.effects, self.given, known), self.effects)
+        near = self.q if self.version > 0 else None
+        found = search.fitted(Present(self.effects, self.given, known), self.effects, near)
         if self.version > 0 and found.surprises:
             anew = search.fitted(self.present, self.effects)
             found = min(found, anew, key=lambda s: s.surprise)

@@ -153,6 +153,8 @@ class Effect:
 
     def require(self, physics: HasParameters) -> None:
         """Refuse (OptionError) a machine without a parameter that the effect needs."""
+        if not self.needs:
+            return
         known = [p.name for p in physics.parameters]
         missing = [name for name in self.needs if name not in known]
         if missing:
@@ -168,9 +170,8 @@ class Effect:
             OptionError: a machine that cannot have this effect, or parameters that no machine has.
         """
         self.require(physics)
-        known = {own_name(self.name, p.name) for p in self.parameters}
-        if any(name in known for name in values):
-            values = {n: v for n, v in values.items() if n not in known}
+        if not self._own_names.isdisjoint(values):
+            values = {n: v for n, v in values.items() if n not in self._own_names}
         if self.on_parameters is None:
             return values
         changed = self._asked(self.on_parameters, values, **given)
@@ -182,7 +183,7 @@ class Effect:
                 expected = f"all of the machine's parameters, {parameter.name} among them"
                 raise OptionError(where, expected, described(changed))
             value = changed[parameter.name]
-            if not parameter.accepts(value):
+            if value is not values[parameter.name] and not parameter.accepts(value):
                 where = f"effect {self.name}, {parameter.name} of the machine"
                 raise OptionError(where, parameter.range, f"{value:g}")
         return changed
@@ -227,6 +228,10 @@ class Effect:
     def first_states(self, state: Array, given: Values) -> tuple[float, ...]:
         """The effect's own states at the first sample, from the machine's (n,)."""
         return (0.0,) * len(self.states) if self.initial is None else self.initial(state, **given)
+
+    @functools.cached_property
+    def _own_names(self) -> frozenset[str]:
+        return frozenset(own_name(self.name, p.name) for p in self.parameters)
 
     @functools.cached_property
     def reads(self) -> frozenset[str]:
