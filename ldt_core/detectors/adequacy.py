@@ -17,6 +17,9 @@ from ldt_core.estimation.misfit import MOST_LOG, STRETCH, Misfit, misfit
 EXPONENTS = (0.1, 0.3, 0.5, 0.7)
 #: Errors that the next one is ranked among, at most; their ranks resolve a chance of 1 in 500.
 REMEMBERED = 500
+#: Times the error last learned from in the state `learning`, beyond which one is heard at once:
+#: between experiments of one machine with random voltage the error of one model varies by half.
+NEWS = 1.5
 #: Fewer samples than this do not show how rough they are.
 LEAST_SAMPLES = 20
 
@@ -40,10 +43,11 @@ class Adequacy(Detector):
 
     In the state `inadequate` learning is tried again, positive, after 1, 2, 4, 8 ... experiments,
     and at once where the residuals are no longer like those since the first trial. So it is in the
-    state `learning`, where the residual is no noise. A range is new to a model that has learned if
-    neither what it learned from nor what it explained since lies there (`excited_range`); the
-    second experiment there is positive and `inadequate`, not `changed`. Nothing is learned as
-    usual from experiments that the model has not explained.
+    state `learning`, where the residual is no noise, and at once where it is `NEWS` times as large
+    as the one last learned from. A range is new to a model that has learned if neither what it
+    learned from nor what it explained since lies there (`excited_range`); the second experiment
+    there is positive and `inadequate`, not `changed`. Nothing is learned as usual from experiments
+    that the model has not explained.
 
     **Guarantee.** While the model in force is the machine's, the mean number of experiments to a
     false positive is at least `false_alarm_every`, if the noise is independent from sample to
@@ -96,8 +100,9 @@ class Adequacy(Detector):
         self.model_state = "learning"
         #: Root mean square residual over the noise's; None while unknown.
         self.adequacy: float | None = None
-        #: How often it was learned from in the state `learning`, experiments to wait before more.
-        self.lessons, self.pause = 0, 0
+        #: How often it was learned from in the state `learning`, experiments to wait before more,
+        #: and the error over the noise in the last one that was.
+        self.lessons, self.pause, self.heard = 0, 0, 0.0
         #: Ranges of excitation: what the model in force has explained, what it was tried in, and
         #: that of the last experiment. Empty: everywhere, as of a model that has not learned.
         self.explained: Hull = []
@@ -161,7 +166,7 @@ class Adequacy(Detector):
             self.model_state = "holds" if plain.explained else "learning"
             return Level.NEGATIVE
         if self.misfit >= self.false_alarm_every:
-            self.lessons, self.pause = 0, 0
+            self.lessons, self.pause, self.heard = 0, 0, 0.0
             if not self._fails_within(self.explained, residual, deviation, voltage):
                 return self._beyond(voltage)
             self.errors = [math.log(found.relative)]
@@ -169,10 +174,10 @@ class Adequacy(Detector):
             return Level.POSITIVE
         self.model_state = "learning"
         self.pause -= 1
-        if self.pause > 0:
+        if self.pause > 0 and plain.ratio < NEWS * self.heard:
             self.unexplained = 0.0  # heard and put off: one that is explained is no occasion
             return Level.NEGATIVE
-        self.pause = 2**self.lessons
+        self.pause, self.heard = 2**self.lessons, plain.ratio
         self.lessons += 1
         return Level.POSITIVE
 

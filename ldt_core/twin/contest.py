@@ -17,6 +17,7 @@ from ldt_core.twin.condition_chain import UNLEARNED, ConditionChain
 from ldt_core.twin.memory import Memory
 from ldt_core.twin.search_backoff import SearchBackoff
 from ldt_core.twin.stage import Archive, RecordedStep
+from ldt_core.twin.training_data import VALID_ERROR_RATIO
 from ldt_core.twin.version_errors import alike, explains, rms_error, same
 
 #: A model comes into force on data that it has not learned from if its error is less than this part
@@ -236,7 +237,7 @@ class ContestAdaptor(Adaptor):
         recent, known = self._recent(experiment), self.learned_from
         best = self.candidates.refitted(versions, known, experiment, recent)
         origin = "re-estimated"
-        if best is None or not explains(best, experiment):
+        if best is not None and not (explains(best, experiment) and self._pays(best, [experiment])):
             best = None
         if best is None and self.backoff.due:
             found = self.candidates.structures(self._grey(), [experiment])
@@ -250,12 +251,13 @@ class ContestAdaptor(Adaptor):
         details = {}
         then = f"searches wait for {self.backoff.wait} more experiments"
         if self.backoff.due:
-            self.pending, details = self._unexplained(experiment)[-POOL:], {SEARCHING: 1.0}
+            self.pending, details = self.unexplained(experiment)[-POOL:], {SEARCHING: 1.0}
             then = "other models compete at the next experiment"
             self.backoff.failed()
-        nearest = min((self.original, *self.earlier), key=lambda m: rms_error(m, experiment))
-        better = rms_error(nearest, experiment) < BETTER * present
-        if better and self._foreseen(nearest, experiment) is nearest:
+        judged = self.unexplained(experiment)  # in one alone a version errs less by luck
+        rivals = (self.original, *self.earlier)
+        nearest = min(rivals, key=lambda m: sum(rms_error(m, e) ** 2 for e in judged))
+        if self._pays(nearest, judged) and self._foreseen(nearest, experiment) is nearest:
             self._adopt(nearest.again(before.version + 1))
             origin = f"is version {nearest.version} again, which errs least"
             return Action.ADAPTED, self._reason(before, experiment, origin), details
@@ -266,13 +268,21 @@ class ContestAdaptor(Adaptor):
         """The present model with more learned of the same machine, if that pays, or why not."""
         before, known, recent = self.model, self.learned_from, self._recent(experiment)
         new = [e for e in recent if not any(same(e, k) for k in known) and explains(before, e)]
+        pool = [*new[-POOL + 1 :], experiment]
+        # What a flexible model has learned from it fits, by luck too: the other ones judge it.
+        flexible = not isinstance(before, GreyBoxModel)
         try:
-            more = self.candidates.more(before, known, [*new[-POOL + 1 :], experiment])
+            more = self.candidates.more(before, known, [experiment] if flexible else pool)
+            if not self._pays(more, new if flexible else [experiment]):
+                return None, "learning more of the same machine does not pay"
+            return self.candidates.more(before, known, pool) if flexible else more, ""
         except UNLEARNABLE as error:
             return None, str(error)
-        if rms_error(more, experiment) < BETTER * rms_error(before, experiment):
-            return more, ""
-        return None, "learning more of the same machine does not pay"
+
+    def _pays(self, model: Model, judged: Sequence[Experiment]) -> bool:
+        """Whether it errs so much less than the present one that it is worth another version."""
+        errors = [sum(rms_error(m, e) ** 2 for e in judged) for m in (model, self.model)]
+        return errors[0] < BETTER**2 * errors[1]
 
     def _reason(self, before: Model, experiment: Experiment, origin: str) -> str:
         words = f"version {self.model.version} {origin}"
@@ -288,11 +298,16 @@ class ContestAdaptor(Adaptor):
                 best, least = version, error
         return best
 
-    def _unexplained(self, experiment: Experiment) -> list[Experiment]:
-        """The newest experiments that neither the present model nor the original explains."""
+    def unexplained(self, experiment: Experiment) -> list[Experiment]:
+        """The newest experiments that neither the present model nor the original explains, as far
+        as the present one errs as much in them: behind a change that nobody explains it errs more.
+        """
         pool = [experiment]
+        least = rms_error(self.model, experiment) / VALID_ERROR_RATIO
         for e in reversed(self._recent(experiment)):
             if explains(self.model, e) or explains(self.original, e):
+                break
+            if rms_error(self.model, e) < least:
                 break
             pool.insert(0, e)
         return pool
@@ -304,7 +319,7 @@ class ContestAdaptor(Adaptor):
         if not pool or signal.level is Level.NEGATIVE:
             return None
         # Nobody explains them, no candidate has learned from them. One alone is fitted by luck.
-        judged = [e for e in self._unexplained(experiment) if all(e is not p for p in pool)]
+        judged = [e for e in self.unexplained(experiment) if all(e is not p for p in pool)]
 
         def squared(model: Model) -> float:
             return sum(rms_error(model, e) ** 2 for e in judged)
@@ -328,7 +343,7 @@ class ContestAdaptor(Adaptor):
             return
         self._compared(step.experiment, step.signal)
         told = step.adaptation.details
-        pool = self._unexplained(step.experiment)[-POOL:] if told.get(SEARCHING) else []
+        pool = self.unexplained(step.experiment)[-POOL:] if told.get(SEARCHING) else []
         passed_over = any(told.get(why) for why in PASSED_OVER)
         if not passed_over:
             self._explain(step.experiment)

@@ -159,10 +159,10 @@ class DetectorStage:
     def _update(self, experiment: Experiment, prediction: Prediction) -> None:
         adapted = prediction.model_version != self._version
         heard = self.detector.drift_detected
-        if self._version is not None:
-            if heard:
-                self.detector.answered(adapted)
-            if self.assessor is not None and (heard or adapted):
+        # A version can come into force at a warning, too.
+        if self._version is not None and (heard or adapted):
+            self.detector.answered(adapted)
+            if self.assessor is not None:
                 self.assessor.answered(adapted)
         self._version = prediction.model_version
         residual, deviation = prediction.residual(experiment), prediction.speed_std

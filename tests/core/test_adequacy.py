@@ -183,3 +183,21 @@ def test_a_model_that_has_not_learned_is_valid_everywhere():
     told(detector, np.full(600, 3.0), random.normal(size=600))
     wave = 5 * np.sin(np.arange(600) / 30)
     assert told(detector, np.full(600, 20.0), random.normal(size=600) + wave)[0] == "changed"
+
+
+def test_more_of_what_a_model_does_not_know_is_heard_at_once():
+    """The wait for the next lesson is for errors of the size that was learned from."""
+    random, detector = np.random.default_rng(4), Adequacy()
+    wave = np.sin(np.linspace(0, 20, 500))
+    claim = np.sqrt(1 + (5 * wave) ** 2)
+
+    def signal(height):
+        detector.update(random.normal(size=500) + height * wave, claim)
+        assert detector.model_state == "learning"
+        heard = detector.signal
+        if detector.drift_detected:
+            detector.answered(False)
+        return heard
+
+    assert [int(signal(2)) for _ in range(7)] == [1, 1, -1, 1, -1, -1, -1]
+    assert signal(6) is Level.POSITIVE

@@ -65,6 +65,15 @@ def test_learning_that_did_not_help_is_said_and_a_new_model_begins_anew():
     assert seeing.step(*pair(6, 8, version=1)).state == "changed"
 
 
+def test_a_version_that_comes_at_a_warning_is_judged_anew():
+    """What was tried in vain with the one before says nothing about it."""
+    seeing = stage("adequacy")
+    levels = [seeing.step(*pair(i, 5)).level for i in range(1, 4)]
+    assert levels == [Level.POSITIVE, Level.POSITIVE, Level.WARNING]
+    signal = seeing.step(*pair(4, 5, version=1))
+    assert (signal.level, signal.state) == (Level.POSITIVE, "changed")
+
+
 def test_a_false_alarm_of_the_detector_does_not_make_the_model_inadequate():
     """It was explained, and stays so."""
     calendar = stage("window", window=1)

@@ -133,6 +133,22 @@ def test_a_counter_that_begins_anew_hides_nothing_that_can_be_learned_from():
     assert any(e is new for e in experiments)
 
 
+def test_what_nobody_explains_is_learned_from_no_further_back_than_the_change():
+    """Under noise with a memory nothing explains what came before, either."""
+    plant = Plant(wearing("quadratic_drag", "c", 4e-4), experiments=8, seed=3)
+    (change,) = plant.schedule.changes
+    random = np.random.default_rng(1)
+    twin = ldt.Twin("rotor", model="auto")
+    made = []
+    for i in range(1, change + 2):
+        e = plant.experiment(i)
+        slow = np.convolve(random.normal(0, 0.1, len(e)), np.ones(20), "same")  # rad/s
+        made.append(dataclasses.replace(e, speed=e.speed + slow))
+    for e in made[:-1]:
+        twin.adaptor.memory.remember(e)
+    assert twin.adaptor.unexplained(made[-1]) == made[change - 1 :]
+
+
 def unsure_of(step):
     """The signal of a step, had the model claimed that it does not know enough."""
     return dataclasses.replace(step.signal, level=ldt.Level.POSITIVE, state="learning")
