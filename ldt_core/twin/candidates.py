@@ -42,8 +42,8 @@ class Candidates:
 
     def more(
         self, model: Model, known: Sequence[Experiment], experiments: Sequence[Experiment]
-    ) -> Model:
-        """A model that has learned more of a machine that has not changed.
+    ) -> Model | None:
+        """A model that has learned more of a machine that has not changed; None where it has.
 
         Args:
             model: in force.
@@ -55,9 +55,9 @@ class Candidates:
         """
         with one_thread():
             pool = [*known, *experiments][-MOST:]
-            if known and isinstance(model, GreyBoxModel) and (found := model.updated(pool)):
-                return found
-            return model.fit(experiments if isinstance(model, GreyBoxModel) else pool)
+            if known and isinstance(model, GreyBoxModel):
+                return model.updated(pool)
+            return model.fit(pool)
 
     def refitted(
         self,

@@ -221,7 +221,7 @@ class ContestAdaptor(Adaptor):
                 details = {"candidate_rmse": rms_error(more, experiment), "present_rmse": present}
                 self._adopt(more.again(before.version + 1))
                 return Action.ADAPTED, self._reason(before, experiment, "re-estimated"), details
-            if version is before:
+            if version is before and why:
                 return Action.REFUSED, f"{why}; version {before.version} stays", {}
         if version is not None and version is not before:
             next_one = self._foreseen(version, experiment)
@@ -265,7 +265,9 @@ class ContestAdaptor(Adaptor):
         return Action.REFUSED, f"no known cause explains it, {then}; {stays}", details
 
     def _learned_more(self, experiment: Experiment) -> tuple[Model | None, str]:
-        """The present model with more learned of the same machine, if that pays, or why not."""
+        """The present model with more learned of the same machine, if that pays, or why not; no
+        reason where the machine is not the same.
+        """
         before, known, recent = self.model, self.learned_from, self._recent(experiment)
         new = [e for e in recent if not any(same(e, k) for k in known) and explains(before, e)]
         pool = [*new[-POOL + 1 :], experiment]
@@ -273,6 +275,8 @@ class ContestAdaptor(Adaptor):
         flexible = not isinstance(before, GreyBoxModel)
         try:
             more = self.candidates.more(before, known, [experiment] if flexible else pool)
+            if more is None:
+                return None, ""
             if not self._pays(more, new if flexible else [experiment]):
                 return None, "learning more of the same machine does not pay"
             return self.candidates.more(before, known, pool) if flexible else more, ""
