@@ -21,7 +21,7 @@ from ldt_core.runs.offline import run
 from tests.benchmarks.__main__ import machine
 
 SIZES = (100_000, 300_000, 1_000_000)
-MODELS = ("hybrid", "linear")
+MODELS = ("auto", "hybrid", "linear")
 COUNT, PERIOD = 3, 0.01  # experiments, s
 
 

@@ -6,19 +6,21 @@ import numpy as np
 import pytest
 
 from ldt_core.base.errors import ModelError
-from ldt_core.base.experiment import rms
+from ldt_core.base.experiment import Experiment, rms
 from ldt_core.effects import get_effect
 from ldt_core.estimation.grey_box import FINE_STEP, SHORTEST, GreyBox
 from ldt_core.estimation.grey_box_fit import GreyBoxProblem, Prior, fit_grey_box
+from ldt_core.estimation.structure_search import Present
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.machine.plant import Plant
 from ldt_core.models import build_model, restore_model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.physics import PhysicsModel
+from ldt_core.physics.motor import MOTOR
 
 pytestmark = pytest.mark.slow
 
-ROTOR = load_machine("rotor")
+ROTOR, DC = load_machine("rotor"), load_machine("dc_motor")
 #: The foundation as it really is: 4 to 5 % off in mass and stiffness, 20 % in damping.
 OTHER = ROTOR.with_parameters(m=5.1, M=2.33, K_x=2100, K_y=5760, R_x=6, R_y=8)
 UNBALANCE = get_effect("unbalance")
@@ -172,3 +174,41 @@ def test_no_candidate_takes_much_longer_than_another(monkeypatch):
     thin = {"share": 1e-12, "stiffness": 0.03, "damping": 0.0}
     box.speed(box.coordinates({effect.name: thin}, np.zeros(0)), first, True)
     assert asked == [pytest.approx(SHORTEST * FINE_STEP)]
+
+
+def test_of_a_long_experiment_the_first_part_that_is_not_explained_is_searched(monkeypatch):
+    """So that the time is bounded: three times 20,000 samples took 52 s of a processor."""
+    monkeypatch.setattr("ldt_core.models.grey_box.MOST_SAMPLES", 400)
+    friction = get_effect("constant_load")
+    volts = np.repeat(np.random.default_rng(0).uniform(4, 20, 20), 100)
+    plain, loaded = (
+        MOTOR.simulate(dict(DC.parameters), volts, 0.01, np.zeros(3), use)
+        for use in ([], [(friction, friction.check({"torque": 0.05}))])
+    )
+    speed = np.where(np.arange(volts.size) < 1000, plain[:, 1], loaded[:, 1])
+    speed += np.random.default_rng(1).normal(0.0, 0.1, speed.size)
+    model = GreyBoxModel(DC)
+    whole = Experiment(1, 0.0, 0.01, volts, speed)
+    (part,) = model.search_on([whole]).experiments
+    assert len(part) == 400
+    assert part.start == pytest.approx(8.0)
+    (part,) = model.search_on([whole.part(0, 1000)]).experiments
+    assert part.start == 0.0
+    (part,) = model.search_on([whole.part(0, 300)]).experiments
+    assert len(part) == 300
+
+
+def test_a_fit_that_begins_near_the_minimum_ends_there_sooner(monkeypatch):
+    """Through the observer it took ten times as long, to a minimum that is no better."""
+    made = experiments(OTHER, 3, [("unbalance", {"e": 0.008})], seed=6)
+    model = GreyBoxModel(ROTOR)
+    first = model.adopt(model.search_on(made[:1]).fitted(model.present, (UNBALANCE,)), made[:1])
+    asked, rows = [], GreyBoxProblem.rows
+    monkeypatch.setattr(GreyBoxProblem, "rows", lambda *a: (asked.append(len(a[1])), rows(*a))[1])
+    search, known = first.search_on(made), Present(first.effects, first.given, first.before)
+    near = search.fitted(known, first.effects, first.q)
+    simulated, asked[:] = sum(asked), []
+    anew = search.fitted(known, first.effects)
+    assert near.explains
+    assert near.fit.cost < anew.fit.cost + 1.0
+    assert simulated < 0.5 * sum(asked)
