@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -122,10 +123,13 @@ def plan_case(
         setting = draw_setting(laws, random, (*seed, attempt), **asked)
         try:
             plan = _plan(kind, laws, setting, random, strength)
+            if plan is None:
+                continue
+            for _ in itertools.chain(plan.experiments(), plan.further()):
+                pass  # a controller may drive a machine where its trials did not
         except Unsteady:
             continue
-        if plan is not None:
-            return plan
+        return plan
     about = f"{kind} case" + (f" of {', '.join(effects)}" if effects else "")
     raise LdtError(f"no fair {about} was found in {ATTEMPTS} attempts")
 

@@ -20,7 +20,7 @@ from ldt_core.base.experiment import rms
 from ldt_core.cli.challenge import command
 from ldt_core.lab.challenge.case_plan import FURTHER, KINDS, MEMBERS, plan_case
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
-from ldt_core.lab.challenge.make import SHARES, make_challenge, orders
+from ldt_core.lab.challenge.make import SHARES, make_challenge, orders, plan_order
 from ldt_core.lab.challenge.rig import ALIKE, OTHER, SHOWN, CaseBench
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import experiments, read_bag
@@ -232,3 +232,9 @@ def test_the_key_knows_the_noise_as_it_fell_out_on_further_experiments():
     quiet = bench.speeds(plan.acting, FURTHER)
     for number, speed, e in zip(FURTHER, quiet, plan.further(), strict=True):
         assert plan.truth["further_noise"][str(number)] == pytest.approx(rms(e.speed - speed), 1e-5)
+
+
+def test_every_experiment_of_a_planned_case_can_be_simulated():
+    """Under its speed controller, this machine diverged when its case was written."""
+    plan = plan_order(orders(60, 20271207)[7])
+    assert len([*plan.experiments(), *plan.further()]) == SHOWN + len(FURTHER)
