@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ldt_core.base.experiment import Level, Samples
 from ldt_core.detectors.base import Detector, declared
 from ldt_core.detectors.excited_range import Hull, hull, joined, within
-from ldt_core.estimation.misfit import MOST_LOG, STRETCH, Misfit, misfit
+from ldt_core.estimation.misfit import MOST_LOG, STRETCH, Misfit, misfit, movements
 
 #: Exponents of the bets on ranks (Vovk, Gammerman, Shafer, "Algorithmic Learning in a Random
 #: World", 2022, section 8): small ones win by rare ranks, large ones by slightly low ones.
@@ -28,9 +28,10 @@ class Adequacy(Detector):
     """Positive where the model does not explain the experiment and learning may help.
 
     Two questions are judged apart. *Does the model explain this experiment?* Neighbouring samples
-    of what noise leaves agree in sign as often as not (`estimation.misfit`); samples of which the
-    model claims to know less count less. *Has the machine changed?* is asked where it does not:
-    against the experiments since learning was first tried and did not help.
+    of what noise leaves agree in sign as often as not, and so does each with the voltage's last
+    steps (`estimation.misfit`); samples of which the model claims to know less count less. *Has the
+    machine changed?* is asked where it does not: against the experiments since learning was first
+    tried and did not help.
 
     | state | what is known | answer |
     |---|---|---|
@@ -50,17 +51,17 @@ class Adequacy(Detector):
     that the model has not explained.
 
     **Guarantee.** While the model in force is the machine's, the mean number of experiments to a
-    false positive is at least `false_alarm_every`, if the noise is independent from sample to
-    sample and symmetric about zero. Its law and its scale may be any, and differ from sample to
-    sample; experiments may have any length and any excitation. Proof: given the past, an
-    experiment's e-value e_n has mean 1 or less (`estimation.misfit`; what the model claims comes
-    from the past). A positive needs M_n = e_n max(M_(n-1), 1) >= A = `false_alarm_every`. M is an
-    e-detector of the CUSUM type: M_n <= e_n (M_(n-1) + 1) <= S_n for the Shiryaev-Roberts sum
-    S_n = e_n (S_(n-1) + 1), and S_n - n is a supermartingale from 0. By optional stopping the first
-    time T with S_T >= A has E[T] >= E[S_T] >= A (Shin, Ramdas, Rinaldo, "E-detectors", 2022,
-    theorem 2.4). In the state `inadequate` the same holds of positives out of turn, if the
-    logarithms of the relative errors since the first trial are exchangeable: then their ranks'
-    p-values are independent and uniform, and mean over k of k p^(k-1) is an e-value.
+    false positive is at least `false_alarm_every`, if the noise is symmetric about zero and
+    independent from sample to sample and of the voltage before. Its law and its scale may be any,
+    and differ from sample to sample; experiments may have any length and any excitation. Proof:
+    given the past, an experiment's e-value e_n has mean 1 or less (`estimation.misfit`; what the
+    model claims comes from the past). A positive needs M_n = e_n max(M_(n-1), 1) >= A =
+    `false_alarm_every`. M is an e-detector of the CUSUM type: M_n <= e_n (M_(n-1) + 1) <= S_n for
+    the Shiryaev-Roberts sum S_n = e_n (S_(n-1) + 1), and S_n - n is a supermartingale from 0. By
+    optional stopping the first time T with S_T >= A has E[T] >= E[S_T] >= A (Shin, Ramdas, Rinaldo,
+    "E-detectors", 2022, theorem 2.4). In the state `inadequate` the same holds of positives out of
+    turn, if the logarithms of the relative errors since the first trial are exchangeable: then
+    their ranks' p-values are independent and uniform, and mean over k of k p^(k-1) is an e-value.
 
     Noise that is not independent within an experiment breaks the first assumption: the first such
     experiment is positive. Learning finds nothing better, and the ranks go on from there.
@@ -153,8 +154,9 @@ class Adequacy(Detector):
         if residual.size < LEAST_SAMPLES:
             self.model_state, self.adequacy = "learning", None
             return Level.NEGATIVE
-        plain = misfit(residual)
-        found = plain if deviation is None else misfit(residual, deviation)
+        moves = movements(voltage)
+        plain = misfit(residual, None, moves)
+        found = plain if deviation is None else misfit(residual, deviation, moves)
         self.adequacy = plain.ratio
         self.unexplained = min(plain.evidence * max(self.unexplained, 1.0), math.exp(MOST_LOG))
         self.misfit = min(found.evidence * max(self.misfit, 1.0), math.exp(MOST_LOG))
@@ -190,7 +192,7 @@ class Adequacy(Detector):
             return True
         if np.count_nonzero(known) < STRETCH:
             return False
-        return _misfit_where(known, residual, deviation).evidence >= self.false_alarm_every
+        return _misfit_where(known, residual, deviation, voltage).evidence >= self.false_alarm_every
 
     def _beyond(self, voltage: Samples) -> Level:
         """The model fails, but not where it has been right: only the excitation is another."""
@@ -207,7 +209,7 @@ class Adequacy(Detector):
         if np.count_nonzero(known) < min(STRETCH, residual.size):
             self.model_state = "new_range"
             return Level.NEGATIVE
-        error = math.log(_misfit_where(known, residual, deviation).relative)
+        error = math.log(_misfit_where(known, residual, deviation, voltage).relative)
         rank = (1 + sum(e >= error for e in self.errors)) / (1 + len(self.errors))
         bet = float(np.mean([k * rank ** (k - 1) for k in EXPONENTS]))
         self.change = min(bet * max(self.change, 1.0), math.exp(MOST_LOG))
@@ -234,5 +236,8 @@ class Adequacy(Detector):
         }
 
 
-def _misfit_where(known: NDArray[np.bool_], residual: Samples, deviation: Samples | None) -> Misfit:
-    return misfit(residual[known], None if deviation is None else deviation[known])
+def _misfit_where(
+    known: NDArray[np.bool_], residual: Samples, deviation: Samples | None, voltage: Samples
+) -> Misfit:
+    claim = None if deviation is None else deviation[known]
+    return misfit(residual[known], claim, movements(voltage)[known])

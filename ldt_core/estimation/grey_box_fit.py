@@ -31,7 +31,7 @@ from ldt_core.estimation.grey_box import (
     Case,
     GreyBox,
 )
-from ldt_core.estimation.misfit import misfit
+from ldt_core.estimation.misfit import misfit, movements, noise_in
 
 #: Observer gains of the homotopy: all of the innovation, then less, then the free run.
 GAINS = (1.0, 0.3, 0.1, 0.03, 0.0)
@@ -82,6 +82,8 @@ class GreyBoxFit:
         starts: of each experiment its offset of the first state, see `GreyBox.speed`.
         cost: squared residuals in noise deviations, and the prior's.
         residuals: of each experiment (L,) measured minus simulated [rad/s].
+        explained: whether these residuals are noise, in the samples that count.
+        noise: deviation of the noise in them [rad/s], see `noise_in`.
         information: (n, n) of the coordinates, start states eliminated, for white noise.
         turn: angle [rad] by which a start at rest may differ without a difference; 0 for any.
         angles: start angles found.
@@ -91,6 +93,8 @@ class GreyBoxFit:
     starts: tuple[Array, ...]
     cost: float
     residuals: tuple[Array, ...]
+    explained: bool
+    noise: float
     information: Array
     turn: float = 0.0
     angles: tuple[FoundAngle, ...] = ()
@@ -122,6 +126,7 @@ class GreyBoxProblem:
     ) -> None:
         self.box, self.experiments, self.noise = box, list(experiments), noise
         self.prior, self.workers, self.turn = prior, workers, turn
+        self.moves = [movements(e.voltage) for e in experiments]
         self.keep = [np.ones(len(e), bool) for e in experiments] if keep is None else list(keep)
         self.rest = [box.at_rest(e, noise) for e in experiments]
         # Of each experiment the unknown first states, and their standard deviations beforehand.
@@ -245,7 +250,14 @@ class GreyBoxProblem:
     def explains(self, x: Array, gain: float, step: float) -> bool:
         """Whether the innovations are noise, of a free run the residuals."""
         rest = self.residuals([(x, i) for i in range(len(self.experiments))], gain, step)
-        return all(misfit(r[kept]).explained for r, kept in zip(rest, self.keep, strict=True))
+        return self.noise_alone([r[kept] for r, kept in zip(rest, self.keep, strict=True)])
+
+    def noise_alone(self, rests: Sequence[Array]) -> bool:
+        """Whether the kept samples of what is left of each experiment are noise, in any unit."""
+        return all(
+            misfit(rest, None, moves[kept]).explained
+            for rest, moves, kept in zip(rests, self.moves, self.keep, strict=True)
+        )
 
     def point(self, q: Array) -> Array:
         """(size,) these coordinates of the grey box, and first states as they are guessed."""
@@ -339,6 +351,8 @@ def _ended(problem: GreyBoxProblem, end: tuple[Array, float, Array]) -> GreyBoxF
         tuple(problem.start(x, i) for i in count),
         cost,
         tuple(rests),
+        problem.noise_alone([r[kept] for r, kept in zip(rests, problem.keep, strict=True)]),
+        float(np.mean([noise_in(r, m) for r, m in zip(rests, problem.moves, strict=True)])),
         inner,
         problem.turn,
         problem.angles(x, information),

@@ -2,7 +2,9 @@
 
 Noise that is independent from sample to sample and symmetric about zero has random signs: given
 the magnitudes, every product of neighbours is as often positive as negative. What a model leaves
-lasts for more than one sample, and makes these products positive.
+lasts for more than one sample, and makes these products positive. What lasts for less than a sample
+period follows the voltage: noise knows nothing of it, and its signs agree with the voltage's last
+steps as often as not.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
-from ldt_core.estimation.noise import roughness
+from ldt_core.estimation.noise import NORMAL_MEDIAN, roughness
 
 #: Variance that a model may leave beyond the noise, as a part of the noise's, and still explain an
 #: experiment: with 0.2 a prediction is at most 10 % worse than the best there can be.
@@ -33,6 +35,10 @@ STRETCH = 32
 EXPLAINED = 740.0
 #: Two neighbours beyond so many deviations of the noise on one side are no noise of any usual law.
 FAR = 10.0
+#: Bets on the sign of a sample of `FAR` deviations: what is won or lost, of what one has.
+BETS = (-0.9, -0.5, 0.5, 0.9)
+#: Part of the largest step of the voltage from which on a step counts as a large one.
+LARGE_STEP = 0.5
 #: Roughness [of the residual's largest value] below which it is rounding and no noise.
 ROUNDING = 1e-9
 #: Mean square [(rad/s)^2] of a residual that vanishes altogether; a division by it is a number.
@@ -50,7 +56,8 @@ class Misfit:
         excess: products of neighbours in their standard deviations, beyond what is tolerated.
         ratio: root mean square residual over the noise alone.
         relative: the same over noise and claim.
-        far: whether neighbours lie together beyond `FAR` deviations of the noise.
+        far: whether neighbours lie together beyond `FAR` deviations of the noise, or most samples
+            behind the voltage's large steps do.
     """
 
     evidence: float
@@ -71,7 +78,34 @@ def _edges(length: int, count: int) -> NDArray[np.int64]:
     return np.linspace(0, length, count, endpoint=False).astype(np.int64)
 
 
-def misfit(residual: Array, deviation: Array | None = None) -> Misfit:
+def movements(voltage: Array) -> Array:
+    """(L, 3) what moves a machine faster than its sample period: the last voltage and two steps.
+
+    Row k holds what has acted before sample k: its noise can have come into no voltage there, of a
+    closed loop neither.
+
+    Args:
+        voltage: (L,) [V], each held from its sample to the next.
+    """
+    before = np.concatenate([np.zeros(3), voltage])[:-1]
+    before[:3] = voltage[0]
+    step = np.diff(before)
+    return np.column_stack([before[2:], step[1:], step[:-1]])
+
+
+def noise_in(residual: Array, moves: Array | None) -> float:
+    """Deviation of the noise in a residual (L,), in its unit: what is rough and follows nothing.
+
+    Args:
+        moves: (L, m) see `movements`.
+    """
+    if moves is None or residual.size <= 2 * moves.shape[1]:
+        return roughness(residual)
+    followed = moves @ np.linalg.lstsq(moves, residual, rcond=None)[0]
+    return roughness(residual - followed) * math.sqrt(1 + moves.shape[1] / residual.size)
+
+
+def misfit(residual: Array, deviation: Array | None = None, moves: Array | None = None) -> Misfit:
     """What a residual says of the model that left it.
 
     The e-value is a mean over the run, its halves, quarters ..., and over `SIZES` m, of
@@ -81,12 +115,18 @@ def misfit(residual: Array, deviation: Array | None = None) -> Misfit:
     section 2.2). S is lessened by the tolerated misfit, and samples of which the model claims to
     know less count less: so many of its deviations as are believed come to the tolerated misfit.
 
+    With movements half of it is a mean over bets b on the sign of each sample times what has moved
+    the machine: prod(1 + b s_k), s_k that product in parts of its largest. Given all sizes, of
+    which the median is the unit, the signs are fair, and each factor has the mean 1. It is divided
+    by what the tolerated misfit would win. What follows the movements does not count as noise.
+
     Args:
         residual: (L,) measured minus predicted, L >= 2.
         deviation: (L,) the model's predictive standard deviation; its least is the noise's.
+        moves: (L, m) see `movements`; None where the voltage is not known.
     """
     floor = ROUNDING * float(np.abs(residual).max())
-    noise = max(roughness(residual) ** 2, floor**2, LEAST_SQUARE)
+    noise = max(noise_in(residual, moves) ** 2, floor**2, LEAST_SQUARE)
     scaled = residual / math.sqrt(noise)
     square = np.square(scaled)
     row, relative = scaled, square
@@ -109,10 +149,41 @@ def misfit(residual: Array, deviation: Array | None = None) -> Misfit:
         powers = _SIZES * z - _HALVES
         levels.append(float(np.mean(np.exp(np.minimum(powers, MOST_LOG)))))
         count *= 2
+    far = bool(np.max(scaled[:-1] * scaled[1:]) > FAR**2)
+    evidence = float(np.mean(levels))
+    if moves is not None:
+        evidence = (evidence + _followed(row, moves)) / 2
+        far = far or _far_behind_steps(row, moves)
     return Misfit(
-        float(np.mean(levels)),
+        evidence,
         excess,
         math.sqrt(float(np.mean(square))),
         math.sqrt(float(np.mean(relative))),
-        bool(np.max(scaled[:-1] * scaled[1:]) > FAR**2),
+        far,
     )
+
+
+def _followed(row: Array, moves: Array) -> float:
+    """e-value of bets on the signs of (L,) samples times each of the (L, m) movements."""
+    size = np.abs(moves)
+    largest = size.max(axis=0)
+    moving = largest > 0
+    if not moving.any():
+        return 1.0
+    parts = np.clip(moves[:, moving] / (LARGE_STEP * largest[moving]), -1.0, 1.0)
+    # Not in deviations of the noise, which the signs have a part in.
+    most = FAR * max(float(np.median(np.abs(row))) / NORMAL_MEDIAN, math.sqrt(LEAST_SQUARE))
+    signs = np.clip(row / most, -1.0, 1.0)[:, np.newaxis] * parts
+    usual = np.sqrt(np.mean(np.square(parts), axis=0))
+    tolerated = math.sqrt(TOLERATED) * min(1.0 / most, 1.0 / FAR) * row.size * usual
+    won = np.stack([np.sum(np.log1p(b * signs), axis=0) - abs(b) * tolerated for b in BETS])
+    return float(np.mean(np.exp(np.minimum(won, MOST_LOG))))
+
+
+def _far_behind_steps(row: Array, moves: Array) -> bool:
+    """Whether most samples behind large steps of the voltage lie beyond their part of `FAR`."""
+    for step in np.abs(moves[:, 1:]).T:
+        large = step > LARGE_STEP * float(step.max())
+        if large.any() and np.mean(np.abs(row[large]) > LARGE_STEP * FAR) > 0.5:
+            return True
+    return False

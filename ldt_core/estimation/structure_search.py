@@ -30,7 +30,6 @@ from ldt_core.estimation.grey_box_fit import (
     fit_grey_box,
     of_first,
 )
-from ldt_core.estimation.misfit import misfit
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 
@@ -81,7 +80,7 @@ class FittedStructure:
     @property
     def explains(self) -> bool:
         """Whether the residuals of all experiments are noise."""
-        return all(misfit(r).explained for r in self.fit.residuals)
+        return self.fit.explained
 
     @property
     def surprises(self) -> bool:
@@ -327,5 +326,5 @@ class StructureSearch:
         given = {e.name: values for e, values in box.values(np.concatenate([np.zeros(k), q]))[1]}
         ends = np.cumsum([int(kept.sum()) for kept in problem.keep])
         parts = np.split(rows[: ends[-1]], ends[:-1])
-        explains = all(misfit(part).explained for part in parts)
+        explains = problem.noise_alone(parts)
         return Screened(best + q.size * math.log(self._samples), given, explains)

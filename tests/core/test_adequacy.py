@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from ldt_core.base.experiment import Level
 from ldt_core.detectors.adequacy import Adequacy
-from ldt_core.estimation.misfit import misfit
+from ldt_core.estimation.misfit import misfit, movements
 
 EVERY = 100
 
@@ -60,8 +60,26 @@ def test_the_e_value_has_a_mean_of_at_most_one(seed, length, law):
     laws = (white, student, other_scale, outliers, growing)
     size = np.abs(laws[law](random, length))
     signs = random.choice([-1.0, 1.0], size=(400, length))
-    values = np.minimum([misfit(size * row).evidence for row in signs], 100.0)
-    assert values.mean() <= 1 + 4 * values.std() / 20
+    held = random.uniform(-12, 12, length).repeat(1 + seed % 40)[:length]
+    for moves in (None, movements(held)):
+        found = [misfit(size * row, None, moves).evidence for row in signs]
+        values = np.minimum(found, 100.0)
+        assert values.mean() <= 1 + 4 * values.std() / 20
+
+
+@pytest.mark.parametrize(("hold", "most"), [(1, 1), (15, 3)])
+def test_an_error_gone_within_a_sample_is_no_noise(hold, most):
+    """A motor that is over before the next sample, at another rate than its model thinks."""
+    random, detector = np.random.default_rng(6), Adequacy()
+    for number in range(1, most + 1):
+        voltage = random.uniform(-12, 12, 300).repeat(hold)[:300]
+        changed = np.r_[0, 0, np.diff(voltage)[:-1]] / 2  # up to a hundred deviations of the noise
+        residual = changed + random.normal(0, 0.1, 300)
+        detector.excited(voltage)
+        detector.update(residual, None)
+        assert detector.model_state != "holds", number
+        assert detector.adequacy > 10
+    assert detector.drift_detected
 
 
 def test_noise_with_a_memory_is_tried_ever_more_rarely():
