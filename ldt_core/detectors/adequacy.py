@@ -46,9 +46,9 @@ class Adequacy(Detector):
     and at once where the residuals are no longer like those since the first trial. So it is in the
     state `learning`, where the residual is no noise, and at once where it is `NEWS` times as large
     as the one last learned from. A range is new to a model that has learned if neither what it
-    learned from nor what it explained since lies there (`excited_range`); the second experiment
-    there is positive and `inadequate`, not `changed`. Nothing is learned as usual from experiments
-    that the model has not explained.
+    learned from nor what it explained since lies there (`excited_range`). A failure there is
+    negative where the machine was never seen before, otherwise positive and `inadequate`, not
+    `changed`. Nothing is learned as usual from experiments that the model has not explained.
 
     **Guarantee.** While the model in force is the machine's, the mean number of experiments to a
     false positive is at least `false_alarm_every`, if the noise is symmetric about zero and
@@ -104,8 +104,8 @@ class Adequacy(Detector):
         #: How often it was learned from in the state `learning`, experiments to wait before more,
         #: and the error over the noise in the last one that was.
         self.lessons, self.pause, self.heard = 0, 0, 0.0
-        #: Ranges of excitation: what the model in force has explained, what it was tried in, and
-        #: that of the last experiment. Empty: everywhere, as of a model that has not learned.
+        #: Ranges of excitation: what the model in force has explained, empty of one that has not
+        #: learned, which then is everywhere; what the machine was ever seen in; and the last one.
         self.explained: Hull = []
         self.seen: Hull = []
         self.last: Hull = []
@@ -130,7 +130,7 @@ class Adequacy(Detector):
         """Hear what came of a positive: a new model, or none."""
         if adapted:
             self._clear()
-            self.explained = self.seen = self.last
+            self.explained = self.last
         elif self.model_state != "learning":
             self.trials += 1
             self.wait = 2 ** (self.trials - 1)
@@ -144,10 +144,9 @@ class Adequacy(Detector):
             voltage = np.zeros(residual.size)  # of nothing else is known that it differs
         level = self._judged(residual, deviation, voltage)
         self.last = hull(voltage)
-        if self.explained:
-            self.seen = joined(self.seen, self.last)
-            if self.model_state == "holds":
-                self.explained = joined(self.explained, self.last)
+        self.seen = joined(self.seen, self.last) if self.seen else self.last
+        if self.explained and self.model_state == "holds":
+            self.explained = joined(self.explained, self.last)
         return level
 
     def _judged(self, residual: Samples, deviation: Samples | None, voltage: Samples) -> Level:

@@ -71,6 +71,8 @@ class ContestAdaptor(Adaptor):
         self._explaining: Model | None = None
         # Whether the present model claims that it does not know enough.
         self._learning = False
+        # Whether it fails only where it has not been tried.
+        self._elsewhere = False
         #: Experiments that the present version has learned from, as far as they are known.
         self.learned_from: list[Experiment] = []
         #: Experiments to learn from, by what competes at the next one.
@@ -88,6 +90,7 @@ class ContestAdaptor(Adaptor):
             return super()._dealt(experiment, signal)
         self._explain(experiment)
         self._learning = signal.state == "learning"
+        self._elsewhere = signal.state == "inadequate"
         before, recent = self.model, self.memory.recent
         done = self._contested(pool, experiment, signal) or super()._dealt(experiment, signal)
         self._took(before, [*recent, experiment], signal)
@@ -239,9 +242,13 @@ class ContestAdaptor(Adaptor):
         origin = "re-estimated"
         if best is not None and not (explains(best, experiment) and self._pays(best, [experiment])):
             best = None
-        if best is None and self.backoff.due:
-            found = self.candidates.structures(self._grey(), [experiment])
-            best = next((m for m in found if explains(m, experiment)), None)
+        alone, pool = best, [*known[-POOL + 1 :], experiment]
+        if alone is not None and self._elsewhere and not all(explains(alone, e) for e in pool):
+            # Of one machine, as the excitation alone is another: another cause may explain all.
+            best = self._searched(pool) or alone
+        elif best is None:
+            best = self._searched([experiment])
+        if best is not alone:
             origin = "with another cause"
         if best is not None:
             reached = rms_error(best, experiment)
@@ -263,6 +270,13 @@ class ContestAdaptor(Adaptor):
             return Action.ADAPTED, self._reason(before, experiment, origin), details
         stays = f"version {before.version} stays"
         return Action.REFUSED, f"no known cause explains it, {then}; {stays}", details
+
+    def _searched(self, pool: Sequence[Experiment]) -> Model | None:
+        """What a search finds that explains all of these, unless searches have to wait."""
+        if not self.backoff.due:
+            return None
+        found = self.candidates.structures(self._grey(), pool)
+        return next((m for m in found if all(explains(m, e) for e in pool)), None)
 
     def _learned_more(self, experiment: Experiment) -> tuple[Model | None, str]:
         """The present model with more learned of the same machine, if that pays, or why not; no

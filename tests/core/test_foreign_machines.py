@@ -12,8 +12,6 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.twin.loop import Twin
 
-pytestmark = pytest.mark.slow
-
 NOISE = 0.1  # rad/s
 PERIOD, SAMPLES, HOLD = 0.01, 500, 50
 #: From this experiment on the motor is another; so many in all.
@@ -96,6 +94,7 @@ def machine(tmp_path_factory) -> Machine:
     return load_machine(str(file))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "resistance", "sensor"),
     [
@@ -125,3 +124,16 @@ def test_what_changed_is_learned_and_never_called_right_while_grossly_wrong(
             left.append((error, float(np.abs(original.predict(e).speed - true).max())))
     twin_error, original_error = np.mean(left, axis=0)
     assert twin_error <= MOST_LEFT * original_error
+
+
+def test_constant_voltages_together_tell_what_each_alone_does_not(machine):
+    """One alone is explained by many causes; none of them holds at the next voltage."""
+    random, twin, states = np.random.default_rng(2), Twin(machine), []
+    for number in range(1, EXPERIMENTS + 1):
+        voltage = np.full(300, random.uniform(-12, 12))
+        true = simulated(voltage, coulomb if number >= CHANGE else nothing, 1.0)
+        e = Experiment(number, 1e9 + 10 * number, PERIOD, voltage, normal(true, random))
+        states.append(twin.step(e).signal.state)
+    assert states[: CHANGE - 1] == ["holds"] * (CHANGE - 1)
+    assert states[-5:] == ["holds"] * 5
+    assert "coulomb_friction" in twin.model.given
