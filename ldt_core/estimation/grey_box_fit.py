@@ -38,6 +38,8 @@ GAINS = (1.0, 0.3, 0.1, 0.03, 0.0)
 #: Factor from gain to gain below these, where the free run is too far from the weakest observer.
 #: They end where the observer remembers the whole experiment, which is a free run.
 FINER = 0.3
+#: Most steps at each of these gains: the minimum has moved little, and two or three follow it.
+FOLLOWING = 3
 #: Difference quotients: of a coordinate. Their rounding error and their curvature error are alike
 #: for a simulation that is exact to 1e-9.
 DIFFERENCE = 1e-3
@@ -319,12 +321,13 @@ def fit_grey_box(
             most, until the residuals are noise.
         rounds: most Levenberg-Marquardt steps at each gain but the first.
         near: (n,) coordinates of what has explained other experiments of the same machine. Where
-            the minimum next to them explains these too, nothing else is asked.
+            the minimum next to them explains these too, nothing else is asked; without guesses,
+            where it does not either.
     """
     problem = problem.turned(guesses if near is None else [near])
     if near is not None:
         known = _released(problem, problem.with_angles([near], GAINS[0])[0], rounds)
-        if problem.explains(known[0], 0.0, FINE_STEP):
+        if not len(guesses) or problem.explains(known[0], 0.0, FINE_STEP):
             return _ended(problem, known)
         problem = problem.turned(guesses)
     points = problem.with_angles(guesses, GAINS[0])
@@ -382,7 +385,7 @@ def _homotopy(problem: GreyBoxProblem, x: Array, rounds: int) -> tuple[Array, fl
     longest = max(len(e) for e in problem.experiments)
     while gain * longest > 1:
         gain *= FINER
-        x = problem.descend(x, gain, COARSE_STEP, rounds)[0]
+        x = problem.descend(x, gain, COARSE_STEP, FOLLOWING)[0]
     return min(found, _released(problem, x, rounds), key=lambda end: end[1])
 
 

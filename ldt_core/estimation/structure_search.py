@@ -158,12 +158,21 @@ class StructureSearch:
     ) -> FittedStructure:
         """These effects with the machine's parameters, fitted whole; `near` as `fit_grey_box`."""
         box = GreyBox(self.machine, effects, self.tolerances)
-        problem = self._problem(box, present.prior)
         guesses = box.first_guesses(present.given, again=True)
         starts = [np.concatenate([present.prior.mean, g]) for g in guesses]
-        fit = fit_grey_box(problem, starts, near=near)
+        return self._structure(box, present.prior, starts, near)
+
+    def refined(self, present: Present, near: Array) -> FittedStructure:
+        """The present effects with the machine's parameters, fitted next to these coordinates."""
+        box = GreyBox(self.machine, present.effects, self.tolerances)
+        return self._structure(box, present.prior, (), near)
+
+    def _structure(
+        self, box: GreyBox, prior: Prior, starts: Sequence[Array], near: Array | None
+    ) -> FittedStructure:
+        fit = fit_grey_box(self._problem(box, prior), starts, near=near)
         own = box.size - len(box.uncertain)
-        return FittedStructure(box, fit, present.prior, fit.cost + own * math.log(self._samples))
+        return FittedStructure(box, fit, prior, fit.cost + own * math.log(self._samples))
 
     def search(self, present: Present, library: Sequence[Effect]) -> list[FittedStructure]:
         """The best structures, fitted whole, the best first.

@@ -186,7 +186,7 @@ class GreyBoxModel(Model):
         if self.before is None:
             return None
         search = self.search_on(experiments)
-        found = self._fitted(search, self.before)
+        found = search.refined(Present(self.effects, self.given, self.before), self.q)
         return self.adopt(search.pruned(found), experiments) if found.explains else None
 
     def _fitted(self, search: StructureSearch, known: Prior) -> FittedStructure:
