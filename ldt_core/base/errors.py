@@ -26,6 +26,7 @@ from ldt_core.base.printable import one_line
 
 LONGEST_SHOWN = 60  # characters of a value in a message
 LONGEST_GOT = 1000  # characters of what came, whatever it is
+MOST_BESIDE_NEAREST = 20  # names beside the nearest: all units of a speed, not all effects
 MOST_LISTED = 60  # names that exist; we have 40 commands and effects
 LONGEST_REASON = 400  # characters of a reason that is passed on: foreign text may be of any size
 
@@ -140,12 +141,30 @@ def _cut(text: str, most: int) -> str:
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """One clause that lists what exists and the nearest name, for `expected`.
 
+    Of a long list the nearest name stands alone: nobody finds it among all.
+
     >>> did_you_mean("lineer", ["linear", "hybrid"])
     "one of 'hybrid', 'linear' (did you mean 'linear'?)"
+    >>> did_you_mean("rmp", map(str, range(30))).count("'")
+    60
+    >>> did_you_mean("rmp", [*map(str, range(30)), "rps", "rpm"])
+    "one of 32 names (did you mean 'rpm'?)"
     """
     names = sorted(known)
+    close = most_alike(name, names)
+    if close and len(names) > MOST_BESIDE_NEAREST:
+        return f"one of {len(names)} names (did you mean {close!r}?)"
     listed = ", ".join(repr(n) for n in names[:MOST_LISTED])
     if len(names) > MOST_LISTED:
         listed += f" and {len(names) - MOST_LISTED} more"
-    close = difflib.get_close_matches(name, names, n=1)
-    return f"one of {listed}" + (f" (did you mean {close[0]!r}?)" if close else "")
+    return f"one of {listed}" + (f" (did you mean {close!r}?)" if close else "")
+
+
+def most_alike(name: str, known: Iterable[str]) -> str | None:
+    """The most similar name, if any is; letters that changed places come first.
+
+    >>> most_alike("rmp", ["rps", "rpm"]), most_alike("x", ["rpm"])
+    ('rpm', None)
+    """
+    close = difflib.get_close_matches(name, known)
+    return next((n for n in close if sorted(n) == sorted(name)), close[0] if close else None)

@@ -16,7 +16,7 @@ from click.shell_completion import CompletionItem
 from ldt_core.base.errors import LdtError
 from ldt_core.base.registry import entry_points
 from ldt_core.cli.completion import VARIABLE, register
-from ldt_core.cli.spelling import SuggestingGroup, unknown_option
+from ldt_core.cli.spelling import SuggestingGroup, missing, unknown_option
 from ldt_core.cli.terminal import echo
 
 GROUP = "ldt.command"
@@ -110,6 +110,8 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
         return 2
     except click.NoSuchOption as error:
         return _say(unknown_option(error), 2)
+    except click.MissingParameter as error:
+        return _say(missing(error), 2)
     except click.ClickException as error:
         return _say(error.format_message(), 2)
     except LdtError as error:

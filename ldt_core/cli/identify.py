@@ -102,9 +102,12 @@ def command(
 
     check_file(out, force)
     experiments = read_recordings(recordings, namespace)
+    bags = " ".join(map(shlex.quote, recordings))
     if effects is not None:
         names = [n.strip() for n in effects.split(",")]
         _with_effects(experiments, names, name, limits, out, as_json)
+        if not as_json:
+            _next(f"ldt calibrate {bags} --machine {shlex.quote(out)} --out FILE.yaml")
         return
     try:
         with status() as tick:
@@ -128,9 +131,8 @@ def command(
         record = {"machine": machine.name, "out": out, "parameters": dict(machine.parameters)}
         echo_json({**record, **found.as_dict()})
     else:
-        _print(found, out)
-        bags = " ".join(map(shlex.quote, recordings))
-        echo(one_line(f"Next: ldt diagnose {bags} --machine {shlex.quote(out)} --out why"))
+        _print(found, out, bags)
+        _next(f"ldt diagnose {bags} --machine {shlex.quote(out)} --out why")
 
 
 def _with_effects(
@@ -160,10 +162,14 @@ def _with_effects(
         echo_json({"machine": name, "out": out, **machine.as_dict(), "rmse": rmse})
         return
     echo(f"free-run error: {rmse:.4g} rad/s, by accelerations alone")
-    echo(f"machine file: {out}; now: ldt calibrate RECORDING --machine {out} --out FILE")
+    echo(f"machine file: {out}")
 
 
-def _print(found: EquivalentMotor, out: str) -> None:
+def _next(command: str) -> None:
+    echo(one_line(f"Next: {command}"))
+
+
+def _print(found: EquivalentMotor, out: str, bags: str) -> None:
     form = found.form
     names = ["tau_m", "tau_e"] if form.oscillates else ["time constant", "and"]
     times = (f"{n} {t:.4g} s" for n, t in zip(names, form.time_constants, strict=False))
@@ -180,5 +186,5 @@ def _print(found: EquivalentMotor, out: str) -> None:
             f"order {found.linear.order} with an offset: {linear.rmse:.4g} rad/s)"
         )
     for note in found.notes:
-        echo(one_line(f"- {note}"))
+        echo(one_line(f"- {note.replace('RECORDING', bags)}"))
     echo(f"machine file: {out}")

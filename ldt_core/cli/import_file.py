@@ -134,10 +134,15 @@ def proposed_import(file: str) -> tuple[str, str]:
     from ldt_core.recording.csv_table import CsvTable
     from ldt_core.recording.units import propose_fields
 
-    names = CsvTable(file).names
-    told = {"voltage": "COLUMN", "speed": "COLUMN:UNIT", "time": "COLUMN", **propose_fields(names)}
+    table = CsvTable(file)
+    names = table.names
+    found = propose_fields(dict(zip(names, table.units, strict=False)))
+    told = {"voltage": "COLUMN", "speed": "COLUMN:UNIT", "time": "COLUMN", **found}
     options = " ".join(f"--{name} {shlex.quote(told[name])}" for name in told)
+    columns = ", ".join(map(repr, names[:MOST_COLUMNS]))
+    more = ", ..." if len(names) > MOST_COLUMNS else ""
+    numbered = " (by number, as it has no header)" if all(n.isdecimal() for n in names) else ""
     return (
-        ", ".join(map(repr, names[:MOST_COLUMNS])) + (", ..." if len(names) > MOST_COLUMNS else ""),
+        columns + more + numbered,
         f"ldt import {shlex.quote(file)} {options} --length 10 --out imported",
     )

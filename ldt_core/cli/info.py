@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ldt_core.recording.health import Health
     from ldt_core.recording.storage import Storage
 
+NO_DATE = 86400 * 365.0  # s after 1970-01-01: before it is a time that counts from a start
 MOST_TOPICS = 12  # of a foreign recording that are listed; a robot has hundreds
 CHANNELS = ("voltage [V]", "speed [rad/s]")
 JOINTS = "sensor_msgs/msg/JointState"
@@ -175,6 +176,8 @@ def _ended(health: Health) -> str:
 def _when(begin: float, end: float) -> str:
     import time
 
+    if begin < NO_DATE:
+        return f"without a date, over {end - begin:.4g} s"
     day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(begin))
     return f"{day}, over {end - begin:.4g} s"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable
 
 import click
@@ -26,8 +27,8 @@ def machine_of(machine: str, recordings: Iterable[str], namespace: str) -> str:
 
     Raises:
         MachineFileError: a file is given that cannot be read.
-        BadInput: it is of another machine than a recording, or a recording's machine does not ship
-            with LDT and no file is given.
+        BadInput: it is of another machine than a recording, or no file is given and a recording
+            does not say its machine or one that does not ship with LDT.
     """
     named = {recording: _recorded(recording, namespace) for recording in recordings}
     if named and not given("machine"):
@@ -37,8 +38,9 @@ def machine_of(machine: str, recordings: Iterable[str], namespace: str) -> str:
         elif there:
             raise BadInput("--machine", f"the file of {_of(there, recording)}", "none")
         elif there is not None:
-            doubt = f"does not say of which machine it is; taken for {machine} (--machine FILE)"
-            warn(f"{recording} {doubt}")
+            made = f"ldt identify {shlex.quote(recording)} --out FILE.yaml makes one"
+            told = f"a machine file, since {recording} does not say of which machine it is ({made})"
+            raise BadInput("--machine", told, "none")
     if not any(named.values()):
         return machine
     from ldt_core.machine.machine_file import load_machine

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 from typing import Any
 
 import click
 
-from ldt_core.base.errors import did_you_mean
+from ldt_core.base.errors import did_you_mean, most_alike
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
@@ -21,8 +20,7 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     begun = [n for n in names if n.startswith(name.replace("_", "-"))]
     if len(begun) == 1:
         return begun[0]
-    close = difflib.get_close_matches(name, begun or names, n=1)
-    return close[0] if close else None
+    return most_alike(name, begun or names)
 
 
 def unknown_option(error: click.NoSuchOption) -> str:
@@ -38,6 +36,14 @@ def unknown_option(error: click.NoSuchOption) -> str:
     close = nearest(error.option_name, (f for f in flags if f.startswith("--")))
     hint = f"; did you mean {close!r}?" if close else ""
     return f"{sentence}{hint} ({error.ctx.command_path} --help lists all)"
+
+
+def missing(error: click.MissingParameter) -> str:
+    """A sentence on an option or argument that its command needs, with the command's example."""
+    command = error.ctx.command if error.ctx else None
+    wanted = error.param.get_error_hint(error.ctx) if error.param and error.ctx else "one more"
+    example = (command.help or "").partition("Example: ")[2].partition("\n")[0] if command else ""
+    return f"{wanted} is missing" + (f", as in: {example}" if example else "")
 
 
 class SuggestingGroup(click.Group):

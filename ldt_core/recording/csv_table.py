@@ -39,6 +39,7 @@ LOOK_AHEAD = 20  # rows by which the delimiter is chosen: beyond every header
 LONGEST_LINE = 10_000_000  # characters; a million columns
 BLOCK = 5000  # rows whose cells are held as text
 LACKING = ("", "null")  # in small letters; "nan" is what a program computed, and is refused
+NO_UNIT = "1"  # in a row of units: what has no dimension, as a counter
 #: Of the rows that lack a value: a logger misses a few; more is a table of several rates, of which
 #: whole rows would hold a voltage for too long.
 MOST_LACKING = 0.1
@@ -61,6 +62,14 @@ class CsvTable:
         self._encoding = self._find_encoding()
         self._delimiter = self._sniff()
         self._skip, self.names = self._find_header()
+        #: Below the names, of each column: its unit, "" where none stands there.
+        self.units = self._find_units()
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """Name or number of each column → the unit in the row below the names, or ""."""
+        numbers = {str(index): unit for index, unit in enumerate(self.units, 1)}
+        return {**numbers, **dict(zip(self.names, self.units, strict=False))}
 
     def column(self, name: str) -> int:
         """Index of a column by its header, or by its number from 1.
@@ -98,10 +107,6 @@ class CsvTable:
         )
         while block := list(itertools.islice(rows, BLOCK)):
             at, cells = [line for line, _ in block], [picked for _, picked in block]
-            if not lines and not any(_is_number(c) for c in cells[0]) and all(cells[0]):
-                units = ", ".join(cells[0])
-                self.notes.append(f"line {at[0]} was taken for units ({units}) and not applied")
-                del at[0], cells[0]
             lines.append(np.array(at, dtype=np.int64))
             for column, texts in zip(read, zip(*cells, strict=True), strict=False):
                 column.take(texts, at)
@@ -231,6 +236,17 @@ class CsvTable:
             if len(names) == len(row):
                 return line - 1, [name.strip() for name in names]
         return line - 1, [str(number) for number in range(1, len(row) + 1)]
+
+    def _find_units(self) -> list[str]:
+        """The row below the names without its brackets, where it has words instead of numbers."""
+        line, row = next((one for one in self._rows() if one[0] > self._skip), (0, []))
+        cells = [cell.strip().strip("[](){}") for cell in row]
+        words = [cell for cell in cells if not (_is_number(cell) or cell.lower() in LACKING)]
+        numbers = [cell for cell in cells if _is_number(cell) and cell != NO_UNIT]
+        if numbers or not words or len(row) < len(self.names):
+            return [""] * len(self.names)
+        self._skip = line
+        return ["" if cell == NO_UNIT else cell for cell in cells]
 
 
 class _Column:

@@ -112,7 +112,7 @@ def _from_table(
             "--time or --sample-period", "one of them: a table has no times", "neither"
         )
     table = CsvTable(path)
-    fields = {q: parse_field(text, q, table.names) for q, text in given.items()}
+    fields = {q: parse_field(text, q, table.columns) for q, text in given.items()}
     wanted = [table.column(f.name) for f in fields.values()]
     lines, columns = table.read(wanted, timed="time" in fields)
     values = {
@@ -132,11 +132,11 @@ def _from_table(
 def _from_bag(
     path: Path, given: dict[str, str], sample_period: float | None
 ) -> tuple[dict[str, Series], list[str]]:
+    storage = Storage(path)
     fields = {q: parse_field(text, q) for q, text in given.items()}
     sources = {q: parse_field_path(f"--{q}", field.name) for q, field in fields.items()}
     if "time" in sources and len({s.topic for s in sources.values()}) > 1:
         raise OptionError("--time", "all channels from the topic of the time", given["time"])
-    storage = Storage(path)
     series, clocks = read_fields(storage, sources)
     series = {q: s._replace(values=s.values * fields[q].factor) for q, s in series.items()}
     sizes = ", ".join(f"{s.values.size} of {sources[q].text}" for q, s in series.items())

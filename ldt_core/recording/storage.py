@@ -314,6 +314,8 @@ def _magic(file: Path) -> bytes:
         got = "an empty file"
     elif start.startswith(ROS1_MAGIC):
         got = "a ROS 1 bag (rosbags-convert turns it into one)"
+    elif start.isascii() and b"".join(start.split()).decode("ascii").isprintable():
+        got = "a text (ldt info says how to import a table)"
     else:
         got = f"a file that begins with {start[:8]!r}"
     raise RecordingError(file, "a ROS 2 recording (MCAP or SQLite)", got)

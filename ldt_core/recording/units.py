@@ -7,7 +7,8 @@ Hz means revolutions per second here, where a library would read radians.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from ldt_core.base.errors import OptionError, did_you_mean
@@ -27,6 +28,7 @@ UNITS: dict[str, dict[str, float]] = {
         "rpm": TURN / 60,
         "RPM": TURN / 60,
         "1/min": TURN / 60,
+        "U/min": TURN / 60,
         "krpm": 1000 * TURN / 60,
         "rps": TURN,
         "rev/s": TURN,
@@ -34,6 +36,9 @@ UNITS: dict[str, dict[str, float]] = {
     },
     "current": {"A": 1, "mA": 1e-3, "uA": 1e-6, "µA": 1e-6, "kA": 1e3},
 }
+
+
+NO_COLUMNS: Mapping[str, str] = MappingProxyType({})
 
 
 class Field(NamedTuple):
@@ -45,25 +50,33 @@ class Field(NamedTuple):
     unit: str
 
 
-def parse_field(text: str, quantity: str, columns: Collection[str] = ()) -> Field:
+def parse_field(text: str, quantity: str, columns: Mapping[str, str] = NO_COLUMNS) -> Field:
     """FIELD[:UNIT] of an option.
 
     Args:
         text: as the user gave it.
         quantity: time, voltage, speed or current.
-        columns: names that exist; one that contains a colon is taken as a whole.
+        columns: name of each that exists → the unit below it, "" where none stands there. A name
+            that contains a colon is taken as a whole.
 
     Raises:
-        OptionError: no field, an unknown unit, or none where the name ends in one that is not SI.
+        OptionError: no field, an unknown unit, or none where the name ends in one that is not SI or
+            one that is not SI stands below it.
     """
     units = UNITS[quantity]
     si = next(iter(units))
     name, colon, unit = text.rpartition(":")
     if not colon or text in columns:
         name, unit = text, si
-        if (named := _named_unit(text, units)) and units[named] != 1:
-            expected = f"its unit, {text}:{named} or {text}:{si}, since the name says {named}"
-            raise OptionError(f"--{quantity}", expected, repr(text))
+        named = _named_unit(text, units)
+        says = f"the name says {named}"
+        if below := columns.get(text, ""):
+            named, says = below.replace("μ", "µ"), f"the row below the names says {below}"
+        if named and units.get(named) != 1:
+            other = f"{text}:{named} or " if named in units else ""
+            raise OptionError(
+                f"--{quantity}", f"its unit, {other}{text}:{si}, since {says}", repr(text)
+            )
     unit = unit.replace("μ", "µ")  # the Greek letter looks like the micro sign
     if not name.strip():
         raise OptionError(f"--{quantity}", "FIELD or FIELD:UNIT", repr(text))
@@ -72,18 +85,24 @@ def parse_field(text: str, quantity: str, columns: Collection[str] = ()) -> Fiel
     return Field(quantity, name.strip(), units[unit], unit)
 
 
-def propose_fields(columns: Collection[str]) -> dict[str, str]:
-    """Quantity → FIELD[:UNIT], of each quantity that the unit in one column's name shows.
+def propose_fields(columns: Mapping[str, str]) -> dict[str, str]:
+    """Quantity → FIELD[:UNIT], where one column alone has its unit, or else its word in the name.
 
-    >>> propose_fields(["t", "u [V]", "Speed (rpm)"])
-    {'voltage': 'u [V]', 'speed': 'Speed (rpm):rpm'}
+    Args:
+        columns: name → the unit below it, or "".
+
+    >>> propose_fields({"time": "", "u [V]": "", "n": "rpm", "Speed (deg/s)": "", "n2": "rpm"})
+    {'time': 'time', 'voltage': 'u [V]', 'speed': 'Speed (deg/s):deg/s'}
     """
     proposed = {}
     for quantity, units in UNITS.items():
-        found = [(name, unit) for name in columns if (unit := _named_unit(name, units))]
+        told = {name: _named_unit(below or name, units) for name, below in columns.items()}
+        found = [name for name in columns if told[name]]
+        if len(found) != 1:
+            found = [name for name in columns if quantity in name.lower()]
         if len(found) == 1:
-            ((name, unit),) = found
-            proposed[quantity] = name if units[unit] == 1 else f"{name}:{unit}"
+            unit = told[found[0]]
+            proposed[quantity] = found[0] + (f":{unit}" if units.get(unit, 1) != 1 else "")
     return proposed
 
 
@@ -92,6 +111,6 @@ def _named_unit(name: str, units: Collection[str]) -> str:
     ending = name.strip().rstrip(")]}")
     for unit in sorted(units, key=len, reverse=True):
         before = ending.removesuffix(unit)
-        if before != ending and not before[-1:].isalnum():
+        if before != ending and not before.endswith("/") and not before[-1:].isalnum():
             return unit
     return ""

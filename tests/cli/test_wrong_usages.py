@@ -34,6 +34,11 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         writer.write_raw("/press/command", "std_msgs/msg/Float64", number, 1)
     rows = "".join(f"{t},{t % 7},{t % 5}\n" for t in range(50))
     (folder / "log.csv").write_text(f"time_ms,u,rpm\n{rows}")
+    words = "Zeit;Spannung;Drehzahl\n[ms];[V];[U/min]\n"
+    (folder / "plc.csv").write_text(words + rows.replace(",", ",0;"))
+    (folder / "bare.csv").write_text(rows)
+    with BagWriter(folder / "nameless") as writer:
+        writer.write("experiment", Experiment(1, 1e9, 0.01, still + 10.0, still), 1e9)
     (folder / "done").mkdir()
     (folder / "done" / "diagnosis.json").write_text("{}")
     (folder / "page.html").write_text("mine")
@@ -53,6 +58,17 @@ WRONG = {
     "import {files}/log.csv --out out": "--speed rpm:rpm --time time_ms:ms",
     "import {files}/log.csv --speed rpm:rpm --out out": "'time_ms', 'u', 'rpm'",
     "import {files}/foreign --speed /press/name.data --out out": "ldt info",
+    "import {files}/plc.csv --voltage Spannung --speed Drehzahl --time Zeit:ms --out out": (
+        "Drehzahl:U/min or Drehzahl:rad/s"
+    ),
+    "import {files}/bare.csv --voltage u --speed n --time t --out out": "a number from 1 to 3",
+    "import {files}/mine --voltage u --speed n --time t --out out": "expected .mcap files",
+    "diagnose {files}/log.csv --machine rotor --out out": "ldt info says how",
+    "diagnose {files}/nameless --out out": "ldt identify",
+    "simulate --effect unblance:e=5mm --out out": "one of 29 names (did you mean 'unbalance'?)",
+    "import {files}/log.csv --voltage u --speed rpm:rmp --time u --out out": "did you mean 'rpm'?",
+    "report {files}/motor": "'-o' / '--out' is missing, as in: ldt report my_run -o",
+    "diagnose": "is missing, as in: ldt diagnose",
     "run --model hybrid --order 2": "--model linear or --model auto",
     "run --play {files}/motor --noise 1": "no --play",
     "report {files}/motor -o run.html": "ldt replay makes one",
@@ -143,6 +159,15 @@ def test_a_table_says_its_columns_and_how_to_import_it(files, capsys):
     said = capsys.readouterr().out
     assert "the columns 'time_ms', 'u', 'rpm'" in said
     assert "--voltage COLUMN --speed rpm:rpm --time time_ms:ms" in said
+
+
+def test_a_table_of_a_plc_says_its_units_in_a_row_of_their_own(files, capsys):
+    """Which then say what each column is; a table without a header is told of."""
+    assert invoke(ldt, ["info", str(files / "plc.csv")]) == 0
+    proposed = "--voltage Spannung --speed Drehzahl:U/min --time Zeit:ms"
+    assert proposed in capsys.readouterr().out
+    assert invoke(ldt, ["info", str(files / "bare.csv")]) == 0
+    assert "'1', '2', '3' (by number, as it has no header)" in capsys.readouterr().out
 
 
 def test_a_folder_of_recordings_lists_them(files, capsys):

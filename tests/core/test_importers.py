@@ -155,6 +155,31 @@ def test_a_name_that_says_si_or_nothing_is_si(name):
     assert parse_field(name, "speed" if "t_s" not in name else "time").factor == 1
 
 
+@pytest.mark.parametrize(
+    ("said", "ways"),
+    [("[rpm]", "n:rpm or n:rad/s"), ("U/min", "n:U/min or n:rad/s"), ("Upm", "n:rad/s, since")],
+)
+def test_a_unit_below_a_name_is_not_taken_for_si(tmp_path, said, ways):
+    """As one in the name: asked for, known or not; a unit that is given is believed."""
+    path = table(tmp_path / "x.csv", PLAIN.replace("t,u,n\n", f"t,u,n\n(s),V,{said}\n"))
+    with pytest.raises(OptionError, match=re.escape(ways)):
+        load(path)
+    with pytest.raises(OptionError, match=re.escape(ways.replace("n:", "3:"))):
+        load(path, speed="3")
+    check_plain(load(path, speed="n:rad/s"))
+
+
+def test_a_row_of_words_that_are_no_units_is_data(tmp_path):
+    """Values that are lacking, or a number among words; a dimensionless column's 1 is no number."""
+    begin, _, rest = PLAIN.partition("\n")
+    lacking = table(tmp_path / "x.csv", f"{begin}\nnull,,null\n{rest}")
+    assert "1 row of" in " ".join(load(lacking).notes)
+    with pytest.raises(RecordingError, match=r"line 2, column 'n'.*finite number"):
+        load(table(tmp_path / "y.csv", f"{begin}\n0.0,1.5,bad\n{rest}"))
+    counted = "\n".join(f"{k},{line}" for k, line in enumerate(rest.splitlines()))
+    check_plain(load(table(tmp_path / "z.csv", f"k,{begin}\n1,s,V,rad/s\n{counted}\n")))
+
+
 def test_a_size_that_speaks_for_another_unit_is_told(tmp_path):
     """1500 of a column without a unit, and rows 10 apart; a unit that is given is believed."""
     path = table(tmp_path / "x.csv", rows(TIME * 100, VOLTS, 1500 + SPEED))

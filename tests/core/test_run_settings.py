@@ -165,7 +165,8 @@ def test_settings_that_cannot_be_read_concern_nothing_else(value, tmp_path):
 def test_a_recording_is_taken_with_its_own_machine_alone(command, tmp_path, capsys, short_rotor):
     """Its own file, also a calibrated one; another's is refused with what to do about it.
 
-    Without --machine it is the one that ships with LDT under the recorded name.
+    Without --machine it is the one that ships with LDT under the recorded name, and none is
+    guessed where none is recorded.
     """
     data = yaml.safe_load(Path(short_rotor).read_text())
     calibrated, other = tmp_path / "calibrated.yaml", tmp_path / "press.yaml"
@@ -194,7 +195,7 @@ def test_a_recording_is_taken_with_its_own_machine_alone(command, tmp_path, caps
     told = "{}: recorded of the machine 'press', while the file is of 'mill'"
     refused_rotor = "--machine: expected the file of 'press', of which {} was recorded (write"
     asked = "--machine: expected the file of 'press', of which {} was recorded, got none"
-    doubt = "{} does not say of which machine it is; taken for rotor (--machine FILE)"
+    nothing_said = "--machine: expected a machine file, since {} does not say of which machine"
     for index, (bag, machine, words) in enumerate(
         (
             (run, short_rotor, ""),
@@ -203,7 +204,7 @@ def test_a_recording_is_taken_with_its_own_machine_alone(command, tmp_path, caps
             (nameless, other, ""),
             (run, calibrated, ""),  # which is what a calibrated one is for
             (bare, None, ""),
-            (nameless, None, doubt),
+            (nameless, None, nothing_said),
             (run, other, refused),
             (bare, other, refused),
             (pressed, None, asked),
