@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from ldt_core.base.experiment import Level, Samples
 from ldt_core.detectors.base import Detector, declared
 from ldt_core.detectors.excited_range import Hull, hull, joined, within
-from ldt_core.estimation.misfit import MOST_LOG, STRETCH, Misfit, misfit, movements
+from ldt_core.estimation.misfit import MOST_LOG, STRETCH, Misfit, Setting, misfit, setting
+from ldt_core.estimation.noise import sensor_step
 
 #: Exponents of the bets on ranks (Vovk, Gammerman, Shafer, "Algorithmic Learning in a Random
 #: World", 2022, section 8): small ones win by rare ranks, large ones by slightly low ones.
@@ -109,7 +110,10 @@ class Adequacy(Detector):
         self.explained: Hull = []
         self.seen: Hull = []
         self.last: Hull = []
+        #: The sensor's, as the last experiment that moved enough showed it [rad/s].
+        self.step = 0.0
         self._voltage: Samples | None = None
+        self._speed: Samples | None = None
         self._clear()
 
     def _clear(self) -> None:
@@ -140,8 +144,13 @@ class Adequacy(Detector):
     def judge(self, residual: Samples, deviation: Samples | None) -> Level:
         """The answer to one experiment."""
         voltage, self._voltage = self._voltage, None
+        speed, self._speed = self._speed, None
         if voltage is None or voltage.size != residual.size:
             voltage = np.zeros(residual.size)  # of nothing else is known that it differs
+        if speed is not None and speed.size != residual.size:
+            speed = None
+        self.step = self.step if speed is None else sensor_step([speed]) or self.step
+        self._under = setting(voltage, speed, self.step)
         level = self._judged(residual, deviation, voltage)
         self.last = hull(voltage)
         self.seen = joined(self.seen, self.last) if self.seen else self.last
@@ -153,9 +162,8 @@ class Adequacy(Detector):
         if residual.size < LEAST_SAMPLES:
             self.model_state, self.adequacy = "learning", None
             return Level.NEGATIVE
-        moves = movements(voltage)
-        plain = misfit(residual, None, moves)
-        found = plain if deviation is None else misfit(residual, deviation, moves)
+        plain = misfit(residual, None, self._under)
+        found = plain if deviation is None else misfit(residual, deviation, self._under)
         self.adequacy = plain.ratio
         self.unexplained = min(plain.evidence * max(self.unexplained, 1.0), math.exp(MOST_LOG))
         self.misfit = min(found.evidence * max(self.misfit, 1.0), math.exp(MOST_LOG))
@@ -191,7 +199,8 @@ class Adequacy(Detector):
             return True
         if np.count_nonzero(known) < STRETCH:
             return False
-        return _misfit_where(known, residual, deviation, voltage).evidence >= self.false_alarm_every
+        found = _misfit_where(known, residual, deviation, self._under)
+        return found.evidence >= self.false_alarm_every
 
     def _beyond(self, voltage: Samples) -> Level:
         """The model fails, but not where it has been right: only the excitation is another."""
@@ -208,7 +217,7 @@ class Adequacy(Detector):
         if np.count_nonzero(known) < min(STRETCH, residual.size):
             self.model_state = "new_range"
             return Level.NEGATIVE
-        error = math.log(_misfit_where(known, residual, deviation, voltage).relative)
+        error = math.log(_misfit_where(known, residual, deviation, self._under).relative)
         rank = (1 + sum(e >= error for e in self.errors)) / (1 + len(self.errors))
         bet = float(np.mean([k * rank ** (k - 1) for k in EXPONENTS]))
         self.change = min(bet * max(self.change, 1.0), math.exp(MOST_LOG))
@@ -224,6 +233,10 @@ class Adequacy(Detector):
         """Hear the voltage of the experiment that the next update is about."""
         self._voltage = np.asarray(voltage, dtype=np.float64)
 
+    def measured(self, speed: Samples) -> None:
+        """Hear the measured speed of the experiment that the next update is about."""
+        self._speed = np.asarray(speed, dtype=np.float64)
+
     @property
     def statistics(self) -> dict[str, float]:
         """The e-detectors and their limit."""
@@ -236,7 +249,7 @@ class Adequacy(Detector):
 
 
 def _misfit_where(
-    known: NDArray[np.bool_], residual: Samples, deviation: Samples | None, voltage: Samples
+    known: NDArray[np.bool_], residual: Samples, deviation: Samples | None, under: Setting
 ) -> Misfit:
     claim = None if deviation is None else deviation[known]
-    return misfit(residual[known], claim, movements(voltage)[known])
+    return misfit(residual[known], claim, under.part(known))

@@ -104,6 +104,9 @@ class Detector(abc.ABC):
     def excited(self, voltage: Samples) -> None:  # noqa: B027 - most detectors need not know
         """Hear the voltage (L,) [V] of the experiment that the next update is about."""
 
+    def measured(self, speed: Samples) -> None:  # noqa: B027 - most detectors need not know
+        """Hear the measured speed (L,) [rad/s] of the experiment that the next update is about."""
+
     @property
     def drift_detected(self) -> bool:
         """Whether the last experiment showed a drift (positive)."""

@@ -31,7 +31,7 @@ from ldt_core.estimation.grey_box import (
     Case,
     GreyBox,
 )
-from ldt_core.estimation.misfit import misfit, movements, noise_in
+from ldt_core.estimation.misfit import misfit, noise_in, setting
 
 #: Observer gains of the homotopy: all of the innovation, then less, then the free run.
 GAINS = (1.0, 0.3, 0.1, 0.03, 0.0)
@@ -128,7 +128,7 @@ class GreyBoxProblem:
     ) -> None:
         self.box, self.experiments, self.noise = box, list(experiments), noise
         self.prior, self.workers, self.turn = prior, workers, turn
-        self.moves = [movements(e.voltage) for e in experiments]
+        self.settings = [setting(e.voltage, e.speed) for e in experiments]
         self.keep = [np.ones(len(e), bool) for e in experiments] if keep is None else list(keep)
         self.rest = [box.at_rest(e, noise) for e in experiments]
         # Of each experiment the unknown first states, and their standard deviations beforehand.
@@ -254,11 +254,11 @@ class GreyBoxProblem:
         rest = self.residuals([(x, i) for i in range(len(self.experiments))], gain, step)
         return self.noise_alone([r[kept] for r, kept in zip(rest, self.keep, strict=True)])
 
-    def noise_alone(self, rests: Sequence[Array]) -> bool:
-        """Whether the kept samples of what is left of each experiment are noise, in any unit."""
+    def noise_alone(self, rests: Sequence[Array], unit: float = 1.0) -> bool:
+        """Whether the kept samples of what is left of each experiment, in a unit, are noise."""
         return all(
-            misfit(rest, None, moves[kept]).explained
-            for rest, moves, kept in zip(rests, self.moves, self.keep, strict=True)
+            misfit(rest, None, under.part(kept, unit)).explained
+            for rest, under, kept in zip(rests, self.settings, self.keep, strict=True)
         )
 
     def point(self, q: Array) -> Array:
@@ -355,7 +355,7 @@ def _ended(problem: GreyBoxProblem, end: tuple[Array, float, Array]) -> GreyBoxF
         cost,
         tuple(rests),
         problem.noise_alone([r[kept] for r, kept in zip(rests, problem.keep, strict=True)]),
-        float(np.mean([noise_in(r, m) for r, m in zip(rests, problem.moves, strict=True)])),
+        float(np.mean([noise_in(r, m) for r, m in zip(rests, problem.settings, strict=True)])),
         inner,
         problem.turn,
         problem.angles(x, information),

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
-from ldt_core.estimation.noise import NORMAL_MEDIAN, roughness
+from ldt_core.estimation.noise import NORMAL_MEDIAN, roughness, sensor_step, white_noise
+from ldt_core.estimation.noise import ROUNDING as ROUNDED
 
 #: Variance that a model may leave beyond the noise, as a part of the noise's, and still explain an
 #: experiment: with 0.2 a prediction is at most 10 % worse than the best there can be.
@@ -39,6 +40,9 @@ FAR = 10.0
 BETS = (-0.9, -0.5, 0.5, 0.9)
 #: Part of the largest step of the voltage from which on a step counts as a large one.
 LARGE_STEP = 0.5
+#: Noise [of a sensor's step] from which on its rounding is white: half a step of noise, and with it
+#: the rounding's own deviation.
+NOISY = math.sqrt(0.25 + ROUNDED**2)
 #: Roughness [of the residual's largest value] below which it is rounding and no noise.
 ROUNDING = 1e-9
 #: Mean square [(rad/s)^2] of a residual that vanishes altogether; a division by it is a number.
@@ -78,34 +82,67 @@ def _edges(length: int, count: int) -> NDArray[np.int64]:
     return np.linspace(0, length, count, endpoint=False).astype(np.int64)
 
 
-def movements(voltage: Array) -> Array:
-    """(L, 3) what moves a machine faster than its sample period: the last voltage and two steps.
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What the samples of an experiment were measured under.
 
-    Row k holds what has acted before sample k: its noise can have come into no voltage there, of a
-    closed loop neither.
+    Attributes:
+        moves: (L, 3) what moves a machine faster than its sample period: the last voltage and two
+            steps. Row k holds what has acted before sample k: its noise can have come into no
+            voltage there, of a closed loop neither.
+        slack: (L,) how far a coarse sensor alone may take a sample [rad/s].
+    """
+
+    moves: Array
+    slack: Array
+
+    def part(self, which: NDArray[np.bool_] | slice, unit: float = 1.0) -> Setting:
+        """That of some samples, in a unit of the speed [rad/s]."""
+        return Setting(self.moves[which], self.slack[which] / unit)
+
+
+def setting(voltage: Array, speed: Array | None = None, step: float = 0.0) -> Setting:
+    """What the samples of an experiment were measured under.
+
+    Rounding is white where the signal passes a step, or noise carries it over half of one, from
+    sample to sample. Where a sensor with steps shows a value again, that says no more than that the
+    speed lies within half a step.
 
     Args:
         voltage: (L,) [V], each held from its sample to the next.
+        speed: (L,) as measured [rad/s]; None where it is not known.
+        step: of the sensor [rad/s], where this speed shows none; 0 where it is not known.
     """
     before = np.concatenate([np.zeros(3), voltage])[:-1]
     before[:3] = voltage[0]
-    step = np.diff(before)
-    return np.column_stack([before[2:], step[1:], step[:-1]])
+    change = np.diff(before)
+    moves = np.column_stack([before[2:], change[1:], change[:-1]])
+    slack = np.zeros(voltage.size)
+    step = step if speed is None else sensor_step([speed]) or step
+    if speed is not None and step > 0 and white_noise([speed]) < NOISY * step:
+        again = np.diff(speed) == 0
+        slack[1:][again] = step / 2
+        slack[:-1][again] = step / 2
+    return Setting(moves, slack)
 
 
-def noise_in(residual: Array, moves: Array | None) -> float:
+def noise_in(residual: Array, under: Setting | None) -> float:
     """Deviation of the noise in a residual (L,), in its unit: what is rough and follows nothing.
 
-    Args:
-        moves: (L, m) see `movements`.
+    Not less than what a sensor rounds off.
     """
-    if moves is None or residual.size <= 2 * moves.shape[1]:
+    if under is None:
         return roughness(residual)
+    least = float(under.slack.max(initial=0.0)) * 2 * ROUNDED
+    moves = under.moves
+    if residual.size <= 2 * moves.shape[1]:
+        return max(roughness(residual), least)
     followed = moves @ np.linalg.lstsq(moves, residual, rcond=None)[0]
-    return roughness(residual - followed) * math.sqrt(1 + moves.shape[1] / residual.size)
+    wider = math.sqrt(1 + moves.shape[1] / residual.size)
+    return max(roughness(residual - followed) * wider, least)
 
 
-def misfit(residual: Array, deviation: Array | None = None, moves: Array | None = None) -> Misfit:
+def misfit(residual: Array, deviation: Array | None = None, under: Setting | None = None) -> Misfit:
     """What a residual says of the model that left it.
 
     The e-value is a mean over the run, its halves, quarters ..., and over `SIZES` m, of
@@ -115,24 +152,29 @@ def misfit(residual: Array, deviation: Array | None = None, moves: Array | None 
     section 2.2). S is lessened by the tolerated misfit, and samples of which the model claims to
     know less count less: so many of its deviations as are believed come to the tolerated misfit.
 
-    With movements half of it is a mean over bets b on the sign of each sample times what has moved
+    With a setting half of it is a mean over bets b on the sign of each sample times what has moved
     the machine: prod(1 + b s_k), s_k that product in parts of its largest. Given all sizes, of
     which the median is the unit, the signs are fair, and each factor has the mean 1. It is divided
-    by what the tolerated misfit would win. What follows the movements does not count as noise.
+    by what the tolerated misfit would win. What follows the movements does not count as noise. What
+    a coarse sensor may have rounded off is taken off beforehand.
 
     Args:
         residual: (L,) measured minus predicted, L >= 2.
         deviation: (L,) the model's predictive standard deviation; its least is the noise's.
-        moves: (L, m) see `movements`; None where the voltage is not known.
+        under: its setting; None where nothing of it is known.
     """
     floor = ROUNDING * float(np.abs(residual).max())
-    noise = max(noise_in(residual, moves) ** 2, floor**2, LEAST_SQUARE)
+    noise = max(noise_in(residual, under) ** 2, floor**2, LEAST_SQUARE)
     scaled = residual / math.sqrt(noise)
     square = np.square(scaled)
-    row, relative = scaled, square
+    told = scaled
+    if under is not None and under.slack.any():
+        told = residual - np.clip(residual, -under.slack, under.slack)
+        told /= math.sqrt(noise)
+    row, relative = told, square
     if deviation is not None:
         claimed = (deviation**2 - float(np.min(deviation)) ** 2) / noise
-        row = scaled * (1.0 / np.sqrt(1.0 + BELIEVED**2 / TOLERATED * claimed))
+        row = told * (1.0 / np.sqrt(1.0 + BELIEVED**2 / TOLERATED * claimed))
         relative = square / (1.0 + claimed)
     products = row[:-1] * row[1:]
     surplus, squares = products - TOLERATED, np.square(products)
@@ -149,11 +191,11 @@ def misfit(residual: Array, deviation: Array | None = None, moves: Array | None 
         powers = _SIZES * z - _HALVES
         levels.append(float(np.mean(np.exp(np.minimum(powers, MOST_LOG)))))
         count *= 2
-    far = bool(np.max(scaled[:-1] * scaled[1:]) > FAR**2)
+    far = bool(np.max(told[:-1] * told[1:]) > FAR**2)
     evidence = float(np.mean(levels))
-    if moves is not None:
-        evidence = (evidence + _followed(row, moves)) / 2
-        far = far or _far_behind_steps(row, moves)
+    if under is not None:
+        evidence = (evidence + _followed(row, under.moves)) / 2
+        far = far or _far_behind_steps(row, under.moves)
     return Misfit(
         evidence,
         excess,

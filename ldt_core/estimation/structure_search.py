@@ -335,5 +335,5 @@ class StructureSearch:
         given = {e.name: values for e, values in box.values(np.concatenate([np.zeros(k), q]))[1]}
         ends = np.cumsum([int(kept.sum()) for kept in problem.keep])
         parts = np.split(rows[: ends[-1]], ends[:-1])
-        explains = problem.noise_alone(parts)
+        explains = problem.noise_alone(parts, problem.noise)
         return Screened(best + q.size * math.log(self._samples), given, explains)

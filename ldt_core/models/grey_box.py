@@ -17,7 +17,7 @@ from ldt_core.effects.change_description import change_of
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe, together
 from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, Case, GreyBox
 from ldt_core.estimation.grey_box_fit import Prior
-from ldt_core.estimation.misfit import misfit, movements, noise_in
+from ldt_core.estimation.misfit import misfit, noise_in, setting
 from ldt_core.estimation.structure_search import FittedStructure, Present, StructureSearch
 from ldt_core.models.base import Model
 
@@ -215,13 +215,13 @@ class GreyBoxModel(Model):
         if len(experiment) <= MOST_SAMPLES:
             return experiment
         residual = experiment.speed - self.predict(experiment).speed
-        moves = movements(experiment.voltage)
+        under = setting(experiment.voltage, experiment.speed)
         for begin in range(0, len(experiment) - MOST_SAMPLES + 1, MOST_SAMPLES // 2):
             end = begin + MOST_SAMPLES
             part = experiment.part(begin, end)
             if begin > 0 and self.box.at_rest(part, noise):
                 continue  # it passes through 0, perhaps fast
-            if not misfit(residual[begin:end] / noise, None, moves[begin:end]).explained:
+            if not misfit(residual[begin:end], None, under.part(slice(begin, end))).explained:
                 return part
         return experiment.part(0, MOST_SAMPLES)
 
@@ -241,7 +241,8 @@ class GreyBoxModel(Model):
         """Standard deviation of the noise [rad/s] that the residual's roughness shows."""
         floor = NOISE_FLOOR * float(np.sqrt(np.mean(experiment.speed**2)))
         residual = experiment.speed - self.predict(experiment).speed
-        return max(noise_in(residual, movements(experiment.voltage)), floor, 1e-12)
+        under = setting(experiment.voltage, experiment.speed)
+        return max(noise_in(residual, under), floor, 1e-12)
 
     def adopt(
         self,

@@ -167,9 +167,11 @@ class DetectorStage:
         self._version = prediction.model_version
         residual, deviation = prediction.residual(experiment), prediction.speed_std
         self.detector.excited(experiment.voltage)
+        self.detector.measured(experiment.speed)
         self.detector.update(residual, deviation)
         if self.assessor is not None:
             self.assessor.judge.excited(experiment.voltage)
+            self.assessor.judge.measured(experiment.speed)
             self.assessor.update(residual, deviation)
 
 

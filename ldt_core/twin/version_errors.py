@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, rms
-from ldt_core.estimation.misfit import misfit, movements
+from ldt_core.estimation.misfit import misfit, setting
 from ldt_core.models.base import Model
 
 
@@ -40,5 +40,5 @@ def explains(model: Model, experiment: Experiment) -> bool:
         prediction = model.predict(experiment)
     except LdtError:
         return False
-    residual, moves = prediction.residual(experiment), movements(experiment.voltage)
-    return misfit(residual, prediction.speed_std, moves).explained
+    under = setting(experiment.voltage, experiment.speed)
+    return misfit(prediction.residual(experiment), prediction.speed_std, under).explained

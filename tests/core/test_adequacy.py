@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from ldt_core.base.experiment import Level
 from ldt_core.detectors.adequacy import Adequacy
-from ldt_core.estimation.misfit import misfit, movements
+from ldt_core.estimation.misfit import misfit, setting
 
 EVERY = 100
 
@@ -61,8 +61,8 @@ def test_the_e_value_has_a_mean_of_at_most_one(seed, length, law):
     size = np.abs(laws[law](random, length))
     signs = random.choice([-1.0, 1.0], size=(400, length))
     held = random.uniform(-12, 12, length).repeat(1 + seed % 40)[:length]
-    for moves in (None, movements(held)):
-        found = [misfit(size * row, None, moves).evidence for row in signs]
+    for under in (None, setting(held)):
+        found = [misfit(size * row, None, under).evidence for row in signs]
         values = np.minimum(found, 100.0)
         assert values.mean() <= 1 + 4 * values.std() / 20
 
@@ -80,6 +80,21 @@ def test_an_error_gone_within_a_sample_is_no_noise(hold, most):
         assert detector.model_state != "holds", number
         assert detector.adequacy > 10
     assert detector.drift_detected
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.2, 0.3, 0.5])
+def test_the_steps_of_a_coarse_sensor_are_no_misfit(noise):
+    """Of a speed that stays within a step for long, whatever noise there is; ten steps are one."""
+    random, detector = np.random.default_rng(7), Adequacy()
+    voltage = np.zeros(300)
+    for number, error in enumerate((*np.zeros(200), 10.0)):
+        top = random.uniform(-40, 40) if number else 40.0  # the first one shows the steps
+        true = top * (1 - np.exp(-np.arange(300) / 8))
+        speed = np.round(true + random.normal(0, noise, 300) if noise else true)
+        detector.excited(voltage)
+        detector.measured(speed)
+        detector.update(speed - true + error)
+        assert detector.model_state == ("changed" if error else "holds")
 
 
 def test_noise_with_a_memory_is_tried_ever_more_rarely():
