@@ -1,6 +1,6 @@
 """What a machine more costs in one graph: processor time, memory, latency, start-up.
 
-python -m tests.fleet [1 5 20 50] [--experiments 20] [--every SECONDS]
+python -m tests.fleet [1 5 20 50] [--experiments 20] [--every SECONDS] [--keep]
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ import numpy as np
 import psutil
 
 from ldt_core.recording.bag import read_bag
+from tests.benchmarks.__main__ import machine
+from tests.benchmarks.measured_table import MeasuredTable
 
 LENGTH = 20.0  # s, of an experiment of 2000 samples
 LDT = [sys.executable, "-c", "from ldt_core.cli import main; main()"]
@@ -29,12 +31,15 @@ def main() -> int:
     parser.add_argument("sizes", nargs="*", type=int, default=[1, 5, 20, 50])
     parser.add_argument("--experiments", type=int, default=20, help="of each machine")
     parser.add_argument("--every", type=float, default=1.0, help="s between two of a machine")
+    parser.add_argument("--keep", action="store_true", help="take them into the page's table")
     given = parser.parse_args()
     often = "a second" if given.every == 1 else f"each {given.every:g} s"
     print(f"{os.cpu_count()} cores; each machine makes an experiment of 2000 samples {often}")
-    print(f"| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}")
+    table = MeasuredTable("fleet", "python -m tests.fleet", *HEAD)
     for size in given.sizes:
-        print(f"| {' | '.join(_measured(size, given.experiments, given.every))} |", flush=True)
+        table.add(*_measured(size, given.experiments, given.every))
+    if given.keep:
+        table.keep(machine())
     return 0
 
 

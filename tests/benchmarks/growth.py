@@ -1,6 +1,6 @@
 """How the time of a study grows with experiments, samples and seeds, as a table.
 
-python -m tests.benchmarks.growth
+python -m tests.benchmarks.growth [--keep]
 
 Processor time of the runs of the paper's table in one process, without the drawing of the page. A
 busy machine does not stretch it; on an idle one it is the time that passes, and so many processes
@@ -20,6 +20,7 @@ import msgs_config
 from ldt_core.lab.study.engine import conduct
 from ldt_core.lab.study.study_plan import StudyPlan
 from tests.benchmarks.__main__ import machine
+from tests.benchmarks.measured_table import MeasuredTable
 
 BASE = {"seeds": 1, "experiments": 100, "samples": 1000}
 POINTS = {"seeds": (1, 2, 4), "experiments": (50, 100, 200), "samples": (500, 1000, 2000)}
@@ -48,13 +49,14 @@ def measure(seeds: int, experiments: int, samples: int) -> tuple[float, int]:
 def main() -> int:
     """Measure and print."""
     measure(1, 12, 500)  # compiled code is loaded
-    print(f"Measured on {machine()}.\n")
-    print("| seeds | experiments | samples | processor time | trainings |\n|---|---|---|---|---|")
+    head = ("seeds", "experiments", "samples", "processor time", "trainings")
+    table = MeasuredTable("growth", "python -m tests.benchmarks.growth", *head)
     sizes = [{**BASE, name: value} for name, values in POINTS.items() for value in values]
     for size in {tuple(s.items()): s for s in sizes}.values():
         spent, trainings = measure(**size)
-        row = [str(n) for n in size.values()]
-        print(f"| {' | '.join(row)} | {spent:.1f} s | {trainings} |", flush=True)
+        table.add(*size.values(), f"{spent:.1f} s", trainings)
+    if "--keep" in sys.argv[1:]:
+        table.keep(machine())
     return 0
 
 

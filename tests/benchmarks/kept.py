@@ -20,7 +20,8 @@ from tests.benchmarks.row import Row
 from tests.page_table import write_table
 
 KEPT = Path(__file__).parents[2] / "bags" / "benchmarks.json"
-HEAD = "| work | LDT | peer | its time | peer / LDT | aim | note | measured |"
+HEAD = "| work | LDT | peer | peer / LDT | measured |"
+NO_AIM = ("", "-")
 Kept = Mapping[str, Any]
 
 
@@ -32,14 +33,19 @@ def load() -> list[dict[str, Any]]:
 
 def merge(rows: Iterable[Kept], measured: Iterable[Row], processor: str) -> list[Kept]:
     """Rows with those measured now in the place of the same work beside the same peer."""
+    now = stamp(processor)
+    by_work = {(r["name"], r["peer"]): r for r in rows}
+    for row in measured:
+        by_work[row.name, row.peer] = {**asdict(row), **now}
+    return list(by_work.values())
+
+
+def stamp(processor: str) -> dict[str, str]:
+    """When and where something was measured: day, commit, processor."""
     day = datetime.now(UTC).date().isoformat()
     head = ["git", "-C", str(KEPT.parent), "rev-parse", "--short", "HEAD"]
     commit = subprocess.run(head, capture_output=True, text=True, check=True).stdout.strip()
-    stamp = {"day": day, "commit": commit, "processor": processor}
-    by_work = {(r["name"], r["peer"]): r for r in rows}
-    for row in measured:
-        by_work[row.name, row.peer] = {**asdict(row), **stamp}
-    return list(by_work.values())
+    return {"day": day, "commit": commit, "processor": processor}
 
 
 def table(rows: Iterable[Kept]) -> str:
@@ -50,10 +56,12 @@ def table(rows: Iterable[Kept]) -> str:
     lines = [HEAD, "|---" * HEAD.count(" | ") + "|---|"]
     for r in kept:
         ratio = r["peer_s"] / r["ours_s"]
+        aim = f" (aim: {r['aim']})" if r["aim"] not in NO_AIM else ""
+        stamped = f"{r['day']}, {r['commit']}, {letters[r['processor']]}"
         cells = (
-            *(r["name"], span(r["ours_s"]), r["peer"], span(r["peer_s"])),
-            f"{ratio:.3g}" if ratio >= 1 else f"1/{1 / ratio:.3g}",
-            *(r["aim"], r["note"], f"{r['day']}, {r['commit']}, {letters[r['processor']]}"),
+            *(r["name"], span(r["ours_s"]), f"{span(r['peer_s'])}: {r['peer']}"),
+            (f"{ratio:.3g}" if ratio >= 1 else f"1/{1 / ratio:.3g}") + aim,
+            f"{r['note']}; {stamped}" if r["note"] else stamped,
         )
         lines.append("| " + " | ".join(cells) + " |")
     told = "; ".join(f"{letter}: {p}" for p, letter in letters.items())

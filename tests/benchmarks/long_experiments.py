@@ -1,6 +1,6 @@
 """How time and memory of a run grow with the samples of its experiments, as a table.
 
-python -m tests.benchmarks.long_experiments [MODEL ...]
+python -m tests.benchmarks.long_experiments [--keep] [MODEL ...]
 
 Three experiments of the rotor at 100 Hz, the last behind a drift, so that a model is learned. Each
 size has a process of its own. Seconds are those of the processor.
@@ -19,6 +19,7 @@ from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.runs.offline import run
 from tests.benchmarks.__main__ import machine
+from tests.benchmarks.measured_table import MeasuredTable
 
 SIZES = (100_000, 300_000, 1_000_000)
 MODELS = ("auto", "hybrid", "linear")
@@ -46,14 +47,15 @@ def _measure(model: str, samples: int) -> tuple[float, float, int]:
 
 def main() -> int:
     """Measure and print."""
-    print(f"Measured on {machine()}: {COUNT} experiments each.\n")
-    print("| model | samples of each | seconds | memory | models learned |\n|---|---|---|---|---|")
-    for model in sys.argv[1:] or MODELS:
+    head = ("model", "samples of each", "processor time", "memory", "models learned")
+    table = MeasuredTable("samples", "python -m tests.benchmarks.long_experiments", *head)
+    keep = "--keep" in sys.argv[1:]
+    for model in [name for name in sys.argv[1:] if name != "--keep"] or MODELS:
         for samples in SIZES:
             spent, memory, learned = measure(model, samples)
-            print(
-                f"| {model} | {samples} | {spent:.1f} | {memory:.0f} MB | {learned} |", flush=True
-            )
+            table.add(f"`{model}`", f"{samples:,}", f"{spent:.1f} s", f"{memory:.0f} MB", learned)
+    if keep:
+        table.keep(machine())
     return 0
 
 

@@ -1,6 +1,6 @@
 """Memory and speed of a long recording, written and read back, as a table.
 
-python -m tests.benchmarks.long_recording [EXPERIMENTS]
+python -m tests.benchmarks.long_recording [--keep] [EXPERIMENTS]
 
 Short experiments at full speed, with all that a run records of each, in files of 50 MB. Writing,
 reading, the recording's health and its page each have a process of their own. Seconds are those of
@@ -25,6 +25,7 @@ from ldt_core.recording.health import inspect
 from ldt_core.recording.writer import BagWriter
 from ldt_core.views.report.report_page import write_page
 from tests.benchmarks.__main__ import machine
+from tests.benchmarks.measured_table import MeasuredTable
 
 EXPERIMENTS, SAMPLES, PERIOD = 100_000, 100, 0.01
 SPLIT = 50.0  # MB
@@ -40,7 +41,7 @@ def resident() -> float:
 
 
 def write(folder: Path, count: int) -> Iterator[int]:
-    """A run of so many experiments; gives each number when it is written."""
+    """Write all that a run records; gives each number when it is written."""
     noise = np.random.default_rng(0)
     with BagWriter(folder, "rotor", split_size=SPLIT) as bag:
         for number in range(1, count + 1):
@@ -58,26 +59,26 @@ def write(folder: Path, count: int) -> Iterator[int]:
 
 
 def read(folder: Path, count: int) -> Iterator[int]:
-    """Its experiments, each checked."""
+    """Read the experiments, each checked."""
     for experiment in read_bag(folder).experiments():
         yield experiment.number
 
 
 def resume(folder: Path, count: int) -> Iterator[int]:
-    """Taken up again where it ended; all experiments are known then."""
+    """Take the run up again, to write on; all experiments are known then."""
     with BagWriter(folder, "rotor", split_size=SPLIT, resume=True) as bag:
         yield len(bag.recorded("experiment"))
 
 
 def examine(folder: Path, count: int) -> Iterator[int]:
-    """Its health."""
+    """Examine it, as `ldt doctor` does."""
     health = inspect(read_bag(folder))
     assert not health.notes, findings(health)
     yield len(health.numbers)
 
 
 def show(folder: Path, count: int) -> Iterator[int]:
-    """Its page."""
+    """Make the page of `ldt report`."""
     run = write_page(folder, folder.with_suffix(".html"))
     yield len(run.steps)
 
@@ -107,20 +108,23 @@ def _measure(work: Work, folder: Path, count: int) -> list[float]:
 
 def main() -> int:
     """Measure and print."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else EXPERIMENTS
-    print(f"Measured on {machine()}: {count} experiments of {SAMPLES} samples.\n")
-    shares = " | ".join(f"at {share:.0%}" for share in SHARES)
-    print(f"| work | time | per second | before | {shares} |\n|---|---|---|---|---|---|---|")
+    given = [text for text in sys.argv[1:] if text != "--keep"]
+    count = int(given[0]) if given else EXPERIMENTS
+    memory = (*(f"memory at {share:.0%}" for share in SHARES[:-1]), "at the end")
+    head = (f"{count:,} experiments of {SAMPLES} samples", "processor time", "a second", *memory)
+    table = MeasuredTable("recording", "python -m tests.benchmarks.long_recording", *head)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "run"
         for work in (write, read, resume, examine, show):
-            seconds, *memory = measure(work, folder, count)
-            shown = [f"{m:.0f} MB" for m in memory]
-            shown[1:1] = ["-"] * (len(SHARES) + 1 - len(shown))
-            speed = f"{seconds:.1f} s | {count / seconds:.0f}"
-            print(f"| {work.__name__} | {speed} | {' | '.join(shown)} |", flush=True)
+            seconds, _, *looks = measure(work, folder, count)
+            shown = [f"{m:.0f} MB" for m in looks]
+            shown[:0] = ["-"] * (len(SHARES) - len(shown))
+            words = (work.__doc__ or "").partition(";")[0].rstrip(".")
+            table.add(words, f"{seconds:.1f} s", f"{count / seconds:,.0f}", *shown)
         size = sum(f.stat().st_size for f in folder.iterdir()) / 1e6
         print(f"\n{len(list(folder.glob('*.mcap')))} files, {size:.0f} MB.")
+    if len(given) < len(sys.argv[1:]):
+        table.keep(machine())
     return 0
 
 

@@ -1,6 +1,6 @@
 """How studies, tuning and diagnoses of many recordings scale with the workers of a Dask cluster.
 
-python -m tests.benchmarks.scale_out [1 2 4] [--recordings 8] [--only tune]
+python -m tests.benchmarks.scale_out [1 2 4] [--recordings 8] [--only tune] [--keep]
 
 Each work is done by the command that a user types, in this machine's own processes and then by a
 scheduler and so many workers beside it; what comes out is compared byte for byte. More workers than
@@ -23,6 +23,7 @@ from pathlib import Path
 from distributed import LocalCluster
 
 from tests.benchmarks.__main__ import machine
+from tests.benchmarks.measured_table import MeasuredTable
 
 LDT = [sys.executable, "-c", "from ldt_core.cli import main; main()"]
 EFFECT = "coulomb_friction:torque=0.05"
@@ -35,6 +36,7 @@ def main() -> int:
     parser.add_argument("workers", nargs="*", type=int, default=[1, 2, 4])
     parser.add_argument("--recordings", type=int, default=8)
     parser.add_argument("--only", choices=("diagnose", "tune", "study"), action="append")
+    parser.add_argument("--keep", action="store_true", help="take them into the page's table")
     given = parser.parse_args()
     folder = Path(tempfile.mkdtemp(prefix="ldt-scale-"))
     bags = [_recorded(folder, n) for n in range(1, given.recordings + 1)]
@@ -44,9 +46,8 @@ def main() -> int:
         "study of 2 seeds": ["study", "--quick", "--only", "paper"],
     }
     works = {n: c for n, c in works.items() if c[0] in (given.only or c)}
-    print(f"Measured on {machine()}.\n")
     head = ("work", "one process", *(f"{n} workers" for n in given.workers), "results")
-    print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}", flush=True)
+    table = MeasuredTable("cluster", "python -m tests.benchmarks.scale_out", *head)
     for name, command in works.items():
         alone, first = _timed(command, folder / name / "alone", ["--jobs", "1"])
         row, same = [name, f"{alone:.1f} s"], True
@@ -56,7 +57,9 @@ def main() -> int:
                 spent, found = _timed(command, place, ["--scheduler", address])
             row.append(f"{spent:.1f} s ({alone / spent:.2f})")
             same = same and found == first
-        print(f"| {' | '.join([*row, 'the same' if same else 'OTHER'])} |", flush=True)
+        table.add(*row, "the same" if same else "OTHER")
+    if given.keep:
+        table.keep(machine())
     return 0
 
 

@@ -90,7 +90,8 @@ def test_the_answer_comes_first(page, kind, diagnoses):
     verdict = diagnoses[kind].verdict
     head, body = unescape(page).split("<nav")
     assert f"</svg>{WORDS[verdict.kind]}</span>" in head
-    assert "confidence 97 %" in head
+    assert "confidence\N{NO-BREAK SPACE}97\N{NO-BREAK SPACE}%" in head
+    assert (", before and after" in head) == (kind not in ("none", "unknown"))
     short = headline(diagnoses[kind])
     assert short in head
     assert len(short.split()) <= 26

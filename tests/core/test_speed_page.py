@@ -1,9 +1,17 @@
-"""The table of the page about speed is that of its result file."""
+"""The tables of the page about speed are those of their result files."""
 
 from __future__ import annotations
 
+import json
+
+import pytest
+
 from ldt_core.docs import text
+from tests import page_table
+from tests.benchmarks import measured_table
 from tests.benchmarks.kept import load, merge, table
+from tests.benchmarks.measured_table import MeasuredTable
+from tests.benchmarks.measured_table import load as load_measured
 from tests.benchmarks.row import Row
 from tests.page_table import with_table
 
@@ -24,5 +32,35 @@ def test_what_is_measured_anew_takes_its_row_s_place():
     assert (merged[0]["ours_s"], merged[0]["processor"]) == (0.5, "a processor")
     assert merged[1:-1] == rows[1:]
     shown = table(merged)
-    assert f"| {first['name']} | 500 ms | {first['peer']} | 2 s | 4 |" in shown
-    assert "| somebody else | 1 ns | 1/5e+08 |" in shown
+    assert f"| {first['name']} | 500 ms | 2 s: {first['peer']} | 4 | quiet; " in shown
+    assert "| 1 ns: somebody else | 1/5e+08 | " in shown
+
+
+@pytest.mark.parametrize("name", load_measured())
+def test_a_table_without_a_peer_is_that_of_its_result_file(name):
+    """As `--keep` of its command writes it."""
+    shown = measured_table.shown(load_measured()[name])
+    assert with_table(text("speed"), shown, name) == text("speed")
+
+
+def test_a_table_is_kept_in_file_and_page(tmp_path, monkeypatch, capsys):
+    """With day, commit and processor; the other tables stay, and it is printed as it grows."""
+    file, page = tmp_path / "measured.json", tmp_path / "speed.md"
+    file.write_text(json.dumps({"other": {"rows": []}}))
+    page.write_text("before\n<!-- table fleet -->\nold\n<!-- end of table -->\nbehind\n")
+    monkeypatch.setattr(measured_table, "KEPT", file)
+    monkeypatch.setattr(page_table, "path", lambda name: page)
+    grown = MeasuredTable("fleet", "python -m tests.fleet", "machines", "time")
+    grown.add(5, "3 s")
+    assert capsys.readouterr().out.splitlines()[-1] == "| 5 | 3 s |"
+    grown.keep("a processor")
+    kept = json.loads(file.read_text())
+    assert list(kept) == ["other", "fleet"]
+    assert kept["fleet"]["rows"] == [["5", "3 s"]]
+    said = page.read_text()
+    assert said.startswith("before\n")
+    assert said.endswith("<!-- end of table -->\nbehind\n")
+    assert all(words in said for words in ("| 5 | 3 s |", kept["fleet"]["commit"], "a processor"))
+    assert "old" not in said
+    with pytest.raises(ValueError, match="no place"):
+        with_table("a page", "a table", "fleet")

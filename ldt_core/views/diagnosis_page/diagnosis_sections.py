@@ -48,7 +48,7 @@ def answer(diagnosis: Diagnosis) -> Answer:
     """The verdict in a short sentence; the first section has it in full."""
     verdict = diagnosis.verdict
     mark = Mark(WORDS.get(verdict.kind, verdict.kind), TONES.get(verdict.kind, "open"))
-    aside = f"confidence {percent(verdict.confidence)}"
+    aside = f"confidence {percent(verdict.confidence)}".replace(" ", "\N{NO-BREAK SPACE}")
     return Answer(mark, aside, headline(diagnosis))
 
 

@@ -76,11 +76,13 @@ def before_after(diagnosis: Diagnosis) -> Drawing | None:
         return None
     kind = "held out" if found.held_out else "fitted"
     words = "; ".join(f"experiment {s.experiment.number} ({w}): {_rms(s)}" for s, w in found.chosen)
-    runs = "by the machine file (before)"
-    runs += " and with the verdict's effects (after)" if found.after else "; no effect was added"
+    runs, title = "by the machine file; no effect was added", "Measured against predicted"
+    if found.after:
+        runs = "by the machine file (before) and with the verdict's effects (after)"
+        title += ", before and after"
     return Drawing(
         "curves",
-        "Measured against predicted, before and after",
+        title,
         f"Free runs of experiments that were {kind}, {runs}. Root mean square error [rad/s]: "
         f"{words}. Shaded: two deviations of the sensor's noise.",
         "Speed over time as it was measured and as it is predicted, and the error of the "

@@ -41,7 +41,8 @@ def draw_free_runs(
         noise: deviation of the measured speed [rad/s]; twice that is shaded.
     """
     lower.axhspan(-2 * noise, 2 * noise, color=SHADE, lw=0, zorder=0)
-    for predicted, (label, color, line, wide, thin) in zip(runs, LOOKS, strict=False):
+    for predicted, (when, color, line, wide, thin) in zip(runs, LOOKS, strict=False):
+        label = when if len(runs) > 1 else "predicted"
         upper.plot(*thinned(e.time, predicted), lw=wide, color=color, ls=line, label=label)
         shown = BLUE if color == SKY else color  # a thin line of it is hard to see
         lower.plot(*thinned(e.time, e.speed - predicted), lw=thin, color=shown)

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 import msgs_config
 from ldt_core.base.experiment import Action, ModelRecord, Signal
-from ldt_core.base.model_state import STATES, shown_state, times_noise
+from ldt_core.base.model_state import shown_state, times_noise
 from ldt_core.base.sentences import number, ranges, spans, spoken
 from ldt_core.base.settings import UNSET, as_options
 from ldt_core.doctor.check import Finding, Grade
@@ -82,7 +82,7 @@ def answer(run: ReportedRun) -> Answer:
     happened = f"There {'was' if summary.positives < 2 else 'were'} {alarms}"
     took = "took over" if summary.adaptations else "was needed"
     models = _count(summary.adaptations, "new model") if summary.adaptations else "no new model"
-    sentence += f" {happened}, and {models} {took}. {_judged(run)}"
+    sentence += f" {happened}, and {models} {took}.{_unjudged(run)}"
     state = shown_state(last)
     asides = [f"since experiment {_since(run)}" if _since(run) != last.experiment else ""]
     beside = times_noise(last.adequacy)
@@ -101,17 +101,12 @@ def _since(run: ReportedRun) -> int:
     return first
 
 
-def _judged(run: ReportedRun) -> str:
-    """In how many experiments the model held, and what was known of the others."""
-    counts = run.summary.states
-    if counts["not_judged"] == run.summary.experiments:
-        return "Whether the model held was not judged."
-    held = f"The model held in {counts['holds']} of {_count(run.summary.experiments, 'experiment')}"
-    named = [(s.brief, counts[s.name]) for s in STATES.values()]
-    others = [f"{words} in {count}" for words, count in named[1:] if count]
-    if counts["not_judged"]:
-        others.append(f"not judged in {counts['not_judged']}")
-    return f"{held}; {', '.join(others)}." if others else f"{held}."
+def _unjudged(run: ReportedRun) -> str:
+    """What is not known of the states; the strip above the errors counts them."""
+    count, all_of_them = run.summary.states["not_judged"], run.summary.experiments
+    if count == all_of_them:
+        return " Whether the model held was not judged."
+    return f" {_count(count, 'experiment')} of {all_of_them} not judged." if count else ""
 
 
 def sections(run: ReportedRun, compared: DetectorStatistic) -> list[Section]:
