@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numba import njit
 
@@ -22,6 +22,8 @@ from ldt_core.physics.parameter import Parameter
 ROTOR, MOTOR = load_machine("rotor"), load_machine("dc_motor")
 SAMPLES, PERIOD, STEP, SHORTEST = 200, 0.01, 2e-3, 0.5e-3
 NAMES = EFFECTS.names()
+#: Of the voltage: up to so many units of the last place as a run has steps.
+HARDLY = [sign * 2.0**-k for k in range(42, 54) for sign in (-1, 1)]
 
 
 def simulated(machine, runs, workers=1, step=STEP, shortest=SHORTEST):
@@ -63,7 +65,19 @@ def a_run(machine, random, names, unbalance):
     return run if tracked is None else run._replace(tracked=tracked)
 
 
+def carried(machine, run, expected):
+    """(n,) how far a voltage that is `HARDLY` another carries the states of a run alone.
+
+    Where a friction is steeper than the shortest step can follow, near standstill, a step makes
+    more of a difference in the last bit: 3e10 times as much within a sample.
+    """
+    moved = [alone(machine, run._replace(voltage=run.voltage * (1 + x))) for x in HARDLY]
+    apart = [np.abs(m - expected).max(axis=0) for m in moved if not isinstance(m, LdtError)]
+    return np.max(apart, axis=0, initial=0.0)
+
+
 @settings(max_examples=60, deadline=None)
+@example(2409307721, MOTOR, ["stribeck_friction", "asymmetric_friction"], 0.0)
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from([ROTOR, MOTOR]),
@@ -71,7 +85,10 @@ def a_run(machine, random, names, unbalance):
     st.sampled_from([0.0, 0.008]),
 )
 def test_a_lane_equals_the_run_alone(seed, machine, names, unbalance):
-    """To 1e-11 of the speed: the C library's sine and the lanes' differ in their last bit."""
+    """To 1e-11 of the speed: the C library's sine and the lanes' differ in their last bit.
+
+    Or as far as the run alone is carried by as little.
+    """
     random = np.random.default_rng(seed)
     names = [n for n in names if set(EFFECTS.get(n).needs) <= set(machine.parameters)]
     runs = [a_run(machine, random, names, unbalance) for _ in range(random.integers(1, 12))]
@@ -81,7 +98,10 @@ def test_a_lane_equals_the_run_alone(seed, machine, names, unbalance):
             assert str(states) == str(expected)
             continue
         size = np.abs(expected).max(axis=0)
-        assert (np.abs(states - expected) <= 1e-11 * size + 1e-300).all(), names
+        apart, most = np.abs(states - expected), 1e-11 * size + 1e-300
+        if not (apart <= most).all():
+            most = most + 2 * carried(machine, run, expected)  # it tries a few of many
+        assert (apart <= most).all(), names
 
 
 @settings(max_examples=25, deadline=None)
