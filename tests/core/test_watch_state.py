@@ -404,6 +404,8 @@ def test_a_recording_is_paused_set_forward_and_back_also_at_its_end(tmp_path):
             source.clock.seek(target)
             eventually(lambda wanted=expected: judged() == list(range(1, wanted + 1)))
             assert fleet.overview()["playback"]["paused"]
+            last = target == 99  # a page offers to play it again there
+            eventually(lambda wanted=last: fleet.overview()["playback"]["ended"] == wanted)
         time.sleep(0.3)
         assert judged() == [1, 2, 3]
     finally:
@@ -427,6 +429,7 @@ def test_the_time_of_a_recording_is_held_and_goes_on():
     now[0] += 1
     assert clock.state() == {
         "paused": False,
+        "ended": False,
         "rate": 10.0,
         "position": 1,
         "total": 3,

@@ -28,6 +28,8 @@ class PlaybackClock:
     ) -> None:
         self.rate, self.total = rate, total
         self.paused = False
+        #: Whether all has been played, and nobody has gone back yet.
+        self.ended = False
         #: Experiments that were begun, the present one included.
         self.position = 0
         self._begun = 0.0  # recorded time at which the present one began [s]
@@ -43,6 +45,7 @@ class PlaybackClock:
             now = self._now()
             return {
                 "paused": self.paused,
+                "ended": self.ended,
                 "rate": self.rate,
                 "position": self.position,
                 "total": self.total,
@@ -101,8 +104,10 @@ class PlaybackClock:
     def wait_for_seek(self, stop: threading.Event) -> bool:
         """At the recording's end: whether it is to be played again, and not to stop."""
         with self._changed:
+            self.ended = True
             while not stop.is_set():
                 if self._target is not None and self._target < self.position:
+                    self.ended = False
                     return True
                 self._target = None
                 self._changed.wait(NOTICE)

@@ -15,7 +15,8 @@ function showPlayback() {
     heldSince = performance.now();
   }
   playing = now;
-  write(at("pause"), now.paused ? "Play" : "Pause");
+  write(at("pause"), now.ended ? "Play again" : now.paused ? "Play" : "Pause");
+  at("pause").disabled = now.ended && now.position < 2; // there is nothing to go back to
   const seek = at("seek");
   seek.parentElement.hidden = !now.total;
   if (now.total) {
@@ -52,7 +53,10 @@ function sofar(time, rowsByPlot, open) {
   );
 }
 
-at("pause").addEventListener("click", () => control(`pause=${playing && playing.paused ? 0 : 1}`));
+at("pause").addEventListener("click", () => {
+  if (playing && playing.ended) control("to=1");
+  else control(`pause=${playing && playing.paused ? 0 : 1}`);
+});
 at("seek").addEventListener("input", () => {
   seeking = true;
   showPlayback();
