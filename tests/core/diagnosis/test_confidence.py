@@ -54,12 +54,12 @@ def test_a_regression_finds_what_speaks_against_a_verdict(tmp_path):
         left = -3.0 + 0.1 * number
         right = number % 5 != 0 if left < -1 else number % 5 == 0
         name = f"case_{number:04d}"
-        found.append({"who": "diagnosis", "case": name, "verdict": "effect", "right": right})
-        verdict = {"kind": "effect", "grounds": {"left": left, "effects": 1.0}}
+        found.append({"who": "diagnosis", "case": name, "verdict": "unknown", "right": right})
+        verdict = {"kind": "unknown", "grounds": {"left": left, "effects": 1.0}}
         (tmp_path / name).mkdir()
         write(tmp_path / name / "diagnosis.json", json.dumps({"verdict": verdict}))
     write(tmp_path / "score.json", json.dumps({"cases": found}))
-    made = fitted(cases([tmp_path]), "named")
+    made = fitted(cases([tmp_path]), "unknown")
     assert made["slopes"]["left"] < 0
     assert made["cases"] == 40
     assert fitted(cases([tmp_path]), "none")["range"] == [0.5, 0.5]  # of none, nothing is known
