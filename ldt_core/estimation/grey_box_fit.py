@@ -38,8 +38,6 @@ GAINS = (1.0, 0.3, 0.1, 0.03, 0.0)
 #: Factor from gain to gain below these, where the free run is too far from the weakest observer.
 #: They end where the observer remembers the whole experiment, which is a free run.
 FINER = 0.3
-#: Most steps at each of these gains: the minimum has moved little, and two or three follow it.
-FOLLOWING = 3
 #: Difference quotients: of a coordinate. Their rounding error and their curvature error are alike
 #: for a simulation that is exact to 1e-9.
 DIFFERENCE = 1e-3
@@ -385,7 +383,7 @@ def _homotopy(problem: GreyBoxProblem, x: Array, rounds: int) -> tuple[Array, fl
     longest = max(len(e) for e in problem.experiments)
     while gain * longest > 1:
         gain *= FINER
-        x = problem.descend(x, gain, COARSE_STEP, FOLLOWING)[0]
+        x = problem.descend(x, gain, COARSE_STEP, rounds)[0]
     return min(found, _released(problem, x, rounds), key=lambda end: end[1])
 
 

@@ -367,7 +367,7 @@ UNUSABLE = {
     "file of the folder missing": (_missing_file, "_0.mcap"),
     "zero bytes": (lambda path: path.write_bytes(b""), "an empty file"),
     "magic alone": (lambda path: path.write_bytes(b"\x89MCAP0\r\n"), "no messages"),
-    "text": (lambda path: path.write_text("time,speed\n1,2\n"), "begins with"),
+    "text": (lambda path: path.write_text("time,speed\n1,2\n"), "got a text"),
     "ROS 1": (lambda path: path.write_bytes(b"#ROSBAG V2.0\n" + bytes(99)), "ROS 1"),
     "SQLite of others": (lambda path: path.write_bytes(b"SQLite format 3\0" + bytes(99)), "SQLite"),
     "no experiments": (_no_experiments, "none"),
