@@ -10,6 +10,8 @@ code that asks for nothing else at run time: no hash of a text, no parallel loop
 
 from __future__ import annotations
 
+import contextlib
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -47,14 +49,21 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def cfunc(signature: Any, function: Callable[..., Any]) -> Any:
-    """As `numba.cfunc(signature, cache=True, error_model="numpy")(function)`.
+    """As `numba.cfunc(signature, error_model="numpy")(function)`, from a cache where it can be.
 
     A division by zero gives inf, which the integrator reports.
 
     Raises:
-        RuntimeError: the function comes from no file, and cannot be cached.
         NumbaError, TypeError: numba cannot compile it.
     """
+    # What is cached is found again by its module's name, which a user's file, given by path, lacks.
+    if getattr(function, "__module__", None) in sys.modules:
+        with contextlib.suppress(RuntimeError):  # typed at a prompt, it comes from no file
+            return _cached_cfunc(signature, function)
+    return numba.cfunc(signature, error_model="numpy")(function)
+
+
+def _cached_cfunc(signature: Any, function: Callable[..., Any]) -> Any:
     if not function.__module__.startswith("ldt_core."):  # who knows what it asks for
         return numba.cfunc(signature, cache=True, error_model="numpy")(function)
     found: Any = CFunc(function, normalize_signature(signature), {}, {"error_model": "numpy"})

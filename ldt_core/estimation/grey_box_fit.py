@@ -324,22 +324,23 @@ def fit_grey_box(
     """
     problem = problem.turned(guesses if near is None else [near])
     if near is not None:
-        known = _released(problem, problem.with_angles([near], GAINS[0])[0], rounds)
-        if not len(guesses) or problem.explains(known[0], 0.0, FINE_STEP):
-            return _ended(problem, known)
+        x = problem.with_angles([near], GAINS[0])[0]
+        known = _ended(problem, _released(problem, x, rounds))
+        if known.explained or not len(guesses):
+            return known
         problem = problem.turned(guesses)
     points = problem.with_angles(guesses, GAINS[0])
     costs = problem.costs(points, GAINS[0], COARSE_STEP)
-    best: tuple[Array, float, Array] | None = None
+    best: GreyBoxFit | None = None
     for i in np.argsort(costs, kind="stable")[:tries]:
-        found = _homotopy(problem, points[i], rounds)
-        if best is None or found[1] < best[1]:
+        found = _ended(problem, _homotopy(problem, points[i], rounds))
+        if best is None or found.cost < best.cost:
             best = found
-        if problem.explains(best[0], GAINS[-1], FINE_STEP):
+        if best.explained:
             break
     if best is None:
         raise ValueError("no guess to begin with")
-    return _ended(problem, best)
+    return best
 
 
 def _ended(problem: GreyBoxProblem, end: tuple[Array, float, Array]) -> GreyBoxFit:

@@ -106,6 +106,11 @@ def _summed(a, b, c, d):  # pragma: no cover - compiled
 
 
 @njit(nogil=True)
+def _four(moves, at):  # pragma: no cover - compiled
+    return load(moves, at), load(moves, at + 1), load(moves, at + 2), load(moves, at + 3)
+
+
+@njit(nogil=True)
 def exponential_interval(
     y, begin, length, count, v, c, terms, moves, which, z
 ):  # pragma: no cover - compiled
@@ -114,24 +119,12 @@ def exponential_interval(
     half, sixth = h / 2, h / 6
     own, at = z.shape[1], which * NUMBERS
     z0, moved, d1, d2, d3, d4 = z[0], z[1], z[2], z[3], z[4], z[5]
-    e11, e12, e21, e22 = (
-        load(moves, at),
-        load(moves, at + 1),
-        load(moves, at + 2),
-        load(moves, at + 3),
-    )
-    p1, p2 = load(moves, at + 4), load(moves, at + 5)
-    q1, q2 = load(moves, at + 6) * v, load(moves, at + 7) * v
-    f11, f12, f21, f22 = (
-        load(moves, at + 8),
-        load(moves, at + 9),
-        load(moves, at + 10),
-        load(moves, at + 11),
-    )
-    a1, a2 = load(moves, at + 12), load(moves, at + 13)
-    r1, r2 = load(moves, at + 14) * v, load(moves, at + 15) * v
-    b1, b2 = load(moves, at + 16), load(moves, at + 17)
-    l1, l2 = load(moves, at + 18), load(moves, at + 19)
+    e11, e12, e21, e22 = _four(moves, at)
+    p1, p2, q1, q2 = _four(moves, at + 4)
+    f11, f12, f21, f22 = _four(moves, at + 8)
+    a1, a2, r1, r2 = _four(moves, at + 12)
+    b1, b2, l1, l2 = _four(moves, at + 16)
+    q1, q2, r1, r2 = q1 * v, q2 * v, r1 * v, r2 * v
     s, o = direction(y)
     y = _to_momenta(y, s, o, c)
     for step in range(count):

@@ -7,11 +7,9 @@ any that numba refuses for lanes, the machine code for floats is called lane by 
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
@@ -66,14 +64,8 @@ class LaneTerms(NamedTuple):
 def compile_for_lanes(function: Callable[..., Any], stateful: bool) -> Any:
     """The function as machine code for lanes, None where it must be called lane by lane."""
     signature = TERM_WITH_STATES if stateful else TERM
-    named = getattr(function, "__module__", None) in sys.modules  # see `terms.compile_term`
     try:
-        try:
-            if named:
-                return cfunc(signature, function)
-        except RuntimeError:
-            pass
-        return numba.cfunc(signature, error_model="numpy")(function)
+        return cfunc(signature, function)
     except (NumbaError, TypeError, NotImplementedError):
         return None
 

@@ -99,22 +99,21 @@ class MotorDriven(Physics):
         least_step: float = 0.0,
     ) -> Array:
         """Exact (matrix exponential) where everything is linear, else by Runge-Kutta steps."""
+        from ldt_core.physics.side_by_side import SideBySide  # see `integrate`
+
         run = self.begun(FreeRun(values, voltage, period, initial, effects, tracked))
-        return self.alone(run, period, max_step, least_step)
+        states = SideBySide(self, max_step, least_step).exponential(run)
+        return self.alone(run, period, max_step, least_step) if states is None else states
 
     def alone(self, run: BegunRun, period: float, max_step: float, least_step: float) -> Array:
-        """The states of a run that has begun; see `simulate`."""
+        """The states of a run that has begun and takes no lane; see `simulate`."""
         from ldt_core.physics.integrate import propagate  # see `integrate`
-        from ldt_core.physics.side_by_side import SideBySide
 
         tracked = _writable(run.tracked[0]), run.tracked[1]
         if run.exact:
             ad, bd = self.discretised(run.values, period)
             first = run.initial[: len(self.states)]
             return propagate(ad, bd, _writable(run.switches[1]), first, *tracked)
-        states = SideBySide(self, max_step, least_step).exponential(run)
-        if states is not None:
-            return states
         switches = run.switches[0], _writable(run.switches[1])
         about = run.values, run.times, switches, run.initial, run.terms, max_step
         return self.integrate(*about, tracked, least_step)

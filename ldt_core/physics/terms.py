@@ -14,11 +14,9 @@ in s, rad, rad/s, A, V. `p` holds the effect's parameters in their order, then t
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
@@ -58,15 +56,8 @@ def compile_term(where: str, function: Callable[..., float], stateful: bool) -> 
         OptionError: numba cannot compile it.
     """
     signature = TERM_WITH_STATES if stateful else TERM
-    # What is cached is found again by its module's name, which a user's file, given by path, lacks.
-    named = getattr(function, "__module__", None) in sys.modules
-    try:  # error model: a division by zero gives inf, which the integrator reports
-        try:
-            if named:
-                return cfunc(signature, function)
-        except RuntimeError:  # a function without a file, typed at a prompt, cannot be cached
-            pass
-        return numba.cfunc(signature, error_model="numpy")(function)
+    try:
+        return cfunc(signature, function)
     except (NumbaError, TypeError) as error:
         reason = str(error).strip().splitlines()[-1]
         raise OptionError(
