@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -24,7 +25,9 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.node import Node
 
-ANSWER_TIMEOUT = 5.0  # s; who is there is met within 0.5
+MEETING_TIMEOUT = 10.0  # s; who is there is met within 0.5, where the computer is not busy
+ANSWER_TIMEOUT = 60.0  # s, of an adaptor that was met; it may be busy, or start again
+ASK_AGAIN = 1.0  # s; an answer takes milliseconds
 LEARNS = "active"  # state of a managed node
 TRANSITIONS = {"on": "activate", "off": "deactivate"}
 
@@ -82,13 +85,13 @@ def _of_graph(namespace: str, wanted: str | None) -> str:
     with spun_nodes(make, executor_type=SingleThreadedExecutor) as ((node,), executor):
 
         def state() -> str:
-            told = _answer(node, executor, GetState, f"{adaptor}/get_state", GetState.Request())
+            told = _answer(node, executor, GetState, adaptor, "get_state")
             return "on" if told.current_state.label == LEARNS else "off"
 
         found = state()
         if wanted and wanted != found:
-            request = ChangeState.Request(transition=Transition(label=TRANSITIONS[wanted]))
-            _answer(node, executor, ChangeState, f"{adaptor}/change_state", request)
+            change = Transition(label=TRANSITIONS[wanted])
+            _answer(node, executor, ChangeState, adaptor, "change_state", transition=change)
             found = state()
             if found != wanted:
                 raise LdtError(
@@ -97,12 +100,26 @@ def _of_graph(namespace: str, wanted: str | None) -> str:
         return found
 
 
-def _answer(node: Node, executor: Executor, kind: Any, service: str, request: Any) -> Any:
+def _answer(
+    node: Node, executor: Executor, kind: Any, adaptor: str, name: str, **asked: Any
+) -> Any:
+    """What the adaptor answers; it is asked again until it does, since an answer may be lost.
+
+    A service is met by the one who asks before it has met him; then the answer goes nowhere.
+    """
+    service = f"{adaptor}/{name}"
     client = node.create_client(kind, service)
-    if client.wait_for_service(timeout_sec=ANSWER_TIMEOUT):
-        future = client.call_async(request)
-        executor.spin_until_future_complete(future, timeout_sec=ANSWER_TIMEOUT)
-        if future.done():
-            return future.result()
+    began, patience = time.monotonic(), MEETING_TIMEOUT
+    while (waited := time.monotonic() - began) < patience:
+        if client.wait_for_service(timeout_sec=min(ASK_AGAIN, MEETING_TIMEOUT)):
+            patience = ANSWER_TIMEOUT
+            future = client.call_async(kind.Request(**asked))
+            executor.spin_until_future_complete(future, timeout_sec=ASK_AGAIN)
+            if future.done():
+                return future.result()
+            client.remove_pending_request(future)
+    silent = f"no answer within {waited:.2g} s"
+    if patience == ANSWER_TIMEOUT:
+        raise LdtError(f"{service}: {silent} from the adaptor, which was met; see `ldt doctor`")
     expected = "an adaptor (of a graph that runs in this ROS_DOMAIN_ID; --namespace says of which)"
-    raise BadInput(service, expected, f"no answer within {ANSWER_TIMEOUT:g} s")
+    raise BadInput(service, expected, silent)

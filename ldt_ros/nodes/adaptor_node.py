@@ -91,6 +91,14 @@ class AdaptorNode(LdtNode, LifecycleNodeMixin):
             self._beside.shutdown(wait=False)
         self.worker.thread.shutdown(wait=True)
 
+    def destroy_node(self) -> None:
+        """End what the base class leaves to the garbage collector, and with it the log's publisher.
+
+        Collected later, it would take that of the node that then has its name.
+        """
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
+
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Learn from the next experiment on."""
         return self._learn(True)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import os
 import signal
+import time
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import pytest
 
@@ -142,7 +145,7 @@ def environment(domain):
 
 def test_where_nobody_answers_it_says_what_to_look_at(environment, capsys, monkeypatch):
     """In a sentence."""
-    monkeypatch.setattr("ldt_ros.learning.ANSWER_TIMEOUT", 0.2)
+    monkeypatch.setattr("ldt_ros.learning.MEETING_TIMEOUT", 0.2)
     assert invoke(commands, ["learning", "off", "--namespace", "press"]) == 2
     err = capsys.readouterr().err
     assert err.startswith("ldt: /press/adaptor/get_state: expected an adaptor")
@@ -150,6 +153,29 @@ def test_where_nobody_answers_it_says_what_to_look_at(environment, capsys, monke
     assert invoke(commands, ["learning", "off", "--namespace", "a b"]) == 2
     assert capsys.readouterr().err.startswith("ldt: namespace: expected words of letters")
     assert invoke(commands, ["learning", "of"]) == 2
+
+
+def test_a_busy_adaptor_is_asked_until_it_answers(stranger, environment, capsys, monkeypatch):
+    """An answer may be lost, and a busy computer takes its time."""
+    monkeypatch.setattr("ldt_ros.learning.ASK_AGAIN", 0.1)
+    node = stranger.start(AdaptorNode, **LINEAR)
+    requests = []
+    service = next(s for s in node.services if s.srv_name.endswith("/change_state"))
+    late = partial(_late, service.callback, requests)
+    monkeypatch.setattr(service, "callback", late)
+    with ThreadPoolExecutor(1) as beside:
+        switched = beside.submit(invoke, commands, ["learning", "off"])
+        stranger.until(switched.done)
+    assert (switched.result(), capsys.readouterr().out) == (0, "learning is off\n")
+    assert len(requests) > 1
+
+
+def _late(do, requests, request, response):
+    """The answer to the first request comes when nobody waits for it any more."""
+    requests.append(request)
+    if len(requests) == 1:
+        time.sleep(0.5)
+    return do(request, response)
 
 
 def test_a_run_that_has_ended_is_switched_by_its_recording(tmp_path, capsys):

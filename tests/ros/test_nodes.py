@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
 from pathlib import Path
@@ -24,7 +25,7 @@ rclpy = pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
-from stranger import TOPICS, adaptation, answer, experiment, log_of, written  # noqa: E402
+from stranger import TOPICS, Stranger, adaptation, answer, experiment, log_of, written  # noqa: E402
 
 from ldt_ros.nodes.adaptor_node import AdaptorNode  # noqa: E402
 from ldt_ros.nodes.advisor_node import AdvisorNode  # noqa: E402
@@ -448,3 +449,18 @@ def _declared(topic: str) -> QoSProfile:
     from ldt_ros.nodes.interfaces import qos
 
     return qos(topic)
+
+
+def test_a_node_that_has_ended_takes_no_other_s_log_with_it(domain, request):
+    """The next of its name is heard, whenever the garbage of the first is collected."""
+    request.addfinalizer(gc.enable)
+    for _ in range(2):
+        one = Stranger()
+        node = one.start(AdaptorNode, **PHYSICS)
+        gc.collect()
+        lines = log_of(one)
+        node.get_logger().error("hello")
+        one.until(lambda: lines, "a line in the log")  # noqa: B023
+        gc.disable()
+        one.close()
+        del one, node
