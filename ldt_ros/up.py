@@ -148,6 +148,12 @@ def command(settings: dict[str, Any], force: bool, as_json: bool) -> None:
         with RunProgress(dict.fromkeys(names, total)) as progress:
             runs = _run(given, supervisor, progress.show, stop.is_set)
     print_summaries([(r.name, r.summary, str(r.bag)) for r in runs], settings, as_json)
+    if stop.is_set() and not as_json and runs[0].bag.exists():
+        from ldt_core.cli.terminal import echo
+        from ldt_core.restart.run_key import command_to_resume
+
+        place = runs[0].bag.parent if count > 1 else runs[0].bag
+        echo(f"to go on:  {command_to_resume(settings, place, 'up')}")
 
 
 if __name__ == "__main__":

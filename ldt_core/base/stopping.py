@@ -13,7 +13,23 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 #: What the summary of a run says that was ended so.
 INTERRUPTED = "interrupted"
 
+#: Exit code of a command that was interrupted, as shells have it.
+EXIT_CODE = 128 + signal.SIGINT
+
 Item = TypeVar("Item")
+
+
+class Interrupted(KeyboardInterrupt):
+    """Somebody has asked to end work that can go on.
+
+    Args:
+        kept: what is done and where it is, as words behind "after".
+        command: that goes on with it; "" is the one that was interrupted.
+    """
+
+    def __init__(self, kept: str, command: str = "") -> None:
+        self.kept, self.command = kept, command
+        super().__init__(kept)
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import shlex
 import sys
 
 import click
@@ -15,6 +16,7 @@ from click.shell_completion import CompletionItem
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.registry import entry_points
+from ldt_core.base.stopping import EXIT_CODE, Interrupted
 from ldt_core.cli.completion import VARIABLE, register
 from ldt_core.cli.spelling import SuggestingGroup, missing, unknown_option
 from ldt_core.cli.terminal import echo
@@ -87,7 +89,7 @@ def ldt() -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run a command; exit 0 when done, 2 on bad input, 1 when the work itself failed."""
+    """Run a command; exit 0: done, 2: bad input, 1: the work itself failed, 130: interrupted."""
     sys.exit(invoke(ldt, arguments))
 
 
@@ -104,7 +106,7 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
     except click.Abort as stop:
         if isinstance(stop.__cause__, EOFError):  # click takes it for the end of what is typed
             return _say(f"a file ends too early: {str(stop.__cause__) or 'no more to be read'}", 1)
-        return _say("interrupted", 130)
+        return _say(_interrupted(stop.__cause__, command, arguments), EXIT_CODE)
     except click.exceptions.NoArgsIsHelpError as error:
         echo(error.format_message(), err=True)
         return 2
@@ -140,6 +142,16 @@ def _open_streams() -> None:
         if getattr(sys, name) is None:
             stream = open(os.devnull, "r+" if number == 0 else "w", encoding="utf-8")  # noqa: SIM115
             setattr(sys, name, stream)
+
+
+def _interrupted(
+    cause: BaseException | None, command: click.Command, arguments: list[str] | None
+) -> str:
+    """What is kept of interrupted work, and the command that goes on with it."""
+    if not isinstance(cause, Interrupted):
+        return "interrupted"
+    same = f"{_name(command)} {shlex.join(sys.argv[1:] if arguments is None else arguments)}"
+    return f"interrupted after {cause.kept}; go on with: {cause.command or same}"
 
 
 def _name(command: click.Command) -> str:

@@ -27,6 +27,7 @@ from rich.progress import track as _track
 from rich.table import Table
 
 from ldt_core.base.errors import LdtError
+from ldt_core.base.stopping import Interrupted
 from ldt_core.cli.console import Console
 from ldt_core.cli.terminal import echo, echo_json, one_line
 
@@ -142,8 +143,8 @@ class ResumableProgress:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._progress.stop()
         if kind is KeyboardInterrupt and self._done:
-            kept = f"{self._done} of {self._total} {self._items} are kept in {self._out}"
-            echo(f"{kept}; the same command goes on from there", err=True)
+            kept = f"{self._done} of {self._total} {self._items}, which are kept in {self._out}"
+            raise Interrupted(kept) from None
 
     def show(self, done: int, total: int) -> None:
         """Items that are there, and how many there will be as far as is known."""
@@ -209,6 +210,29 @@ def print_summaries(
     if told:
         more = f"; and {len(told) - MAX_FAILURES} more" if len(told) > MAX_FAILURES else ""
         raise LdtError("; ".join(told[:MAX_FAILURES]) + more)
+
+
+def interrupted_run(
+    runs: Sequence[tuple[str, Summary, str]], settings: Mapping[str, Any]
+) -> KeyboardInterrupt:
+    """What to raise behind the summaries of a run that was ended before its time.
+
+    Args:
+        runs: as of `print_summaries`.
+        settings: of the run.
+    """
+    from ldt_core.restart.run_key import command_to_resume
+
+    bags = [Path(bag) for _, _, bag in runs if bag]
+    if not bags:
+        return KeyboardInterrupt()
+    done = sum(summary.experiments for _, summary, _ in runs)
+    machines = settings.get("machines", 1)
+    total = None if settings["play"] else settings["experiments"] * machines
+    kept = f"{_of(done, total)} experiments"
+    place = bags[0].parent if machines > 1 else bags[0]
+    again = command_to_resume(settings, place) if done else "the same command and --force"
+    return Interrupted(kept, again)
 
 
 def _print_table(runs: Sequence[tuple[str, Summary, str]], settings: Mapping[str, Any]) -> None:

@@ -16,7 +16,7 @@ from ldt_core.cli.options import (
     preset_option,
 )
 from ldt_core.cli.outputs import force_option, replacing
-from ldt_core.cli.progress import RunProgress, print_summaries
+from ldt_core.cli.progress import RunProgress, interrupted_run, print_summaries
 
 
 @click.command(
@@ -39,7 +39,8 @@ def command(
 ) -> None:
     """Play RECORDING through twin, detector and adaptor, with the same settings or others.
 
-    Ctrl-C ends it in order after the experiment under way.
+    Ctrl-C ends it in order after the experiment under way, with exit code 130 and the command that
+    goes on.
 
     Example: ldt replay my_run --detector lddm --error-threshold 0.5 --out my_run_lddm
     """
@@ -67,4 +68,7 @@ def command(
     summary.note(*played.notes)
     if stop.is_set():
         summary.note(INTERRUPTED)
-    print_summaries([(machine.name, summary, out)], settings, as_json)
+    runs = [(machine.name, summary, out)]
+    print_summaries(runs, settings, as_json)
+    if stop.is_set():
+        raise interrupted_run(runs, {**settings, "play": recording})

@@ -10,7 +10,7 @@ import click
 
 from ldt_core.cli.options import Command, json_option, parameters, preset_option
 from ldt_core.cli.outputs import force_option, refuse_force, replacing
-from ldt_core.cli.progress import RunProgress, print_summaries
+from ldt_core.cli.progress import RunProgress, interrupted_run, print_summaries
 
 if TYPE_CHECKING:
     from ldt_core.base.metrics import Summary
@@ -31,12 +31,13 @@ def command(settings: dict[str, Any], force: bool, no_bag: bool, as_json: bool) 
     """Run the same loop as `ldt up` without ROS: same options, same numbers.
 
     Several machines run one after the other; nothing is waited for, so that --adaptation-timeout
-    changes nothing. Ctrl-C ends it in order after the experiment under way.
+    changes nothing. Ctrl-C ends it in order after the experiment under way, with exit code 130 and
+    the command that goes on.
 
     Example: ldt run --experiments 40 --seed 3 --model linear
     """
     from ldt_core.base.errors import BadInput
-    from ldt_core.base.stopping import stop_on_signals
+    from ldt_core.base.stopping import INTERRUPTED, stop_on_signals
     from ldt_core.restart.run_key import resumed
 
     if settings["resume"]:
@@ -48,6 +49,8 @@ def command(settings: dict[str, Any], force: bool, no_bag: bool, as_json: bool) 
     with stop_on_signals() as stop, replacing(place, force, [settings["play"]]):
         runs = _conduct(settings, no_bag, stop)
     print_summaries(runs, settings, as_json)
+    if any(INTERRUPTED in summary.notes for _, summary, _ in runs):
+        raise interrupted_run(runs, settings)
 
 
 def _conduct(settings: dict[str, Any], no_bag: bool, stop: Event) -> list[tuple[str, Summary, str]]:
@@ -69,6 +72,8 @@ def _conduct(settings: dict[str, Any], no_bag: bool, stop: Event) -> list[tuple[
     with RunProgress({member.name: total for member in members}) as progress:
         for member in members:
             own = member.settings
+            if own["resume"] and not member.bag.exists():  # interrupted before this one's turn
+                own = {**own, "resume": ""}
             if own["play"]:
                 played = read_bag(own["play"], own["play_namespace"])
                 experiments = played.experiments()
@@ -89,7 +94,7 @@ def _conduct(settings: dict[str, Any], no_bag: bool, stop: Event) -> list[tuple[
             if own["play"]:
                 summary.note(*played.notes)
             runs.append((member.name, summary, "" if no_bag else str(member.bag)))
-            if stop.is_set():
+            if stop.is_set() and (member != members[-1] or summary.experiments != total):
                 summary.note(INTERRUPTED)
                 break
     return runs

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import msgs_config
 from ldt_core.base.code_version import code_version
 from ldt_core.base.errors import BadInput, RecordingError
+from ldt_core.base.settings import as_options
 from ldt_core.detectors import DETECTORS
 from ldt_core.effects import EFFECTS
 from ldt_core.machine.machine_file import Machine
@@ -103,6 +105,22 @@ def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
             raise BadInput(where, told, "nothing")
         found[name] = value
     return {**found, "bag": str(base), "resume": str(base)}
+
+
+def command_to_resume(
+    settings: Mapping[str, Any], recording: str | Path, command: str = "run"
+) -> str:
+    """The command line that goes on with a run of these settings.
+
+    Recorded settings are taken from the recording. What names code or a file, or is free to
+    change, is repeated.
+    """
+    again = {
+        name: value
+        for name, value in settings.items()
+        if name in (*CHANGEABLE, SECURE) or not (name in LEFT_OUT or _is_plain(name, value))
+    }
+    return f"ldt {command} --resume {shlex.quote(str(recording))} {as_options(again)}".rstrip()
 
 
 def begin_of(path: str | Path, start_time: float) -> float:

@@ -57,8 +57,11 @@ def ended(process, recording, number):
         time.sleep(0.05)
     process.send_signal(number)
     output, errors = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, errors) == (0, "")
     (run,) = json.loads(output)["runs"]
+    said = errors.partition("\n")[2].rstrip()  # behind the line that ^C stands in
+    assert process.returncode == 130
+    assert said.startswith(f"ldt: interrupted after {run['experiments']} ")
+    assert f"; go on with: ldt run --resume {recording.name}" in said
     return run
 
 
