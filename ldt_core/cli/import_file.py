@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,6 +14,9 @@ from ldt_core.base.sentences import counted
 from ldt_core.cli.options import declared_option, json_option, out_option
 from ldt_core.cli.outputs import force_option, replacing
 from ldt_core.cli.terminal import echo_result, one_line
+
+if TYPE_CHECKING:
+    from ldt_core.recording.csv_table import CsvTable
 
 MOST_COLUMNS = 12  # of a table that are listed
 UNIT_HELP = "with a unit if it is not SI, for example"
@@ -136,13 +139,34 @@ def proposed_import(file: str) -> tuple[str, str]:
 
     table = CsvTable(file)
     names = table.names
-    found = propose_fields(dict(zip(names, table.units, strict=False)))
+    if table.headed:
+        found = propose_fields(dict(zip(names, table.units, strict=False)))
+        columns = ", ".join(map(repr, names[:MOST_COLUMNS]))
+    else:
+        found, columns = _by_numbers(table)
     told = {"voltage": "COLUMN", "speed": "COLUMN:UNIT", "time": "COLUMN", **found}
     options = " ".join(f"--{name} {shlex.quote(told[name])}" for name in told)
-    columns = ", ".join(map(repr, names[:MOST_COLUMNS]))
     more = ", ..." if len(names) > MOST_COLUMNS else ""
-    numbered = " (by number, as it has no header)" if all(n.isdecimal() for n in names) else ""
+    numbered = "" if table.headed else " (by number, as no header line names them)"
     return (
         columns + more + numbered,
         f"ldt import {shlex.quote(file)} {options} --length 10 --out imported",
     )
+
+
+def _by_numbers(table: CsvTable) -> tuple[dict[str, str], str]:
+    """(what is proposed, the columns) of a table without names: the one that always rises is time.
+
+    Raises:
+        RecordingError: a cell that is no number.
+    """
+    import numpy as np
+
+    from ldt_core.recording.importers import spread
+
+    shown = range(min(len(table.names), MOST_COLUMNS))
+    _, read = table.read(shown)
+    rising = [str(i + 1) for i, values in enumerate(read) if np.all(np.diff(values) > 0)]
+    columns = ", ".join(f"{i + 1} ({spread(read[i])})" for i in shown)
+    found = {"voltage": "NUMBER:UNIT", "speed": "NUMBER:UNIT", "time": "NUMBER:UNIT"}
+    return found | ({"time": rising[0]} if len(rising) == 1 else {}), columns

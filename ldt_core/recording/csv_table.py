@@ -66,6 +66,11 @@ class CsvTable:
         self.units = self._find_units()
 
     @property
+    def headed(self) -> bool:
+        """Whether a line names the columns; else they have numbers from 1 alone."""
+        return self.names != _numbers(len(self.names))
+
+    @property
     def columns(self) -> dict[str, str]:
         """Name or number of each column → the unit in the row below the names, or ""."""
         numbers = {str(index): unit for index, unit in enumerate(self.units, 1)}
@@ -235,7 +240,7 @@ class CsvTable:
             (names,) = csv.reader(comments[-1:], delimiter=self._delimiter, skipinitialspace=True)
             if len(names) == len(row):
                 return line - 1, [name.strip() for name in names]
-        return line - 1, [str(number) for number in range(1, len(row) + 1)]
+        return line - 1, _numbers(len(row))
 
     def _find_units(self) -> list[str]:
         """The row below the names without its brackets, where it has words instead of numbers."""
@@ -303,6 +308,10 @@ class _Column:
             where = f"{path}, line {line}, {self._where}"
             raise RecordingError(where, "a finite number", got + more)
         return np.concatenate(self._blocks)
+
+
+def _numbers(count: int) -> list[str]:
+    return [str(number) for number in range(1, count + 1)]
 
 
 def _is_number(cell: str) -> bool:

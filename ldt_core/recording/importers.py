@@ -122,6 +122,13 @@ def _from_table(
     at = np.asarray(np.arange(lines.size) * (sample_period or 0.0), dtype=np.float64)
     times = values.pop("time", at)
     notes = [f"{lines.size} rows; {_conversions(fields)}", *table.notes]
+    if not table.headed:
+        taken = ", ".join(
+            f"column {field.name} for the {q} in {field.unit} ({spread(column)})"
+            for (q, field), column in zip(fields.items(), columns, strict=True)
+        )
+        notes = [f"{lines.size} rows without a header line; taken are {taken}", *table.notes]
+        notes.append("if that is wrong, import again with --force and other FIELD:UNIT")
 
     def place(index: int) -> str:
         return f"line {lines[index]}"
@@ -150,6 +157,15 @@ def _from_bag(
         times = np.append(series["voltage"].time, series["speed"].time[-1])
         notes.append(f"the voltage is held for up to {np.diff(times).max():.3g} s")
     return series, notes + storage.notes
+
+
+def spread(values: np.ndarray) -> str:
+    """From where to where numbers reach, for a person to recognize a column by.
+
+    >>> spread(np.array([3.0, -1.5]))
+    '-1.5 to 3'
+    """
+    return f"{values.min():.4g} to {values.max():.4g}"
 
 
 def _conversions(fields: dict[str, Field]) -> str:

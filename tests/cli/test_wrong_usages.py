@@ -167,7 +167,9 @@ def test_a_table_of_a_plc_says_its_units_in_a_row_of_their_own(files, capsys):
     proposed = "--voltage Spannung --speed Drehzahl:U/min --time Zeit:ms"
     assert proposed in capsys.readouterr().out
     assert invoke(ldt, ["info", str(files / "bare.csv")]) == 0
-    assert "'1', '2', '3' (by number, as it has no header)" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "the columns 1 (0 to 49), 2 (0 to 6), 3 (0 to 4) (by number, as no header line" in told
+    assert "--voltage NUMBER:UNIT --speed NUMBER:UNIT --time 1" in told
 
 
 def test_a_folder_of_recordings_lists_them(files, capsys):
