@@ -1,8 +1,9 @@
-"""The table of measured machines: `python tests/real_records.py DATA [NAME...]`.
+"""The tables of measured machines: `python -m tests.real_records DATA [NAME ...] [--keep]`.
 
 Every route is one that a user would take: a machine file found on one record, a diagnosis, and free
 runs of records that neither has seen. The folder DATA holds `rtl_dcmotor`, `motor_generator`,
-`unbalanced_disk` and `torque_pendulum`; it takes minutes for each.
+`unbalanced_disk` and `torque_pendulum`; it takes minutes for each. With --keep the tables of the
+page `ldt docs real` are written anew.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.settings import resolve
 from ldt_core.calibration.calibrate import calibrate
 from ldt_core.calibration.identify import identify_machine, widened
 from ldt_core.calibration.torque_balance import SPANS, Balance, balance, fitting, machine_of
@@ -24,7 +26,11 @@ from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.diagnosis import Diagnosis, read_effects
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.models.physics import PhysicsModel
+from ldt_core.twin.loop import Twin
+from tests.benchmarks.__main__ import machine as processor
+from tests.benchmarks.measured_table import MeasuredTable
 
+LIVE = 2.0  # s of an experiment that is played live
 RPM = 2 * np.pi / 60
 Row = tuple[str, str, float, float]
 
@@ -44,12 +50,12 @@ def use_of(found: Diagnosis) -> list:
         return read_effects(file)
 
 
-def row(name: str, machine: Machine, shown, further, recordings=()) -> Row:
-    """A record diagnosed, and the error on records that it has not seen, before and after."""
-    found = diagnose(machine, shown, recordings=recordings)
+def answer(found: Diagnosis) -> str:
+    """The verdict in a cell of a table."""
     groups = [" or ".join(group) for group in found.verdict.acting]
-    answer = f"{found.verdict.kind}: {', '.join(groups)}".rstrip(": ")
-    return name, answer, error(machine, further), error(machine, further, use_of(found))
+    left = found.remainder.share_of_gap
+    told = f"{found.verdict.kind}: {' and '.join(groups)}".rstrip(": ")
+    return told if left is None else f"{told}; {left:.0%} of the gap is left"
 
 
 def pieces(u, w, period: float, length: int) -> list[Experiment]:
@@ -60,20 +66,43 @@ def pieces(u, w, period: float, length: int) -> list[Experiment]:
 
 
 def rtl_dcmotor(folder: Path) -> Iterator[Row]:
-    """The file by the open loop's step; the closed loops diagnosed, each predicted by the other."""
+    """The file by the open loop's step; the closed loops predicted, diagnosed, and played live."""
 
     def record(name: str) -> list[Experiment]:
         table = np.genfromtxt(folder / f"{name}.csv", delimiter=",", names=True)
         period = float(np.median(np.diff(table["time_s"])))
         return [Experiment(1, 0.0, period, table["voltage_V"], table["speed_rpm"] * RPM)]
 
-    rig, a, b = (
-        record(n) for n in ("open_loop_5_15V", "closed_loop_20_25_a", "closed_loop_20_25_b")
-    )
-    machine = calibrate(load_machine("dc_motor"), rig).with_recordings(["rig"]).machine
-    yield row("rt-l, open loop", machine, rig, [*a, *b], ["rig"])
-    yield row("rt-l, closed loop a", machine, a, b, ["a"])
-    yield row("rt-l, closed loop b", machine, b, a, ["b"])
+    names = {
+        "open loop": "open_loop_5_15V",
+        "closed loop a": "closed_loop_20_25_a",
+        "closed loop b": "closed_loop_20_25_b",
+    }
+    records = {name: record(file) for name, file in names.items()}
+    given, rig = load_machine("dc_motor"), records["open loop"]
+    machine = calibrate(given, rig).with_recordings(["rig"]).machine
+    for name, shown in records.items():
+        seen = "calibrated on it" if shown is rig else "calibrated on the open loop"
+        yield name, seen, error(given, shown), error(machine, shown)
+    found = diagnose(machine, rig, recordings=["rig"])
+    yield "open loop", answer(found), error(machine, rig), error(machine, rig, use_of(found))
+    for name in ("closed loop a", "closed loop b"):
+        shown, left = records[name], error(machine, records[name])
+        yield name, "with the open loop's diagnosis", left, error(machine, shown, use_of(found))
+        own = diagnose(machine, shown, recordings=[name])
+        yield name, answer(own), left, error(machine, shown, use_of(own))
+    (whole,) = records["closed loop b"]
+    live = pieces(whole.voltage, whole.speed, whole.period, round(LIVE / whole.period))
+    for model in ("hybrid", "auto"):
+        steps = list(Twin.from_settings(machine, resolve({"model": model})).steps(live))
+        for part, few in ((f"all {len(steps)}", steps), ("the last 4", steps[-4:])):
+            errors = [
+                float(np.mean([p.max_error(s.experiment) for s, p in both]))
+                for both in ([(s, s.original) for s in few], [(s, s.prediction) for s in few])
+            ]
+            holds = sum(s.signal.state == "holds" for s in few)
+            told = f"live, model `{model}`, {part} experiments: mean largest error; {holds} `holds`"
+            yield "closed loop b", told, errors[0], errors[1]
 
 
 def motor_generator(folder: Path) -> Iterator[Row]:
@@ -83,9 +112,16 @@ def motor_generator(folder: Path) -> Iterator[Row]:
     u, w = table["drive"][::10], table["speed"][::10]
     first = pieces(u[:25000], w[:25000], 0.01, 1250)
     second = pieces(u[25000:], w[25000:], 0.01, 5000)
-    found = identify_machine(first, "motor_generator", offset=False, limits=(0.0, 5.0))
-    machine = found.with_recordings(["first"]).machine
-    yield row("motor and generator", machine, first, second, ["first"])
+    machine = identify_machine(first, "motor_generator", offset=False, limits=(0.0, 5.0))
+    machine = machine.with_recordings(["first"]).machine
+    found = diagnose(machine, first, recordings=["first"])
+    gap = found.gap
+    yield "first half, held out", answer(found), gap.before.rmse, gap.after.rmse
+    for one in found.candidates:
+        if one.effect in {name for group in found.verdict.acting for name in group}:
+            yield "first half, held out", f"{one.effect} alone", gap.before.rmse, one.held_out_rmse
+    errors = (error(machine, second), error(machine, second, use_of(found)))
+    yield ("second half, never seen", "by the first half's diagnosis", *errors)
 
 
 def told(found: Balance | None) -> str:
@@ -122,17 +158,31 @@ def torque_pendulum(folder: Path) -> Iterator[Row]:
         yield (f"pendulum{name.replace('_', ', ')}, change of speed", told(found), *left)
 
 
-RECORDS = (rtl_dcmotor, motor_generator, unbalanced_disk, torque_pendulum)
+def bodies(data: Path) -> Iterator[Row]:
+    """A disc and a pendulum."""
+    yield from unbalanced_disk(data / "unbalanced_disk")
+    yield from torque_pendulum(data / "torque_pendulum")
 
 
-def main(data: str, *names: str) -> None:
-    """Print the table as Markdown."""
-    print("| record | answer | error without [rad/s] | with |\n|---|---|---|---|", flush=True)
-    for record in RECORDS:
-        if names and record.__name__ not in names:
-            continue
-        for name, answer, before, after in record(Path(data) / record.__name__):
-            print(f"| {name} | {answer} | {before:.3g} | {after:.3g} |", flush=True)
+#: Table → what its rows are measured by, from the folder of all data.
+TABLES = {
+    "rtl_dcmotor": lambda data: rtl_dcmotor(data / "rtl_dcmotor"),
+    "motor_generator": lambda data: motor_generator(data / "motor_generator"),
+    "bodies": bodies,
+}
+
+
+def main(data: str, *given: str) -> None:
+    """Measure and print the tables as Markdown, and keep them if asked to."""
+    names = [name for name in given if name != "--keep"]
+    for name in names or TABLES:
+        command = f"python -m tests.real_records DATA {name}"
+        head = ("record", "what was done", "error without [rad/s]", "with")
+        table = MeasuredTable(name, command, *head, page="real")
+        for record, done, before, after in TABLES[name](Path(data)):
+            table.add(record, done, f"{before:.3g}", f"{after:.3g}")
+        if "--keep" in given:
+            table.keep(processor())
 
 
 if __name__ == "__main__":

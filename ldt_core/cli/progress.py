@@ -44,6 +44,7 @@ MAX_FAILURES = 3  # told in the sentence that a run fails with; --json has all
 MAX_COLUMNS = 3  # machines in the table that a run ends with; more are a row each
 
 
+MINUTE = 60.0  # s
 LINE_EVERY = 30.0  # s between two lines on a pipe: a log of an hour has 120, a quick command none
 
 
@@ -52,13 +53,23 @@ class _Lines:
 
     def __init__(self) -> None:
         self._piped = not sys.stderr.isatty()
-        self._told = time.monotonic()
+        self._begun = self._told = time.monotonic()
 
-    def tell(self, words: Callable[[], str]) -> None:
-        """Print them if it is time."""
+    def tell(self, words: Callable[[], str], done: int = 0, total: int | None = None) -> None:
+        """Print them if it is time, and how long it will take yet where that is known."""
         if self._piped and (now := time.monotonic()) - self._told >= LINE_EVERY:
             self._told = now
-            echo(one_line(words()), err=True)
+            left = (now - self._begun) * (total / done - 1) if total and done else 0.0
+            echo(one_line(words() + (f", about {_span(left)} left" if left else "")), err=True)
+
+
+def _span(seconds: float) -> str:
+    """A time that is left, roughly.
+
+    >>> _span(12.3), _span(4000)
+    ('12 s', '67 min')
+    """
+    return f"{seconds:.0f} s" if seconds < 2 * MINUTE else f"{seconds / MINUTE:.0f} min"
 
 
 def _of(done: int, total: int | None) -> str:
@@ -122,7 +133,9 @@ class RunProgress:
                 f"{machine}: experiment {_of(self._done[machine], self._totals[machine])}, "
                 f"{state.brief}, max error {signal.max_error:.3g} rad/s, "
                 f"model {adaptation.model_version}"
-            )
+            ),
+            self._done[machine],
+            self._totals[machine],
         )
 
 
@@ -161,7 +174,7 @@ def track(items: Iterable[Item], what: str, total: int | None = None) -> Iterato
     lines = _Lines()
     many = len(items) if total is None and isinstance(items, Sized) else total
     for done, item in enumerate(bar, start=1):
-        lines.tell(lambda done=done: f"{what}: {_of(done, many)}")  # type: ignore[misc]
+        lines.tell(lambda done=done: f"{what}: {_of(done, many)}", done, many)  # type: ignore[misc]
         yield item
 
 

@@ -191,8 +191,7 @@ class _Report:
         words = sentence(self.machine.name, d.kind, acting, found, gap, where, left, angles)
         if self.objection and d.best:
             words = not_standing(d.best.names, gap, where, self.objection)
-        if blind:
-            words = not_seen(gap, still)
+        words = not_seen(gap, still) if blind else words
         refit = self._refit(before, noise)
         if d.kind == "none":
             words = enough(refit, was.rmse) or words
@@ -230,6 +229,7 @@ class _Report:
                 for effect, given in merged(self.machine, self.use)
             ],
             shown=self._shown(before, after),
+            machine_file=self.machine.source,
         )
 
     def _refit(self, before: Sequence[Array], noise: float) -> list[Refit]:

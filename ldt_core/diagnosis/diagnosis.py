@@ -207,6 +207,7 @@ class Diagnosis:
     Attributes:
         experiments: numbers under `fit` and `held_out`.
         effects: the verdict's effects as `ldt predict --with` adds them: name or file, parameters.
+        machine_file: as it was given, or the name with `.yaml` of a machine that ships with LDT.
     """
 
     machine: str
@@ -224,6 +225,7 @@ class Diagnosis:
     effects: Sequence[Mapping[str, Any]] = ()
     shown: Sequence[DrawnExperiment] = field(default=(), compare=False)
     refit: Sequence[Refit] = ()
+    machine_file: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """The content of `diagnosis.json`: JSON values only, undefined quantities null."""

@@ -26,7 +26,7 @@ from ldt_core.base.experiment import (
     ModelRecord,
     Signal,
 )
-from ldt_core.base.model_state import shown_state, times_noise
+from ldt_core.base.model_state import shown_state
 from ldt_core.base.settings import resolve
 from ldt_core.machine.experiment_limits import too_long_to_learn
 from ldt_core.machine.sensor_check import doubt, fault
@@ -158,11 +158,14 @@ class Adaptor:
             if self.diagnosis is not None and self.diagnosis.cause:
                 self.named = self.diagnosis
         if signal.level is Level.NEGATIVE:
-            action, reason = Action.KEPT, f"{_known(signal)}; version {self.model.version} stays"
+            action, reason = (
+                Action.KEPT,
+                f"{shown_state(signal).known}; version {self.model.version} stays",
+            )
         elif signal.level is Level.WARNING:
             self.memory.store(experiment)
             action, details["dropped"] = Action.STORED, self.memory.dropped
-            reason = f"{_known(signal)}; {_count(len(self.memory))} in the warning set"
+            reason = f"{shown_state(signal).known}; {_count(len(self.memory))} in the warning set"
         else:
             action, reason, details = self._learn(experiment)
         self.memory.remember(experiment)
@@ -345,13 +348,6 @@ class Adaptor:
         if self.diagnoser is not None:
             self.diagnoser.return_to(state["diagnoser"], archive)
         self.model, self.memory, self.earlier, self.named = model, memory, earlier, named
-
-
-def _known(signal: Signal) -> str:
-    """The detector's answer, which assures of nothing, and what is known beside it."""
-    beside = times_noise(signal.adequacy)
-    known = shown_state(signal).known + (f", error {beside}" if beside else "")
-    return f"{signal.level.word}: {known}"
 
 
 def _figures(details: dict[str, float]) -> str:

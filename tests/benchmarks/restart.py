@@ -1,6 +1,6 @@
 """How long a node takes to be where its recording ends, by the length of that, as a table.
 
-python -m tests.benchmarks.restart [EXPERIMENTS ...] [--everything]
+python -m tests.benchmarks.restart [EXPERIMENTS ...] [--everything] [--keep]
 
 Time of the processor and most memory of a process of its own: for the detector's state, the
 adaptor's (model in force, S_w), the twin's and the recorder's. The experiments have 2000 samples
@@ -29,6 +29,7 @@ from ldt_core.restart.recorded_run import END, RecordedRun
 from ldt_core.restart.stage_restart import StageRestart
 from ldt_core.twin.loop import Twin
 from tests.benchmarks.__main__ import machine as computer
+from tests.benchmarks.measured_table import MeasuredTable
 
 COUNTS = (250, 2_050, 20_050)  # half-way between two checkpoints
 SAMPLES, LEARNED_EVERY = 2000, 10
@@ -81,8 +82,9 @@ def stage(folder: Path, every: int, name: str) -> int:
     known = restart.return_to_checkpoint()
     recalled = 0
     for step in restart.run.steps(known):
-        recalled += step.number > known
-        restart.recall(step)
+        if not restart.covers(step):
+            restart.recall(step)
+            recalled += 1
     return recalled
 
 
@@ -121,15 +123,18 @@ def _measured(work: Callable[..., Any], arguments: Any) -> tuple[float, float, A
 
 
 def main() -> int:
-    """Measure and print."""
+    """Measure and print, and keep the table if asked to."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.restart")
     parser.add_argument("counts", nargs="*", type=int, default=COUNTS)
     parser.add_argument("--everything", action="store_true")
+    parser.add_argument("--keep", action="store_true", help="take them into the page's table")
     given = parser.parse_args()
     every = 0 if given.everything else GIVEN["checkpoint_every"]
-    print(f"Measured on {computer()}: experiments of {SAMPLES} samples.\n")
-    print("| experiments | recording | node | recalled | time | most memory |")
-    print("|---|---|---|---|---|---|")
+    name, option = ("restart all", " --everything") if given.everything else ("restart", "")
+    head = ("experiments", "recording", "node", "steps read", "processor time", "most memory")
+    table = MeasuredTable(
+        name, f"python -m tests.benchmarks.restart{option}", *head, page="promises"
+    )
     for count in given.counts:
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place) / "run"
@@ -137,8 +142,10 @@ def main() -> int:
             size = sum(f.stat().st_size for f in folder.glob("*.mcap")) / 1e6
             for work in (detector, adaptor, twin, recorder):
                 seconds, most, result = measured(work, folder, every)
-                row = f"{count} | {size:.0f} MB | {work.__name__} | {result}"
-                print(f"| {row} | {seconds:.2f} s | {most:.0f} MB |", flush=True)
+                figures = (f"{size:.0f} MB", work.__name__, result)
+                table.add(f"{count:,}", *figures, f"{seconds:.2f} s", f"{most:.0f} MB")
+    if given.keep:
+        table.keep(computer())
     return 0
 
 

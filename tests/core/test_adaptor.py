@@ -130,11 +130,11 @@ def test_the_paper_s_rules():
 @pytest.mark.parametrize(
     ("state", "adequacy", "words"),
     [
-        ("holds", 1.02, "negative: the model explains it, error 1.0 times the noise"),
-        ("inadequate", 14.2, "the best model known does not explain it, error 14 times the noise"),
+        ("holds", 1.02, "the model explains it; version"),
+        ("inadequate", 14.2, "the best model known does not explain it; version"),
         ("changed", 3.0, "the model does not explain it any more"),
-        ("", None, "negative: whether the model explains it is not judged"),
-        ("holds", 1200.0, "is not judged, error 1200 times the noise"),
+        ("", None, "whether the model explains it is not judged; version"),
+        ("holds", 1200.0, "is not judged; version"),
     ],
 )
 def test_what_is_kept_assures_of_nothing_that_is_not_known(state, adequacy, words):

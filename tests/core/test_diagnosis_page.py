@@ -308,6 +308,10 @@ def test_the_next_experiment_comes_with_commands_that_take_it(diagnoses, tmp_pat
     """Recordings are quoted, and every channel has a column."""
     page = Elements(written(diagnoses["ambiguous"], tmp_path)).text
     assert "ldt diagnose bags/monday 'bags/tuesday evening' next --machine FILE" in page
+    given = replace(diagnoses["ambiguous"], machine_file="my press.yaml")
+    assert "--machine 'my press.yaml'" in Elements(written(given, tmp_path)).text
+    shipped = replace(given, machine_file="rotor.yaml")
+    assert "--machine rotor --out again" in Elements(written(shipped, tmp_path)).text
     assert "--voltage u --speed n --current i --sample-period 0.01 --length 20" in page
 
 

@@ -39,8 +39,9 @@ def test_what_is_measured_anew_takes_its_row_s_place():
 @pytest.mark.parametrize("name", load_measured())
 def test_a_table_without_a_peer_is_that_of_its_result_file(name):
     """As `--keep` of its command writes it."""
-    shown = measured_table.shown(load_measured()[name])
-    assert with_table(text("speed"), shown, name) == text("speed")
+    kept = load_measured()[name]
+    page = text(kept["page"])
+    assert with_table(page, measured_table.shown(kept), name) == page
 
 
 def test_a_table_is_kept_in_file_and_page(tmp_path, monkeypatch, capsys):

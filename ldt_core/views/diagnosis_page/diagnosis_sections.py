@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+import msgs_config
 from ldt_core.base.sentences import listed, ranges, spans
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate, Refit
 from ldt_core.views.diagnosis_page import gap_curves, ranking, time_curves
@@ -99,10 +101,23 @@ def gap(diagnosis: Diagnosis) -> Section:
     pairs += [("either", listed(g, "or")) for g in groups]
     section.blocks.append(Pairs(pairs))
     if diagnosis.effects:
-        section.blocks.append(Text("To predict another recording with what was found added:"))
-        command = "ldt predict BAG --machine FILE --with diagnosis.json --out predicted"
+        section.blocks.append(
+            Text("To predict it with what was found added, or another recording of this machine:")
+        )
+        recording = shlex.quote(next(iter(diagnosis.recordings), "RECORDING"))
+        command = (
+            f"ldt predict {recording} --machine {_machine(diagnosis)} --with diagnosis.json "
+            "--out predicted"
+        )
         section.blocks.append(Text(command, "code"))
     return section
+
+
+def _machine(diagnosis: Diagnosis) -> str:
+    """The machine as a command takes it: a file as it was given, or a shipped one's name."""
+    file = Path(diagnosis.machine_file or "FILE")
+    shipped = not file.exists() and file.stem in msgs_config.machine_names()
+    return shlex.quote(file.stem if shipped else str(file))
 
 
 def _added(diagnosis: Diagnosis, effect: Mapping[str, Any]) -> tuple[str, str]:
@@ -295,13 +310,13 @@ def following(diagnosis: Diagnosis) -> Section:
     )
     columns = {"voltage": "u", "speed": "n", "current": "i"}
     fields = [f"--{c} {columns[c]}" for c in columns if c in then.channels]
-    recordings = " ".join(map(shlex.quote, diagnosis.recordings)) or "BAG"
+    recordings = " ".join(map(shlex.quote, diagnosis.recordings)) or "RECORDING"
     section.blocks += [
         Text("Once it is recorded as a table with these columns, and diagnosed with the rest:"),
         Text(
             f"ldt import next.csv {' '.join(fields)} --sample-period {then.sample_period:g} "
             f"--length {length:g} --out next\n"
-            f"ldt diagnose {recordings} next --machine FILE --out diagnosis",
+            f"ldt diagnose {recordings} next --machine {_machine(diagnosis)} --out again",
             "code",
         ),
     ]

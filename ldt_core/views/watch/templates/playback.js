@@ -15,8 +15,9 @@ function showPlayback() {
     heldSince = performance.now();
   }
   playing = now;
-  write(at("pause"), now.ended ? "Play again" : now.paused ? "Play" : "Pause");
-  at("pause").disabled = now.ended && now.position < 2; // there is nothing to go back to
+  const alone = now.ended && now.position < 2; // there is nothing to go back to
+  write(at("pause"), alone ? "All played: one experiment" : now.ended ? "Play again" : now.paused ? "Play" : "Pause");
+  at("pause").disabled = alone;
   const seek = at("seek");
   seek.parentElement.hidden = !now.total;
   if (now.total) {
