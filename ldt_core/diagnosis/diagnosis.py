@@ -312,7 +312,7 @@ def _read(file: str | Path) -> Mapping[str, Any]:
         found = json.loads(read_bounded(file, MOST_BYTES))
     except (OSError, ValueError, RecursionError) as error:
         got = getattr(error, "strerror", None) or "no JSON"
-        raise BadInput(file, "a readable diagnosis.json", got) from error
+        raise BadInput(file, "a readable diagnosis.json, as ldt diagnose writes it", got) from error
     if not isinstance(found, Mapping) or not isinstance(found.get("verdict"), Mapping):
         raise BadInput(file, "a diagnosis with the key verdict", "something else")
     return found

@@ -34,6 +34,11 @@ from ldt_core.recording.metadata import METADATA, listed_topics, read_metadata
 RECORDINGS = Path("ldt_recordings")
 PROFILE = "ros2"
 SQLITE_MAGIC = b"SQLite format 3\x00"
+#: Ending of a text that is no table → what it is, and which command takes it.
+TEXTS = {
+    ".yaml": "a YAML text (a machine file goes behind --machine)",
+    ".json": "a JSON text (ldt predict --with takes a diagnosis, --settings what ldt tune found)",
+}
 ROS1_MAGIC = b"#ROSBAG V"
 LEAST_ALIKE_BYTES = 6  # bytes of MCAP's first 8 by which a file is taken for a damaged one
 
@@ -315,7 +320,7 @@ def _magic(file: Path) -> bytes:
     elif start.startswith(ROS1_MAGIC):
         got = "a ROS 1 bag (rosbags-convert turns it into one)"
     elif start.isascii() and b"".join(start.split()).decode("ascii").isprintable():
-        got = "a text (ldt info says how to import a table)"
+        got = TEXTS.get(file.suffix, "a text (ldt info says how to import a table)")
     else:
         got = f"a file that begins with {start[:8]!r}"
     raise RecordingError(file, "a ROS 2 recording (MCAP or SQLite)", got)

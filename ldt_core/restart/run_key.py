@@ -81,7 +81,8 @@ def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
     first = base / FIRST_MACHINE if fleet else base
     recorded = read_bag(first, listed=True).settings()
     if not recorded:
-        raise RecordingError(first, "a recording of a run, with its settings", "one without")
+        there = f"one without (ldt run --play {shlex.quote(str(first))} lets a twin learn on it)"
+        raise RecordingError(first, "a recording of a run, with its settings", there)
     if recorded.get(SECURE) and settings.get(SECURE) == "":
         raise BadInput("--secure", f"a keystore, since {first} began secured", "none")
     declared = msgs_config.parameters()

@@ -79,6 +79,9 @@ WRONG = {
     "replay {files}/motor --out {files}/motor --force": "another recording",
     "identify {files}/motor -o motor.yaml": "ldt calibrate (ldt docs connect)",
     "run --resume {files}/motor --force": "none beside --resume",
+    "run --resume {files}/nameless": "lets a twin learn on it",
+    "report {files}/done/diagnosis.json -o run.html": "--with takes a diagnosis",
+    "predict {files}/motor --machine dc_motor --with {files}/log.csv --out out": "ldt diagnose writes",
 }
 
 
