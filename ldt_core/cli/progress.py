@@ -53,13 +53,18 @@ class _Lines:
 
     def __init__(self) -> None:
         self._piped = not sys.stderr.isatty()
-        self._begun = self._told = time.monotonic()
+        self._told = time.monotonic()
+        self._first: tuple[float, int] | None = None  # when the first were done, and how many
 
     def tell(self, words: Callable[[], str], done: int = 0, total: int | None = None) -> None:
         """Print them if it is time, and how long it will take yet where that is known."""
-        if self._piped and (now := time.monotonic()) - self._told >= LINE_EVERY:
+        now = time.monotonic()
+        since, before = self._first = self._first or (now, done)
+        if self._piped and now - self._told >= LINE_EVERY:
             self._told = now
-            left = (now - self._begun) * (total / done - 1) if total and done else 0.0
+            left = (
+                (now - since) * (total - done) / (done - before) if total and done > before else 0
+            )
             echo(one_line(words() + (f", about {_span(left)} left" if left else "")), err=True)
 
 
@@ -163,7 +168,7 @@ class ResumableProgress:
         """Items that are there, and how many there will be as far as is known."""
         self._done, self._total = done, total
         self._progress.update(self._task, completed=done, total=total)
-        self._lines.tell(lambda: f"{self._work}: {done} of {total} {self._items}")
+        self._lines.tell(lambda: f"{self._work}: {done} of {total} {self._items}", done, total)
 
 
 def track(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:

@@ -37,7 +37,7 @@ SQLITE_MAGIC = b"SQLite format 3\x00"
 #: Ending of a text that is no table → what it is, and which command takes it.
 TEXTS = {
     ".yaml": "a YAML text (a machine file goes behind --machine)",
-    ".json": "a JSON text (ldt predict --with takes a diagnosis, --settings what ldt tune found)",
+    ".json": "a JSON text (--with takes a diagnosis, --settings what ldt tune found)",
 }
 ROS1_MAGIC = b"#ROSBAG V"
 LEAST_ALIKE_BYTES = 6  # bytes of MCAP's first 8 by which a file is taken for a damaged one

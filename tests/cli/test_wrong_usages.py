@@ -81,7 +81,7 @@ WRONG = {
     "run --resume {files}/motor --force": "none beside --resume",
     "run --resume {files}/nameless": "lets a twin learn on it",
     "report {files}/done/diagnosis.json -o run.html": "--with takes a diagnosis",
-    "predict {files}/motor --machine dc_motor --with {files}/log.csv --out out": "ldt diagnose writes",
+    "predict {files}/motor --machine dc_motor --with {files}/log.csv -o out": "diagnose writes",
 }
 
 
