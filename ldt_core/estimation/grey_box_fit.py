@@ -309,6 +309,7 @@ def fit_grey_box(
     tries: int = 2,
     rounds: int = 8,
     near: Array | None = None,
+    sized: bool = True,
 ) -> GreyBoxFit:
     """The best fit that the homotopy finds from some guesses, or the next one to a known fit.
 
@@ -321,6 +322,8 @@ def fit_grey_box(
         near: (n,) coordinates of what has explained other experiments of the same machine. Where
             the minimum next to them explains these too, nothing else is asked; without guesses,
             where it does not either.
+        sized: whether the size of what is left is of interest where it is more than noise. Else a
+            fit ends where an observer leaves more: a weaker one will not leave less.
     """
     problem = problem.turned(guesses if near is None else [near])
     if near is not None:
@@ -332,8 +335,15 @@ def fit_grey_box(
     points = problem.with_angles(guesses, GAINS[0])
     costs = problem.costs(points, GAINS[0], COARSE_STEP)
     best: GreyBoxFit | None = None
+    led: list[Array] = []
     for i in np.argsort(costs, kind="stable")[:tries]:
-        found = _ended(problem, _homotopy(problem, points[i], rounds))
+        x, _, information = problem.descend(points[i], GAINS[0], COARSE_STEP, FIRST_ROUNDS)
+        # What the experiments cannot tell from where another guess has led goes the same way.
+        apart = [float((x - other) @ information @ (x - other)) for other in led]
+        if not sized and min(apart, default=math.inf) < 1.0:
+            continue
+        led.append(x)
+        found = _ended(problem, _homotopy(problem, x, rounds, sized))
         if best is None or found.cost < best.cost:
             best = found
         if best.explained:
@@ -370,21 +380,29 @@ def of_first(information: Array, count: int) -> Array:
     return np.asarray(inner - cross @ behind @ cross.T)
 
 
-def _homotopy(problem: GreyBoxProblem, x: Array, rounds: int) -> tuple[Array, float, Array]:
-    """(coordinates, cost, information) at the end of the way from the observer to the free run."""
-    for gain in GAINS[:-1]:
-        first = gain == GAINS[0]
-        x = problem.descend(x, gain, COARSE_STEP, FIRST_ROUNDS if first else rounds)[0]
-        if first and not problem.explains(x, gain, COARSE_STEP):
-            rounds = min(rounds, HOPELESS)
+def _homotopy(
+    problem: GreyBoxProblem, x: Array, rounds: int, sized: bool
+) -> tuple[Array, float, Array]:
+    """(coordinates, cost, information) of the free run, from a minimum under the observer."""
+    gain = GAINS[0]
+    led = problem.explains(x, gain, COARSE_STEP)
+    if not led:
+        rounds = min(rounds, HOPELESS)
+    for gain in GAINS[1:-1]:
+        if not sized and not led:
+            return problem.descend(x, 0.0, COARSE_STEP, HOPELESS)
+        x = problem.descend(x, gain, COARSE_STEP, rounds)[0]
+        led = problem.explains(x, gain, COARSE_STEP)
     found = _released(problem, x, rounds)
-    if problem.explains(found[0], 0.0, FINE_STEP) or not problem.explains(x, gain, COARSE_STEP):
+    if not led or problem.explains(found[0], 0.0, FINE_STEP):
         return found
     # Right as long as it is led: the last step, to the free run, was too long.
     longest = max(len(e) for e in problem.experiments)
     while gain * longest > 1:
         gain *= FINER
         x = problem.descend(x, gain, COARSE_STEP, rounds)[0]
+        if not sized and not problem.explains(x, gain, COARSE_STEP):
+            return found
     return min(found, _released(problem, x, rounds), key=lambda end: end[1])
 
 

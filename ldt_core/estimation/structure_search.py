@@ -154,23 +154,27 @@ class StructureSearch:
         self._samples = sum(len(e) for e in experiments)
 
     def fitted(
-        self, present: Present, effects: Sequence[Effect], near: Array | None = None
+        self,
+        present: Present,
+        effects: Sequence[Effect],
+        near: Array | None = None,
+        sized: bool = True,
     ) -> FittedStructure:
-        """These effects with the machine's parameters, fitted whole; `near` as `fit_grey_box`."""
+        """These effects with the machine's parameters, fitted whole; see `fit_grey_box`."""
         box = GreyBox(self.machine, effects, self.tolerances)
         guesses = box.first_guesses(present.given, again=True)
         starts = [np.concatenate([present.prior.mean, g]) for g in guesses]
-        return self._structure(box, present.prior, starts, near)
+        return self._structure(box, present.prior, starts, near, sized)
 
     def refined(self, present: Present, near: Array) -> FittedStructure:
         """The present effects with the machine's parameters, fitted next to these coordinates."""
         box = GreyBox(self.machine, present.effects, self.tolerances)
-        return self._structure(box, present.prior, (), near)
+        return self._structure(box, present.prior, (), near, sized=False)
 
     def _structure(
-        self, box: GreyBox, prior: Prior, starts: Sequence[Array], near: Array | None
+        self, box: GreyBox, prior: Prior, starts: Sequence[Array], near: Array | None, sized: bool
     ) -> FittedStructure:
-        fit = fit_grey_box(self._problem(box, prior), starts, near=near)
+        fit = fit_grey_box(self._problem(box, prior), starts, near=near, sized=sized)
         own = box.size - len(box.uncertain)
         return FittedStructure(box, fit, prior, fit.cost + own * math.log(self._samples))
 
@@ -205,7 +209,7 @@ class StructureSearch:
         while len(best.box.effects) > 1 and best.explains:
             given = {e.name: values for e, values in best.box.values(best.fit.q)[1]}
             fewer = [
-                self.fitted(Present(rest, given, best.prior), rest)
+                self.fitted(Present(rest, given, best.prior), rest, sized=False)
                 for rest in itertools.combinations(best.box.effects, len(best.box.effects) - 1)
             ]
             least = min(fewer, key=lambda s: s.score)
@@ -309,16 +313,19 @@ class StructureSearch:
             if float(here @ here) < best:
                 best, q, rows = float(here @ here), guess, here
         low, high = box.low[k:], box.high[k:]
+        moved: list[Array] = []
         for _ in range(SCREENING_STEPS):
             by = np.where(q + DIFFERENCE <= high, DIFFERENCE, -DIFFERENCE)
-            moved = rows_at([q + step for step in np.diag(by)])
+            moved = moved or rows_at([q + step for step in np.diag(by)])
             columns = np.empty((rows.size, q.size))
             for j, there in enumerate(moved):
                 columns[:, j] = (there - rows) / by[j]
             step = -np.linalg.lstsq(columns, rows, rcond=1e-9)[0]
             step /= max(1.0, float(np.abs(step).max(initial=0.0)))
             tried = np.clip(q + step, low, high)
-            better = rows_at([tried])[0]
+            # With what the next step needs: it takes lanes that would be left over.
+            by = np.where(tried + DIFFERENCE <= high, DIFFERENCE, -DIFFERENCE)
+            better, *moved = rows_at([tried, *(tried + step for step in np.diag(by))])
             if not float(better @ better) < best:
                 break
             best, q, rows = float(better @ better), tried, better

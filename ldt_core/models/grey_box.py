@@ -162,14 +162,18 @@ class GreyBoxModel(Model):
             variance += (other - speed) ** 2
         return Prediction(*about, speed, np.sqrt(variance))
 
-    def fit(self, experiments: Sequence[Experiment]) -> Self:
+    def fit(self, experiments: Sequence[Experiment], sized: bool = True) -> Self:
         """The same effects and the machine's parameters, re-estimated; unneeded effects leave.
+
+        Args:
+            experiments: to learn from.
+            sized: whether a model that does not explain them is wanted too.
 
         Raises:
             LdtError: no or too few samples.
         """
         search = self.search_on(experiments)
-        return self.adopt(search.pruned(self._fitted(search, self.prior)), experiments)
+        return self.adopt(search.pruned(self._fitted(search, self.prior, sized)), experiments)
 
     def updated(self, experiments: Sequence[Experiment]) -> Self | None:
         """This model with more experiments of a machine that has not changed; None where it has.
@@ -189,11 +193,11 @@ class GreyBoxModel(Model):
         found = search.refined(Present(self.effects, self.given, self.before), self.q)
         return self.adopt(search.pruned(found), experiments) if found.explains else None
 
-    def _fitted(self, search: StructureSearch, known: Prior) -> FittedStructure:
+    def _fitted(self, search: StructureSearch, known: Prior, sized: bool) -> FittedStructure:
         near = self.q if self.version > 0 else None
-        found = search.fitted(Present(self.effects, self.given, known), self.effects, near)
+        found = search.fitted(Present(self.effects, self.given, known), self.effects, near, sized)
         if self.version > 0 and found.surprises:
-            anew = search.fitted(self.present, self.effects)
+            anew = search.fitted(self.present, self.effects, sized=sized)
             found = min(found, anew, key=lambda s: s.surprise)
         return found
 

@@ -81,7 +81,7 @@ class Candidates:
         found: list[Model] = []
         for model in list(tried.values())[:POOL]:
             with suppress(*UNLEARNABLE), one_thread():
-                fitted = model.fit([experiment])
+                fitted = model.fit([experiment], sized=False)
                 if explains(fitted, experiment):
                     own = known if model is versions[0] else ()
                     fitted = self._with_more(model, fitted, own, [*recent, experiment])
