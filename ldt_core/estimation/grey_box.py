@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -61,6 +62,24 @@ class Case(NamedTuple):
     experiment: Experiment
     rest: bool
     start: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known of the machine's coordinates before a fit: a normal distribution.
+
+    Args:
+        mean: (k,) of the coordinates.
+        precision: (k, k) inverse of their covariance.
+    """
+
+    mean: Array
+    precision: Array
+
+    @classmethod
+    def of_file(cls, count: int) -> Prior:
+        """What the machine file says: its values, each with its tolerance."""
+        return cls(np.zeros(count), np.eye(count))
 
 
 class GreyBox:

@@ -30,6 +30,7 @@ from ldt_core.estimation.grey_box import (
     Array,
     Case,
     GreyBox,
+    Prior,
 )
 from ldt_core.estimation.misfit import misfit, noise_in, setting
 
@@ -53,24 +54,6 @@ FIRST_ROUNDS = 25
 HOPELESS = 2
 #: Relative gain of one step below which a fit has ended: far below what one sample changes.
 LEAST_GAIN = 1e-4
-
-
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """What is known of the machine's coordinates before a fit: a normal distribution.
-
-    Args:
-        mean: (k,) of the coordinates.
-        precision: (k, k) inverse of their covariance.
-    """
-
-    mean: Array
-    precision: Array
-
-    @classmethod
-    def of_file(cls, count: int) -> Prior:
-        """What the machine file says: its values, each with its tolerance."""
-        return cls(np.zeros(count), np.eye(count))
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,13 +20,12 @@ from numpy.typing import NDArray
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.threads import spread
-from ldt_core.estimation.grey_box import COARSE_STEP, GreyBox
+from ldt_core.estimation.grey_box import COARSE_STEP, GreyBox, Prior
 from ldt_core.estimation.grey_box_fit import (
     DIFFERENCE,
     FIRST_ROUNDS,
     GreyBoxFit,
     GreyBoxProblem,
-    Prior,
     fit_grey_box,
     of_first,
 )

@@ -15,8 +15,7 @@ from ldt_core.base.sentences import listed, spoken
 from ldt_core.effects import EFFECTS
 from ldt_core.effects.change_description import change_of
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe, together
-from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, Case, GreyBox
-from ldt_core.estimation.grey_box_fit import Prior
+from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, Case, GreyBox, Prior
 from ldt_core.estimation.misfit import misfit, noise_in, setting
 from ldt_core.estimation.structure_search import FittedStructure, Present, StructureSearch
 from ldt_core.models.base import Model

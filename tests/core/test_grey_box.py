@@ -8,8 +8,8 @@ import pytest
 from ldt_core.base.errors import ModelError
 from ldt_core.base.experiment import Experiment, rms
 from ldt_core.effects import get_effect
-from ldt_core.estimation.grey_box import FINE_STEP, SHORTEST, GreyBox
-from ldt_core.estimation.grey_box_fit import GreyBoxProblem, Prior, fit_grey_box
+from ldt_core.estimation.grey_box import FINE_STEP, SHORTEST, GreyBox, Prior
+from ldt_core.estimation.grey_box_fit import GreyBoxProblem, fit_grey_box
 from ldt_core.estimation.structure_search import Present
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.machine.plant import Plant
