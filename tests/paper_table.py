@@ -4,7 +4,8 @@ ldt study --seeds 2 --only paper --only better --out study
 ldt study --seeds 1 --only trials --out trials
 python -m tests.paper_table study trials
 
-keeps the columns that the tables need in `bags/paper.csv` and writes the tables anew.
+keeps the columns that the tables need in `bags/paper.csv` and writes the tables anew. A study that
+was broken off gives the trials that it had finished.
 """
 
 from __future__ import annotations
@@ -16,11 +17,14 @@ from collections.abc import Iterable, Mapping
 from itertools import groupby
 from pathlib import Path
 
+from ldt_core.base.sentences import listed
 from ldt_core.lab.study.robustness.paper_trials import PAPER_TRIALS
+from tests.benchmarks.kept import stamp
 from tests.page_table import write_table
+from tests.robustness_table import results as trial_results
 
 KEPT = Path(__file__).parents[1] / "bags" / "paper.csv"
-COLUMNS = ("model", "detector", "seed", "left", "adaptations", "precision", "recall")
+COLUMNS = ("model", "detector", "seed", "left", "adaptations", "precision", "recall", "taken")
 TRIAL = "trial"  # in place of a model: its detector is the trial's name
 HEAD = "| model | detector | left | new models | precision | recall |"
 Row = Mapping[str, str]
@@ -32,7 +36,7 @@ def results(study: Path, trials: Path) -> list[dict[str, str]]:
     for line in _read(study / "table.csv"):
         left = float(line["mme"]) / float(line["mme_original"])
         found.append({**{n: line.get(n, "") for n in COLUMNS}, "left": f"{left:.4f}"})
-    for line in _read(trials / "robustness.csv"):
+    for line in trial_results(trials):
         if line["stream"] in PAPER_TRIALS and line["setup"] == TRIAL:
             told = {n: line.get(n, "") for n in ("seed", "adaptations")}
             row = {"model": TRIAL, "detector": line["stream"], "precision": "", "recall": ""}
@@ -56,13 +60,14 @@ def table(found: Iterable[Row]) -> str:
     lines = [HEAD, "|---" * 6 + "|"]
     for (model, detector), members in groupby(runs, key=_pair):
         own = list(members)
-        mean = {n: _mean(own, n) for n in COLUMNS[3:]}
-        shares = [mean[n] for n in ("left", "precision", "recall")]
-        left, *hits = ("" if v is None else f"{100 * v:.0f} %" for v in shares)
-        models = "" if mean["adaptations"] is None else f"{mean['adaptations']:.0f}"
-        lines.append(f"| {model} | {detector} | {left} | {models} | {' | '.join(hits)} |")
+        left, precision, recall = (_shares(own, n) for n in ("left", "precision", "recall"))
+        models = statistics.fmean(float(r["adaptations"]) for r in own)
+        cells = (model, detector, left, f"{models:.0f}", precision, recall)
+        lines.append(f"| {' | '.join(cells)} |")
     seeds = len({r["seed"] for r in runs})
-    return "\n".join([*lines, "", f"Means over {seeds} streams of 200 experiments.", ""])
+    told = f"Means over {seeds} streams of 200 experiments, the least and the most in brackets."
+    taken = listed(sorted({r["taken"] for r in runs}))
+    return "\n".join([*lines, "", f"{told} Taken in on {taken}.", ""])
 
 
 def trial_table(found: Iterable[Row]) -> str:
@@ -79,9 +84,11 @@ def _pair(row: Row) -> tuple[str, str]:
     return row["model"], row["detector"]
 
 
-def _mean(found: Iterable[Row], name: str) -> float | None:
-    values = [float(r[name]) for r in found if r[name]]
-    return statistics.fmean(values) if values else None
+def _shares(found: Iterable[Row], name: str) -> str:
+    values = [100 * float(r[name]) for r in found if r[name]]
+    if not values:
+        return ""
+    return f"{statistics.fmean(values):.0f} % ({min(values):.0f} to {max(values):.0f})"
 
 
 def main(study: str, trials: str) -> int:
@@ -89,7 +96,9 @@ def main(study: str, trials: str) -> int:
     with KEPT.open("w", newline="", encoding="utf-8") as text:
         writer = csv.DictWriter(text, COLUMNS)
         writer.writeheader()
-        writer.writerows(results(Path(study), Path(trials)))
+        now = stamp("")
+        taken = f"{now['day']} with commit {now['commit']}"
+        writer.writerows({**r, "taken": taken} for r in results(Path(study), Path(trials)))
     write_table("paper", table(rows()))
     write_table("paper", trial_table(rows()), "trials")
     return 0

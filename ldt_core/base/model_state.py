@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from ldt_core.base.experiment import Signal
+from ldt_core.base.experiment import Level, Signal
 from ldt_core.base.sentences import number
 
 #: Residual over the noise from which no signal is taken at its word that the model holds: no error
@@ -70,6 +70,21 @@ def shown_state(signal: Signal) -> ModelState:
     if signal.state == "holds" and not 0 <= (signal.adequacy or 0.0) < DOUBTED:
         return NOT_JUDGED
     return STATES.get(signal.state, NOT_JUDGED)
+
+
+def headline_state(signal: Signal) -> ModelState:
+    """What stands above a page: an alarm is told where no state says whether the model holds.
+
+    >>> from ldt_core.base.experiment import Level
+    >>> headline_state(Signal(1, Level.POSITIVE, "mine", 0, 2.0)).words
+    'alarm: model not judged'
+    """
+    state = shown_state(signal)
+    if state is NOT_JUDGED and signal.level == Level.POSITIVE:
+        return replace(state, words="alarm: model not judged", tone="bad")
+    if state is NOT_JUDGED and signal.level == Level.WARNING:
+        return replace(state, words="warning: model not judged", tone="vague")
+    return state
 
 
 def times_noise(adequacy: float | None) -> str:

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 import msgs_config
 from ldt_core.base.experiment import Action, ModelRecord, Signal
-from ldt_core.base.model_state import shown_state, times_noise
+from ldt_core.base.model_state import headline_state, shown_state, times_noise
 from ldt_core.base.sentences import number, ranges, spans, spoken
 from ldt_core.base.settings import UNSET, as_options
 from ldt_core.doctor.check import Finding, Grade
@@ -83,7 +83,7 @@ def answer(run: ReportedRun) -> Answer:
     took = "took over" if summary.adaptations else "was needed"
     models = _count(summary.adaptations, "new model") if summary.adaptations else "no new model"
     sentence += f" {happened}, and {models} {took}.{_unjudged(run)}"
-    state = shown_state(last)
+    state = headline_state(last)
     asides = [f"since experiment {_since(run)}" if _since(run) != last.experiment else ""]
     beside = times_noise(last.adequacy)
     asides += [f"error {beside}" if beside else "", f"detector: {LEVEL_WORDS[last.level]}"]

@@ -9,7 +9,7 @@ from typing import Any
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Level
-from ldt_core.base.model_state import NOT_JUDGED, shown_state, times_noise
+from ldt_core.base.model_state import NOT_JUDGED, headline_state, shown_state, times_noise
 from ldt_core.recording.node_status import HEALTH_TOPIC
 from ldt_core.views.step_view import rounded, statistic
 from ldt_core.views.watch.watched_machine import MOST_SAMPLES, WatchedMachine, text
@@ -208,8 +208,8 @@ class Fleet:
 
     def _card(self, machine: WatchedMachine, now: float) -> dict[str, Any]:
         signal, done, diagnosis = machine.signal, machine.adaptation, machine.diagnosis
-        state = shown_state(signal) if signal else NOT_JUDGED
-        rank = max(RANKS[signal.level], TONES[state.tone]) if signal else NOTHING
+        state = headline_state(signal) if signal else NOT_JUDGED
+        rank = max(RANKS[signal.level], TONES[shown_state(signal).tone]) if signal else NOTHING
         silent = machine.nodes.silent(now) if self.live else []
         trouble = [f"silent: {', '.join(silent)}"] if silent else []
         if any(told.warns for told in machine.nodes.told.values()):
