@@ -45,6 +45,7 @@ def test_a_second_publisher_of_another_name_is_an_alarm(stranger, intruder, topi
     words = f"more than one publisher of {topic} (/intruder, /stranger)"
     told = stranger.until(lambda: (h := stranger.health("twin")).get("level") == ERROR and h)
     assert told["message"] == words
+    stranger.until(lambda: [m for m in logged if "publisher" in m.msg], "a line")
     stranger.spin(1.2)
     assert [(m.level, m.msg) for m in logged if "publisher" in m.msg] == [(40, words)]
     intruder.destroy_publisher(second)
@@ -52,16 +53,18 @@ def test_a_second_publisher_of_another_name_is_an_alarm(stranger, intruder, topi
     assert gone[f"second publisher of {topic}"] == "1"
 
 
-def test_one_that_stays_for_less_than_a_report_is_noticed(stranger, intruder):
-    """Health is told once a second; whoever comes within is counted all the same."""
+def test_one_that_stays_for_less_than_a_report_is_noticed(stranger, intruder, monkeypatch):
+    """Health is told once a period, here an hour; whoever comes within is counted all the same."""
+    monkeypatch.setattr("ldt_ros.nodes.node.HEALTH_PERIOD", 3600.0)
     node = stranger.start(TwinNode, **PHYSICS)
     stranger.listen("/diagnostics")
     stranger.publisher("model")
     stranger.until(lambda: stranger.health("twin").get("level") == OK)
     second = intruder.create_publisher(String, "model", qos("model"))
     stranger.until(lambda: 2 in node.topics.matched)
-    stranger.spin(0.15)
+    stranger.until(lambda: node.topics.rivals.raised)
     intruder.destroy_publisher(second)
+    stranger.until(lambda: 2 not in node.topics.matched)
     assert node.topics.rivals.raised == {"model": 1}
 
 

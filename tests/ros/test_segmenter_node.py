@@ -68,16 +68,20 @@ def test_what_the_plant_streams_comes_back_as_the_experiments_that_it_was(
 
 
 @pytest.mark.parametrize(("had", "heard"), [("0", 4), ("6", 8)])
-def test_a_segmenter_that_is_started_again_numbers_on(had, heard, stranger, short_rotor, tmp_path):
+def test_a_segmenter_that_is_started_again_numbers_on(
+    had, heard, stranger, short_rotor, tmp_path, monkeypatch
+):
     """After what is recorded, and after what the twin has had of which nothing is recorded yet."""
     recorded = written(tmp_path / "bag", 1, 2, 3)
     stranger.listen("experiment")
     twin = [KeyValue(key="experiment", value=had), KeyValue(key="waiting", value="1")]
-    stranger.start(SegmenterNode, machine=short_rotor, resume=recorded)
+    node = stranger.start(SegmenterNode, machine=short_rotor, resume=recorded)
+    told = []
+    monkeypatch.setattr(node._gate, "_tell", lambda one, do=node._gate._tell: told.append(do(one)))
     stranger.send(
         "/diagnostics", DiagnosticArray(status=[DiagnosticStatus(name="twin", values=twin)])
     )
-    stranger.spin(0.2)
+    stranger.until(lambda: told, "what the twin tells")
     beside = {"stream": "only", "experiments": 1, "graph": ["segmenter"]}
     stranger.start(PlantNode, machine=short_rotor, **beside)
     stranger.until(lambda: stranger.heard["experiment"])
