@@ -7,6 +7,7 @@ within noise could not have been told from that one, and the other way round.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -52,25 +53,24 @@ def _ambiguities(
     """Groups of effects that imitate each other to within noise, on this input."""
     candidates = responses.candidates
     loud = [i for i, c in enumerate(candidates) if c.name not in silent]
-    imitates: set[tuple[int, int]] = set()
-    for i in loud:
-        mine = np.flatnonzero(responses.owner == i)
-        truth: FreeRunResiduals | None = None
-        for j in loud:
-            theirs = np.flatnonzero(responses.owner == j)
-            if i == j or mine.size == 0 or theirs.size == 0:
-                continue
-            block = responses.cosine[np.ix_(mine, theirs)]
-            if block.max() < SIMILAR_RESPONSES:
-                continue
-            start = responses.z[theirs[int(np.argmax(block.max(axis=0)))]]
-            truth = truth or _made(residuals, candidates[i])
-            copy = fit(truth, [candidates[j]], [start], steps=IMITATION_STEPS)
-            if copy.loss * scale < THRESHOLDS.indistinguishable_loss:
-                imitates.add((i, j))
-    mutual = {(i, j) for i, j in imitates if (j, i) in imitates}
+    truths: dict[int, FreeRunResiduals] = {}
+
+    def imitates(j: int, i: int) -> bool:
+        """Whether candidate j, fitted to i, leaves nothing beyond noise."""
+        mine, theirs = (np.flatnonzero(responses.owner == k) for k in (i, j))
+        block = responses.cosine[np.ix_(mine, theirs)]
+        if not block.size or block.max() < SIMILAR_RESPONSES:
+            return False
+        start = responses.z[theirs[int(np.argmax(block.max(axis=0)))]]
+        if i not in truths:
+            truths[i] = _made(residuals, candidates[i])
+        copy = fit(truths[i], [candidates[j]], [start], steps=IMITATION_STEPS)
+        return copy.loss * scale < THRESHOLDS.indistinguishable_loss
+
+    pairs = itertools.combinations(loud, 2)
+    mutual = [(i, j) for i, j in pairs if imitates(j, i) and imitates(i, j)]
     groups: list[set[int]] = []
-    for i, j in sorted(mutual):
+    for i, j in mutual:
         joined = {i, j}
         for group in [g for g in groups if g & joined]:
             groups.remove(group)
