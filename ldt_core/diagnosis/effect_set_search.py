@@ -27,7 +27,6 @@ from ldt_core.diagnosis.thresholds import THRESHOLDS
 # Which sets are tried. They save time: everything else would be tried in vain.
 PAIRS = 5  # pairs fitted, those whose responses promise most
 BASES = 2  # sets of one size that larger ones are built upon
-RIPPLE_PROMISE = 0.02  # of the power left: what an effect that depends on the angle must promise
 EXCHANGES = 2  # rounds in which the members of the best set are exchanged
 ENABLED_STARTS = 200  # simulations of a pair of which one effect shows only beside the other
 ENABLED = 3  # of these from which such a pair is fitted
@@ -237,13 +236,7 @@ class EffectSetSearch:
             tick = lambda: self.tick("simulating effects")  # noqa: E731
             beside = simulate_all(self.scout, silent, tick, base, self.workers, begun)
             ranked += beside.promised_beside(base)
-        left = max(self.band.excess(base.residual), 0.0)
-        return [
-            self._with(base, candidate, start)
-            for candidate, start, gain in ranked
-            # Its start angles cost as much as ten other effects, and its promise is nearly exact.
-            if gain > RIPPLE_PROMISE * left or not self.scout.angular([candidate.effect])
-        ]
+        return [self._with(base, candidate, start) for candidate, start, _ in ranked]
 
     def _with(self, base: EffectFit, candidate: Candidate, start: Array) -> TriedSet:
         """A scouted set and one more effect.
