@@ -53,7 +53,7 @@ from ldt_core.diagnosis.residual_torque import (
     residual_torque,
 )
 from ldt_core.diagnosis.sentence import not_measured, not_seen, not_standing, sentence
-from ldt_core.diagnosis.standing import begun_errors, objection
+from ldt_core.diagnosis.standing import begun_errors, objection, unlike
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import Decision, decide
 from ldt_core.machine.machine_file import Machine
@@ -151,6 +151,8 @@ class _Report:
         #: Whether nothing was sought, for no experiment can be trusted.
         self.faulty = bool(self.fault) and d.kind == "unknown" and d.best is None
         self.residuals = d.residuals
+        #: The machine without any effect.
+        self.alone = self.search.found.fits[frozenset()]
         self.named = d.best if d.kind in ("effect", "ambiguous") else None
         self.use = self.named.use if self.named else []
         #: Why what fitted best is not the answer after all.
@@ -175,7 +177,8 @@ class _Report:
             self.named, self.use, after, now = None, [], before, was
         still = float(np.sqrt(np.mean(np.concatenate([e.speed for e in self.held]) ** 2)))
         blind = d.kind == "none" and was.rmse >= still
-        if blind:  # the machine file is no better than a shaft that stands still
+        off = d.kind == "none" and unlike(self.machine, self.alone, self.fitted, self.held, noise)
+        if blind or off:  # no better than a shaft that stands still, or not with all experiments
             d = self.decision = replace(d, kind="unknown")
         part, interval = closed(self.held, before, after, noise, self.seed)
         angles = begun if self.named and now.rmse >= was.rmse else None
@@ -191,7 +194,7 @@ class _Report:
         words = sentence(self.machine.name, d.kind, acting, found, gap, where, left, angles)
         if self.objection and d.best:
             words = not_standing(d.best.names, gap, where, self.objection)
-        words = not_seen(gap, still) if blind else words
+        words = not_seen(gap, still) if blind else off or words
         refit = self._refit(before, noise)
         if d.kind == "none":
             words = enough(refit, was.rmse) or words
@@ -234,14 +237,13 @@ class _Report:
 
     def _refit(self, before: Sequence[Array], noise: float) -> list[Refit]:
         """The machine's own parameters, as the set in force has them; alone without one."""
-        alone = self.search.found.fits[frozenset()]
         if self.prior is None or self.faulty:
             return []
-        after = [free_run(self.machine, e, alone.use) for e in self.held]
+        after = [free_run(self.machine, e, self.alone.use) for e in self.held]
         part, _ = closed(self.held, before, after, noise)
         d = self.decision
         # Of an unknown cause no set is in force: what one that was rejected moved says nothing.
-        best = self.completed(self.named or alone)
+        best = self.completed(self.named or self.alone)
         return refits(self.prior, best, d.left, d.excess, part)
 
     def completed(self, fitted: EffectFit) -> EffectFit:
@@ -254,7 +256,7 @@ class _Report:
         """By what was named, free of noise, or else by all that is wrong."""
         if self.decision.kind == "none" or self.faulty:
             return []
-        none = self.search.found.fits[frozenset()].use
+        none = self.alone.use
         if self.named is None:
             return places(residual_torque(self.residuals, none))
         found = added_torque(self.residuals, none, self.use, self.named.starts)
@@ -339,21 +341,17 @@ class _Report:
         self, refit: Sequence[Refit], before: Sequence[Array]
     ) -> list[RankedCandidate]:
         """What the machine file's own numbers close by themselves, as one candidate."""
-        alone = self.search.found.fits[frozenset()]
-        if not refit or not alone.own:
+        if not refit or not self.alone.own:
             return []
         d, band = self.decision, self.search.found.band
-        amount = (
-            {
-                name: ParameterAmount(factor, "", None)
-                for name, factor in self.prior.among(self.search.told).factors(alone.z[-1]).items()
-            }
-            if self.prior
-            else {}
-        )
-        after = errors(self.held, [free_run(self.machine, e, alone.use) for e in self.held]).rmse
+        told = self.prior.among(self.search.told) if self.prior else None
+        moved = told.factors(self.alone.z[-1]) if told else {}
+        amount = {name: ParameterAmount(factor, "", None) for name, factor in moved.items()}
+        after = errors(
+            self.held, [free_run(self.machine, e, self.alone.use) for e in self.held]
+        ).rmse
         file = band.excess(self.search.found.residuals.of())
-        score = share(1 - band.excess(alone.residual) / file) if file > 0 else None
+        score = share(1 - band.excess(self.alone.residual) / file) if file > 0 else None
         reason = None if d.kind == "none" else "leaves more than the noise within the tolerances"
         part = refit[0].closed_fraction
         return [RankedCandidate(NOMINAL, amount, after, part, None, score, reason)]

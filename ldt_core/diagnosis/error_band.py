@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import betaincinv
 
 from ldt_core.base.arrays import Array
-from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, noise_floor
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.estimation.smoothing import cosine_taper
 
@@ -136,12 +136,14 @@ class ErrorBand:
             power[channel].append(_periodogram(part * window)[seen])
         # The median, so that a ripple which sweeps through some of them does not count.
         found = [np.concatenate(p) if p else np.zeros(0) for p in power]
+        r = self.residuals
+        least = noise_floor(r.experiments)  # a smooth error has nothing above the band
         first, second = (
-            min(math.sqrt(float(np.median(p)) / math.log(2)), known * change)
+            max(min(math.sqrt(float(np.median(p)) / math.log(2)), known * change), floor / size)
             if p.size and white == 1.0
             else known
-            for p, known, white in zip(
-                found, self.residuals.level, self.residuals.whiteness, strict=True
+            for p, known, white, floor, size in zip(
+                found, r.level, r.whiteness, least, r.noise, strict=True
             )
         )
         return first, second

@@ -372,11 +372,17 @@ class FreeRunResiduals:
 
 def channel_noise(experiments: Sequence[Experiment]) -> tuple[float, float]:
     """Deviations of the white noise on speed [rad/s] and current [A], as measured."""
+    speed, current = noise_floor(experiments)
+    speed = max(white_noise(e.speed for e in experiments), speed)
+    measured = [e.current for e in experiments if e.current is not None]
+    return speed, max(white_noise(measured), current) if measured else current
+
+
+def noise_floor(experiments: Sequence[Experiment]) -> tuple[float, float]:
+    """The least deviations of noise on speed [rad/s] and current [A] that are believed."""
     speed = np.concatenate([e.speed for e in experiments])
     floor = NOISE_FLOOR * max(float(np.abs(speed).max()), 1e-6)
-    noise = max(white_noise(e.speed for e in experiments), floor)
     current = [e.current for e in experiments if e.current is not None]
     if not current:
-        return noise, 1.0
-    floor = NOISE_FLOOR * max(float(np.abs(np.concatenate(current)).max()), 1e-6)
-    return noise, max(white_noise(current), floor)
+        return floor, 1.0
+    return floor, NOISE_FLOOR * max(float(np.abs(np.concatenate(current)).max()), 1e-6)

@@ -209,7 +209,8 @@ def depends_on(residuals: FreeRunResiduals, left: ResidualTorque) -> list[str]:
     best = float(np.mean(target**2))
     for name, added in _ladder(residuals, left):
         tried = np.column_stack([*columns, *(c[take] for c in added)])
-        tried = tried[:, np.ptp(tried, axis=0) > 0]
+        # What changes by less has no variance in floating point: nothing can depend on it.
+        tried = tried[:, np.ptp(tried, axis=0) > np.sqrt(np.finfo(np.float64).tiny)]
         if tried.shape[1] == 0:
             continue
         model = make_pipeline(

@@ -88,6 +88,21 @@ def not_seen(gap: Gap, motion: float) -> str:
     )
 
 
+def not_all_alike(left: float, worst: int, noise: float) -> str:
+    """The sentence where only experiments that were held out show a gap.
+
+    Args:
+        left: the machine file's error on them [rad/s].
+        worst: number of the one with the largest error.
+        noise: what the others leave [rad/s].
+    """
+    return (
+        f"Unknown: the machine file leaves only noise ({noise:.3g} rad/s) on most experiments, and "
+        f"{left:.3g} rad/s on those held out, most on experiment {worst}: they are not all of one "
+        "machine in one state, or a sensor failed."
+    )
+
+
 def not_measured(fault: str, verdict: str) -> str:
     """The sentence where a sensor is at fault.
 

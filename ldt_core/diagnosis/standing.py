@@ -18,7 +18,8 @@ from ldt_core.base.sentences import spoken
 from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.holdout import errors
+from ldt_core.diagnosis.holdout import errors, free_run
+from ldt_core.diagnosis.sentence import not_all_alike
 from ldt_core.diagnosis.start_states import ANGLE_TOLERANCE
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
@@ -79,6 +80,33 @@ def objection(
                 f"{power**0.5:.3g}"
             )
     return ""
+
+
+def unlike(
+    machine: Machine,
+    alone: EffectFit,
+    fitted: Sequence[Experiment],
+    held: Sequence[Experiment],
+    noise: float,
+) -> str:
+    """The sentence where those held out show a gap that the others do not; "" if they do not.
+
+    Parts of the one experiment begin in states that nobody has measured, and say nothing.
+
+    Args:
+        alone: the machine without any effect.
+        fitted, held: experiments that show no gap, and those held out.
+        noise: deviation of the sensor's there [rad/s].
+    """
+    if not {e.number for e in held}.isdisjoint(e.number for e in fitted):
+        return ""
+    runs = [free_run(machine, e, alone.use) for e in held]
+    begun = begun_errors(machine, alone, held)
+    left = (begun[1] if begun else errors(held, runs)).rmse
+    if left**2 <= THRESHOLDS.plainly_structured * noise**2:
+        return ""
+    single = [errors([e], [run]).rmse for e, run in zip(held, runs, strict=True)]
+    return not_all_alike(left, held[int(np.argmax(single))].number, noise)
 
 
 def begun_errors(

@@ -99,7 +99,8 @@ def torque_curve(
 
 def _hats(q: Array, knots: Array) -> Array:
     """(L, K) weights of the knots at each sample."""
-    place = np.clip((q - knots[0]) / (knots[1] - knots[0]), 0.0, knots.size - 1 - 1e-9)
+    apart = (knots[1] - knots[0]) or 1.0  # of what never changes, all are one
+    place = np.clip((q - knots[0]) / apart, 0.0, knots.size - 1 - 1e-9)
     below = place.astype(np.int64)
     hats, rows = np.zeros((q.size, knots.size)), np.arange(q.size)
     hats[rows, below] = 1.0 - (place - below)

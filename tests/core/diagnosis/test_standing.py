@@ -133,3 +133,27 @@ def test_what_nominal_parameters_close_is_told(factor, far):
     assert said.startswith("No effect is needed: nominal parameters") != far
     assert (list(found.verdict.effects) == ["motor_constant"]) == far
     assert ("K_t is not 0.05 N m/A any more but 0.08" in said) == far
+
+
+# ---- recordings of which some or all are of no machine
+
+
+def test_no_gap_is_said_only_where_those_held_out_show_none():
+    """One of six in another unit, which happens to be held out: the others alone hold."""
+    experiments = record(MOTOR, count=6)
+    held = diagnose(MOTOR, experiments, effects=[]).experiments["held_out"][0]
+    spoilt = [replace(e, speed=e.speed * (1e3 if e.number == held else 1)) for e in experiments]
+    verdict = diagnose(MOTOR, spoilt, effects=[get_effect("coulomb_friction")]).verdict
+    assert verdict.kind == "unknown"
+    assert f"most on experiment {held}" in verdict.sentence
+
+
+@pytest.mark.parametrize("speed", [17.3, 5e-324])
+def test_a_speed_without_any_noise_is_diagnosed(speed):
+    """Nothing of what it leaves lies above the band, and nothing depends on it."""
+    experiments = [
+        replace(e, voltage=0 * e.voltage + 5.0, speed=0 * e.speed + speed, current=None)
+        for e in record(MOTOR, count=6)
+    ]
+    found = diagnose(MOTOR, experiments, effects=[get_effect("coulomb_friction")])
+    assert found.verdict.kind != "none"
