@@ -15,10 +15,12 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.candidate import turning
 from ldt_core.diagnosis.diagnosis import ParameterAmount
-from ldt_core.diagnosis.effect_fit import EffectFit, by_member, law_variance
+from ldt_core.diagnosis.effect_fit import EffectFit, by_member
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 
 DEVIATIONS = 1.96  # half width of a 95 % interval of a normal distribution
+REMAINDER_SHAPES = 3.0  # independent shapes that a remainder is taken to consist of
+TRACELESS_ERROR = 0.005  # of the gap's power, by which a law may be off and leave no remainder
 UNDETERMINED = 3.0  # standard deviation, in coordinates, from which a parameter has no interval
 
 
@@ -28,7 +30,8 @@ def covariance(fit: EffectFit, left: float, gap: float) -> Array:
     The set leaves the power `left` beyond noise, of the power `gap` of the whole gap.
     """
     # What is known beforehand does not get wider with what the laws leave.
-    rows = np.vstack([fit.jacobian / math.sqrt(law_variance(left, gap)), fit.prior_rows])
+    wider = 1 + (max(left, 0.0) + TRACELESS_ERROR * max(gap, 0.0)) / REMAINDER_SHAPES
+    rows = np.vstack([fit.jacobian / math.sqrt(wider), fit.prior_rows])
     size = np.linalg.norm(rows, axis=0)
     seen = np.flatnonzero(size > 1e-9)
     found = np.diag(np.full(size.size, math.inf))

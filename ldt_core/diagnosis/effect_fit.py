@@ -20,18 +20,6 @@ STEPS_TO_START_STATES = 4  # least-squares steps after which start states are es
 PRECISION = 1e-5  # of the loss: a step that gains less ends the fit
 START_ANGLE_ROUNDS = 4  # in which start angles and parameters are fitted in turn, at most
 START_ANGLE_GAIN = 0.02  # of the loss: a round that gains less is the last
-REMAINDER_SHAPES = 3.0  # independent shapes that a remainder is taken to consist of
-TRACELESS_ERROR = 0.005  # of the gap's power, by which a law may be off and leave no remainder
-
-
-def law_variance(left: float, gap: float) -> float:
-    """Of each coordinate, in the variances that noise alone would give it.
-
-    Args:
-        left: power beyond noise that a set leaves.
-        gap: power of the whole gap.
-    """
-    return 1 + (max(left, 0.0) + TRACELESS_ERROR * max(gap, 0.0)) / REMAINDER_SHAPES
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +109,6 @@ def fit(
     precision: float = PRECISION,
     own: int = 0,
     known: StartStates | None = None,
-    weight: float = 1.0,
 ) -> EffectFit:
     """Least squares of a set's parameters, from a start.
 
@@ -131,8 +118,6 @@ def fit(
         step: longest integration step [s].
         precision: part of the sum of squares; a step that gains less was the last.
         own: how many members are the machine's own parameters.
-        weight: by which a deviation of their prior counts for more than one of the noise. The laws
-            are off by more than the noise: else a known number would move to mend them.
         known: states at the first samples, nearly, if an earlier fit has found them.
     """
     members = tuple(members)
@@ -141,7 +126,7 @@ def fit(
 
     starts = [residuals.starts]
 
-    prior = weight * _prior_rows(members, own)
+    prior = _prior_rows(members, own)
 
     def rows(points: list[Array]) -> list[Array]:
         uses = [used(members, by_member(members, z)) for z in points]

@@ -8,31 +8,39 @@ experiments.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.threads import spread
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.effect_fit import STEPS, EffectFit, fit
 from ldt_core.diagnosis.error_band import ErrorBand
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.model_selection import FittedSets, Names, plain_enough
 from ldt_core.diagnosis.nominal_prior import NominalPrior
-from ldt_core.diagnosis.quick_fits import STEPS as QUICK_STEPS
-from ldt_core.diagnosis.quick_fits import QuickFits, TriedSet, prior_weight
-from ldt_core.diagnosis.responses import best_alone, rank_pairs, simulate_all
+from ldt_core.diagnosis.responses import Responses, best_alone, rank_pairs, simulate_all
 from ldt_core.diagnosis.scouting import empty, of_each_kind, scouted, told
+from ldt_core.diagnosis.start_states import StartStates
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
+# The scout: the fits on a few experiments.
+SCOUT_STEPS = 8  # least-squares steps of its fits: a ranking needs no more
+SCOUT_PRECISION = 1e-4  # of the loss, where its fits end
 # Which sets are tried. They save time: everything else would be tried in vain.
 PAIRS = 5  # pairs fitted, those whose responses promise most
-BASES = 2  # sets of one size that larger ones are built upon
+BASES = 3  # sets of one size that larger ones are built upon
+ADDED = 3  # effects added to each of them whatever they promise, and as many that come close
+ADDED_CLOSE = 0.5  # of the best promise: what an effect of the second half of those reaches
 EXCHANGES = 2  # rounds in which the members of the best set are exchanged
 ENABLED_STARTS = 200  # simulations of a pair of which one effect shows only beside the other
-ENABLED = 3  # of these from which such a pair is fitted
 STARTS_BESIDE = 4  # of an effect that is simulated beside a set
+RIVALS = 6  # effects that may take the place of a member of the chosen set
+RIVAL_CLOSE = 0.7  # of the best promise: what a rival reaches
 SIZE_TRIED_ANYWAY = 3  # effects: sets up to this size are tried even where the last did not help
-FAR_OFF = 0.3  # of the gap: a fit that leaves more is not worth going on with
+FAR_OFF = 0.3  # of the loss: with more left, an addition is tried only if its response promises
+WORTH_A_FIT = 0.1  # of the power left: what the response of such an addition promises
 # Which sets are fitted on all experiments.
 FINISHED = 2  # sets of each size; those that compete with the answer come at the end
 FINISHED_PLAINER = 1  # further sets of each size, with fewer parameters
@@ -41,7 +49,15 @@ BEHIND = 1.5  # times the power that the best of a size leaves: a set further be
 MANY_PARAMETERS = 3  # with which a fit may end before its best
 UNFINISHED = 0.005  # of the gap: a fit with many parameters that leaves more goes on
 UNFINISHED_STEPS = 30  # least-squares steps for which it goes on
-MOST_WORK = 6e7  # samples simulated, after which no further set is sought: 15 to 50 s
+MOST_WORK = 100_000_000  # integration steps, after which no further set is sought: 8 to 40 s
+
+
+class TriedSet(NamedTuple):
+    """A set of effects, where its fit is to begin, and the start states that are nearly its own."""
+
+    members: Sequence[Candidate]
+    start: Sequence[Array]
+    known: StartStates | None = None
 
 
 class EffectSetSearch:
@@ -62,7 +78,6 @@ class EffectSetSearch:
         self.residuals, self.candidates, self.tick = residuals, tuple(candidates), tick
         #: Effect to those that this recording cannot tell from it, whatever the data are.
         self.twins: dict[str, set[str]] = {}
-        self._extended: set[Names] = {frozenset()}  # `_alone` tries all
         # Its fits run side by side: over so few experiments each of them could not be spread well.
         self.scout, self.workers = residuals.part(scouted(residuals), workers=1), residuals.workers
         #: Coordinates of the prior that take part in the fits.
@@ -81,17 +96,11 @@ class EffectSetSearch:
         self.found.fits[frozenset()] = alone
         self.found.scouted[frozenset()] = fitted or empty(self.scout)
         self.band = ErrorBand(self.scout)
-        #: Of a deviation of the machine file's numbers beside one of the noise.
-        self.weight = prior_weight(self.found.excess)
-        none = self.found.scouted[frozenset()]
-        first = [np.zeros(len(c)) if c.steady else z for c, z in zip(self.own, none.z, strict=True)]
-        excess = self.band.excess(none.residual)
-        self.quick = QuickFits(self.scout, self.own, first, excess, self.workers, tick)
 
     @property
     def spent(self) -> bool:
         """Whether the search has done all the work that it may do."""
-        return self.residuals.work.samples > MOST_WORK
+        return self.residuals.work.steps > MOST_WORK
 
     def run(self) -> FittedSets:
         """Fit sets of one effect, then of two and three as long as something is left.
@@ -141,7 +150,7 @@ class EffectSetSearch:
         turned = self.responses.with_free_phase
         ranked = self.responses.promised_beside(none) if turned else ()
         tries += [TriedSet([c], [start]) for c, start, _ in ranked if c.name in turned]
-        self._scout(self.quick.race(tries, len(self.candidates)))
+        self._scout(tries)
 
     def _pairs(self) -> None:
         ranked = sorted(rank_pairs(self.responses).items(), key=lambda q: -q[1][0])
@@ -173,20 +182,19 @@ class EffectSetSearch:
                     ]
                 )
                 self.tick("simulating effects")
-                best = np.argsort([float(r @ r) for r in runs])[:ENABLED]
+                best = np.argsort([float(r @ r) for r in runs])[:ADDED]
                 tries += [TriedSet([other, c], grid[k]) for k in best]
         return tries
 
     def _build_on(self, count: int, bases: int) -> None:
-        for base in of_each_kind(self._best(count))[:bases]:
-            self._extend(base)
-
-    def _extend(self, base: EffectFit) -> None:
-        """Scout a set with each other effect that a race leaves, once."""
-        names = frozenset(base.names)
-        if not self.spent and names not in self._extended:
-            self._extended.add(names)
-            self._scout(self.quick.race(self.additions(base)))
+        tries = []
+        for k, base in enumerate(of_each_kind(self._best(count))[: 0 if self.spent else bases]):
+            more = [*self.additions(base, ADDED), *self.additions(base, 2 * ADDED, ADDED_CLOSE)]
+            if k == 0 or count == 1:
+                more += self.additions(base, ADDED, about=self._about(base))
+            chosen = {c.name: (c, z) for c, z in more}.values()
+            tries += [self._with(base, candidate, start) for candidate, start in chosen]
+        self._scout(() if self.spent else tries)
 
     def _exchange(self, count: int, enough: float) -> None:
         """Try others in the place of each member of the best set, until that gains nothing.
@@ -197,8 +205,13 @@ class EffectSetSearch:
             best = self._best(count)[0]
             if self.band.excess(best.residual) < enough:
                 break
+            tries = []
             for leave in range(count):
-                self._extend(self._without(best, leave))
+                rest = self._without(best, leave)
+                for candidate, start in self.additions(rest, ADDED, about=self._about(rest)):
+                    if frozenset([*rest.names, candidate.name]) not in self.found.scouted:
+                        tries.append(self._with(rest, candidate, start))
+            self._scout(() if self.spent else tries)
             if self.spent or self._best(count)[0] is best:
                 break
         self._prune(self._best(count)[0])
@@ -223,20 +236,32 @@ class EffectSetSearch:
             self._scout([TriedSet([base.effects[i] for i in kept], [base.z[i] for i in kept])])
         return self.found.scouted[names]
 
-    def additions(self, base: EffectFit) -> list[TriedSet]:
-        """A set with each other effect, begun where that promises most.
+    def _about(self, base: EffectFit) -> Responses:
+        """What the other effects do beside a set: some act only together with another one."""
+        others = [c for c in self.candidates if c.name not in base.names]
+        begun = self.responses.promising(base, STARTS_BESIDE)
+        return simulate_all(
+            self.scout, others, lambda: self.tick("simulating effects"), base, self.workers, begun
+        )
 
-        An effect that shows only together with another one is simulated beside the set.
+    def additions(
+        self, base: EffectFit, count: int, close: float = 0.0, about: Responses | None = None
+    ) -> list[tuple[Candidate, Array]]:
+        """Effects that promise most beside a set, with the values to begin with.
+
+        Args:
+            about: responses beside that set; None takes those of the machine file alone.
         """
-        shown = {self.candidates[i].name for i in self.responses.owner.tolist()}
-        silent = [c for c in self.candidates if c.name not in shown.union(base.names)]
-        ranked = self.responses.promised_beside(base)
-        if silent:
-            begun = self.responses.promising(base, STARTS_BESIDE)
-            tick = lambda: self.tick("simulating effects")  # noqa: E731
-            beside = simulate_all(self.scout, silent, tick, base, self.workers, begun)
-            ranked += beside.promised_beside(base)
-        return [self._with(base, candidate, start) for candidate, start, _ in ranked]
+        enough = max(self.band.excess(base.residual), 0.0)
+        start = self.found.scouted[frozenset()].loss
+        promise = WORTH_A_FIT * enough if enough > FAR_OFF * start else 0.0
+        ranked = (about or self.responses).promised_beside(base)
+        best = ranked[0][2] if ranked else 0.0
+        enough_for = [(c, z) for c, z, gain in ranked if gain >= max(promise, close * best)]
+        # Where each experiment may choose an angle, a ripple promises more than it can keep.
+        turned = self.responses.with_free_phase
+        kept = [(c, z) for c, z in enough_for if c.name not in turned][:count]
+        return [(c, z) for c, z in enough_for[:count] if c.name in turned] + kept
 
     def _with(self, base: EffectFit, candidate: Candidate, start: Array) -> TriedSet:
         """A scouted set and one more effect.
@@ -250,13 +275,30 @@ class EffectSetSearch:
             turned = self.scout.angular([candidate.effect])
         members = [*base.effects, candidate]
         known = None if turned else base.starts
-        count = len(base.effects)
-        return TriedSet(members, [*base.z[:count], start], known, base.z[count:])
+        return TriedSet(members, [*base.z[: len(base.effects)], start], known)
 
     def _scout(self, tries: Sequence[TriedSet]) -> list[EffectFit]:
         """Fit sets on a few experiments, side by side; the best of each set so far."""
+        none = self.found.scouted[frozenset()]
+        # Alone, the machine's own parameters went as far as they may; beside a cause they need not.
+        first = [np.zeros(len(c)) if c.steady else z for c, z in zip(self.own, none.z, strict=True)]
+
+        def work(k: int) -> EffectFit:
+            members, start, known = tries[k]
+            order = sorted(range(len(members)), key=lambda i: members[i].name)
+            return fit(
+                self.scout,
+                [*(members[i] for i in order), *self.own],
+                [*(start[i] for i in order), *first],
+                steps=SCOUT_STEPS,
+                precision=SCOUT_PRECISION,
+                own=len(self.own),
+                known=known,
+            )
+
         names = []
-        for tried in self.quick.fitted(tries):
+        for tried in spread(work, len(tries), self.workers):
+            self.tick("fitting sets of effects")
             names.append(frozenset(tried.names))
             before = self.found.scouted.get(names[-1])
             if before is None or tried.loss < before.loss:
@@ -300,14 +342,9 @@ class EffectSetSearch:
             if self.scout.size == self.residuals.size:
                 self.found.fits[names] = scouted
             else:
-                steps = QUICK_STEPS if self.spent else STEPS
+                steps = SCOUT_STEPS if self.spent else STEPS
                 self.found.fits[names] = fit(
-                    self.residuals,
-                    scouted.members,
-                    scouted.z,
-                    steps=steps,
-                    own=len(self.own),
-                    weight=self.weight,
+                    self.residuals, scouted.members, scouted.z, steps=steps, own=len(self.own)
                 )
             self._polish(names)
         return self.found.fits[names]
@@ -335,7 +372,6 @@ class EffectSetSearch:
             steps=UNFINISHED_STEPS,
             own=len(self.own),
             known=found.starts,
-            weight=self.weight,
         )
         self.found.fits[names] = min(found, more, key=lambda f: f.loss)
 
@@ -349,16 +385,16 @@ class EffectSetSearch:
 
     def alternatives(self, base: EffectFit) -> list[EffectFit]:
         """Sets that differ from a set in one member, the most promising, fitted on all."""
-        names = frozenset(base.names)
-        for leave, member in enumerate(base.effects):
+        tries = []
+        for leave in range(len(base.effects)):
             rest = self._without(base, leave)
-            self._extend(rest)
             # What no recording tells from a member is tried whatever it costs.
-            twins = self.twins.get(member.name, set()) - names
-            if twins:
-                tries = [t for t in self.additions(rest) if twins & t.names]
-                self._scout([t for t in tries if t.names not in self.found.scouted])
-        scouted = self.found.scouted.get(names, base)
-        same = [f for f in self._best(len(names)) if len(names - set(f.names)) == 1]
-        close = [f for f in same if self._near(f, scouted) or self._plainer(f, scouted)]
-        return [self.finish(f) for f in close[:FINISHED_RIVALS]]
+            twins = self.twins.get(base.effects[leave].name, ())
+            tried = [] if self.spent else self.additions(rest, RIVALS + 1, RIVAL_CLOSE)
+            tried += [(c, z) for c, z, _ in self.responses.promised_beside(rest) if c.name in twins]
+            for candidate, start in tried:
+                if candidate.name not in base.names:
+                    tries.append(self._with(rest, candidate, start))
+        found, scouted = self._scout(tries), self.found.scouted.get(frozenset(base.names), base)
+        close = [f for f in found if self._near(f, scouted) or self._plainer(f, scouted)]
+        return [self.finish(f) for f in sorted(close, key=lambda f: f.loss)[:FINISHED_RIVALS]]

@@ -50,16 +50,15 @@ ANGLE_SHOWS = 1e-3  # noise deviations by which an effect that depends on the an
 SHORTEST_STEP = 0.5e-3  # s, of the integration, whatever a fit tries: bounds the time it takes
 
 
-# What a sample costs, beside one of a motor that needs a step for it (0.22 us of a processor).
-STEPS_FOR_A_SAMPLE = 12  # integration steps that take as long as all else that a sample needs
-PRICE_OF_FAST_CURRENT = 4.0  # where the current is solved for
+#: What a step costs where the current is solved for, beside one of eight runs side by side.
+PRICE_OF_FAST_CURRENT = 4
 
 
 @dataclass
 class Work:
-    """Samples simulated so far, each at its price; shared by all parts of a recording."""
+    """Integration steps done so far, of runs side by side; shared by all parts of a recording."""
 
-    samples: float = 0.0
+    steps: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,14 +145,13 @@ class FreeRunResiduals:
         self.whiteness = 1.0 / wider[0], 1.0 / wider[1]
         self._widen(*wider)
 
-    def _price(self) -> float:
-        """What a sample costs, as far as the machine without any effect tells."""
+    def _price(self) -> int:
+        """Steps for a sample, as far as the machine without any effect tells."""
         period = max((e.period for e in self.experiments), default=SEARCH_STEP)
         rate = motor_rate(self.physics.folded(self.values))
         if rate * MAX_STEP > MAX_STEP_RATE:
-            return PRICE_OF_FAST_CURRENT
-        steps = math.ceil(period / min(SEARCH_STEP, MAX_STEP_RATE / rate))
-        return 1.0 + (steps - 1) / STEPS_FOR_A_SAMPLE
+            return PRICE_OF_FAST_CURRENT * math.ceil(period / SEARCH_STEP)
+        return math.ceil(period / min(SEARCH_STEP, MAX_STEP_RATE / rate))
 
     def _tolerate(self, tolerance: float) -> None:
         """Take the noise to be as large as the laws' own errors are likely to be."""
@@ -191,7 +189,7 @@ class FreeRunResiduals:
         chosen = [self.experiments[i] for i in numbers]
         part = FreeRunResiduals(self.machine, chosen, self.noise, workers or self.workers)
         part.level, part.whiteness = self.level, self.whiteness
-        self.work.samples += part.work.samples
+        self.work.steps += part.work.steps
         part.work = self.work
         return part
 
@@ -290,7 +288,7 @@ class FreeRunResiduals:
                 if values is not None:
                     begun.append(self._free_run(asked, values))
                     about.append((place, values))
-        self.work.samples += self.price * sum(
+        self.work.steps += self.price * sum(
             np.size(run.voltage)
             for run in begun
             if run.tracked[1] > 0 or any(e.torque or e.terminal for e, _ in run.effects)

@@ -104,7 +104,7 @@ class Responses:
 
         Of one that shows nothing without the set, as many that are spread over its starts.
         """
-        span = following(base)
+        span = following(base) if base.members else np.zeros((self.responses.shape[1], 0))
         moved = self.responses - (self.responses @ span) @ span.T
         left = base.residual - span @ (span.T @ base.residual)
         size, target = np.einsum("ij,ij->i", moved, moved), moved @ left
@@ -217,8 +217,6 @@ def following(base: EffectFit) -> Array:
 
     Those that lie at a bound of theirs, or are known better than these data tell, do not follow.
     """
-    if not base.members:
-        return np.zeros((base.residual.size, 0))
     low, high = (np.concatenate([c.bounds[k] for c in base.members]) for k in (0, 1))
     z, rows = np.concatenate(base.z), base.jacobian
     own = z.size - sum(len(c) for c in base.effects)

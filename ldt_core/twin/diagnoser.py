@@ -341,6 +341,7 @@ def _known(found: DiagnosisRecord, error: float) -> Known | None:
 def _record(found: Found, signal: Signal) -> DiagnosisRecord:
     verdict = found.diagnosis.verdict
     values = scalars(found.diagnosis.as_dict())
+    values.pop("machine_file")  # a node reads a copy of its own, gone with the graph
     values["since"] = found.pool[0].number
     values["asked_at"] = found.pool[-1].number
     if cause := _cause(found.diagnosis):

@@ -116,7 +116,7 @@ def test_an_interrupted_study_goes_on_where_it_was(
     said = process.communicate(timeout=30)[1]
     assert process.returncode == (130 if end is signal.SIGINT else -signal.SIGKILL)
     if end is signal.SIGINT:
-        assert f"results are kept in {out}; the same command goes on" in said
+        assert f"which are kept in {out}" in said
         assert "Traceback" not in said
     kept = {p: p.stat().st_mtime_ns for p in out.glob("runs/*.json")}
     assert 2 <= len(kept) < 12
