@@ -18,8 +18,9 @@ from ldt_core.estimation.noise import sensor_step
 EXPONENTS = (0.1, 0.3, 0.5, 0.7)
 #: Errors that the next one is ranked among, at most; their ranks resolve a chance of 1 in 500.
 REMEMBERED = 500
-#: Times the error last learned from in the state `learning`, beyond which one is heard at once:
-#: between experiments of one machine with random voltage the error of one model varies by half.
+#: Times the error that learning was tried on, beyond which an experiment is heard at once: between
+#: experiments of one machine with random voltage the error of one model varies by half. Errors
+#: that grow to g times the first are heard log(g) / log(NEWS) times at most.
 NEWS = 1.5
 #: Fewer samples than this do not show how rough they are.
 LEAST_SAMPLES = 20
@@ -44,12 +45,12 @@ class Adequacy(Detector):
     | `new_range` | it does not, but only where the voltage is as it never was before | negative |
 
     In the state `inadequate` learning is tried again, positive, after 1, 2, 4, 8 ... experiments,
-    and at once where the residuals are no longer like those since the first trial. So it is in the
-    state `learning`, where the residual is no noise, and at once where it is `NEWS` times as large
-    as the one last learned from. A range is new to a model that has learned if neither what it
-    learned from nor what it explained since lies there (`excited_range`). A failure there is
-    negative where the machine was never seen before, otherwise positive and `inadequate`, not
-    `changed`. Nothing is learned as usual from experiments that the model has not explained.
+    and at once where the residuals are no longer like those since the first trial, or `NEWS` times
+    as large as any that learning was tried on. So it is in the state `learning`, where the residual
+    is no noise. A range is new to a model that has learned if neither what it learned from nor what
+    it explained since lies there (`excited_range`). A failure there is negative where the machine
+    was never seen before, otherwise positive and `inadequate`, not `changed`. Nothing is learned as
+    usual from experiments that the model has not explained.
 
     **Guarantee.** While the model in force is the machine's, the mean number of experiments to a
     false positive is at least `false_alarm_every`, if the noise is symmetric about zero and
@@ -60,9 +61,9 @@ class Adequacy(Detector):
     `false_alarm_every`. M is an e-detector of the CUSUM type: M_n <= e_n (M_(n-1) + 1) <= S_n for
     the Shiryaev-Roberts sum S_n = e_n (S_(n-1) + 1), and S_n - n is a supermartingale from 0. By
     optional stopping the first time T with S_T >= A has E[T] >= E[S_T] >= A (Shin, Ramdas, Rinaldo,
-    "E-detectors", 2022, theorem 2.4). In the state `inadequate` the same holds of positives out of
-    turn, if the logarithms of the relative errors since the first trial are exchangeable: then
-    their ranks' p-values are independent and uniform, and mean over k of k p^(k-1) is an e-value.
+    "E-detectors", 2022, theorem 2.4). In the state `inadequate` the same holds of `changed`, if the
+    logarithms of the relative errors since the first trial are exchangeable: then their ranks'
+    p-values are independent and uniform, and mean over k of k p^(k-1) is an e-value.
 
     Noise that is not independent within an experiment breaks the first assumption: the first such
     experiment is positive. Learning finds nothing better, and the ranks go on from there.
@@ -175,7 +176,7 @@ class Adequacy(Detector):
             self.model_state = "holds" if plain.explained else "learning"
             return Level.NEGATIVE
         if self.misfit >= self.false_alarm_every:
-            self.lessons, self.pause, self.heard = 0, 0, 0.0
+            self.lessons, self.pause, self.heard = 0, 0, found.relative
             if not self._fails_within(self.explained, residual, deviation, voltage):
                 return self._beyond(voltage)
             self.errors = [math.log(found.relative)]
@@ -227,7 +228,13 @@ class Adequacy(Detector):
             self.model_state = "changed"
             return Level.POSITIVE
         self.model_state = "inadequate"
-        return Level.POSITIVE if self.wait <= 0 else Level.WARNING
+        news = math.exp(error) >= NEWS * self.heard
+        if news:
+            self.trials = 0
+        elif self.wait > 0:
+            return Level.WARNING
+        self.heard = max(self.heard, math.exp(error))
+        return Level.POSITIVE
 
     def excited(self, voltage: Samples) -> None:
         """Hear the voltage of the experiment that the next update is about."""

@@ -38,7 +38,7 @@ class Candidates:
     def __init__(self, settings: Mapping[str, Any]) -> None:
         self._settings = settings
         # The last search: version that it began with and experiments, and what it found.
-        self._searched: tuple[tuple[int, tuple[int, ...]], list[Model]] | None = None
+        self._searched: tuple[tuple[int, tuple[int, ...]], list[GreyBoxModel]] | None = None
 
     def more(
         self, model: Model, known: Sequence[Experiment], experiments: Sequence[Experiment]
@@ -65,7 +65,7 @@ class Candidates:
         known: Sequence[Experiment],
         experiment: Experiment,
         recent: Sequence[Experiment],
-    ) -> Model | None:
+    ) -> GreyBoxModel | None:
         """The best of the causes of these versions, re-estimated from the newest experiments.
 
         Args:
@@ -78,7 +78,7 @@ class Candidates:
         for model in versions:
             if isinstance(model, GreyBoxModel):
                 tried.setdefault(tuple(sorted(model.given)), model)
-        found: list[Model] = []
+        found: list[GreyBoxModel] = []
         for model in list(tried.values())[:POOL]:
             with suppress(*UNLEARNABLE), one_thread():
                 fitted = model.fit([experiment], sized=False)
@@ -105,7 +105,7 @@ class Candidates:
                 return found
         return model.fit(valid[-POOL:]) if len(valid) > 1 else fitted
 
-    def structures(self, start: Model, pool: Sequence[Experiment]) -> list[Model]:
+    def structures(self, start: Model, pool: Sequence[Experiment]) -> list[GreyBoxModel]:
         """The best of what a search finds; found once, where it is asked for twice.
 
         Args:
@@ -117,15 +117,16 @@ class Candidates:
         asked = (start.version, tuple(id(e) for e in pool))
         if self._searched is None or self._searched[0] != asked:
             with one_thread():
-                self._searched = asked, list[Model](start.with_other_causes(pool, cores()))
+                self._searched = asked, start.with_other_causes(pool, cores())
         return self._searched[1]
 
     def learned(self, start: Model, pool: Sequence[Experiment]) -> list[Model]:
         """New models that have learned from these experiments: causes, and flexible ones."""
-        found = list(self.structures(start, pool))
+        causes = self.structures(start, pool)
+        found: list[Model] = [*causes]
         flexible = build_model(FLEXIBLE, start.machine, self._settings)
         assert isinstance(flexible, HybridModel)
-        for physics in [flexible, *(flexible.on(m) for m in found if isinstance(m, GreyBoxModel))]:
+        for physics in [flexible, *map(flexible.on, causes)]:
             with one_thread(), suppress(*UNLEARNABLE):
                 found.append(physics.fit(pool))
         return found

@@ -18,11 +18,8 @@ from ldt_core.twin.memory import Memory
 from ldt_core.twin.search_backoff import SearchBackoff
 from ldt_core.twin.stage import Archive, RecordedStep
 from ldt_core.twin.training_data import VALID_ERROR_RATIO
-from ldt_core.twin.version_errors import alike, explains, rms_error, same
+from ldt_core.twin.version_errors import BETTER, alike, explains, gains, pays, rms_error, same
 
-#: A model comes into force on data that it has not learned from if its error is less than this part
-#: of the present one's: chance makes the errors of equally good models differ by less.
-BETTER = 0.95
 #: Experiments over which the twin is compared with the original, and the least of them.
 WATCHED, LEAST_WATCHED = 10, 5
 #: Sum of the twin's errors over the original's, above which the original comes back.
@@ -145,7 +142,7 @@ class ContestAdaptor(Adaptor):
         """Find the version that explains the experiment, the present one before all others."""
         known = self.model if explains(self.model, experiment) else self._known(experiment)
         self._explaining = known
-        self.backoff.saw(known is not None)
+        self.backoff.saw(known is not None, rms_error(self.model, experiment))
 
     def _took(self, before: Model, recent: Sequence[Experiment], signal: Signal) -> None:
         """Note what a new version has learned from; of one in force again it is not known.
@@ -240,7 +237,9 @@ class ContestAdaptor(Adaptor):
         recent, known = self._recent(experiment), self.learned_from
         best = self.candidates.refitted(versions, known, experiment, recent)
         origin = "re-estimated"
-        if best is not None and not (explains(best, experiment) and self._pays(best, [experiment])):
+        if best is not None and not (
+            explains(best, experiment) and gains(best, before, experiment)
+        ):
             best = None
         alone, pool = best, [*known[-POOL + 1 :], experiment]
         if alone is not None and self._elsewhere and not all(explains(alone, e) for e in pool):
@@ -260,23 +259,24 @@ class ContestAdaptor(Adaptor):
         if self.backoff.due:
             self.pending, details = self.unexplained(experiment)[-POOL:], {SEARCHING: 1.0}
             then = "other models compete at the next experiment"
-            self.backoff.failed()
+            self.backoff.failed(present)
         judged = self.unexplained(experiment)  # in one alone a version errs less by luck
         rivals = (self.original, *self.earlier)
         nearest = min(rivals, key=lambda m: sum(rms_error(m, e) ** 2 for e in judged))
-        if self._pays(nearest, judged) and self._foreseen(nearest, experiment) is nearest:
+        if pays(nearest, before, judged) and self._foreseen(nearest, experiment) is nearest:
             self._adopt(nearest.again(before.version + 1))
             origin = f"is version {nearest.version} again, which errs least"
             return Action.ADAPTED, self._reason(before, experiment, origin), details
         stays = f"version {before.version} stays"
         return Action.REFUSED, f"no known cause explains it, {then}; {stays}", details
 
-    def _searched(self, pool: Sequence[Experiment]) -> Model | None:
+    def _searched(self, pool: Sequence[Experiment]) -> GreyBoxModel | None:
         """What a search finds that explains all of these, unless searches have to wait."""
         if not self.backoff.due:
             return None
         found = self.candidates.structures(self._grey(), pool)
-        return next((m for m in found if all(explains(m, e) for e in pool)), None)
+        explaining = (m for m in found if all(explains(m, e) for e in pool))
+        return next((m for m in explaining if gains(m, self.model, pool[-1])), None)
 
     def _learned_more(self, experiment: Experiment) -> tuple[Model | None, str]:
         """The present model with more learned of the same machine, if that pays, or why not; no
@@ -291,16 +291,15 @@ class ContestAdaptor(Adaptor):
             more = self.candidates.more(before, known, [experiment] if flexible else pool)
             if more is None:
                 return None, ""
-            if not self._pays(more, new if flexible else [experiment]):
+            if isinstance(more, GreyBoxModel):
+                worth = gains(more, before, experiment)
+            else:
+                worth = pays(more, before, new)
+            if not worth:
                 return None, "learning more of the same machine does not pay"
             return self.candidates.more(before, known, pool) if flexible else more, ""
         except UNLEARNABLE as error:
             return None, str(error)
-
-    def _pays(self, model: Model, judged: Sequence[Experiment]) -> bool:
-        """Whether it errs so much less than the present one that it is worth another version."""
-        errors = [sum(rms_error(m, e) ** 2 for e in judged) for m in (model, self.model)]
-        return errors[0] < BETTER**2 * errors[1]
 
     def _reason(self, before: Model, experiment: Experiment, origin: str) -> str:
         words = f"version {self.model.version} {origin}"
@@ -366,7 +365,7 @@ class ContestAdaptor(Adaptor):
         if not passed_over:
             self._explain(step.experiment)
         if pool:
-            self.backoff.failed()
+            self.backoff.failed(rms_error(self.model, step.experiment))
         before, recent = self.model, self.memory.recent
         super().recall(step)
         if ROLLED_BACK in told:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ldt_core.detectors.adequacy import NEWS
+
 #: Experiments that a search waits at most. Each waits twice as long as the last one that failed, so
 #: that few experiments of a machine that nothing explains pay for one (exponential backoff). The
 #: detector waits alike where nothing is adopted; where a rival is, only the detector begins anew.
@@ -16,29 +18,39 @@ class SearchBackoff:
     Attributes:
         wait: experiments until the next search.
         last: from the last failed one.
+        error: largest that a failed one was made on [rad/s], since one was explained.
     """
 
     def __init__(self) -> None:
         self.wait = self.last = 0
+        self.error = 0.0
 
     @property
     def due(self) -> bool:
         """Whether a search may be made now."""
         return self.wait == 0
 
-    def saw(self, explained: bool) -> None:
-        """One experiment; what explains it ends the waiting."""
-        self.wait = 0 if explained else max(self.wait - 1, 0)
-        self.last = 0 if explained else self.last
+    def saw(self, explained: bool, error: float) -> None:
+        """One experiment; what explains it, or errs `NEWS` times as much, ends the waiting.
 
-    def failed(self) -> None:
-        """A search explained nothing."""
+        Args:
+            explained: by a version that is known.
+            error: root mean square of the version in force [rad/s].
+        """
+        if explained or error >= NEWS * self.error:
+            self.wait, self.last, self.error = 0, 0, 0.0 if explained else self.error
+        self.wait = max(self.wait - 1, 0)
+
+    def failed(self, error: float) -> None:
+        """A search on an experiment of this error [rad/s] explained nothing."""
         self.wait = self.last = min(max(2 * self.last, 1), LONGEST)
+        self.error = max(self.error, error)
 
-    def state(self) -> list[int]:
+    def state(self) -> list[float]:
         """For `return_to`."""
-        return [self.wait, self.last]
+        return [self.wait, self.last, self.error]
 
-    def return_to(self, state: Sequence[int]) -> None:
+    def return_to(self, state: Sequence[float]) -> None:
         """Take back a state."""
-        self.wait, self.last = (int(n) for n in state)
+        wait, last, self.error = state
+        self.wait, self.last = int(wait), int(last)

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, rms
-from ldt_core.estimation.misfit import misfit, setting
+from ldt_core.estimation.misfit import EXPLAINED, misfit, setting
+from ldt_core.estimation.noise import correlation_time
 from ldt_core.models.base import Model
+from ldt_core.models.grey_box import GreyBoxModel
+
+#: A model comes into force on data that it has not learned from if its error is less than this part
+#: of the present one's: chance makes the errors of equally good models differ by less.
+BETTER = 0.95
 
 
 def alike(one: Model, other: Model) -> bool:
@@ -42,3 +51,28 @@ def explains(model: Model, experiment: Experiment) -> bool:
         return False
     under = setting(experiment.voltage, experiment.speed)
     return misfit(prediction.residual(experiment), prediction.speed_std, under).explained
+
+
+def pays(model: Model, present: Model, judged: Sequence[Experiment]) -> bool:
+    """Whether it errs so much less than the present one that it is worth another version."""
+    errors = [sum(rms_error(m, e) ** 2 for e in judged) for m in (model, present)]
+    return errors[0] < BETTER**2 * errors[1]
+
+
+def gains(model: GreyBoxModel, present: Model, experiment: Experiment) -> bool:
+    """Whether one that has learned from an experiment pays there, beyond what chance does.
+
+    Fitting k parameters to noise lessens its energy, the more the longer the noise remembers: then
+    few samples tell. So many times the logarithm of the errors' ratio, the likelihood ratio under
+    noise of unknown size, has to pay the price of the parameters (Schwarz, Annals of Statistics 6,
+    1978) and to be worth `EXPLAINED`.
+    """
+    if not pays(model, present, [experiment]):
+        return False
+    left = model.predict(experiment).residual(experiment)
+    error = rms(left)
+    if error == 0.0:
+        return True
+    count = left.size / correlation_time(left)
+    price = model.box.size * math.log(count) / 2 + math.log(EXPLAINED)
+    return count * math.log(rms_error(present, experiment) / error) > price

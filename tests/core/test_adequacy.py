@@ -132,22 +132,42 @@ def test_an_error_far_above_the_noise_is_never_explained(seed, size, rate, lengt
             detector.answered(bool(seed % 2))
 
 
-def test_a_change_while_inadequate_is_positive_out_of_turn():
-    """Against the experiments since the last trial, not against the noise."""
-    random, detector = np.random.default_rng(3), Adequacy(20)
-    wave = np.sin(np.arange(500) / 30)
+def inadequate(random, wave):
+    """A detector that waits long until it has learning tried again."""
+    detector = Adequacy(20)
     for _ in range(64):
-        detector.update(random.normal(size=500) + wave * random.uniform(0.9, 1.1))
+        detector.update(random.normal(size=wave.size) + wave * random.uniform(0.9, 1.1))
         if detector.drift_detected:
             detector.answered(False)
+    assert detector.wait > 10
+    return detector
+
+
+def test_a_change_while_inadequate_is_positive_out_of_turn():
+    """Against the experiments since the last trial, not against the noise."""
+    random, wave = np.random.default_rng(3), np.sin(np.arange(500) / 30)
+    detector = inadequate(random, wave)
     waited = detector.wait
-    assert waited > 10
     states = []
     while not detector.drift_detected:
-        detector.update(random.normal(size=500) + 3 * wave)
+        detector.update(random.normal(size=500) + 1.3 * wave)
         states.append(detector.model_state)
     assert states[-1] == "changed"
     assert len(states) < waited
+
+
+def test_an_error_far_above_all_that_learning_was_tried_on_is_heard_at_once():
+    """Learning that failed of a small error may succeed of a large one; tried ever more rarely."""
+    random, wave = np.random.default_rng(3), np.sin(np.arange(500) / 30)
+    detector = inadequate(random, wave)
+    detector.update(random.normal(size=500) + 3 * wave)
+    assert (detector.drift_detected, detector.model_state) == (True, "inadequate")
+    tried = 0
+    for _ in range(30):
+        detector.answered(False)
+        detector.update(random.normal(size=500) + 3 * wave)
+        tried += detector.drift_detected
+    assert tried <= 8
 
 
 def test_a_new_model_that_explains_ends_the_waiting():

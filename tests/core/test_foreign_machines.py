@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.signal import lfilter
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.machine.machine_file import Machine, load_machine
@@ -81,6 +82,13 @@ def normal(speed: np.ndarray, random: np.random.Generator) -> np.ndarray:
     return speed + random.normal(0, NOISE, speed.size)
 
 
+def with_memory(speed: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """With noise of which nine tenths are left a sample later."""
+    steps = random.normal(0, NOISE * np.sqrt(1 - 0.9**2), speed.size)
+    steps[0] = random.normal(0, NOISE)
+    return speed + lfilter([1.0], [1.0, -0.9], steps)
+
+
 def nothing(speed: float) -> float:
     """No torque."""
     return 0.0
@@ -122,6 +130,29 @@ def test_what_changed_is_learned_and_never_called_right_while_grossly_wrong(
         assert error <= 10 * NOISE or step.signal.state != "holds"
         if number > CHANGE:
             left.append((error, float(np.abs(original.predict(e).speed - true).max())))
+    twin_error, original_error = np.mean(left, axis=0)
+    assert twin_error <= MOST_LEFT * original_error
+
+
+@pytest.mark.slow
+def test_noise_with_a_memory_is_not_learned_and_hides_no_change(machine):
+    """Every experiment is more than white noise can do, and no model is better.
+
+    What is
+    found is judged by the next experiment before it is used.
+    """
+    random, twin, adopted, left = np.random.default_rng(4), Twin(machine), [], []
+    original = twin.adaptor.model
+    for number in range(1, 13):
+        voltage = np.repeat(random.uniform(-12, 12, SAMPLES // HOLD), HOLD)
+        true = simulated(voltage, coulomb if number > 8 else nothing, 1.0)
+        e = Experiment(number, 1e9 + 10 * number, PERIOD, voltage, with_memory(true, random))
+        step = twin.step(e)
+        adopted += [number] if step.model else []
+        if number > 10:
+            both = (step.prediction.speed, original.predict(e).speed)
+            left.append([float(np.abs(speed - true).max()) for speed in both])
+    assert [number for number in adopted if number <= 8] == []
     twin_error, original_error = np.mean(left, axis=0)
     assert twin_error <= MOST_LEFT * original_error
 

@@ -10,10 +10,10 @@ from ldt_core.twin.search_backoff import LONGEST, SearchBackoff
 def searches(backoff, experiments):
     found = []
     for number in range(1, experiments + 1):
-        backoff.saw(explained=False)
+        backoff.saw(explained=False, error=1.0)
         if backoff.due:
             found.append(number)
-            backoff.failed()
+            backoff.failed(1.0)
     return found
 
 
@@ -29,9 +29,23 @@ def test_what_is_explained_ends_the_waiting():
     """The next change is searched at once."""
     backoff = SearchBackoff()
     searches(backoff, 20)
-    backoff.saw(explained=True)
+    backoff.saw(explained=True, error=0.1)
     assert backoff.due
     assert searches(backoff, 4) == [1, 2, 4]
+
+
+def test_an_error_that_grew_is_searched_at_once():
+    """And is no news when it comes again."""
+    backoff = SearchBackoff()
+    searches(backoff, 20)
+    assert not backoff.due
+    backoff.saw(explained=False, error=4.0)
+    assert backoff.due
+    backoff.failed(4.0)
+    backoff.saw(explained=False, error=4.5)  # the first wait
+    backoff.failed(4.5)
+    backoff.saw(explained=False, error=4.5)
+    assert not backoff.due
 
 
 def test_a_state_goes_on_alike():
