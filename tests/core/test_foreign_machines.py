@@ -138,8 +138,7 @@ def test_what_changed_is_learned_and_never_called_right_while_grossly_wrong(
 def test_noise_with_a_memory_is_not_learned_and_hides_no_change(machine):
     """Every experiment is more than white noise can do, and no model is better.
 
-    What is
-    found is judged by the next experiment before it is used.
+    What is found is judged by the next experiment before it is used.
     """
     random, twin, adopted, left = np.random.default_rng(4), Twin(machine), [], []
     original = twin.adaptor.model
