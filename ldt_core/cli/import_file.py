@@ -112,7 +112,7 @@ def command(
         f"{1 / first.period:.6g} Hz: {out}",
         one_line(f"Next, a machine file: ldt identify {shlex.quote(out)} --out FILE.yaml"),
         one_line(
-            f"Then what it lacks:   ldt diagnose {shlex.quote(out)} --machine FILE.yaml --out why"
+            f"Then what it lacks: ldt diagnose {shlex.quote(out)} --machine FILE.yaml --out why"
         ),
     )
 

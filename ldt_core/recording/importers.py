@@ -200,7 +200,7 @@ def _cut(
         if not done:
             expected = f"an experiment by {cut['cut']}"
             raise RecordingError(where, expected, _listed(counts) or "none")
-        notes.append(f"{counted(len(done), 'experiment')} by {cut['cut']}, {_lengths(done)}")
+        notes.append(f"cut by {cut['cut']}")
         return Imported(done, [*notes, *([_listed(counts)] if counts else [])])
     stretches = _stretches(series, found)
     if len(stretches) > 1:
@@ -233,7 +233,6 @@ def _cut(
         raise RecordingError(
             where, f"a stretch of {wanted} without a gap", f"{longest + period:g} s at most"
         )
-    notes.append(f"{counted(len(experiments), 'experiment')}, sample period {period:g} s")
     if resampled:
         notes.append("resampled: the samples were not on a uniform grid of that period")
     if dropped:
@@ -273,12 +272,6 @@ def _segmented(
 
 def _listed(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{reason}: {count}" for reason, count in counts.items())
-
-
-def _lengths(experiments: list[Experiment]) -> str:
-    least, most = min(map(len, experiments)), max(map(len, experiments))
-    size = f"{least}" if least == most else f"{least} to {most}"
-    return f"{size} samples of {experiments[0].period:g} s"
 
 
 def _stretches(series: dict[str, Series], period: float) -> list[dict[str, Series]]:
