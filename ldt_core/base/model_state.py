@@ -41,12 +41,8 @@ STATES = {
     state.name: state
     for state in (
         ModelState("holds", "model holds", "good", "the model explains it"),
-        ModelState(
-            "learning", "still learning", "found", "too little is known to say what explains it"
-        ),
-        ModelState(
-            "new_range", "new operating range", "found", "the excitation is new, nothing else"
-        ),
+        ModelState("learning", "learning", "found", "too little is known to say what explains it"),
+        ModelState("new_range", "new range", "found", "the excitation is new, nothing else"),
         ModelState("changed", "machine changed", "bad", "the model does not explain it any more"),
         ModelState(
             "inadequate",

@@ -74,7 +74,7 @@ def test_states_are_counted_and_the_last_is_said():
     assert rows["experiments: model holds"] == rows["experiments: not judged"] == "1"
     assert rows["after the last experiment"] == "model inadequate: the best known, not good"
     assert rows["left of the original's error [%]"] == "50"
-    assert "experiments: still learning" not in rows
+    assert "experiments: learning" not in rows
     assert (summary.cells()["state"], summary.cells()["left %"]) == ("inadequate", "50")
 
 
