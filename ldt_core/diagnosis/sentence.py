@@ -33,12 +33,12 @@ def sentence(
             f"No gap: on held-out experiments the machine file of {machine} predicts the speed to "
             f"{gap.before.rmse:.3g} rad/s, which is the noise ({gap.noise_std:.3g} rad/s)."
         )
-    place = f", {_lies(where)}," if where and where[0].share_of_data < 1 else ""
+    place = f", {_lies(where)}" if where and where[0].share_of_data < 1 else ""
     if kind == "unknown":
-        much = "" if left is None else f" (the best set of them leaves {left:.0%} of it)"
+        much = "" if left is None else f" The best set of them leaves {left:.0%} of it."
         return (
-            f"Unknown: the gap of {gap.before.rmse:.3g} rad/s on held-out experiments{place} has "
-            f"a cause that none of the known effects explains{much}."
+            f"Unknown: none of the known effects explains the gap{place}.{much} "
+            f"On held-out experiments the error is {gap.before.rmse:.3g} rad/s."
         )
     that = "it" if len(acting) == 1 else "them"
     what = " and ".join(_one(group, amounts) for group in acting)
@@ -46,14 +46,14 @@ def sentence(
     closed = "" if part is None else f" {verb} {part:.0%} of the gap"
     if begun:
         return (
-            f"{what[0].upper()}{what[1:]} {verb} the gap{place.rstrip(',')}: with {that}, and a "
+            f"{what[0].upper()}{what[1:]} {verb} the gap{place}: with {that}, and a "
             f"start angle of its own for each held-out experiment, the error falls from "
             f"{begun[0].rmse:.3g} to {begun[1].rmse:.3g} rad/s, noise is {gap.noise_std:.3g}. "
             f"Where the start angle is unknown, {that} cannot be predicted "
             f"({gap.after.rmse:.3g} rad/s)."
         )
     return (
-        f"{what[0].upper()}{what[1:]}{closed}{place.rstrip(',')}; adding {that} cuts the error on "
+        f"{what[0].upper()}{what[1:]}{closed}{place}; adding {that} cuts the error on "
         f"held-out experiments from {gap.before.rmse:.3g} to {gap.after.rmse:.3g} rad/s, noise is "
         f"{gap.noise_std:.3g}."
     )
@@ -71,8 +71,8 @@ def not_standing(
     place = f", {_lies(where)}," if where and where[0].share_of_data < 1 else ""
     best = " and ".join(spoken(n) for n in names)
     return (
-        f"Unknown: the gap of {gap.before.rmse:.3g} rad/s on held-out experiments{place} is not "
-        f"explained. {best[0].upper()}{best[1:]} fits it best, but {objection}."
+        f"Unknown: the gap{place} is not explained. On held-out experiments the error is "
+        f"{gap.before.rmse:.3g} rad/s. {best[0].upper()}{best[1:]} fits it best, but {objection}."
     )
 
 

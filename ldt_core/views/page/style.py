@@ -198,10 +198,10 @@ def panels(
 
     Args:
         height: of one row [inches].
-        columns: beside each other in the wide layout; one in the narrow.
+        columns: beside each other in the wide layout, no more than there are; one in the narrow.
         more: to `Figure.subplots`.
     """
-    columns = 1 if layout.narrow else columns
+    columns = 1 if layout.narrow else min(columns, count)
     rows = -(-count // columns)
     figure = blank(layout, height * rows)
     grid = figure.subplots(rows, columns, squeeze=False, **more)

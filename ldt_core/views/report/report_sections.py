@@ -300,7 +300,7 @@ def _settings(run: ReportedRun, compared: DetectorStatistic) -> list[Block]:
     shown = LIMITS if any(map(any, limits.values())) else ()
     own = {n: v for n, v in run.signals[-1].statistics.items() if n not in shown}
     if own:
-        text = ", ".join(f"{spoken(name)} {_value(v)}" for name, v in own.items())
+        text = ", ".join(f"{spoken(name)} {v:.3g}" for name, v in own.items())
         pairs.append(("last statistics", text))
     parameters = run.models[0].parameters.get("machine") if run.models else None
     if isinstance(parameters, dict):

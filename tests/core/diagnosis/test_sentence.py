@@ -23,14 +23,14 @@ def place(begin, end, share, quantity="speed", unit="rad/s"):
 @pytest.mark.parametrize(
     ("places", "words"),
     [
-        ([place(15.0, 31.0, 0.95)], "which lies at speeds from 15 to 31 rad/s, has"),
-        ([place(15.0, 31.0, 0.6)], "60% of which lies at speeds from 15 to 31 rad/s, has"),
+        ([place(15.0, 31.0, 0.95)], "which lies at speeds from 15 to 31 rad/s. The best"),
+        ([place(15.0, 31.0, 0.6)], "60% of which lies at speeds from 15 to 31 rad/s. The best"),
         (
             [place(-31.0, -15.0, 0.5), place(2.0, 4.0, 0.7, "time", "s"), place(15.0, 31.0, 0.3)],
-            "80% of which lies at speeds from 15 to 31 rad/s in both directions, has",
+            "80% of which lies at speeds from 15 to 31 rad/s in both directions. The best",
         ),
-        ([place(3.0, 3.0, 1.0, "experiment", "")], "which lies in experiment 3, has"),
-        ([place(3.0, 5.0, 1.0, "experiment", "")], "which lies in experiments 3 to 5, has"),
+        ([place(3.0, 3.0, 1.0, "experiment", "")], "which lies in experiment 3. The best"),
+        ([place(3.0, 5.0, 1.0, "experiment", "")], "which lies in experiments 3 to 5. The best"),
     ],
 )
 def test_the_sentence_says_where_and_how_much(places, words):

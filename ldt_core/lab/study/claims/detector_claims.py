@@ -93,8 +93,9 @@ def residence(evidence: Evidence) -> Iterator[ClaimPart | str]:
     trend = over(runs, lambda r: rank_correlation(*r.by_level(r.adapted)))
     yield ClaimPart(PASSIVE, trend, low=-NO_TREND, high=NO_TREND)
     if runs:
-        counts = text_of(over(runs, by_stay).value, 2)
-        yield f"With the length of the stay their number correlates by {counts}."
+        counts = over(runs, by_stay).value
+        if counts is not None:
+            yield f"With the length of the stay their number correlates by {text_of(counts, 2)}."
 
 
 def _touching(evidence: Evidence, detector: str) -> list[ScoredRun]:

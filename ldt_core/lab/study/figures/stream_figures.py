@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ldt_core.base.sentences import number
+from ldt_core.base.sentences import counted, number
 from ldt_core.lab.study.drift_detection import detection, drifts_of
 from ldt_core.lab.study.facts import Drift, energy_needed
 from ldt_core.lab.study.figures.wear import wear
@@ -29,6 +29,7 @@ from ldt_core.views.page.style import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 #: Samples an experiment has when the study kept none to count.
@@ -86,27 +87,34 @@ def staircase(evidence: Evidence) -> Drawing | None:
         for index, other in enumerate(others):
             count = f"{len(others)} seeds" if len(others) > 1 else "seed"
             label = f"the other {count}" if index == 0 else None
-            values = quantity.scaled(other.truth)
-            axes.step(other.number, values, where="post", color=GREY, alpha=0.45, lw=1, label=label)
+            pale = {"color": GREY, "alpha": 0.45, "lw": 1, "label": label}
+            _stairs(axes, other, quantity.scaled(other.truth), **pale)
         values = quantity.scaled(shown.truth)
-        axes.step(shown.number, values, where="post", color=VERMILION, label=f"seed {seed}", lw=2)
+        _stairs(axes, shown, values, color=VERMILION, lw=2, label=f"seed {seed}")
         axes.set_xlabel("experiment")
         axes.set_ylabel(quantity.label)
-        axes.set_xlim(shown.number[0], shown.number[-1])
+        axes.set_xlim(shown.number[0] - 0.5, shown.number[-1] + 0.5)
         axes.set_ylim(bottom=0)
         axes.legend(loc="upper left")
         return figure
 
     held = np.diff([shown.number[0], *drifts, shown.number[-1] + 1])
+    span = f"{held.min()} to " if held.min() < held.max() else ""
     return Drawing(
         "staircase",
         "How the machine wears over the stream",
         f"{quantity.name} rises from {quantity.text(min(shown.truth))} to "
         f"{quantity.text(max(shown.truth))} in {len(drifts)} drifts; each level is held for "
-        f"{held.min()} to {held.max()} experiments (seed {seed}). The twin never sees it.",
+        f"{span}{counted(int(held.max()), 'experiment')} (seed {seed}). The twin never sees it.",
         f"A staircase over {len(shown.number)} experiments, with steps of random length.",
         draw,
     )
+
+
+def _stairs(axes: Axes, run: RunResult, values: np.ndarray, **look: Any) -> None:
+    """A value of each experiment, as wide as the experiment, the last one too."""
+    edges = np.append(run.number, run.number[-1] + 1) - 0.5
+    axes.stairs(values, edges, baseline=None, **look)
 
 
 def over_stream(evidence: Evidence) -> Drawing | None:
@@ -176,6 +184,12 @@ def detectable(evidence: Evidence) -> Drawing | None:
     needed = energy_needed(kept[0] if kept else SAMPLES)
     visible = [found for drift, found in points if drift.detectable]
     hidden = [found for drift, found in points if not drift.detectable]
+    beneath = (
+        f"Of {len(hidden)} that one experiment of a drift does not show above the noise, "
+        f"{sum(hidden)}: by chance, or over several experiments. "
+        if hidden
+        else ""
+    )
 
     def draw(layout: Layout) -> Figure:
         figure, (axes,) = panels(layout, 3.6)
@@ -198,10 +212,8 @@ def detectable(evidence: Evidence) -> Drawing | None:
     return Drawing(
         "detectable",
         "Which drifts can be found, and which were",
-        f"{pair(*best)} detector: {sum(visible)} of {len(visible)} "
-        f"detectable drifts detected, and {sum(hidden)} of the {len(hidden)} that one experiment "
-        "of a drift does not show above the noise (by chance, or over several experiments). "
-        f"Each drift stands at the value of {quantity.symbol} that it leads to.",
+        f"{pair(*best)} detector: {sum(visible)} of {len(visible)} detectable drifts detected. "
+        f"{beneath}Each drift stands at the value of {quantity.symbol} that it leads to.",
         "Energy of each drift on a logarithmic scale against the eccentricity after it, marked by "
         "whether it was detected, with the limit above which it is detectable.",
         draw,

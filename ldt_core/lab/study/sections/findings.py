@@ -24,7 +24,7 @@ TABLE_1 = {
     "Recall": "recall",
     "Drifts": "drifts",
 }
-NO_RUNS = "This study has no runs for it (group {})."
+NO_RUNS = "this study has no runs for it (group {})."
 BETTER = "this study has no runs beyond the paper (group better)."
 FILES = ("table.csv", "runs.csv")
 #: The choices of the group variants: how to say them, and which go without saying.

@@ -131,6 +131,14 @@ function learned(u) {
   ctx.restore();
 }
 
+function newest(u) {
+  // the versions that learned from an experiment in sight: the last has not predicted yet
+  const { min, max } = u.series[0]; // its scale is not set yet
+  return Object.keys(RUN.models)
+    .filter((version) => RUN.models[version].learned.some((n) => n >= min && n <= max))
+    .map(Number);
+}
+
 const MARKS = {
   error: [
     ["square", "vermilion", "alarm"],
@@ -198,7 +206,7 @@ function plot(group, name, x, rows) {
           : name === "error"
             ? { range: (_, low, high) => [0, high * 1.06 || 1] }
             : name === "versions"
-              ? { range: (_, low, high) => [Math.min(0, low), Math.max(high, 1) + 0.5] }
+              ? { range: (u, low, high) => [Math.min(0, low), Math.max(high, 1, ...newest(u)) + 0.5] }
               : {},
       },
       axes: [
