@@ -6,6 +6,7 @@ Several threads of linear algebra split its sums by their number, hence other la
 from __future__ import annotations
 
 import functools
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
@@ -37,10 +38,40 @@ def cores() -> int:
     return cpu_count()
 
 
+class _Abandoned(Exception):
+    """Nobody waits any more for what a thread does."""
+
+
+#: `ended` of a thread of `spread`: the events of those who wait for it, set when they wait no more.
+_waiting = threading.local()
+
+
 def spread(work: Callable[[int], T], count: int, workers: int) -> Iterator[T]:
-    """What comes out for each number below a count, in their order, among so many threads."""
+    """What comes out for each number below a count, in their order, among so many threads.
+
+    Where the caller is interrupted or gives up, its threads end with the number they are at, and
+    so does all that is spread further inside of them.
+    """
+    outer: tuple[threading.Event, ...] = getattr(_waiting, "ended", ())
+    own = threading.Event()
+
+    def one(i: int) -> T:
+        # A caller that failed between two results has not closed this; the process ends without it.
+        if any(event.is_set() for event in outer) or not threading.main_thread().is_alive():
+            raise _Abandoned
+        return work(i)
+
+    def among(i: int) -> T:
+        _waiting.ended = (*outer, own)
+        if own.is_set():
+            raise _Abandoned
+        return one(i)
+
     if workers > 1 and count > 1:
         with ThreadPoolExecutor(workers) as pool:
-            yield from pool.map(work, range(count))
+            try:
+                yield from pool.map(among, range(count))
+            finally:
+                own.set()
     else:
-        yield from map(work, range(count))
+        yield from map(one, range(count))

@@ -7,6 +7,7 @@ experiments.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -28,6 +29,7 @@ from ldt_core.diagnosis.thresholds import THRESHOLDS
 # The scout: the fits on a few experiments.
 SCOUT_STEPS = 8  # least-squares steps of its fits: a ranking needs no more
 SCOUT_PRECISION = 1e-4  # of the loss, where its fits end
+AT_ONCE = 16  # fits between two looks at the work done: the same sets for any number of threads
 # Which sets are tried. They save time: everything else would be tried in vain.
 PAIRS = 5  # pairs fitted, those whose responses promise most
 BASES = 3  # sets of one size that larger ones are built upon
@@ -157,8 +159,7 @@ class EffectSetSearch:
         z, c = self.responses.z, self.candidates
         tries = [TriedSet([c[i], c[j]], [z[k], z[m]]) for (i, j), (_, k, m) in ranked[:PAIRS]]
         self._scout(() if self.spent else tries)
-        if not self.spent:
-            self._scout(self._enabled())
+        self._scout(() if self.spent else self._enabled())
 
     def _enabled(self) -> list[TriedSet]:
         """Pairs of which one effect shows only beside the other, such as a foundation's."""
@@ -171,7 +172,7 @@ class EffectSetSearch:
             uses = [[(c.effect, c.typical), *beside] for c in silent]
             base, *moved = self.scout.of_all([beside, *uses])
             for c, rest in zip(silent, moved, strict=True):
-                if float(np.sum((rest - base) ** 2)) < THRESHOLDS.visible_change:
+                if self.spent or float(np.sum((rest - base) ** 2)) < THRESHOLDS.visible_change:
                     continue
                 grid = [(a, b) for a in other.starts() for b in c.starts()]
                 grid = grid[:: -(-len(grid) // ENABLED_STARTS)]
@@ -184,7 +185,7 @@ class EffectSetSearch:
                 self.tick("simulating effects")
                 best = np.argsort([float(r @ r) for r in runs])[:ADDED]
                 tries += [TriedSet([other, c], grid[k]) for k in best]
-        return tries
+        return [] if self.spent else tries
 
     def _build_on(self, count: int, bases: int) -> None:
         tries = []
@@ -281,30 +282,26 @@ class EffectSetSearch:
         """Fit sets on a few experiments, side by side; the best of each set so far."""
         none = self.found.scouted[frozenset()]
         # Alone, the machine's own parameters went as far as they may; beside a cause they need not.
-        first = [np.zeros(len(c)) if c.steady else z for c, z in zip(self.own, none.z, strict=True)]
+        own = [np.zeros(len(c)) if c.steady else z for c, z in zip(self.own, none.z, strict=True)]
 
-        def work(k: int) -> EffectFit:
-            members, start, known = tries[k]
+        def work(first: int, k: int) -> EffectFit:
+            members, start, known = tries[first + k]
             order = sorted(range(len(members)), key=lambda i: members[i].name)
-            return fit(
-                self.scout,
-                [*(members[i] for i in order), *self.own],
-                [*(start[i] for i in order), *first],
-                steps=SCOUT_STEPS,
-                precision=SCOUT_PRECISION,
-                own=len(self.own),
-                known=known,
-            )
+            begun = [*(members[i] for i in order), *self.own], [*(start[i] for i in order), *own]
+            steps, least, count = SCOUT_STEPS, SCOUT_PRECISION, len(self.own)
+            return fit(self.scout, *begun, steps=steps, precision=least, own=count, known=known)
 
-        names = []
-        for tried in spread(work, len(tries), self.workers):
-            self.tick("fitting sets of effects")
-            names.append(frozenset(tried.names))
-            before = self.found.scouted.get(names[-1])
-            if before is None or tried.loss < before.loss:
-                self.found.scouted[names[-1]] = tried
-                if before is not None and before.loss - tried.loss > THRESHOLDS.chance_gain:
-                    self.found.fits.pop(names[-1], None)  # it ended in a poor minimum
+        names: list[Names] = []
+        while len(names) < len(tries) and not (names and self.spent):
+            part = functools.partial(work, len(names))
+            for tried in spread(part, min(AT_ONCE, len(tries) - len(names)), self.workers):
+                self.tick("fitting sets of effects")
+                names.append(frozenset(tried.names))
+                before = self.found.scouted.get(names[-1])
+                if before is None or tried.loss < before.loss:
+                    self.found.scouted[names[-1]] = tried
+                    if before and before.loss - tried.loss > THRESHOLDS.chance_gain:
+                        self.found.fits.pop(names[-1], None)  # it ended in a poor minimum
         return [self.found.scouted[n] for n in names]
 
     def _best(self, count: int) -> list[EffectFit]:

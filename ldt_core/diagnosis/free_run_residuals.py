@@ -33,10 +33,11 @@ from ldt_core.diagnosis.start_states import (
 from ldt_core.estimation.noise import rounding_correlation, sensor_step, white_noise
 from ldt_core.estimation.variable_projection import basis_of, project_out
 from ldt_core.machine.machine_file import Machine
-from ldt_core.physics.base import ANGLE, CURRENT, MAX_STEP, NOT_TRACKED, SPEED, FreeRun
+from ldt_core.physics.base import ANGLE, CURRENT, MAX_STEP, NOT_TRACKED, SPEED, FreeRun, Work
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import MAX_STEP_RATE, propagate
 from ldt_core.physics.motor import MOTOR
+from ldt_core.physics.motor_driven import USUAL_ROUNDS
 from ldt_core.physics.motor_rates import memory, motor_rate
 
 Values = Mapping[str, float]
@@ -48,17 +49,6 @@ AT_REST = 4.0  # noise deviations: a first sample nearer to 0 is that of a machi
 NOISE_FLOOR = 1e-4  # of a channel's size: a simulation without noise must not divide by 0
 ANGLE_SHOWS = 1e-3  # noise deviations by which an effect that depends on the angle shows it
 SHORTEST_STEP = 0.5e-3  # s, of the integration, whatever a fit tries: bounds the time it takes
-
-
-#: What a step costs where the current is solved for, beside one of eight runs side by side.
-PRICE_OF_FAST_CURRENT = 4
-
-
-@dataclass
-class Work:
-    """Integration steps done so far, of runs side by side; shared by all parts of a recording."""
-
-    steps: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +91,7 @@ class FreeRunResiduals:
         #: Of these, what the noise is sample by sample: less where steps of a sensor repeat.
         self.whiteness = (1.0, 1.0)
         self.workers = workers
+        #: Done so far, of runs side by side; shared by all parts of a recording.
         self.work, self.price = Work(), self._price()
         #: Time constant with which the motor forgets its speed [s].
         self.memory = memory(self.physics.folded(self.values))
@@ -150,7 +141,7 @@ class FreeRunResiduals:
         period = max((e.period for e in self.experiments), default=SEARCH_STEP)
         rate = motor_rate(self.physics.folded(self.values))
         if rate * MAX_STEP > MAX_STEP_RATE:
-            return PRICE_OF_FAST_CURRENT * math.ceil(period / SEARCH_STEP)
+            return USUAL_ROUNDS * math.ceil(period / SEARCH_STEP)
         return math.ceil(period / min(SEARCH_STEP, MAX_STEP_RATE / rate))
 
     def _tolerate(self, tolerance: float) -> None:
@@ -189,7 +180,7 @@ class FreeRunResiduals:
         chosen = [self.experiments[i] for i in numbers]
         part = FreeRunResiduals(self.machine, chosen, self.noise, workers or self.workers)
         part.level, part.whiteness = self.level, self.whiteness
-        self.work.steps += part.work.steps
+        self.work.add(part.work.steps)
         part.work = self.work
         return part
 
@@ -288,10 +279,13 @@ class FreeRunResiduals:
                 if values is not None:
                     begun.append(self._free_run(asked, values))
                     about.append((place, values))
-        self.work.steps += self.price * sum(
-            np.size(run.voltage)
-            for run in begun
-            if run.tracked[1] > 0 or any(e.torque or e.terminal for e, _ in run.effects)
+        self.work.add(
+            self.price
+            * sum(
+                np.size(run.voltage)
+                for run in begun
+                if run.tracked[1] > 0 or any(e.torque or e.terminal for e, _ in run.effects)
+            )
         )
         simulate = self.physics.simulate_all
         for k, states in simulate(begun, step, SHORTEST_STEP, self.workers):
@@ -326,7 +320,7 @@ class FreeRunResiduals:
             or self.angular(effect for effect, _ in (*self.machine.effects, *use))
         )
         tracked = (seen, -math.expm1(-e.period / self.memory)) if followed else NOT_TRACKED
-        return FreeRun(self.values, e.voltage, e.period, start, use, tracked, values)
+        return FreeRun(self.values, e.voltage, e.period, start, use, tracked, values, self.work)
 
     def angular(self, effects: Iterable[Effect]) -> bool:
         """Whether what one of the effects does depends on the angle.

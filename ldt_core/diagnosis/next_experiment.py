@@ -54,7 +54,8 @@ def _designs(residuals: FreeRunResiduals, seed: int) -> list[tuple[str, Array]]:
     random = np.random.default_rng(seed)
     e = residuals.experiments[0]
     low, high = residuals.machine.voltage_limits
-    most = min(max(float(np.abs(x.voltage).max()) for x in residuals.experiments), max(-low, high))
+    top, seen = max(-low, high), max(float(np.abs(x.voltage).max()) for x in residuals.experiments)
+    most = min(seen or top, top)
     length = min(max(len(e), round(8 * residuals.memory / e.period)), MOST_SAMPLES)
     time = np.arange(length) * e.period
     hold = max(round(4 * residuals.memory / e.period), 1)

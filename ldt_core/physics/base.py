@@ -7,6 +7,7 @@ A simulator of somebody else joins by a subclass of its own; what this project i
 from __future__ import annotations
 
 import abc
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
@@ -36,10 +37,23 @@ MAX_STEP = 0.25e-3  # s; worst relative speed error 5e-6 over 300 random experim
 SENSOR_ROUNDS = 4
 
 
+class Work:
+    """Integration steps done so far, by all threads; what a search may do is limited by them."""
+
+    def __init__(self) -> None:
+        self.steps, self._lock = 0, threading.Lock()
+
+    def add(self, steps: int) -> None:
+        """So many more; the sum does not depend on the threads' order."""
+        with self._lock:
+            self.steps += steps
+
+
 class FreeRun(NamedTuple):
     """What `Physics.simulate` takes of one run.
 
-    `changed` are the values with the effects on them, where they are known already.
+    `changed` are the values with the effects on them, where they are known already; `work` takes
+    the steps that a run needs beyond those that its plan promised.
     """
 
     values: Values
@@ -49,6 +63,7 @@ class FreeRun(NamedTuple):
     effects: Effects = ()
     tracked: Tracked = NOT_TRACKED
     changed: Values | None = None
+    work: Work | None = None
 
 
 class Physics(abc.ABC):
@@ -157,7 +172,7 @@ class Physics(abc.ABC):
         from ldt_core.base.threads import spread  # imports linear algebra
 
         def alone(i: int) -> Array | LdtError:
-            values, voltage, period, initial, effects, tracked, _ = runs[i]
+            values, voltage, period, initial, effects, tracked = runs[i][:6]
             about = values, voltage, period, initial, effects, max_step, tracked, least_step
             try:
                 return self.simulate(*about)

@@ -169,13 +169,17 @@ def collocate(
 ):  # pragma: no cover - compiled
     """Fill `states` as `integrate.runge_kutta` does; the same arguments, and these.
 
+    Returns (the first sample that is not finite or -1, rounds of Newton's method).
+
     Args:
         kind: (K,) place of each interval's step length in `table`.
         table: `Moves`; its halvings bound the time.
-        scale: largest speed [rad/s] and current [A].
-        bend: by how much N may move the speed in a step, beside the straight line [rad/s].
+        scale: speed [rad/s] and current [A] that the voltage amounts to; what is reached counts
+            if it is more, since a voltage of 0 says nothing of what a load does.
+        bend: by which part of the speed N may move it in a step, beside the straight line.
     """
     y, z = first, own
+    (top, most), rounds = scale, 0
     if seen.size > 0:
         y = _corrected(y, gain * (seen[0] - y[1]))
     count = z.size
@@ -212,6 +216,7 @@ def collocate(
             last, solved, miss, share = np.inf, False, np.inf, 1.0
             y1 = y2 = y
             for turn in range(MOST_ROUNDS):
+                rounds += 1
                 y1 = _at(y, h, 5 / 12, k1, -1 / 12, k2, x[0], x[1])
                 y2 = _at(y, h, 3 / 4, k1, 1 / 4, k2, x[2], x[3])
                 for j in range(count):
@@ -224,9 +229,8 @@ def collocate(
                     r[j] += w11[j, 0] * a1 + w11[j, 1] * u1 + w12[j, 0] * a2 + w12[j, 1] * u2
                     r[2 + j] = whole[j, 0] * y[1] + whole[j, 1] * y[2] - x[2 + j]
                     r[2 + j] += w21[j, 0] * a1 + w21[j, 1] * u1 + w22[j, 0] * a2 + w22[j, 1] * u2
-                off = max(
-                    max(abs(r[0]), abs(r[2])) / scale[0], max(abs(r[1]), abs(r[3])) / scale[1]
-                )
+                fast, much = max(top, abs(x[2])), max(most, abs(x[3]))
+                off = max(max(abs(r[0]), abs(r[2])) / fast, max(abs(r[1]), abs(r[3])) / much)
                 if terms is not None and off > SOLVED and not off < miss and share > LEAST_SHARE:
                     # Beyond a bend of a term Newton's step leads too far: take less of it.
                     share, known = 0.5 * share, False
@@ -235,8 +239,8 @@ def collocate(
                     continue
                 miss, share = off, 1.0
                 if terms is not None and not known:
-                    _slopes(y1, t + h / 3, v, z1, d0, c, terms, scale, g1)
-                    _slopes(y2, t + h, v, z2, d0, c, terms, scale, g2)
+                    _slopes(y1, t + h / 3, v, z1, d0, c, terms, (fast, much), g1)
+                    _slopes(y2, t + h, v, z2, d0, c, terms, (fast, much), g2)
                     known = True
                 if terms is not None:
                     for p in range(2):
@@ -250,9 +254,7 @@ def collocate(
                 for j in range(4):
                     x0[j], dx[j] = x[j], r[j]
                     x[j] += r[j]
-                change = max(
-                    max(abs(r[0]), abs(r[2])) / scale[0], max(abs(r[1]), abs(r[3])) / scale[1]
-                )
+                change = max(max(abs(r[0]), abs(r[2])) / fast, max(abs(r[1]), abs(r[3])) / much)
                 if not change < np.inf:
                     break
                 if change <= SOLVED and turn + 1 >= fewest:
@@ -264,16 +266,18 @@ def collocate(
             known = known and solved
             aside = abs(w21[0, 0] * (1.5 * a1 - 0.5 * a2 - a0))
             aside += abs(w21[0, 1] * (1.5 * u1 - 0.5 * u2 - u0))
-            if level < halvings and not (solved and aside <= bend):
+            reached = max(top, abs(x[2]))
+            if level < halvings and not (solved and aside <= bend * reached):
                 level = min(level + CUTS, halvings)
                 continue
             y = _at(y, h, 3 / 4, k1, 1 / 4, k2, x[2], x[3])
+            top, most = reached, max(most, abs(x[3]))
             for j in range(count):
                 z[j] += h * (3 / 4 * d1[j] + 1 / 4 * d2[j])
             at += part
             if at == units:
                 at, done = 0, done + 1
-            if level > 0 and aside <= EASE * bend and at % (units >> (level - 1)) == 0:
+            if level > 0 and aside <= EASE * bend * reached and at % (units >> (level - 1)) == 0:
                 level -= 1
         sample = samples[k + 1]
         if sample >= 0:
@@ -282,7 +286,7 @@ def collocate(
             for i in range(count):
                 states[sample, STATES + i] = z[i]
             if not _is_finite(y, z):
-                return sample
+                return sample, rounds
             if seen.size > 0:
                 y = _corrected(y, gain * (seen[sample] - y[1]))
-    return -1
+    return -1, rounds

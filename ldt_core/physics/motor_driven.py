@@ -23,6 +23,7 @@ from ldt_core.physics.base import (
     Physics,
     Tracked,
     Values,
+    Work,
 )
 from ldt_core.physics.motor_rates import inductance, memory, motor_rate
 from ldt_core.physics.run_plan import (
@@ -45,6 +46,7 @@ SAME_LENGTH = 1e-9  # of a step, the rounding of its ends: sample times are sums
 #: Of the largest speed, what a step may get wrong where a term bends; a search is content with a
 #: hundredth of a usual sensor's noise.
 BEND, BEND_IN_SEARCH = 3e-7, 1e-5
+USUAL_ROUNDS = 4  # of Newton's method in a step, which the limit of a search counts for it
 TINY = 1e-9  # V, so that a machine at rest without a voltage divides by no 0
 MAX_STEPS = 100_000_000  # of one simulation: 6 s of computing; more is a mistake
 #: Of the time in which the motor forgets its speed, an L/R with which it does so fastest.
@@ -116,7 +118,7 @@ class MotorDriven(Physics):
             return propagate(ad, bd, _writable(run.switches[1]), first, *tracked)
         switches = run.switches[0], _writable(run.switches[1])
         about = run.values, run.times, switches, run.initial, run.terms, max_step
-        return self.integrate(*about, tracked, least_step)
+        return self.integrate(*about, tracked, least_step, run.work)
 
     def simulate_all(
         self,
@@ -145,7 +147,7 @@ class MotorDriven(Physics):
         on_grid = switches[0] is times or np.array_equal(switches[0], times)
         terms = [(e, p) for e, p in run.effects if e.torque is not None or e.terminal is not None]
         exact = on_grid and not terms and self.is_linear(values)
-        return BegunRun(values, times, switches, on_grid, state, terms, tracked, exact)
+        return BegunRun(values, times, switches, on_grid, state, terms, tracked, exact, run.work)
 
     def integrate(
         self,
@@ -157,6 +159,7 @@ class MotorDriven(Physics):
         max_step: float = MAX_STEP,
         tracked: Tracked = NOT_TRACKED,
         least_step: float = 0.0,
+        work: Work | None = None,
     ) -> Array:
         """States at the sample times by Runge-Kutta steps aligned with the voltage switches.
 
@@ -168,6 +171,7 @@ class MotorDriven(Physics):
             initial: (n,) state at time 0, effects' states behind it or left out (then 0).
             terms: effects with a torque or terminal term.
             max_step, tracked, least_step: as for `simulate`.
+            work: as of `FreeRun`.
 
         Returns:
             (L, n) states, effects' states in further columns.
@@ -192,10 +196,12 @@ class MotorDriven(Physics):
         used = gather(terms, plan.values, plan.watched, plan.quiet) if terms else None
         k, own = plan.coefficients, plan.first[STATES:]
         if plan.fast:
-            failed = _collocated(
+            failed, rounds = _collocated(
                 *(edges, volts, steps, samples, begin, own, k, states, tracked, used),
                 *(plan.values, most, BEND_IN_SEARCH if least_step > 0 else BEND, plan.halvings),
             )
+            if work is not None:
+                work.add(max(0, rounds - USUAL_ROUNDS * int(steps.sum())))
         else:
             failed = runge_kutta(
                 *(edges, volts, steps, long, samples, begin, own, k),
@@ -327,7 +333,7 @@ def _collocated(
     most: float,
     bend: float,
     halvings: int,
-) -> int:
+) -> tuple[int, int]:
     """`fast_current.collocate` with its table of moves; see there."""
     from ldt_core.physics.fast_current import collocate, moves
 
@@ -339,12 +345,11 @@ def _collocated(
     table = moves(c, length[first], halvings)
     volt = max(most, abs(begin[SPEED]) * values["K_t"], abs(begin[CURRENT]) * values["R"], TINY)
     scale = (volt / values["K_t"], volt / values["R"])
-    return int(
-        collocate(
-            *(edges, volts, steps, kind.astype(np.int64), table, samples),
-            *(begin, own, c, states, *tracked, terms, scale, bend * scale[0]),
-        )
+    failed, rounds = collocate(
+        *(edges, volts, steps, kind.astype(np.int64), table, samples),
+        *(begin, own, c, states, *tracked, terms, scale, bend),
     )
+    return int(failed), int(rounds)
 
 
 def _edges(times: Array, at: Array, levels: Array) -> tuple[Array, Array, NDArray[np.int64]]:

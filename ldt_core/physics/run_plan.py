@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
-from ldt_core.physics.base import Effects, FreeRun, Tracked, Values
+from ldt_core.physics.base import Effects, FreeRun, Tracked, Values, Work
 
 GRIDS_REMEMBERED = 8  # sample times: experiments of one stream mostly share theirs
 STEP_SHARE = 1e-9  # of a step by which rounding may make it longer
@@ -66,6 +66,7 @@ class BegunRun(NamedTuple):
     terms: Effects
     tracked: Tracked
     exact: bool
+    work: Work | None
 
 
 class Plan(NamedTuple):
