@@ -21,11 +21,21 @@ from numba.core.ccallback import CFunc
 from numba.core.runtime import rtsys
 from numba.core.sigutils import normalize_signature
 
+from ldt_core.base import first_compilation
+
 #: The version of numba whose cache was tried, the one that `constraints.txt` installs.
 TRIED = "0.68.1"
 
 
-class _ReadyCache(FunctionCache):  # type: ignore[misc]  # untyped
+class _TellingCache(FunctionCache):  # type: ignore[misc]  # untyped
+    """Tells of each function that was compiled, since the cache had it not."""
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        first_compilation.tell()
+        super().save_overload(sig, data)
+
+
+class _ReadyCache(_TellingCache):
     """Loads what is ready before, not after, the compiler is."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -34,7 +44,7 @@ class _ReadyCache(FunctionCache):  # type: ignore[misc]  # untyped
             return self._load_overload(sig, target_context)
 
 
-_Cache = _ReadyCache if numba.__version__ == TRIED else FunctionCache
+_Cache = _ReadyCache if numba.__version__ == TRIED else _TellingCache
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:

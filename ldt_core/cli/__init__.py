@@ -14,6 +14,7 @@ import sys
 import click
 from click.shell_completion import CompletionItem
 
+from ldt_core.base import first_compilation
 from ldt_core.base.errors import LdtError
 from ldt_core.base.registry import entry_points
 from ldt_core.base.stopping import EXIT_CODE, Interrupted
@@ -90,7 +91,14 @@ def ldt() -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run a command; exit 0: done, 2: bad input, 1: the work itself failed, 130: interrupted."""
+    first_compilation.listener = _compiling
     sys.exit(invoke(ldt, arguments))
+
+
+def _compiling(ready: int) -> None:
+    from ldt_core.cli.progress import show_compiling
+
+    show_compiling(ready)
 
 
 def invoke(command: click.Command, arguments: list[str] | None = None) -> int:

@@ -5,6 +5,7 @@ On a terminal it is a bar on standard error; on a pipe or in a log a line there 
 
 from __future__ import annotations
 
+import functools
 import shlex
 import sys
 import time
@@ -29,7 +30,7 @@ from rich.table import Table
 from ldt_core.base.errors import LdtError
 from ldt_core.base.stopping import Interrupted
 from ldt_core.cli.console import Console
-from ldt_core.cli.terminal import echo, echo_json, one_line
+from ldt_core.cli.terminal import echo, echo_json, one_line, warn
 
 if TYPE_CHECKING:  # with its arrays it takes longer to load than all of the help
     from ldt_core.base.experiment import Adaptation, Signal, Step
@@ -204,6 +205,19 @@ def status(words: str = "{}") -> Iterator[Callable[[str], None]]:
                 line.update(told)
 
         yield tick
+
+
+@functools.cache
+def _compiling_lines() -> _Lines:
+    return _Lines()
+
+
+def show_compiling(ready: int) -> None:
+    """Say once that code is compiled, then now and then how many functions are ready."""
+    lines = _compiling_lines()
+    if ready == 1:
+        warn("compiling LDT's numerical code: once on this computer, up to a minute")
+    lines.tell(lambda: f"compiling: {ready} functions are ready")
 
 
 def print_summaries(

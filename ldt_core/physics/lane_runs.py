@@ -27,7 +27,9 @@ from ldt_core.physics.lanes import (
 )
 from ldt_core.physics.run_plan import Coefficients
 
-SHORT, LONG = range(2)  # steps of an interval: which of `exponential_moves`
+# Steps of an interval: which of `exponential_moves`. Of int64, since numba compiles what takes a
+# literal once for each: half a second more.
+SHORT, LONG = np.int64(0), np.int64(1)
 
 
 @njit(nogil=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -80,4 +81,20 @@ def test_the_numba_that_is_installed_by_constraints_is_the_one_that_was_tried() 
     """Whoever renews the constraints has to try the cache again, by the two tests above."""
     pinned = (Path(__file__).parents[2] / "constraints.txt").read_text().splitlines()
     assert f"numba=={compiled.TRIED}" in pinned
-    assert numba.__version__ != compiled.TRIED or compiled._Cache is not compiled.FunctionCache
+    assert numba.__version__ != compiled.TRIED or compiled._Cache is compiled._ReadyCache
+
+
+def test_the_first_run_on_a_computer_says_what_it_waits_for(tmp_path: Path) -> None:
+    """Once on standard error, and not where the cache has everything."""
+    told = []
+    for out in ("first", "second"):
+        command = [sys.executable, "-m", "ldt_core", "simulate", "--machine", "dc_motor"]
+        command += ["--experiments", "1", "--effect", "coulomb_friction", "--out", out]
+        surroundings = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+        ran = subprocess.run(
+            command, cwd=tmp_path, env=surroundings, capture_output=True, text=True, check=True
+        )
+        told.append(ran.stderr.splitlines())
+    assert len(told[0]) == 1
+    assert told[0][0].startswith("compiling LDT's numerical code: once on this computer")
+    assert told[1] == []
