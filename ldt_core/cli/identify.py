@@ -47,7 +47,7 @@ def _range(
 @click.argument("recordings", nargs=-1, required=True)
 @new_file_option
 @force_option
-@click.option("--name", default="identified", show_default=True, help="Name of the machine.")
+@click.option("--name", help="Name of the machine; without it, that of the file.")
 @click.option(
     "--order",
     type=click.IntRange(0, 2),
@@ -79,7 +79,7 @@ def command(
     recordings: tuple[str, ...],
     out: str,
     force: bool,
-    name: str,
+    name: str | None,
     order: int,
     offset: bool,
     limits: tuple[float, float] | None,
@@ -101,6 +101,7 @@ def command(
     from ldt_core.cli.recordings import read_recordings
 
     check_file(out, force)
+    name = Path(out).stem if name is None else name
     experiments = read_recordings(recordings, namespace)
     bags = " ".join(map(shlex.quote, recordings))
     if effects is not None:

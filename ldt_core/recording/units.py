@@ -36,7 +36,8 @@ UNITS: dict[str, dict[str, float]] = {
     },
     "current": {"A": 1, "mA": 1e-3, "uA": 1e-6, "µA": 1e-6, "kA": 1e3},
 }
-
+#: Quantity → names of columns that are its symbol; "v" may be a voltage or a speed, "i" an index.
+SYMBOLS = {"time": ("t",), "voltage": ("u",), "speed": ("n", "w", "omega", "ω"), "current": ()}
 
 NO_COLUMNS: Mapping[str, str] = MappingProxyType({})
 
@@ -86,11 +87,15 @@ def parse_field(text: str, quantity: str, columns: Mapping[str, str] = NO_COLUMN
 
 
 def propose_fields(columns: Mapping[str, str]) -> dict[str, str]:
-    """Quantity → FIELD[:UNIT], where one column alone has its unit, or else its word in the name.
+    """Quantity → FIELD[:UNIT], where one column alone has its unit, its word, or its symbol.
+
+    A symbol says no unit; the literal "UNIT" stands for it.
 
     Args:
         columns: name → the unit below it, or "".
 
+    >>> propose_fields({"t": "", "u": "", "n": "", "x": ""})
+    {'time': 't:UNIT', 'voltage': 'u:UNIT', 'speed': 'n:UNIT'}
     >>> propose_fields({"time": "", "u [V]": "", "n": "rpm", "Speed (deg/s)": "", "n2": "rpm"})
     {'time': 'time', 'voltage': 'u [V]', 'speed': 'Speed (deg/s):deg/s'}
     """
@@ -100,6 +105,8 @@ def propose_fields(columns: Mapping[str, str]) -> dict[str, str]:
         found = [name for name in columns if told[name]]
         if len(found) != 1:
             found = [name for name in columns if quantity in name.lower()]
+        if not found and len(named := [n for n in columns if n.lower() in SYMBOLS[quantity]]) == 1:
+            proposed[quantity] = f"{named[0]}:UNIT"
         if len(found) == 1:
             unit = told[found[0]]
             proposed[quantity] = found[0] + (f":{unit}" if units.get(unit, 1) != 1 else "")

@@ -100,8 +100,9 @@ def test_the_file_predicts_what_it_was_made_from_and_more(tmp_path, capsys):
 
 
 def test_the_file_says_what_its_values_are(tmp_path):
-    """Comments on convention and equivalents; limits, length and period from the recording."""
+    """Comments on convention and equivalents; name of the file; the rest from the recording."""
     _, out, machine = identified(tmp_path)
+    assert machine.name == "unknown"
     text = out.read_text()
     assert "equivalents: only ratios" in text
     assert "by convention" in text

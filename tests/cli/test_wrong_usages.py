@@ -157,11 +157,11 @@ def test_a_foreign_recording_says_its_topics_and_how_to_import_them(files, capsy
 
 
 def test_a_table_says_its_columns_and_how_to_import_it(files, capsys):
-    """A unit in a column's name says what it is; the rest is left to the reader."""
+    """A unit in a column's name says what it is; of a symbol the unit is left to the reader."""
     assert invoke(ldt, ["info", str(files / "log.csv")]) == 0
     said = capsys.readouterr().out
     assert "the columns 'time_ms', 'u', 'rpm'" in said
-    assert "--voltage COLUMN --speed rpm:rpm --time time_ms:ms" in said
+    assert "--voltage u:UNIT --speed rpm:rpm --time time_ms:ms" in said
 
 
 def test_a_table_of_a_plc_says_its_units_in_a_row_of_their_own(files, capsys):

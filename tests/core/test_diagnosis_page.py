@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -142,7 +143,7 @@ def test_several_causes_of_which_some_stay_open_are_told_apart_in_the_sentence(d
     )
     pairs = dict(
         pair
-        for block in diagnosis_sections.gap(found).blocks
+        for block in diagnosis_sections.gap(found, Path("diagnosis.json")).blocks
         for pair in getattr(block, "pairs", ())
     )
     assert pairs["fitted along"] == "inertia: factor = 0.497"
@@ -313,6 +314,12 @@ def test_the_next_experiment_comes_with_commands_that_take_it(diagnoses, tmp_pat
     shipped = replace(given, machine_file="rotor.yaml")
     assert "--machine rotor --out again" in Elements(written(shipped, tmp_path)).text
     assert "--voltage u --speed n --current i --sample-period 0.01 --length 20" in page
+
+
+def test_the_command_that_predicts_names_the_file_where_it_is(diagnoses, undrawn):
+    """Recordings are named from where the command was given; so is the diagnosis."""
+    page = diagnosis_page.page(diagnoses["effect"], Path("my answers/diagnosis.json"))
+    assert "--with 'my answers/diagnosis.json' --out predicted" in Elements(page).text
 
 
 def test_the_picture_is_one_png(diagnoses, tmp_path):

@@ -24,10 +24,15 @@ WHO = "a diagnosis' page"
 JSON, PAGE = "diagnosis.json", "diagnosis.html"
 
 
-def page(diagnosis: Diagnosis) -> str:
-    """The page as text."""
+def page(diagnosis: Diagnosis, kept: Path = Path(JSON)) -> str:
+    """The page as text.
+
+    Args:
+        kept: the file for programs, as the page's commands name it.
+    """
     style.require(WHO)
-    made = [part for make in sections.SECTIONS if (part := make(diagnosis))]
+    further = (part for make in sections.SECTIONS if (part := make(diagnosis)))
+    made = [sections.gap(diagnosis, kept), *further]
     return render(
         f"Gap diagnosis of {diagnosis.machine}",
         sections.lead(diagnosis),
@@ -67,4 +72,4 @@ def as_json(diagnosis: Diagnosis) -> str:
 def write_files(diagnosis: Diagnosis, folder: Path) -> None:
     """Write `diagnosis.json` and `diagnosis.html`."""
     write(folder / JSON, as_json(diagnosis))
-    write(folder / PAGE, page(diagnosis))
+    write(folder / PAGE, page(diagnosis, folder / JSON))

@@ -69,7 +69,7 @@ def lead(diagnosis: Diagnosis) -> str:
     )
 
 
-def gap(diagnosis: Diagnosis) -> Section:
+def gap(diagnosis: Diagnosis, kept: Path) -> Section:
     """How large the gap was and is."""
     section = Section("gap", "How far the gap closes", [Text(diagnosis.verdict.sentence)])
     if not diagnosis.shown:
@@ -106,8 +106,8 @@ def gap(diagnosis: Diagnosis) -> Section:
         )
         recording = shlex.quote(next(iter(diagnosis.recordings), "RECORDING"))
         command = (
-            f"ldt predict {recording} --machine {_machine(diagnosis)} --with diagnosis.json "
-            "--out predicted"
+            f"ldt predict {recording} --machine {_machine(diagnosis)} "
+            f"--with {shlex.quote(str(kept))} --out predicted"
         )
         section.blocks.append(Text(command, "code"))
     return section
@@ -341,7 +341,6 @@ def done(diagnosis: Diagnosis) -> Section:
 
 
 SECTIONS: tuple[Callable[[Diagnosis], Section | None], ...] = (
-    gap,
     where,
     candidates,
     contributions,
