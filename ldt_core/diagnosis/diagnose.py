@@ -46,6 +46,7 @@ from ldt_core.diagnosis.library import library
 from ldt_core.diagnosis.next_experiment import next_experiment
 from ldt_core.diagnosis.nominal import at_the_end, enough, refits, said, with_all
 from ldt_core.diagnosis.nominal_prior import NOMINAL, NominalPrior, merged, nominal_prior
+from ldt_core.diagnosis.recorded_times import without_repeats, wrong_clock
 from ldt_core.diagnosis.residual_torque import (
     TorqueEstimator,
     added_torque,
@@ -91,19 +92,18 @@ def diagnose(
         BadInput: too little to go by.
     """
     workers = workers or os.cpu_count() or 1
+    experiments, repeated = without_repeats(experiments)
     trusted, fault = sound(machine, experiments)
     only = len(trusted) < THRESHOLDS.trusted_experiments
-    if fault and not only:
-        experiments = trusted
+    experiments = trusted if fault and not only else experiments
     fitted, held = split(experiments, holdout, seed)
     most = max(float(np.abs(e.voltage).max()) for e in fitted)
     sizes = machine_scales(machine.parameters, most or 1.0)
     prior = nominal_prior(machine, refit, recordings)
-    mine = prior.swallowed if prior else set()
     candidates = [
         Candidate(machine.effect(e.name) if e.name in machine.acting else e, most or 1.0, sizes)
         for e in (library(machine) if effects is None else effects)
-        if e.name not in mine
+        if prior is None or e.name not in prior.swallowed
     ]
     with one_thread():  # matrices are small: more threads wait for each other, and round otherwise
         residuals = FreeRunResiduals(
@@ -117,7 +117,7 @@ def diagnose(
         }
         decision = decide(search, seed, bool(fault) and only)
         report = _Report(
-            machine, search, decision, fitted, held, recordings, seed, tick, fault, prior
+            machine, search, decision, fitted, held, recordings, seed, tick, fault, prior, repeated
         )
         return report.diagnosis(silent, groups)
 
@@ -145,6 +145,7 @@ class _Report:
     tick: Callable[[str], None]
     fault: str
     prior: NominalPrior | None
+    repeated: str
 
     def __post_init__(self) -> None:
         d = self.decision
@@ -206,6 +207,8 @@ class _Report:
         over = (begun[1] if begun and self.named else now).rmse / noise
         grounds = all_grounds(d.grounds, acting, over, bool(self.objection))
         best = d.best.use if d.best else []
+        sought = d.kind != "none" and not self.faulty
+        clock = wrong_clock(self.machine, self.held, was, noise) if sought else ""
         depends = []
         if d.structured:
             torque = residual_torque(self.residuals, best, d.best.starts if d.best else None)
@@ -226,7 +229,7 @@ class _Report:
             ambiguities=self._all_groups(groups, acting),
             next_experiment=self._next(),
             refit=refit,
-            notes=self._notes(),
+            notes=self._notes(clock),
             effects=[
                 {"effect": effect.name, "parameters": dict(given)}
                 for effect, given in merged(self.machine, self.use)
@@ -262,7 +265,7 @@ class _Report:
         found = added_torque(self.residuals, none, self.use, self.named.starts)
         return [*places(found), *steady_places(found, self.use)]
 
-    def _notes(self) -> list[str]:
+    def _notes(self, clock: str) -> list[str]:
         cut = {e.number for e in self.fitted} & {e.number for e in self.held}
         few = f"fewer than {FEWEST_EXPERIMENTS} experiments: each was cut into parts, some of them"
         odd = ((e.number, doubt(self.machine, e)) for e in [*self.fitted, *self.held])
@@ -270,15 +273,14 @@ class _Report:
         ended = self.named is not None and at_the_end(self.named)
         last = "the machine file's numbers moved as far as it lets them: something else is missing"
         same = "held out: of other voltages than theirs nothing is promised"
-        told = (f"{few} {same}" if cut else "", first, last if ended else "")
+        told = (f"{few} {same}" if cut else "", self.repeated, clock, first, last if ended else "")
         return [note for note in told if note]
 
     def _all_groups(
         self, computed: Sequence[Sequence[str]], acting: Sequence[Sequence[str]]
     ) -> list[list[str]]:
         found = [sorted(group) for group in acting if len(group) > 1]
-        found += [list(g) for g in computed if not any(set(g) <= set(f) for f in found)]
-        return found
+        return found + [list(g) for g in computed if not any(set(g) <= set(f) for f in found)]
 
     def _next(self) -> NextExperiment | None:
         if len(self.decision.alike) < 2:

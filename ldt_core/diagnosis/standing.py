@@ -68,7 +68,9 @@ def objection(
     mean = float(np.mean(np.concatenate([e.speed for e in fitted])))
     for name, level in (("a shaft that stands still", 0.0), ("a constant speed", mean)):
         power = float(np.mean((speed - level) ** 2))
-        if left > THRESHOLDS.unexplained_of_signal * max(power - noise**2, 0.0):
+        moved = power - noise**2
+        # Where nothing moves beyond noise, nothing could fail: no cause has been put to the test.
+        if moved <= 0 or left > THRESHOLDS.unexplained_of_signal * moved:
             return f"it leaves {after.rmse:.3g} rad/s, hardly better than {name} ({power**0.5:.3g})"
     gap = max(before.rmse**2 - noise**2, 0.0)
     linear = _linear(machine, fitted, held)
