@@ -10,6 +10,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.sentences import number
 from ldt_core.diagnosis.diagnosis import NextExperiment
 from ldt_core.diagnosis.effect_fit import EffectFit, by_member, used
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
@@ -41,7 +42,7 @@ def next_experiment(
                 told = ", ".join(names[:-1]) + " and " + names[-1]
                 why = (
                     f"{name}{with_current} tells {told} apart: one such experiment moves them "
-                    f"{math.sqrt(power):.3g} noise deviations from each other, at least"
+                    f"{number(math.sqrt(power))} noise deviations from each other, at least"
                 )
                 period = residuals.experiments[0].period
                 best = worth, NextExperiment(why, [float(v) for v in volts], period, channels)
