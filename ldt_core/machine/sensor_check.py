@@ -190,12 +190,14 @@ def _is_noise(e: Experiment) -> bool:
 
 
 def _too_fast(machine: Machine, e: Experiment) -> str:
-    """Faster than the voltage could drive the motor of the file without any load."""
-    top = PARAMETER_FACTOR * _volts(machine) / machine.parameters["K_t"]
+    """Faster than the voltage, or the first speed, drives the motor of the file without a load."""
+    volts = float(np.abs(e.voltage).max())
+    top = PARAMETER_FACTOR * max(volts / machine.parameters["K_t"], abs(float(e.speed[0])))
     most, speed = top + MOST_STEP * median_step(e), float(np.abs(e.speed).max())
     if speed <= most:
         return ""
-    return f"a speed of {speed:.4g} rad/s, {most:.4g} at most by the machine file"
+    words = f"a speed of {speed:.4g} rad/s at up to {volts:.4g} V"
+    return f"{words}, {most:.4g} at most by the machine file"
 
 
 def _too_sudden(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> str:

@@ -58,6 +58,7 @@ def test_a_gap_that_nothing_explains_ends_at_the_limit_of_work(machine, units, m
     ]
     found = diagnose(machine, given, effects=[get_effect(n) for n in TRIED], workers=1)
     assert found.verdict.kind == "unknown"
+    assert any("at most by the machine file" in note for note in found.notes)
     assert searches[0].residuals.work.steps < BEYOND * MOST_WORK
 
 
