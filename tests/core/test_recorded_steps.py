@@ -79,7 +79,7 @@ def same(one, other):
         {"model": "linear", "order": 1, "detector": "adequacy", "experiments": 40},
         {"model": "hybrid", "experiments": 12, "degradation": "abrupt", "inducing": 30},
         {"model": "diagnosed", "cause": "unbalance", "experiments": 12, "degradation": "abrupt"},
-        {"model": "linear", "advice": True, "advice_every": 3, "degradation": "abrupt"},
+        {"model": "linear", "order": 1, "advice": True, "advice_every": 3, "degradation": "abrupt"},
     ],
     ids=lambda g: "-".join(str(v) for v in g.values()),
 )
