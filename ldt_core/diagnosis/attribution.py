@@ -24,6 +24,11 @@ TRACELESS_ERROR = 0.005  # of the gap's power, by which a law may be off and lea
 UNDETERMINED = 3.0  # standard deviation, in coordinates, from which a parameter has no interval
 
 
+def share(part: float) -> float:
+    """A part of a gap between nothing and all of it: noise and misfits may lead beyond."""
+    return float(np.clip(part, 0.0, 1.0))
+
+
 def covariance(fit: EffectFit, left: float, gap: float) -> Array:
     """(p, p) of all coordinates; infinite variance where nothing depends on one.
 

@@ -11,14 +11,13 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.motor_rates import memory
-from ldt_core.physics.parameter import Parameter
+from ldt_core.physics.machine_sizes import LIMITS, in_own_sizes, limits_voltage
+from ldt_core.physics.parameter import Parameter, logarithmic
 
 # Where searches begin: close enough to each other that a fit gets from one to the next.
 START_FACTORS = (0.4, 0.7, 0.9, 1.1, 1.4, 2.5)  # of a parameter that multiplies the machine's
 START_SIZES = (0.1, 0.3, 1.0, 3.0)  # of a parameter's scale
 START_SHAPES = (0.3, 1.0, 3.0)  # of the default of a shape, such as a time constant
-START_VOLTAGES = (0.4, 0.55, 0.7, 0.85, 0.95)  # of the largest voltage, for a limit on it
 START_PHASES = 8  # of a turn
 MOST_STARTS = 96  # of one effect: bounds the time that it takes
 DIFFERENCE_STEP = 1e-3  # of a coordinate: far above rounding, far below any curvature
@@ -27,10 +26,6 @@ LEAST_VOLTAGE = 0.05  # of the largest voltage: a lower limit would have stopped
 LEAST_FACTOR = 0.05  # a machine further below its file than that is another machine
 OPEN_BOUND_MARGIN = 1e-6  # of a parameter's scale: a fit stays so far inside an open bound
 LIMIT_MARGIN = 1e-3  # of a coordinate: nearer to its limit, a fit has ended there
-# How large an effect may be on this machine.
-#: The worked case at 16 V: torque [N m], speed [rad/s], voltage [V], current [A], memory [s].
-REFERENCE = (4.8, 53.3, 16.0, 16.0, 0.2)
-SAME_SIZE = 3.0  # factor within which a machine keeps the library's own round numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,20 +73,7 @@ class Candidate:
     @property
     def typical(self) -> dict[str, float]:
         """The effect plainly there, in this machine's sizes."""
-        return self.effect.check(self._sized(self.effect.check(self.effect.typical)))
-
-    def _sized(self, given: Mapping[str, float]) -> dict[str, float]:
-        """Values in this machine's sizes: what differs from neutral is scaled with its unit."""
-        found = {}
-        for p in self.parameters:
-            value = given[p.name]
-            found[p.name] = value if logarithmic(p) else value * self.sizes.get(p.unit, 1.0)
-            if math.isfinite(p.low) and math.isfinite(p.high):
-                found[p.name] = min(max(found[p.name], p.low), p.high)
-            elif value == p.default and not value:
-                found[p.name] = value
-            found[p.name] = max(found[p.name], p.low)
-        return found
+        return self.effect.check(in_own_sizes(self.effect, self.effect.typical, self.sizes))
 
     def value(self, j: int, z: float) -> float:
         """Parameter j at a coordinate, within its bounds."""
@@ -127,7 +109,7 @@ class Candidate:
                 high.append(math.inf)
             elif logarithmic(p):
                 limit = 1e-6
-                if p.unit == "V" and p.default:
+                if limits_voltage(p) and p.default:
                     limit = LEAST_VOLTAGE * self.most_voltage / p.default
                 low.append(math.log(limit if p.high < math.inf else LEAST_FACTOR))
                 high.append(
@@ -176,17 +158,13 @@ class Candidate:
         ]
         found = []
         for values in itertools.product(*levels):
-            given = self._sized(dict(zip((p.name for p in self.parameters), values, strict=True)))
+            levels_here = dict(zip((p.name for p in self.parameters), values, strict=True))
+            given = in_own_sizes(self.effect, levels_here, self.sizes)
             if given != self.effect.neutral:
                 found.append(self.coordinates(given))
         if len(found) > MOST_STARTS:
             found = found[:: math.ceil(len(found) / MOST_STARTS)]
         return found
-
-
-def logarithmic(p: Parameter) -> bool:
-    """Whether the parameter is a factor or a limit: above 0, and neutral at a positive value."""
-    return p.open_low and p.low == 0 and (p.default or 0.0) > 0
 
 
 def turning(p: Parameter) -> bool:
@@ -196,8 +174,8 @@ def turning(p: Parameter) -> bool:
 
 def _levels(p: Parameter, most_voltage: float) -> list[float]:
     default, scale = float(p.default or 0.0), p.scale or 1.0
-    if logarithmic(p) and p.unit == "V":
-        return [part * most_voltage for part in START_VOLTAGES]  # already this machine's
+    if limits_voltage(p):
+        return [part * most_voltage for part in LIMITS]  # already this machine's
     if logarithmic(p):
         return [default * f for f in START_FACTORS]
     if math.isfinite(p.low) and math.isfinite(p.high) and p.low < default < p.high:
@@ -207,41 +185,3 @@ def _levels(p: Parameter, most_voltage: float) -> list[float]:
     up = [default + s * scale for s in START_SIZES]
     down = [default - s * scale for s in START_SIZES]
     return [v for v in down + up if p.accepts(v)]
-
-
-def machine_scales(values: Mapping[str, float], most_voltage: float) -> dict[str, float]:
-    """Unit to the factor by which this machine's sizes differ from the worked case's.
-
-    The library's sizes are written for the rotor of the worked case. On another machine they are
-    taken in its own units: of torque at standstill, no-load speed, voltage, current, and the time
-    in which the motor forgets its speed.
-
-    Args:
-        most_voltage: largest voltage of the recordings [V].
-    """
-    current = most_voltage / values["R"]
-    own = (
-        values["K_t"] * current,
-        most_voltage / values["K_t"],
-        most_voltage,
-        current,
-        memory(values),
-    )
-    ratio = [a / b for a, b in zip(own, REFERENCE, strict=True)]
-    torque, speed, voltage, amps, time = (
-        1.0 if 1 / SAME_SIZE < r < SAME_SIZE else r for r in ratio
-    )
-    return {
-        "N m": torque,
-        "N m s": torque / speed,
-        "N m s^2": torque / speed**2,
-        "N m s^3": torque / speed**3,
-        "N m/rad": torque / (speed * time),
-        "N m s/rad": torque / speed,
-        "rad/s": speed,
-        "V": voltage,
-        "A": amps,
-        "Ohm": voltage / amps,
-        "s": time,
-        "K/W": 1.0 / (voltage * amps),
-    }

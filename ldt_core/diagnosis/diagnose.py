@@ -12,8 +12,8 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.threads import one_thread
-from ldt_core.diagnosis.attribution import amounts, shapley_shares
-from ldt_core.diagnosis.candidate import Candidate, machine_scales
+from ldt_core.diagnosis.attribution import amounts, shapley_shares, share
+from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.confidence import all_grounds, confidence
 from ldt_core.diagnosis.diagnosis import (
     Diagnosis,
@@ -60,6 +60,7 @@ from ldt_core.diagnosis.verdict import Decision, decide
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.sensor_check import doubt, sound
 from ldt_core.physics.effect import Effect
+from ldt_core.physics.machine_sizes import machine_scales
 
 LEAST_SCORE = 0.01  # of the gap: an effect that explains less is said to explain nothing
 
@@ -97,11 +98,11 @@ def diagnose(
     only = len(trusted) < THRESHOLDS.trusted_experiments
     experiments = trusted if fault and not only else experiments
     fitted, held = split(experiments, holdout, seed)
-    most = max(float(np.abs(e.voltage).max()) for e in fitted)
-    sizes = machine_scales(machine.parameters, most or 1.0)
+    most = max(float(np.abs(e.voltage).max()) for e in fitted) or 1.0
+    sizes = machine_scales(machine.parameters, most)
     prior = nominal_prior(machine, refit, recordings)
     candidates = [
-        Candidate(machine.effect(e.name) if e.name in machine.acting else e, most or 1.0, sizes)
+        Candidate(machine.effect(e.name) if e.name in machine.acting else e, most, sizes)
         for e in (library(machine) if effects is None else effects)
         if prior is None or e.name not in prior.swallowed
     ]
@@ -120,11 +121,6 @@ def diagnose(
             machine, search, decision, fitted, held, recordings, seed, tick, fault, prior, repeated
         )
         return report.diagnosis(silent, groups)
-
-
-def share(part: float) -> float:
-    """A part of a gap between nothing and all of it: noise and misfits may lead beyond."""
-    return float(np.clip(part, 0.0, 1.0))
 
 
 def _unsimulated(name: str) -> RankedCandidate:

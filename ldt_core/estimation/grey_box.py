@@ -23,6 +23,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import NOT_TRACKED, FreeRun, Values
 from ldt_core.physics.effect import Effect
+from ldt_core.physics.machine_sizes import LIMITS, in_own_sizes, limits_voltage, machine_scales
 from ldt_core.physics.parameter import Parameter
 
 Array = NDArray[np.float64]
@@ -104,8 +105,10 @@ class GreyBox:
         self.tolerance = np.array([tolerances[n] for n in self.uncertain])
         self._parameters = [(e, p) for e in self.effects for p in e.parameters]
         k = len(self.uncertain)
-        low = [(_least(p) - _default(p)) / _scale(p) for _, p in self._parameters]
-        high = [(p.high - _default(p)) / _scale(p) for _, p in self._parameters]
+        self._most_voltage = max(map(abs, machine.voltage_limits))
+        self._sizes = machine_scales(self.nominal, self._most_voltage)
+        low = [(self._least(p) - _default(p)) / self._scale(p) for _, p in self._parameters]
+        high = [(p.high - _default(p)) / self._scale(p) for _, p in self._parameters]
         self.low = np.array([-WIDEST] * k + low)
         self.high = np.array([WIDEST] * k + high)
 
@@ -125,14 +128,14 @@ class GreyBox:
         for effect in self.effects:
             given = {}
             for p in effect.parameters:
-                value = _default(p) + next(found) * _scale(p)
-                given[p.name] = float(min(max(value, _least(p)), p.high))
+                value = _default(p) + next(found) * self._scale(p)
+                given[p.name] = float(min(max(value, self._least(p)), p.high))
             use.append((effect, given))
         return machine, use
 
     def coordinates(self, given: Mapping[str, Mapping[str, float]], machine: Array) -> Array:
         """(n,) coordinates of effects with these values, beside (k,) machine coordinates."""
-        own = [(given[e.name][p.name] - _default(p)) / _scale(p) for e, p in self._parameters]
+        own = [(given[e.name][p.name] - _default(p)) / self._scale(p) for e, p in self._parameters]
         return np.concatenate([machine, np.array(own)])
 
     def at_rest(self, experiment: Experiment, noise: float) -> bool:
@@ -259,22 +262,33 @@ class GreyBox:
         for effect in self.effects:
             if effect.name in known and not again:
                 continue
-            tried += [{**middle, effect.name: values} for values in _grid(effect)]
+            tried += [{**middle, effect.name: values} for values in self._grid(effect)]
         k = len(self.uncertain)
         found = [self.coordinates(given, np.zeros(k))[k:] for given in tried or [middle]]
         return [np.clip(q, self.low[k:], self.high[k:]) for q in found]
 
-
-def _grid(effect: Effect) -> list[dict[str, float]]:
-    if effect.search:
+    def _grid(self, effect: Effect) -> list[dict[str, float]]:
+        if effect.search:
+            rows = itertools.product(*effect.search.values())
+            return [self._sized(effect, dict(zip(effect.search, row, strict=True))) for row in rows]
+        if len(effect.parameters) == 1 and limits_voltage(effect.parameters[0]):
+            return [{effect.parameters[0].name: part * self._most_voltage} for part in LIMITS]
+        typical, neutral = self._sized(effect, effect.typical), effect.neutral
+        both = all(p.low < neutral[p.name] for p in effect.parameters)
+        parts = (1 / 3, 1.0, -1.0) if both else (1 / 3, 1.0)
         return [
-            effect.check(dict(zip(effect.search, row, strict=True)))
-            for row in itertools.product(*effect.search.values())
+            {n: neutral[n] + part * (typical[n] - neutral[n]) for n in neutral} for part in parts
         ]
-    typical, neutral = effect.check(effect.typical), effect.neutral
-    both = all(p.low < neutral[p.name] for p in effect.parameters)
-    parts = (1 / 3, 1.0, -1.0) if both else (1 / 3, 1.0)
-    return [{n: neutral[n] + part * (typical[n] - neutral[n]) for n in neutral} for part in parts]
+
+    def _sized(self, effect: Effect, given: Mapping[str, float]) -> dict[str, float]:
+        return effect.check(in_own_sizes(effect, given, self._sizes))
+
+    def _scale(self, parameter: Parameter) -> float:
+        return (parameter.scale or 1.0) * self._sizes.get(parameter.unit, 1.0)
+
+    def _least(self, parameter: Parameter) -> float:
+        """The lowest value that a fit may take; above an open bound."""
+        return parameter.low + (OPEN * self._scale(parameter) if parameter.open_low else 0.0)
 
 
 def _shortest(step: float, period: float) -> float:
@@ -284,12 +298,3 @@ def _shortest(step: float, period: float) -> float:
 def _default(parameter: Parameter) -> float:
     assert parameter.default is not None  # an effect's parameters all have one
     return parameter.default
-
-
-def _scale(parameter: Parameter) -> float:
-    return parameter.scale or 1.0
-
-
-def _least(parameter: Parameter) -> float:
-    """The lowest value that a fit may take; above an open bound."""
-    return parameter.low + (OPEN * _scale(parameter) if parameter.open_low else 0.0)

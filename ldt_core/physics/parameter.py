@@ -60,3 +60,8 @@ def is_own(name: str) -> bool:
 def own_name(effect: str, parameter: str) -> str:
     """What a known effect's parameter is called among those of the machine."""
     return f"{effect}.{parameter}"
+
+
+def logarithmic(p: Parameter) -> bool:
+    """Whether the parameter is a factor or a limit: above 0, and neutral at a positive value."""
+    return p.open_low and p.low == 0 and (p.default or 0.0) > 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,15 +14,21 @@ from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK, Adaptor
 from ldt_core.twin.candidates import POOL, UNLEARNABLE, Candidates
 from ldt_core.twin.condition_chain import UNLEARNED, ConditionChain
 from ldt_core.twin.memory import Memory
+from ldt_core.twin.original_watch import OriginalWatch
 from ldt_core.twin.search_backoff import SearchBackoff
 from ldt_core.twin.stage import Archive, RecordedStep
 from ldt_core.twin.training_data import VALID_ERROR_RATIO
-from ldt_core.twin.version_errors import BETTER, alike, explains, gains, pays, rms_error, same
+from ldt_core.twin.version_errors import (
+    BETTER,
+    alike,
+    explains,
+    gains,
+    largest_error,
+    pays,
+    rms_error,
+    same,
+)
 
-#: Experiments over which the twin is compared with the original, and the least of them.
-WATCHED, LEAST_WATCHED = 10, 5
-#: Sum of the twin's errors over the original's, above which the original comes back.
-WORSE = 1.1
 #: In the details of an adaptation: what learns from it competes at the next experiment.
 SEARCHING = "searching"
 #: In the details of an adaptation: the original has come into force again.
@@ -60,8 +65,7 @@ class ContestAdaptor(Adaptor):
         super().__init__(model, memory, **how)
         self.candidates = Candidates(settings)
         self.original = model
-        #: Largest errors of twin and original [rad/s] in the last experiments.
-        self.errors: deque[tuple[float, float]] = deque(maxlen=WATCHED)
+        self.watch = OriginalWatch()
         #: What the machine was like, and how that follows upon each other.
         self.chain = ConditionChain()
         #: The version that explains the present experiment.
@@ -81,7 +85,7 @@ class ContestAdaptor(Adaptor):
         self._apart: dict[int, tuple[Model, Experiment]] = {}
 
     def _dealt(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
-        self._compared(experiment, signal)
+        self.watch.saw(signal.max_error, largest_error(self.original, experiment))
         pool, self.pending = self.pending, []
         if self._passed_over(experiment):
             return super()._dealt(experiment, signal)
@@ -99,11 +103,11 @@ class ContestAdaptor(Adaptor):
     ) -> tuple[Adaptation, Model] | None:
         """What comes into force without learning from this experiment."""
         found, details = self._trained(pool, experiment, signal), {}
-        if found is None and self._worse():
+        if found is None and self.watch.worse and not alike(self.model, self.original):
             found = self.original, "is the original again, which erred less over ten experiments"
             details[ORIGINAL] = 1.0
-            self.errors.clear()
-        if found is None and signal.state == "new_range" and self._original_errs_less():
+            self.watch = OriginalWatch()
+        if found is None and signal.state == "new_range" and self.watch.worse_now:
             found = self.original, "is the original again, which errs less in this new range"
             details[ORIGINAL] = 1.0
         known = self._explaining if signal.level is Level.WARNING else None
@@ -194,22 +198,6 @@ class ContestAdaptor(Adaptor):
         best = int(np.argmin(expected))
         return rivals[best] if expected[best] < BETTER * expected[0] else self.original
 
-    def _compared(self, experiment: Experiment, signal: Signal) -> None:
-        first = self.original.predict(experiment).max_error(experiment)
-        self.errors.append((signal.max_error, first))
-
-    def _worse(self) -> bool:
-        """Whether the original would have done better for long, and does now."""
-        if self.model.parameters == self.original.parameters or len(self.errors) < LEAST_WATCHED:
-            return False
-        (now, first), (twin, original) = self.errors[-1], map(sum, zip(*self.errors, strict=True))
-        return now > first and twin > WORSE * original
-
-    def _original_errs_less(self) -> bool:
-        """In the last experiment, by as much as the twin may err more over several."""
-        now, first = self.errors[-1]
-        return now > WORSE * first
-
     def _learn(self, experiment: Experiment) -> tuple[Action, str, dict[str, float]]:
         self.memory.clear()
         before = self.model
@@ -233,23 +221,8 @@ class ContestAdaptor(Adaptor):
                     return Action.REFUSED, origin, {}
             self._adopt(next_one.again(before.version + 1))
             return Action.ADAPTED, self._reason(before, experiment, origin), {}
-        versions = (before, *reversed(self.earlier))
-        recent, known = self._recent(experiment), self.learned_from
-        best = self.candidates.refitted(versions, known, experiment, recent)
-        origin = "re-estimated"
-        if best is not None and not (
-            explains(best, experiment) and gains(best, before, experiment)
-        ):
-            best = None
-        alone, pool = best, [*known[-POOL + 1 :], experiment]
-        if alone is not None and self._elsewhere and not all(explains(alone, e) for e in pool):
-            # Of one machine, as the excitation alone is another: another cause may explain all.
-            best = self._searched(pool) or alone
-        elif best is None:
-            best = self._searched([experiment])
-        if best is not alone:
-            origin = "with another cause"
-        if best is not None:
+        if cause := self._caused(experiment):
+            best, origin = cause
             reached = rms_error(best, experiment)
             self._adopt(best.again(before.version + 1))
             details = {"candidate_rmse": reached, "present_rmse": present}
@@ -269,6 +242,25 @@ class ContestAdaptor(Adaptor):
             return Action.ADAPTED, self._reason(before, experiment, origin), details
         stays = f"version {before.version} stays"
         return Action.REFUSED, f"no known cause explains it, {then}; {stays}", details
+
+    def _caused(self, experiment: Experiment) -> tuple[GreyBoxModel, str] | None:
+        """A model of causes that explains the experiment, known or searched for, and its origin."""
+        before, recent, known = self.model, self._recent(experiment), self.learned_from
+        versions = (before, *reversed(self.earlier))
+        best = self.candidates.refitted(versions, known, experiment, recent)
+        if best is not None and not (
+            explains(best, experiment) and gains(best, before, experiment)
+        ):
+            best = None
+        alone, pool = best, [*known[-POOL + 1 :], experiment]
+        if alone is not None and self._elsewhere and not all(explains(alone, e) for e in pool):
+            # Of one machine, as the excitation alone is another: another cause may explain all.
+            best = self._searched(pool) or alone
+        elif best is None:
+            best = self._searched([experiment])
+        if best is None:
+            return None
+        return best, "re-estimated" if best is alone else "with another cause"
 
     def _searched(self, pool: Sequence[Experiment]) -> GreyBoxModel | None:
         """What a search finds that explains all of these, unless searches have to wait."""
@@ -342,15 +334,23 @@ class ContestAdaptor(Adaptor):
             return sum(rms_error(model, e) ** 2 for e in judged)
 
         best = min(self.candidates.learned(self._grey(), pool), key=squared, default=None)
-        least = min(squared(m) for m in (self.model, self.original))
-        if best is None or not squared(best) < BETTER**2 * least:
+        if best is None or not all(pays(best, m, judged) for m in (self.model, self.original)):
             return None
-        return best, f"learned from experiment {pool[-1].number} and does best in this one"
+        origin = f"learned from experiment {pool[-1].number} and does best in this one"
+        if signal.level is Level.POSITIVE and not isinstance(best, GreyBoxModel):
+            # A cause tells more than a flexible model.
+            return self._caused(experiment) or (best, origin)
+        return best, origin
 
     def _grey(self) -> Model:
-        """The model whose causes a search goes on from."""
-        models = (self.model, *reversed(self.earlier))
-        return next((m for m in models if isinstance(m, GreyBoxModel)), self.original)
+        """The newest model of which causes explained an experiment: a search goes on from them.
+
+        Causes that merely err less than others are in its way.
+        """
+        for model in (self.model, *reversed(self.earlier)):
+            if isinstance(model, GreyBoxModel) and self._condition(model) in self.chain.shown:
+                return model
+        return self.original
 
     def recall(self, step: RecordedStep) -> None:
         """Take over what a recorded step says."""
@@ -358,7 +358,7 @@ class ContestAdaptor(Adaptor):
             self.pending = []
             super().recall(step)
             return
-        self._compared(step.experiment, step.signal)
+        self.watch.saw(step.signal.max_error, largest_error(self.original, step.experiment))
         told = step.adaptation.details
         pool = self.unexplained(step.experiment)[-POOL:] if told.get(SEARCHING) else []
         passed_over = any(told.get(why) for why in PASSED_OVER)
@@ -374,14 +374,14 @@ class ContestAdaptor(Adaptor):
             self._took(before, [*recent, step.experiment], step.signal)
             self._saw(step.experiment)
         if told.get(ORIGINAL):
-            self.errors.clear()
+            self.watch = OriginalWatch()
         self.pending = pool
 
     def state(self) -> dict[str, Any]:
         """Its state by the numbers of what is recorded; `return_to` takes it back."""
         pending = [[e.number, e.start] for e in self.pending]
         learned = [[e.number, e.start] for e in self.learned_from]
-        own = {"errors": list(self.errors), "pending": pending, "learned_from": learned}
+        own = {"errors": list(self.watch.errors), "pending": pending, "learned_from": learned}
         chain, backoff = self.chain.state(), self.backoff.state()
         return {**super().state(), **own, "chain": chain, "backoff": backoff}
 
@@ -393,6 +393,6 @@ class ContestAdaptor(Adaptor):
         chain = ConditionChain()
         chain.return_to(state["chain"], archive)
         super().return_to(state, archive)
-        self.errors, self.pending, self.chain = deque(errors, WATCHED), pending, chain
+        self.watch, self.pending, self.chain = OriginalWatch(errors), pending, chain
         self.learned_from = learned
         self.backoff.return_to(state["backoff"])

@@ -53,26 +53,28 @@ def explains(model: Model, experiment: Experiment) -> bool:
     return misfit(prediction.residual(experiment), prediction.speed_std, under).explained
 
 
-def pays(model: Model, present: Model, judged: Sequence[Experiment]) -> bool:
-    """Whether it errs so much less than the present one that it is worth another version."""
+def pays(model: Model, present: Model, judged: Sequence[Experiment], learned: int = 0) -> bool:
+    """Whether it errs so much less than the present one that it is worth another version.
+
+    Also beyond chance, of which there is the more the longer the noise remembers: then few samples
+    tell. So many times the logarithm of the errors' ratio, the likelihood ratio under noise of
+    unknown size, has to be worth `EXPLAINED` (Markov's inequality, as it is an e-value), and to pay
+    the price of what was learned from the same experiments (Schwarz, Annals of Statistics 6, 1978).
+
+    Args:
+        learned: how many parameters the model has learned from the experiments that judge it.
+    """
     errors = [sum(rms_error(m, e) ** 2 for e in judged) for m in (model, present)]
-    return errors[0] < BETTER**2 * errors[1]
+    if not errors[0] < BETTER**2 * errors[1]:
+        return False
+    if errors[0] == 0.0:
+        return True
+    left = [model.predict(e).residual(e) for e in judged]
+    count = sum(r.size / correlation_time(r) for r in left)
+    price = learned * math.log(count) / 2 + math.log(EXPLAINED)
+    return count * math.log(errors[1] / errors[0]) / 2 > price
 
 
 def gains(model: GreyBoxModel, present: Model, experiment: Experiment) -> bool:
-    """Whether one that has learned from an experiment pays there, beyond what chance does.
-
-    Fitting k parameters to noise lessens its energy, the more the longer the noise remembers: then
-    few samples tell. So many times the logarithm of the errors' ratio, the likelihood ratio under
-    noise of unknown size, has to pay the price of the parameters (Schwarz, Annals of Statistics 6,
-    1978) and to be worth `EXPLAINED`.
-    """
-    if not pays(model, present, [experiment]):
-        return False
-    left = model.predict(experiment).residual(experiment)
-    error = rms(left)
-    if error == 0.0:
-        return True
-    count = left.size / correlation_time(left)
-    price = model.box.size * math.log(count) / 2 + math.log(EXPLAINED)
-    return count * math.log(rms_error(present, experiment) / error) > price
+    """Whether one that has learned from an experiment pays there."""
+    return pays(model, present, [experiment], learned=model.box.size)

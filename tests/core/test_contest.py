@@ -149,6 +149,25 @@ def test_what_nobody_explains_is_learned_from_no_further_back_than_the_change():
     assert twin.adaptor.unexplained(made[-1]) == made[change - 1 :]
 
 
+def test_causes_that_explained_nothing_are_in_no_searchs_way():
+    """A search goes on from the original, where the version in force merely erred less."""
+    plant = Plant(wearing("quadratic_drag", "c", 4e-4), experiments=8, seed=3)
+    twin = ldt.Twin("rotor", model="auto")
+    for i in range(1, 8):
+        twin.step(plant.experiment(i))
+    adaptor, explaining, asked = twin.adaptor, twin.model, []
+    adaptor.candidates.structures = lambda model, pool: asked.append(model) or []
+    e = plant.experiment(8)
+    e = dataclasses.replace(e, speed=0.5 * e.speed)
+    twin.step(e)
+    assert set(asked) == {explaining}
+    asked.clear()
+    adaptor.earlier, adaptor.model, adaptor.pending = [adaptor.original], explaining.again(99), []
+    adaptor.backoff.return_to([0, 0, 0.0])
+    twin.step(dataclasses.replace(e, number=9, start=e.start + 10))
+    assert set(asked) == {adaptor.original}
+
+
 def unsure_of(step):
     """The signal of a step, had the model claimed that it does not know enough."""
     return dataclasses.replace(step.signal, level=ldt.Level.POSITIVE, state="learning")

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.diagnosis.candidate import Candidate, machine_scales
+from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.effects import get_effect, parse_effect
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.physics.effect import Effect
+from ldt_core.physics.machine_sizes import machine_scales
 
 ROTOR, MOTOR = load_machine("rotor"), load_machine("dc_motor")
 PERIOD = 0.01  # s

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded_machines import MOTOR, ROTOR, candidates
 
-from ldt_core.diagnosis.candidate import MOST_STARTS, logarithmic, machine_scales, turning
+from ldt_core.diagnosis.candidate import MOST_STARTS, turning
 from ldt_core.effects import EFFECTS
+from ldt_core.physics.parameter import logarithmic
 
 NAMES = EFFECTS.names()
 MACHINES = {"rotor": (ROTOR, 16.0), "motor": (MOTOR, 12.0), "tiny": (MOTOR, 0.5)}
@@ -100,19 +101,6 @@ def test_factors_are_told_from_increments():
     inertia = candidate("inertia")
     up, down = inertia.coordinate(0, 2.0), inertia.coordinate(0, 0.5)
     assert up == pytest.approx(-down)
-
-
-@pytest.mark.slow
-@given(st.floats(1e-3, 1e3), st.floats(1e-3, 1e3))
-def test_a_machine_that_is_larger_has_larger_effects(torque, speed):
-    """Sizes follow from the machine's own units: those of drag from torque and speed."""
-    values = {"J": 1.0, "K_t": 16.0 / speed, "R": 16.0 * 16.0 / (torque * speed), "b": 0.0}
-    found = machine_scales(values, 16.0)
-    assert all(math.isfinite(v) and v > 0 for v in found.values())
-    for unit, power in (("N m s", 1), ("N m s^2", 2), ("N m s^3", 3)):
-        assert found[unit] == pytest.approx(found["N m"] / found["rad/s"] ** power)
-    assert found["N m"] == 1.0 or found["N m"] == pytest.approx(torque / 4.8)
-    assert found["rad/s"] == 1.0 or found["rad/s"] == pytest.approx(speed / 53.3, rel=1e-3)
 
 
 def test_a_small_motor_is_searched_with_small_torques():
