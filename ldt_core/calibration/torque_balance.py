@@ -88,7 +88,6 @@ def balance(
         targets.append(e.speed[ones.size :] - e.speed[: -ones.size])
     whole, target = np.vstack(rows), np.concatenate(targets)
     found = np.linalg.lstsq(whole, target, rcond=None)[0]
-    left = float(np.sqrt(np.mean((target - whole @ found) ** 2)))
     amounts: dict[str, dict[str, float]] = {}
     at = 2
     if "coulomb_friction" in effects:
@@ -96,10 +95,13 @@ def balance(
         at += 1
     if turned:
         sines, cosines = found[at::2], found[at + 1 :: 2]
-        size = float(np.sqrt(np.mean(sines**2 + cosines**2)))
+        sizes = np.hypot(sines, cosines)
+        size = float(np.median(sizes))  # a machine has one torque, whatever the angle
+        found[at:] *= np.repeat(size / np.maximum(sizes, np.finfo(float).tiny), 2)
         # omega' = -T/J cos(theta + phi); the phase is that of the first experiment.
         phase = math.atan2(float(sines[0]), -float(cosines[0]))
         amounts["gravity_imbalance"] = {"torque": size, "phase": phase}
+    left = float(np.sqrt(np.mean((target - whole @ found) ** 2)))
     gain, damping = float(found[0]), -float(found[1])
     return Balance(tuple(effects), gain, damping, amounts, left, span)
 

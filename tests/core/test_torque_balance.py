@@ -60,6 +60,17 @@ def test_the_kind_of_machine_is_told_from_its_accelerations(truth, names):
         )
 
 
+@pytest.mark.parametrize(("gravity", "kind"), [(0.0, ()), (30.0, ("gravity_imbalance",))])
+def test_a_torque_that_differs_by_the_experiment_is_no_pendulum(gravity, kind):
+    """A machine has one torque of gravity; what dry friction leaves is not taken for it."""
+    whole = swung(gravity, friction=12.0, samples=6000, noise=0.1, seed=2)
+    cut = [
+        Experiment(k + 1, 10.0 * k, PERIOD, whole.voltage[part], whole.speed[part])
+        for k, part in enumerate(slice(b, b + 1000) for b in range(0, 6000, 1000))
+    ]
+    assert fitting(cut).effects == (*kind, "coulomb_friction")
+
+
 def test_its_file_runs_nearly_as_the_machine_does():
     """By accelerations alone, before any fit in free run."""
     measured = [swung(samples=600)]
