@@ -5,6 +5,7 @@ It loads nothing from elsewhere and works from the disk. A broken link ends the 
 
 from __future__ import annotations
 
+import argparse
 import logging
 import re
 import sys
@@ -120,7 +121,9 @@ def faults(page: Path, site: Path) -> list[str]:
 
 def main() -> int:
     """Build; exit code 1 where something is wrong."""
-    site = Path(sys.argv[1] if len(sys.argv) > 1 else REPOSITORY / "build" / "site").resolve()
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, default=REPOSITORY / "build" / "site")
+    site = parser.parse_args().folder.resolve()
     found = build(site)
     print("\n".join(found) or f"{site}/index.html")
     return 1 if found else 0

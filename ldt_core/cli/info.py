@@ -193,9 +193,18 @@ def _tell_table(file: str, as_json: bool) -> None:
         as_json,
         {"recording": file, "table": True, "columns": columns, "next": proposed},
         one_line(f"{file} is a table with the columns {columns}"),
-        "Say which of them is the voltage, the speed, the time:",
+        _what_to_fill_in(proposed),
         one_line(proposed),
     )
+
+
+def _what_to_fill_in(proposed: str) -> str:
+    """What is left to say in a command that imports a table."""
+    if "COLUMN" in proposed or "NUMBER" in proposed:
+        return "Say which of them is the voltage, the speed, the time:"
+    if ":UNIT" in proposed:
+        return "Put a unit for each UNIT, such as V, rpm, ms:"
+    return "Import it so:"
 
 
 def _tell_foreign(storage: Storage, as_json: bool) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -80,8 +80,8 @@ def import_file(
     path = Path(path)
     read = _from_bag if is_bag(path) else _from_table
     series, notes = read(path, given, sample_period)
-    notes += _doubts(series, given)
-    return _cut(str(path), series, notes, sample_period, length, cut)
+    doubts = _doubts(series, given)
+    return _cut(str(path), series, notes + doubts, sample_period, length, cut, doubts)
 
 
 def is_bag(path: Path) -> bool:
@@ -96,11 +96,14 @@ def _doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[str]
     fastest = float(np.nanmax(np.abs(speed.values), initial=0.0))
     if "speed" in bare and fastest > FAST:
         notes.append(
-            f"speeds up to {fastest:.5g} rad/s are rare; if they are rpm: {given['speed']}:rpm"
+            f"speeds up to {fastest:.5g} rad/s are rare; "
+            f"if they are rpm: --speed {given['speed']}:rpm"
         )
     step = float(np.median(np.diff(speed.time))) if speed.time.size > 1 else 0.0
     if "time" in bare and step >= SLOW:
-        notes.append(f"{step:g} s between samples are long; if they are ms: {given['time']}:ms")
+        notes.append(
+            f"{step:g} s between samples are long; if they are ms: --time {given['time']}:ms"
+        )
     return notes
 
 
@@ -179,6 +182,7 @@ def _cut(
     sample_period: float | None,
     length: float | None,
     cut: Mapping[str, Any] | None,
+    doubts: Sequence[str] = (),
 ) -> Imported:
     """Grid, gaps, and experiments of equal length, or what the segmenter makes of the stream."""
     for one in series.values():
@@ -190,7 +194,9 @@ def _cut(
     period = found if sample_period is None else sample_period
     size = None if length is None else round(length / period)
     if size is not None and size < LEAST_SAMPLES:
-        raise OptionError("--length", f"{LEAST_SAMPLES} periods of {period:g} s or more", length)
+        doubt = f" ({'; '.join(doubts)})" if doubts else ""
+        expected = f"{LEAST_SAMPLES} periods of {period:g} s or more{doubt}"
+        raise OptionError("--length", expected, length)
     start = min(one.time[0] for one in series.values())
     if start < 0:  # a recording counts time from an epoch
         notes.append(f"times moved by {-start:g} s to begin at 0")

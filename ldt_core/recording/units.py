@@ -36,8 +36,14 @@ UNITS: dict[str, dict[str, float]] = {
     },
     "current": {"A": 1, "mA": 1e-3, "uA": 1e-6, "µA": 1e-6, "kA": 1e3},
 }
-#: Quantity → names of columns that are its symbol; "v" may be a voltage or a speed, "i" an index.
-SYMBOLS = {"time": ("t",), "voltage": ("u",), "speed": ("n", "w", "omega", "ω"), "current": ()}
+#: Quantity → names of columns that are its symbol, or its German word, which says no unit either;
+#: "v" may be a voltage or a speed, "i" an index.
+SYMBOLS = {
+    "time": ("t", "zeit"),
+    "voltage": ("u", "spannung"),
+    "speed": ("n", "w", "omega", "ω", "drehzahl"),
+    "current": ("strom",),
+}
 
 NO_COLUMNS: Mapping[str, str] = MappingProxyType({})
 

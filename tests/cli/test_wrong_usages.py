@@ -37,6 +37,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     words = "Zeit;Spannung;Drehzahl\n[ms];[V];[U/min]\n"
     (folder / "plc.csv").write_text(words + rows.replace(",", ",0;"))
     (folder / "bare.csv").write_text(rows)
+    (folder / "german.csv").write_text(f"Zeit,Spannung,Drehzahl\n{rows}")
     with BagWriter(folder / "nameless") as writer:
         writer.write("experiment", Experiment(1, 1e9, 0.01, still + 10.0, still), 1e9)
     (folder / "done").mkdir()
@@ -61,6 +62,10 @@ WRONG = {
     "import {files}/plc.csv --voltage Spannung --speed Drehzahl --time Zeit:ms --out out": (
         "Drehzahl:U/min or Drehzahl:rad/s"
     ),
+    "import {files}/german.csv --voltage Spannung --speed Drehzahl --time Zeit --length 1 -o x": (
+        "if they are ms: --time Zeit:ms"
+    ),
+    "import {files}/german.csv -o x": "--speed Drehzahl:UNIT --time Zeit:UNIT",
     "import {files}/bare.csv --voltage u --speed n --time t --out out": "a number from 1 to 3",
     "import {files}/mine --voltage u --speed n --time t --out out": "expected .mcap files",
     "diagnose {files}/log.csv --machine rotor --out out": "ldt info says how",

@@ -184,8 +184,8 @@ def test_a_size_that_speaks_for_another_unit_is_told(tmp_path):
     """1500 of a column without a unit, and rows 10 apart; a unit that is given is believed."""
     path = table(tmp_path / "x.csv", rows(TIME * 100, VOLTS, 1500 + SPEED))
     notes = " ".join(load(path).notes)
-    assert "if they are rpm: n:rpm" in notes
-    assert "if they are ms: t:ms" in notes
+    assert "if they are rpm: --speed n:rpm" in notes
+    assert "if they are ms: --time t:ms" in notes
     assert "if they are" not in " ".join(load(path, speed="n:rpm", time="t:ms").notes)
     assert "if they are" not in " ".join(load(path, speed="n:rad/s", time="t:s").notes)
 
