@@ -218,6 +218,7 @@ def _row(a: RecordingAnswer) -> list[str]:
 def _print(found: Diagnosis, folder: Path) -> None:
     from ldt_core.diagnosis.sentence import values
     from ldt_core.views.diagnosis_page.diagnosis_page import JSON, PAGE
+    from ldt_core.views.diagnosis_page.diagnosis_sections import next_step
 
     console = Console()
     console.print(found.verdict.sentence)
@@ -240,3 +241,6 @@ def _print(found: Diagnosis, folder: Path) -> None:
     for note in found.notes:
         console.print(one_line(f"- {note}"))
     console.print(f"{folder / PAGE}, {folder / JSON}")
+    words, command = next_step(found, folder / JSON)
+    if command:
+        console.print(one_line(f"Next, {words}: {command}"), soft_wrap=True)

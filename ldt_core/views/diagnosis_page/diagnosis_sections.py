@@ -100,17 +100,43 @@ def gap(diagnosis: Diagnosis, kept: Path) -> Section:
     groups = [g for g in diagnosis.verdict.acting if len(g) > 1]
     pairs += [("either", listed(g, "or")) for g in groups]
     section.blocks.append(Pairs(pairs))
+    words, command = next_step(diagnosis, kept)
+    if command:
+        section.blocks += [Text(f"Next, {words}:"), Text(command, "code")]
     if diagnosis.effects:
-        section.blocks.append(
-            Text("To predict it with what was found added, or another recording of this machine:")
-        )
         recording = shlex.quote(next(iter(diagnosis.recordings), "RECORDING"))
         command = (
             f"ldt predict {recording} --machine {_machine(diagnosis)} "
             f"--with {shlex.quote(str(kept))} --out predicted"
         )
-        section.blocks.append(Text(command, "code"))
+        section.blocks += [
+            Text("To predict this or another recording with what was found:"),
+            Text(command, "code"),
+        ]
     return section
+
+
+def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
+    """What to do with the answer, and the command; ("", "") where an experiment comes next.
+
+    Args:
+        kept: the file for programs.
+    """
+    machine = _machine(diagnosis)
+    recordings = [shlex.quote(name) for name in diagnosis.recordings] or ["RECORDING"]
+    play = f"ldt run --play {recordings[0]} --machine {machine} --out played"
+    fitted = (
+        f"ldt calibrate {' '.join(recordings)} --machine {machine} "
+        f"--with {shlex.quote(str(kept))} --out FILE.yaml"
+    )
+    return {
+        "effect": ("take what was found into the machine file", fitted),
+        "unknown": (
+            "let a model learn what has no name, or add an effect of yours (ldt docs effect)",
+            f"{play} --model hybrid",
+        ),
+        "none": ("let the twin watch for changes", play),
+    }.get(diagnosis.verdict.kind, ("", ""))
 
 
 def _machine(diagnosis: Diagnosis) -> str:

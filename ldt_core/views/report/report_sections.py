@@ -111,7 +111,7 @@ def _unjudged(run: ReportedRun) -> str:
 
 def sections(run: ReportedRun, compared: DetectorStatistic) -> list[Section]:
     """All of them."""
-    limits = "its limits" if any(compared.drift) else "no limits recorded"
+    limits = ", and its limits" if any(compared.drift) else ""
     course = _template("course.html", label=compared.label, limits=limits)
     return [
         Section("course", "Over the run", [course]),
