@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ldt_core.base.errors import did_you_mean, most_alike
+from ldt_core.base.errors import MOST_BESIDE_NEAREST, did_you_mean, most_alike
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
@@ -59,9 +59,10 @@ class SuggestingGroup(click.Group):
             names = self.list_commands(ctx)
             close = nearest(args[0], names)
             hint = f"did you mean {close!r}? " if close else ""
-            raise click.UsageError(
-                f"there is no command {args[0]!r}; {hint}commands are {', '.join(names)}"
-            ) from None
+            many = close and len(names) > MOST_BESIDE_NEAREST
+            lists = f"({ctx.command_path} --help lists all)"
+            told = lists if many else f"commands are {', '.join(names)}"
+            raise click.UsageError(f"there is no command {args[0]!r}; {hint}{told}") from None
 
 
 class SuggestingChoice(click.Choice[str]):

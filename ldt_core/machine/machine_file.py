@@ -269,7 +269,8 @@ def load_machine(file: str | Path) -> Machine:
         text = read_bounded(path, MAX_BYTES).decode()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "text that is not UTF-8"
-        raise MachineFileError(path, "a readable machine file", reason) from error
+        expected = "a readable machine file (ldt docs machine)"
+        raise MachineFileError(path, expected, reason) from error
     return parse_machine(text, str(path))
 
 

@@ -16,7 +16,7 @@ from ldt_core.base.sentences import counted
 from ldt_core.recording.csv_table import CsvTable
 from ldt_core.recording.message_fields import parse_field_path, read_fields
 from ldt_core.recording.storage import Storage
-from ldt_core.recording.units import UNITS, Field, parse_field
+from ldt_core.recording.units import UNITS, Field, parse_field, propose_fields
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
 from ldt_core.segmenter.resampling import (
     GAP_PERIODS,
@@ -125,6 +125,13 @@ def _from_table(
     at = np.asarray(np.arange(lines.size) * (sample_period or 0.0), dtype=np.float64)
     times = values.pop("time", at)
     notes = [f"{lines.size} rows; {_conversions(fields)}", *table.notes]
+    named = propose_fields(table.columns)
+    swapped = (("voltage", "speed"), ("speed", "voltage"))
+    if all(f"{named.get(q, '')}:".startswith(f"{fields[of].name}:") for q, of in swapped):
+        notes.append(
+            "voltage and speed look swapped; by their names it is "
+            f"--voltage {named['voltage']} --speed {named['speed']}"
+        )
     if not table.headed:
         taken = ", ".join(
             f"column {field.name} for the {q} in {field.unit} ({spread(column)})"

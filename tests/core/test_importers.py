@@ -180,6 +180,14 @@ def test_a_row_of_words_that_are_no_units_is_data(tmp_path):
     check_plain(load(table(tmp_path / "z.csv", f"k,{begin}\n1,s,V,rad/s\n{counted}\n")))
 
 
+def test_columns_whose_names_say_the_opposite_are_told(tmp_path):
+    """Voltage from the speed's column and the reverse; the right way round says nothing."""
+    path = table(tmp_path / "x.csv", rows(TIME, VOLTS, SPEED))
+    said = "look swapped; by their names it is --voltage u:UNIT --speed n:UNIT"
+    assert said in " ".join(load(path, voltage="n", speed="u:rad/s").notes)
+    assert "swapped" not in " ".join(load(path).notes)
+
+
 def test_a_size_that_speaks_for_another_unit_is_told(tmp_path):
     """1500 of a column without a unit, and rows 10 apart; a unit that is given is believed."""
     path = table(tmp_path / "x.csv", rows(TIME * 100, VOLTS, 1500 + SPEED))
