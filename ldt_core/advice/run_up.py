@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -73,9 +74,13 @@ def plan_run_up(machine: Machine, values: Mapping[str, float], speed: float) -> 
             leads past the resonance.
     """
     limit = machine.voltage_limits[1]
-    voltage = float(steady_voltage(values, speed))
-    if not speed > 0 or voltage > limit:
-        got = f"{speed:g}, which takes {voltage:.3g} V"
+    if not 0 < speed < math.inf:
+        raise OptionError("speed", "a finite one above 0 rad/s", f"{speed:g}")
+    voltage = values["K_t"] * speed  # against no torque at all
+    if voltage <= limit:
+        voltage = float(steady_voltage(values, speed))
+    if voltage > limit:
+        got = f"{speed:g}, which takes {voltage:.3g} V or more"
         raise OptionError("speed", f"one that at most {limit:g} V hold", got)
     bands = voltage_bands(values, limit)
     for band in bands:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -22,6 +23,7 @@ MOST_NAMED = 3  # effects in a sentence
 DIGITS = 6  # significant ones of a calibrated value: more than any recording determines
 WITHHELD = "withheld: the physics lacks something"
 MOST_NOISE_RATIO = 5.0  # of a residual to its white part: beyond, it is not the sensor's noise
+LIMIT_MARGIN = 0.2  # of the recorded range of voltage, at either end: a limit must not be too tight
 CONSTANT_RANGE = 0.02  # of the largest voltage: a smaller range excites nothing
 
 
@@ -152,6 +154,17 @@ class Calibration:
 def rounded(value: float) -> float:
     """The number that is written, reported and simulated with."""
     return float(f"{value:.{DIGITS}g}")
+
+
+def widened(low: float, high: float) -> tuple[float, float]:
+    """The recorded range and 0 V, widened, to one digit behind that of the width."""
+    low, high = min(low, 0.0), max(high, 0.0)
+    wider = LIMIT_MARGIN * (high - low)
+    digit = 10.0 ** math.floor(math.log10(wider))
+    return (
+        rounded(math.floor((low - wider) / digit) * digit),
+        rounded(math.ceil((high + wider) / digit) * digit),
+    )
 
 
 def free_run_error(machine: Machine, experiments: Sequence[Experiment]) -> FreeRunError:

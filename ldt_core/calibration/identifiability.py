@@ -218,8 +218,9 @@ class Uncertainty:
 
     @property
     def errors(self) -> Array:
-        """(p,) standard errors."""
-        return np.sqrt(np.diag(self.covariance))
+        """(p,) standard errors; infinite where rounding has left nothing of a variance."""
+        variances = np.diag(self.covariance)
+        return np.sqrt(np.where(variances < 0, np.inf, variances))
 
     @property
     def half_widths(self) -> Array:
@@ -249,6 +250,9 @@ def uncertainty(
         total = total + prior
     if not total.size:
         return Uncertainty(total, LEAST_FREEDOM, "none: every free parameter ended on a bound")
+    if not total.any():
+        unknown = np.diag(np.full(len(total), np.inf))
+        return Uncertainty(unknown, LEAST_FREEDOM, "none: nothing moves what was measured")
     total += RIDGE * np.diag(total).max() * np.eye(len(total))
     if len(sensitivities) >= FEWEST_CLUSTERS and _spread_out(information, total):
         scores = [s.T @ r for s, r in zip(sensitivities, residuals, strict=True)]

@@ -24,17 +24,16 @@ from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
 from ldt_core.base.threads import one_thread
-from ldt_core.calibration.calibration import free_run_error, rounded
+from ldt_core.calibration.calibration import free_run_error, rounded, widened
 from ldt_core.calibration.equivalent_motor import MotorResponse, fit_response
 from ldt_core.calibration.held_out import split
 from ldt_core.calibration.torque_balance import guidance
 from ldt_core.estimation.linear import Identified, identify
-from ldt_core.machine.machine_file import Machine
+from ldt_core.machine.machine_file import Machine, machine_from_dict
 
 PHYSICS = "dc_motor"
 RESISTANCE = 1.0  # Ohm, by convention: speed and voltage say nothing of it
 FRICTION = 0.0  # N m s, by convention, likewise
-LIMIT_MARGIN = 0.2  # of the recorded range of voltage, at either end: a limit must not be too tight
 SLOWEST_MOTION = 3.0  # longest experiments: of a slower one any gain fits the beginning
 LEAST_FIT_PERCENT = 90.0  # of the speed: a motor that explains less may be refused
 REFUSAL_RATIO = 2.0  # of what a motor leaves to what the best linear model of any order leaves
@@ -139,7 +138,7 @@ def identify_machine(
     try:
         linear = identify(kept)
     except LdtError as error:
-        if words := guidance(kept):
+        if error.exit_code == LdtError.exit_code and (words := guidance(kept)):
             raise LdtError(f"{error}{words}") from error
         raise
     tick("fitting the equivalent motor")
@@ -216,7 +215,7 @@ def _machine(
     lengths = [len(e) for e in experiments]
     samples = max(set(lengths), key=lambda n: (lengths.count(n), n))
     period = experiments[0].period
-    return Machine(
+    machine = Machine(
         name=name,
         physics=PHYSICS,
         parameters={n: rounded(v) for n, v in parameters.items()},
@@ -228,17 +227,7 @@ def _machine(
             "noise": rounded(form.noise_std),
         },
     )
-
-
-def widened(low: float, high: float) -> tuple[float, float]:
-    """The recorded range and 0 V, widened, to one digit behind that of the width."""
-    low, high = min(low, 0.0), max(high, 0.0)
-    wider = LIMIT_MARGIN * (high - low)
-    digit = 10.0 ** math.floor(math.log10(wider))
-    return (
-        rounded(math.floor((low - wider) / digit) * digit),
-        rounded(math.ceil((high + wider) / digit) * digit),
-    )
+    return machine_from_dict(machine.as_dict(), "the motor found")  # as whoever reads it would
 
 
 def _linear_error(linear: Identified, experiments: Sequence[Experiment]) -> FreeRunError:

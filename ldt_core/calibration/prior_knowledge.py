@@ -96,7 +96,8 @@ def widened(
         It, and a (p + k, r) root of the covariance of all, those kept last.
     """
     count = len(inside)
-    values, vectors = np.linalg.eigh(spread.covariance)
+    # What is not known at all has no interval, and no part in a law that could be told.
+    values, vectors = np.linalg.eigh(np.nan_to_num(spread.covariance, posinf=0.0))
     own = vectors * np.sqrt(np.maximum(values, 0.0))
     root = np.zeros((count + len(deviations), count + len(deviations)))
     root[:count, :count] = own

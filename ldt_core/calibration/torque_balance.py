@@ -17,10 +17,15 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import BadInput, LdtError, OptionError, did_you_mean
-from ldt_core.base.experiment import Experiment
+from ldt_core.base.experiment import Experiment, rms
 from ldt_core.base.sentences import listed
-from ldt_core.calibration.calibration import rounded
+from ldt_core.calibration.calibration import rounded, widened
 from ldt_core.effects import get_effect
+from ldt_core.estimation.linear.identification import (
+    LEAST_F,
+    SAMPLES_PER_UNKNOWN,
+    refuse_undetermined,
+)
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 
@@ -51,6 +56,7 @@ class Balance:
         damping: rate at which the speed falls [1/s].
         amounts: effect to its parameters, torques over the inertia [1/s^2].
         left: root mean square of what is left of the speed's changes [rad/s].
+        without_voltage: of what would be left, did the voltage do nothing [rad/s].
         span: samples over which these are taken.
     """
 
@@ -59,6 +65,7 @@ class Balance:
     damping: float
     amounts: Mapping[str, Mapping[str, float]]
     left: float
+    without_voltage: float
     span: int
 
 
@@ -88,6 +95,8 @@ def balance(
         targets.append(e.speed[ones.size :] - e.speed[: -ones.size])
     whole, target = np.vstack(rows), np.concatenate(targets)
     found = np.linalg.lstsq(whole, target, rcond=None)[0]
+    others = whole[:, 1:]
+    still = rms(target - others @ np.linalg.lstsq(others, target, rcond=None)[0])
     amounts: dict[str, dict[str, float]] = {}
     at = 2
     if "coulomb_friction" in effects:
@@ -101,9 +110,9 @@ def balance(
         # omega' = -T/J cos(theta + phi); the phase is that of the first experiment.
         phase = math.atan2(float(sines[0]), -float(cosines[0]))
         amounts["gravity_imbalance"] = {"torque": size, "phase": phase}
-    left = float(np.sqrt(np.mean((target - whole @ found) ** 2)))
+    left = rms(target - whole @ found)
     gain, damping = float(found[0]), -float(found[1])
-    return Balance(tuple(effects), gain, damping, amounts, left, span)
+    return Balance(tuple(effects), gain, damping, amounts, left, still, span)
 
 
 def fitting(experiments: Sequence[Experiment]) -> Balance | None:
@@ -115,7 +124,11 @@ def fitting(experiments: Sequence[Experiment]) -> Balance | None:
     for span in SPANS:
         best = motor = balance(experiments, (), span)
         for count in range(1, len(KINDS) + 1):
-            sets = itertools.combinations(KINDS, count)
+            sets = [
+                s for s in itertools.combinations(KINDS, count) if _enough(experiments, s, span)
+            ]
+            if not sets:
+                break
             new = min((balance(experiments, names, span) for names in sets), key=lambda b: b.left)
             if new.gain > 0 and new.left**2 < (1 - LEAST_GAIN) * best.left**2:
                 best = new
@@ -136,6 +149,53 @@ def guidance(experiments: Sequence[Experiment]) -> str:
         f"{motor:.2g} without): ldt identify RECORDING --effects {','.join(found.effects)} "
         "--out FILE"
     )
+
+
+def balanced_machine(
+    experiments: Sequence[Experiment],
+    effects: Sequence[str],
+    name: str,
+    limits: tuple[float, float] | None = None,
+) -> Machine:
+    """The machine that `machine_of` makes of a balance which these experiments determine.
+
+    Raises:
+        OptionError: an effect that no balance knows.
+        BadInput: experiments of different sample periods, or too large or small to compute with.
+        LdtError: they do not determine it, or the speed does not rise with the voltage.
+    """
+    check_names(effects)
+    if all(len(e) <= SHORTEST for e in experiments):
+        raise BadInput("the recording", f"experiments of more than {SHORTEST} samples", "none")
+    what = f"a motor with {listed(KINDS[n] for n in dict.fromkeys(effects))}"
+    unknowns = _unknowns(experiments, effects)
+    refuse_undetermined(experiments, unknowns, what)
+    if not _enough(experiments, effects, SPANS[0]):
+        needed, samples = SAMPLES_PER_UNKNOWN * unknowns * SPANS[0], sum(map(len, experiments))
+        raise LdtError(f"{samples} samples cannot determine {what}: about {needed} are needed")
+    found = balance(experiments, effects)
+    apart = sum(len(e) for e in experiments) / found.span - unknowns  # changes, none in another
+    gained, left = found.without_voltage**2 - found.left**2, found.left**2 / max(apart, 1.0)
+    if gained < LEAST_F * left:
+        raise LdtError(
+            f"the recording cannot determine {what}: the voltage explains no more of the speed's "
+            "changes than chance would"
+        )
+    low = min(float(e.voltage.min()) for e in experiments)
+    high = max(float(e.voltage.max()) for e in experiments)
+    return machine_of(found, name, experiments, limits or widened(low, high))
+
+
+def _unknowns(experiments: Sequence[Experiment], effects: Sequence[str]) -> int:
+    """Numbers that a balance finds; of a pendulum, each experiment's first angle is its own."""
+    turned = "gravity_imbalance" in effects
+    return 2 + ("coulomb_friction" in effects) + 2 * turned * len(experiments)
+
+
+def _enough(experiments: Sequence[Experiment], effects: Sequence[str], span: int) -> bool:
+    """Whether there are changes enough that share no sample."""
+    needed = SAMPLES_PER_UNKNOWN * _unknowns(experiments, effects)
+    return sum(len(e) // span for e in experiments) >= needed
 
 
 def check_names(names: Sequence[str]) -> None:

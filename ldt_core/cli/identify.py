@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
-from ldt_core.base.errors import LdtError
+from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.cli.options import (
     json_option,
     judged_option,
@@ -105,6 +106,7 @@ def command(
     experiments = read_recordings(recordings, namespace)
     bags = " ".join(map(shlex.quote, recordings))
     if effects is not None:
+        _refuse_idle("--order", "--offset", "--holdout")
         names = [n.strip() for n in effects.split(",")]
         _with_effects(experiments, names, name, limits, out, as_json)
         if not as_json:
@@ -136,6 +138,15 @@ def command(
         _next(f"ldt diagnose {bags} --machine {shlex.quote(out)} --out why")
 
 
+def _refuse_idle(*options: str) -> None:
+    """Refuse options that change nothing beside --effects."""
+    context = click.get_current_context()
+    for option in options:
+        given = context.get_parameter_source(option.strip("-"))
+        if given is ParameterSource.COMMANDLINE:
+            raise OptionError(option, "no --effects, beside which it changes nothing", "--effects")
+
+
 def _with_effects(
     experiments: Sequence[Experiment],
     names: Sequence[str],
@@ -145,24 +156,28 @@ def _with_effects(
     as_json: bool,
 ) -> None:
     """Write the file of a motor with these effects, by the balance of its accelerations."""
+    import numpy as np
+
     from ldt_core.base import result_files
+    from ldt_core.base.experiment import rms
     from ldt_core.calibration.calibration import free_run_error
-    from ldt_core.calibration.identify import widened
-    from ldt_core.calibration.torque_balance import balance, check_names, machine_of
+    from ldt_core.calibration.torque_balance import balanced_machine
     from ldt_core.recording.messages import dump
 
-    check_names(names)
-    low = min(float(e.voltage.min()) for e in experiments)
-    high = max(float(e.voltage.max()) for e in experiments)
-    machine = machine_of(
-        balance(experiments, names), name, experiments, limits or widened(low, high)
-    )
-    result_files.write(Path(out), dump(machine.as_dict()))
+    machine = balanced_machine(experiments, names, name, limits)
     rmse = free_run_error(machine, experiments).rmse
+    speed = np.concatenate([e.speed for e in experiments])
+    still = rms(speed - speed.mean())
+    result_files.write(Path(out), dump(machine.as_dict()))
     if as_json:
         echo_json({"machine": name, "out": out, **machine.as_dict(), "rmse": rmse})
         return
     echo(f"free-run error: {rmse:.4g} rad/s, by accelerations alone")
+    if rmse > still:
+        echo(
+            f"- Beware: a constant speed leaves less, {still:.4g} rad/s. This is hardly the "
+            "machine; look at its figures before `ldt calibrate` goes on from them."
+        )
     echo(f"machine file: {out}")
 
 

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.sentences import counted, listed
 from ldt_core.cli.terminal import warn
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import read_bag
+
+SHOWN = 3  # experiments named in a sentence
 
 
 def read_recordings(
     recordings: Sequence[str], namespace: str, machine: Machine | None = None
 ) -> list[Experiment]:
-    """Experiments of all recordings.
+    """Experiments of all recordings, each once.
+
+    One that comes again, sample for sample, would count its noise as what the machine does, and
+    could be held out beside itself.
 
     Args:
         recordings: folders or files; those of several are numbered on from one to the next.
@@ -26,10 +35,26 @@ def read_recordings(
         ExperimentError: an experiment outside the machine's limits.
     """
     found: list[Experiment] = []
+    seen: dict[bytes, int] = {}
     for recording in recordings:
-        bag = read_bag(recording, namespace)
-        for experiment in bag.experiments(machine):
-            numbered = len(recordings) > 1
-            found.append(replace(experiment, number=len(found) + 1) if numbered else experiment)
+        bag, again = read_bag(recording, namespace), []
+        for read in bag.experiments(machine):
+            number = len(found) + 1 if len(recordings) > 1 else read.number
+            first = seen.setdefault(_samples(read), number) if np.ptp(read.speed) else number
+            if first == number:
+                found.append(read if number == read.number else replace(read, number=number))
+            else:
+                again.append(f"{read.number} (as experiment {first})")
         warn(*bag.notes)
+        if again:
+            what = counted(len(again), "experiment")
+            few = listed(again[:SHOWN]) + (" and more" if len(again) > SHOWN else "")
+            warn(f"{recording}: {what} left out, whose samples came before: {few}")
     return found
+
+
+def _samples(e: Experiment) -> bytes:
+    channels = (e.voltage, e.speed) if e.current is None else (e.voltage, e.speed, e.current)
+    return hashlib.sha256(
+        repr(e.period).encode() + b"".join(c.tobytes() for c in channels)
+    ).digest()

@@ -13,7 +13,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.bounded_file import read_bounded
-from ldt_core.base.errors import BadInput, ExperimentError, did_you_mean
+from ldt_core.base.errors import BadInput, ExperimentError, OptionError, did_you_mean
 from ldt_core.base.experiment import Experiment
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.machine_file import Machine
@@ -268,14 +268,22 @@ def read_effects(
     """
     found = _read(file)
     given = {e.name: e for e in own}
-    acting = []
+    acting: list[tuple[Effect, dict[str, float]]] = []
     for entry in _entries(str(file), found):
         name = entry["effect"]
         known = [*EFFECTS.names(), *given]
         if name not in known:
             raise BadInput(f"{file}, effect", did_you_mean(name, known), repr(name))
         effect = given.get(name) or get_effect(name)
-        acting.append((effect, effect.check(entry["parameters"])))
+        if name in [e.name for e, _ in acting]:
+            raise BadInput(f"{file}, effect {name}", "one entry an effect", "two")
+        if not entry["parameters"]:
+            expected = f"a value for {' or '.join(p.name for p in effect.parameters)}"
+            raise BadInput(f"{file}, effect {name}", expected, "none")
+        try:
+            acting.append((effect, effect.check(entry["parameters"])))
+        except OptionError as error:
+            raise OptionError(f"{file}, {error.where}", error.expected, error.got) from None
     return acting
 
 
@@ -297,7 +305,7 @@ def read_next(file: str | Path, machine: Machine) -> tuple[Machine, Array, bool]
         volts = np.array(asked["voltage"], dtype=np.float64)
         period, channels = float(asked["sample_period"]), [str(c) for c in asked["channels"]]
         blank = Experiment(1, 0.0, period, volts, np.zeros(volts.size))
-    except (KeyError, TypeError, ValueError, ExperimentError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, ExperimentError) as error:
         got = f"something else ({error})"
         raise BadInput(
             f"{file}, next_experiment", "voltage, sample_period, channels", got
@@ -336,10 +344,16 @@ def _entries(where: str, found: Mapping[str, Any]) -> list[dict[str, Any]]:
         return [
             {
                 "effect": str(e["effect"]),
-                "parameters": {str(n): float(v) for n, v in e["parameters"].items()},
+                "parameters": {str(n): _amount(v) for n, v in e["parameters"].items()},
             }
             for e in listed
         ]
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         got = f"something else ({error})"
         raise BadInput(where, "effects with parameters and numbers", got) from error
+
+
+def _amount(value: Any) -> float:
+    if isinstance(value, bool):
+        raise TypeError(f"{value} is no number")
+    return float(value)

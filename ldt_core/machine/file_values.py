@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from ldt_core.physics.base import Physics
     from ldt_core.physics.effect import Effect
 
+#: Size of a number, at most, and of one that must not be 0, at least: products of a few of them
+#: and their squares stay in the range of floating point. No motor comes near, in whatever unit.
+LARGEST, SMALLEST = 1e30, 1e-30
+
 
 class Stated(NamedTuple):
     """What a machine file states of its parameters, known effects' (`effect.parameter`) included.
@@ -47,7 +51,7 @@ def check_keys(
 
 
 def real_number(where: str, value: Any) -> float:
-    """A finite number; YAML 1.1 reads 1e-3 as text, which people write all the same."""
+    """A number that can be computed with; YAML 1.1 reads 1e-3 as text, which people write."""
     if isinstance(value, str):
         try:
             value = float(value)
@@ -61,6 +65,8 @@ def real_number(where: str, value: Any) -> float:
         number = math.inf
     if not math.isfinite(number):
         raise MachineFileError(where, "a finite number", described(value))
+    if abs(number) > LARGEST:
+        raise MachineFileError(where, f"at most {LARGEST:g} in SI units", f"{number:g}")
     return number
 
 
@@ -136,6 +142,8 @@ def _state(found: Stated, where: str, parameter: Parameter, name: str, given: An
     value = real_number(at, given)
     if not parameter.accepts(value):
         raise MachineFileError(at, parameter.range, f"{value:g}")
+    if abs(value) < SMALLEST and not parameter.accepts(0.0):
+        raise MachineFileError(at, f"at least {SMALLEST:g} {parameter.unit}", f"{value:g}")
     found.values[name] = value
     if std is None:
         return
@@ -146,4 +154,7 @@ def _state(found: Stated, where: str, parameter: Parameter, name: str, given: An
         )
     if value == 0:  # tolerances are parts of a value everywhere: one of 0 would be none
         raise MachineFileError(at, "a value other than 0 where there is a std", "0")
+    if deviation < SMALLEST * abs(value):
+        expected = f"at least {SMALLEST:g} of the value (a small one keeps it as it is)"
+        raise MachineFileError(f"{at}.std", expected, f"{deviation:g}")
     found.deviations[name] = deviation

@@ -42,9 +42,11 @@ def has_foundation(values: Values) -> bool:
 def unbalance_torque(values: Values, speed: ArrayLike) -> Array:
     """Mean torque T_e that the foundation takes at constant speed [N m].
 
-    sum over x, y of (m e)^2 w^5 R / (2 [(K - (M+m) w^2)^2 + (w R)^2])
+    sum over x, y of (m e)^2 w^5 R / (2 [(K - (M+m) w^2)^2 + (w R)^2]); 0 without a foundation.
     """
     w = np.asarray(speed, dtype=np.float64)
+    if not has_foundation(values):
+        return np.zeros_like(w)
     mass = values["M"] + values["m"]
     total = np.zeros_like(w)
     for axis in "xy":

@@ -481,6 +481,15 @@ BROKEN = {
         {"verdict": {}, "effects": [{"effect": "evil.py:EFFECT", "parameters": {}}]}
     ),
     "effects that are a number": '{"verdict": {}, "effects": 5}',
+    "a number beyond floating point": '{"verdict": {}, "effects": [{"effect": "inertia", '
+    f'"parameters": {{"factor": 1{"0" * 400}}}}}]}}',
+    "yes for a number": '{"verdict": {}, "effects": [{"effect": "inertia", "parameters": '
+    '{"factor": true}}]}',
+    "an effect without its amount": '{"verdict": {}, "effects": [{"effect": "inertia", '
+    '"parameters": {}}]}',
+    "an effect twice": json.dumps(
+        {"verdict": {}, "effects": 2 * [{"effect": "inertia", "parameters": {"factor": 1.5}}]}
+    ),
     "a verdict without effects": '{"verdict": {"kind": "effect"}}',
 }
 

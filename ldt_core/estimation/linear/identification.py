@@ -33,6 +33,9 @@ TRIED_ORDERS = range(1, 5)
 SAMPLES_PER_UNKNOWN = 4
 #: Range of a constant voltage or speed relative to its size, at most: rounding.
 CONSTANT_RANGE = 1e-9
+#: Size of a voltage or speed, at most, and one over it at least: quotients and squares of it can be
+#: computed.
+LARGEST = 1e30
 #: Relative effect of the input, at least: below is rounding (a random voltage has 1e-3 to 1).
 LEAST_EXCITATION = 1e-7
 #: F statistic below which the voltage explains no more than chance: 1e-4 of all noise passes 10 at
@@ -100,7 +103,9 @@ def identify(
         raise OptionError("order", f"a whole number from 0 to {MOST_ORDER}", repr(order))
     orders = range(1, int(order) + 1) if order else TRIED_ORDERS
     experiments = list(experiments)
-    _check(experiments, orders[-1] if order else orders[0], feedthrough, offset)
+    least = orders[-1] if order else orders[0]
+    unknowns = _unknowns(least, len(experiments), feedthrough + offset)
+    refuse_undetermined(experiments, unknowns, f"a linear model of order {least}")
     scale = _Scale(experiments, offset)
     inputs = [(e.voltage - scale.voltage_mean) / scale.voltage for e in experiments]
     outputs = [(e.speed - scale.speed_mean) / scale.speed for e in experiments]
@@ -142,7 +147,18 @@ class _Scale:
             self.voltage_mean = self.speed_mean = 0.0
 
 
-def _check(experiments: list[Experiment], order: int, feedthrough: bool, offset: bool) -> None:
+def refuse_undetermined(experiments: Sequence[Experiment], unknowns: int, what: str) -> None:
+    """Refuse experiments that cannot determine a model, before anything is computed from them.
+
+    Args:
+        experiments: measured.
+        unknowns: of the model and of all start states.
+        what: the model, for the sentence.
+
+    Raises:
+        ExperimentError: none, of different sample periods, or too large or small to compute with.
+        LdtError: too few samples, or a signal that does not vary.
+    """
     if not experiments:
         raise ExperimentError("identification", "at least one experiment", "none")
     first = experiments[0]
@@ -153,21 +169,23 @@ def _check(experiments: list[Experiment], order: int, feedthrough: bool, offset:
                 f"{first.period:g} s as in experiment {first.number} (one model, one period)",
                 f"{e.period:g} s",
             )
-    unknowns = _unknowns(order, len(experiments), feedthrough + offset)
     samples = sum(len(e) for e in experiments)
     if samples < SAMPLES_PER_UNKNOWN * unknowns:
         raise LdtError(
-            f"{_named(experiments)} cannot determine a linear model of order {order}: "
-            f"{samples} samples for {unknowns} unknowns, "
-            f"{SAMPLES_PER_UNKNOWN * unknowns} are needed"
+            f"{_named(experiments)} cannot determine {what}: {samples} samples for {unknowns} "
+            f"unknowns, {SAMPLES_PER_UNKNOWN * unknowns} are needed"
         )
     for name, unit in (("voltage", "V"), ("speed", "rad/s")):
         values = np.concatenate([getattr(e, name) for e in experiments])
-        if np.ptp(values) <= CONSTANT_RANGE * np.abs(values).max():
+        size = float(np.abs(values).max())
+        if float(np.ptp(values)) <= CONSTANT_RANGE * size:
             raise LdtError(
-                f"{_named(experiments)} cannot determine a linear model: "
-                f"the {name} is {values[0]:g} {unit} throughout"
+                f"{_named(experiments)} cannot determine {what}: "
+                f"the {name} is {values[0] + 0.0:g} {unit} throughout"
             )
+        if not 1 / LARGEST < size < LARGEST:
+            expected = f"sizes from {1 / LARGEST:g} to {LARGEST:g} {unit}"
+            raise ExperimentError(f"{_named(experiments)}, {name}", expected, f"{size:g} {unit}")
 
 
 def _unknowns(order: int, experiments: int, others: int) -> int:
@@ -191,7 +209,7 @@ def _possible(orders: range, search: OutputError, experiments: list[Experiment])
     return range(1, most + 1)
 
 
-def _named(experiments: list[Experiment]) -> str:
+def _named(experiments: Sequence[Experiment]) -> str:
     if len(experiments) == 1:
         return f"experiment {experiments[0].number}"
     return f"{len(experiments)} experiments ({experiments[0].number} to {experiments[-1].number})"

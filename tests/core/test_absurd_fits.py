@@ -1,0 +1,161 @@
+"""What is fitted to absurd recordings: refused in a sentence, never named with assurance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+import msgs_config
+from ldt_core.advice.run_up import plan_run_up
+from ldt_core.base.errors import LdtError, MachineFileError, OptionError
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.settings import resolve
+from ldt_core.calibration.identifiability import Uncertainty, uncertainty
+from ldt_core.calibration.identify import identify_machine
+from ldt_core.calibration.torque_balance import balanced_machine, guidance
+from ldt_core.cli import invoke, ldt
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine, machine_from_dict
+from ldt_core.recording.writer import BagWriter
+
+MOTOR = replace(load_machine("dc_motor"), duration=3.0)
+RANDOM = np.random.default_rng(1)
+
+
+def made(count: int = 3) -> list[Experiment]:
+    """Sound experiments of the small motor."""
+    settings = resolve({"seed": 3, "start_time": 1e9, "degradation": "none"})
+    plant = Plant.from_settings(MOTOR, settings)
+    return [plant.experiment(number) for number in range(1, count + 1)]
+
+
+SOUND = made()
+
+#: Change of each experiment → (words of the sentence, exit code).
+ABSURD = {
+    "no voltage": (lambda e: replace(e, voltage=0 * e.voltage), "voltage is 0 V throughout", 1),
+    "one voltage": (lambda e: replace(e, voltage=0 * e.voltage + 8), "8 V throughout", 1),
+    "at rest": (lambda e: replace(e, speed=0 * e.speed), "speed is 0 rad/s throughout", 1),
+    "at rest, as if below 0": (lambda e: replace(e, speed=-0.0 * e.speed), "speed is 0 rad", 1),
+    "one speed": (lambda e: replace(e, speed=0 * e.speed + 9), "9 rad/s throughout", 1),
+    "backwards": (lambda e: replace(e, speed=-e.speed), "speed falls as the voltage rises", 1),
+    "noise": (lambda e: replace(e, speed=RANDOM.normal(0, 50, len(e))), "than chance would", 1),
+    "squares overflow": (lambda e: replace(e, speed=1e250 * e.speed), "speed: expected sizes", 2),
+    "squares vanish": (lambda e: replace(e, speed=1e-250 * e.speed), "speed: expected sizes", 2),
+    "huge voltage": (lambda e: replace(e, voltage=1e250 * e.voltage), "voltage: expected size", 2),
+    "periods apart": (lambda e: replace(e, period=0.01 * e.number), "sample period: expected", 2),
+    "one sample each": (lambda e: e.part(0, 1), "", 1),
+    "five samples each": (lambda e: e.part(0, 5), "samples", 1),
+}
+
+
+@pytest.mark.parametrize("effects", ["", "coulomb_friction", "gravity_imbalance"])
+@pytest.mark.parametrize("name", ABSURD)
+def test_what_determines_no_motor_is_refused(name, effects):
+    """By one sentence, which proposes no effects where there is nothing to tell them by."""
+    change, words, code = ABSURD[name]
+    given = [change(e) for e in SOUND]
+    fit = (
+        (lambda: balanced_machine(given, [effects], "a"))
+        if effects
+        else (lambda: identify_machine(given, "a"))
+    )
+    with np.errstate(all="raise"), pytest.raises(LdtError) as error:
+        fit()
+    assert words in str(error.value)
+    assert error.value.exit_code == code or name == "one sample each"
+    assert "--effects" not in str(error.value)
+
+
+def test_a_few_samples_do_not_show_a_pendulum():
+    """Five samples of a motor have been called one, with nothing left over."""
+    assert guidance([e.part(0, 5) for e in SOUND]) == ""
+
+
+def test_a_motor_faster_than_floating_point_is_not_written():
+    """Who reads its file would refuse it."""
+    fast = [replace(e, period=1e-14) for e in SOUND]
+    with pytest.raises(MachineFileError, match=r"the motor found, parameters: expected a machine"):
+        identify_machine(fast, "fast")
+
+
+def test_a_fit_that_ends_where_nothing_shows_has_no_interval():
+    """Its information is nothing, which has no inverse; rounding has left less than nothing."""
+    still = [np.zeros((50, 2))] * 3
+    found = uncertainty(still, [np.ones(50)] * 3, [50] * 3, 3)
+    assert np.isinf(found.errors).all()
+    assert np.isinf(Uncertainty(np.diag([-1e-30, 1.0]), 9.0, "").errors[0])
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("K_t", 1e-200, r"parameters\.K_t: expected at least 1e-30"),
+        ("R", 1e-300, r"parameters\.R: expected at least 1e-30"),
+        ("L", 1e200, r"parameters\.L: expected at most 1e\+30"),
+        ("J", {"value": 1e-3, "std": 1e-303}, r"parameters\.J\.std: expected at least 1e-30"),
+        ("J", {"value": 1e-3, "std": 1e300}, r"parameters\.J\.std: expected at most 1e\+30"),
+        ("voltage", [-1e308, 1e308], r"limits\.voltage: expected at most 1e\+30"),
+    ],
+)
+def test_numbers_that_cannot_be_computed_with_are_refused(key, value, words):
+    """With the file, before a square of them overflows."""
+    data = yaml.safe_load(msgs_config.machine_text("dc_motor"))
+    data["limits" if key == "voltage" else "parameters"][key] = value
+    with pytest.raises(MachineFileError, match=words):
+        machine_from_dict(data, "mine.yaml")
+
+
+@pytest.mark.parametrize("speed", [0.0, -40.0, np.inf, np.nan, 1e300])
+def test_a_speed_that_is_none_is_not_planned_for(speed):
+    """Told as what it is, without a warning of numpy's."""
+    machine = load_machine("rotor")
+    with np.errstate(all="raise"), pytest.raises(OptionError, match="speed: expected"):
+        plan_run_up(machine, machine.parameters, speed)
+
+
+def test_a_motor_without_a_foundation_is_told_its_voltage():
+    """Nothing can capture it; its equations were asked for a foundation's mass."""
+    way = plan_run_up(MOTOR, MOTOR.parameters, 100.0)
+    values = MOTOR.parameters
+    held = values["R"] / values["K_t"] * values["b"] * 100 + values["K_t"] * 100
+    assert (way.voltage, way.through) == (pytest.approx(held), None)
+
+
+def record(folder, experiments):
+    """Write a recording of the small motor."""
+    with BagWriter(folder, machine="dc_motor") as writer:
+        for e in experiments:
+            writer.write("experiment", e, e.end)
+    return str(folder)
+
+
+def test_an_experiment_that_comes_again_is_counted_once(tmp_path, capsys):
+    """Copies were held out beside themselves, and their noise was named as an effect."""
+    bag = record(tmp_path / "bag", SOUND)
+    again = record(
+        tmp_path / "again", [replace(SOUND[0], number=n, start=1e9 * n) for n in (1, 2, 3, 4, 5)]
+    )
+    out = str(tmp_path / "motor.yaml")
+    assert invoke(ldt, ["identify", bag, again, bag, "--out", out]) == 0
+    told = capsys.readouterr()
+    assert told.err.splitlines() == [
+        f"{again}: 5 experiments left out, whose samples came before: 1 (as experiment 1), "
+        "2 (as experiment 1) and 3 (as experiment 1) and more",
+        f"{bag}: 3 experiments left out, whose samples came before: 1 (as experiment 1), "
+        "2 (as experiment 2) and 3 (as experiment 3)",
+    ]
+    assert "3 experiments fitted" in told.out
+
+
+@pytest.mark.parametrize("option", [["--order", "1"], ["--no-offset"], ["--holdout", "0.5"]])
+def test_options_that_change_nothing_beside_effects_are_refused(option, tmp_path, capsys):
+    """They serve the motor alone."""
+    bag, out = record(tmp_path / "bag", SOUND), tmp_path / "motor.yaml"
+    asked = ["identify", bag, "--effects", "coulomb_friction", "--out", str(out), *option]
+    assert invoke(ldt, asked) == 2
+    assert "no --effects, beside which it changes nothing" in capsys.readouterr().err
+    assert not out.exists()
