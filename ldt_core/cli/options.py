@@ -71,6 +71,8 @@ class Command(click.Command):
         every = ctx.meta.get(_EVERY) or not self._many
         sections: dict[str, list[tuple[str, str]]] = {"Options": []}
         for parameter in self.get_params(ctx):
+            if isinstance(parameter, click.Argument):
+                continue  # the line of usage has it
             shown = every or getattr(parameter, "shown", True)
             if shown and (record := parameter.get_help_record(ctx)):
                 heading = getattr(parameter, "section", "Options") if every else "Options"
@@ -104,6 +106,14 @@ class _Declared(click.Option):
     def __init__(self, *arguments: Any, section: str, shown: bool, **attributes: Any) -> None:
         super().__init__(*arguments, **attributes)
         self.section, self.shown = section, shown
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """As click's; of a recording's machine the file is taken that goes with it."""
+        arguments = [p for p in ctx.command.params if isinstance(p, click.Argument)]
+        if self.name == "machine" and arguments:
+            other = "" if arguments[0].required else f", else {self.default}"
+            self.show_default = f"that of the recording{other}"
+        return super().get_help_record(ctx)
 
 
 out_option = click.option("-o", "--out", required=True, help="Folder of the new recording.")

@@ -334,3 +334,19 @@ def test_completion_imports_neither_ros_nor_numpy():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "plain,doctor" in done.stdout
     assert done.stderr == "[]\n"
+
+
+@pytest.mark.parametrize(
+    ("command", "default"),
+    [
+        ("run", "[default: rotor]"),
+        ("replay", "[default: (that of the recording)]"),
+        ("advise", "[default: (that of the recording, else rotor)]"),
+    ],
+)
+def test_help_says_which_machine_is_taken(command, default, capsys):
+    """That of a recording; and what is no option is not listed as one."""
+    assert invoke(ldt, [command, "--help"]) == 0
+    said = capsys.readouterr().out
+    assert default in " ".join(said.split())
+    assert "  RECORDING\n" not in said
