@@ -22,6 +22,8 @@ REMEMBERED = 500
 #: experiments of one machine with random voltage the error of one model varies by half. Errors
 #: that grow to g times the first are heard log(g) / log(NEWS) times at most.
 NEWS = 1.5
+#: Part of the largest speed that no sensor resolves: a residual of less is rounding.
+ROUNDING = 1e-9
 #: Fewer samples than this do not show how rough they are.
 LEAST_SAMPLES = 20
 
@@ -150,6 +152,8 @@ class Adequacy(Detector):
             voltage = np.zeros(residual.size)  # of nothing else is known that it differs
         if speed is not None and speed.size != residual.size:
             speed = None
+        if speed is not None and np.abs(residual).max() <= ROUNDING * np.abs(speed).max():
+            residual = np.zeros_like(residual)
         self.step = self.step if speed is None else sensor_step([speed]) or self.step
         self._under = setting(voltage, speed, self.step)
         level = self._judged(residual, deviation, voltage)

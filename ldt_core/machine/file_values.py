@@ -8,15 +8,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ldt_core.base.errors import MachineFileError, OptionError, described, did_you_mean
 from ldt_core.effects import EFFECTS, get_effect
-from ldt_core.physics.parameter import Parameter, own_name
+from ldt_core.physics.parameter import LARGEST, SMALLEST, Parameter, own_name
 
 if TYPE_CHECKING:
     from ldt_core.physics.base import Physics
     from ldt_core.physics.effect import Effect
-
-#: Size of a number, at most, and of one that must not be 0, at least: products of a few of them
-#: and their squares stay in the range of floating point. No motor comes near, in whatever unit.
-LARGEST, SMALLEST = 1e30, 1e-30
 
 
 class Stated(NamedTuple):

@@ -39,7 +39,7 @@ from ldt_core.base.errors import (
     did_you_mean,
     reason_of,
 )
-from ldt_core.physics.parameter import Parameter, own_name
+from ldt_core.physics.parameter import LARGEST, SMALLEST, Parameter, own_name
 from ldt_core.physics.terms import Terms, compile_term
 
 Values = Mapping[str, float]
@@ -148,6 +148,10 @@ class Effect:
                 raise OptionError(f"effect {self.name}", did_you_mean(name, known), repr(name))
             if not known[name].accepts(value):
                 raise OptionError(f"effect {self.name}, {name}", known[name].range, f"{value:g}")
+            least = 0.0 if known[name].accepts(0.0) else SMALLEST
+            if not least <= abs(value) <= LARGEST:
+                expected = f"a size from {least:g} to {LARGEST:g}"
+                raise OptionError(f"effect {self.name}, {name}", expected, f"{value:g}")
             values[name] = float(value)
         return values
 

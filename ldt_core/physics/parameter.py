@@ -5,6 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+#: Size of a number, at most, and of one that must not be 0, at least: products of a few of them
+#: and their squares stay in the range of floating point. No motor comes near, in whatever unit.
+LARGEST, SMALLEST = 1e30, 1e-30
+
 
 @dataclass(frozen=True)
 class Parameter:

@@ -11,12 +11,14 @@ import yaml
 import msgs_config
 from ldt_core.advice.run_up import plan_run_up
 from ldt_core.base.errors import LdtError, MachineFileError, OptionError
-from ldt_core.base.experiment import Experiment
+from ldt_core.base.experiment import Experiment, Level
 from ldt_core.base.settings import resolve
 from ldt_core.calibration.identifiability import Uncertainty, uncertainty
 from ldt_core.calibration.identify import identify_machine
 from ldt_core.calibration.torque_balance import balanced_machine, guidance
 from ldt_core.cli import invoke, ldt
+from ldt_core.detectors.adequacy import Adequacy
+from ldt_core.effects import get_effect
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine, machine_from_dict
 from ldt_core.recording.writer import BagWriter
@@ -159,3 +161,21 @@ def test_options_that_change_nothing_beside_effects_are_refused(option, tmp_path
     assert invoke(ldt, asked) == 2
     assert "no --effects, beside which it changes nothing" in capsys.readouterr().err
     assert not out.exists()
+
+
+@pytest.mark.parametrize("factor", [1e-300, 1e300])
+def test_an_effect_beyond_floating_point_is_refused(factor):
+    """As a machine file's numbers are; the simulation divided by a rate of 0."""
+    with pytest.raises(OptionError, match=r"inertia, factor: expected a size from 1e-30"):
+        get_effect("inertia").check({"factor": factor})
+
+
+def test_what_rounding_leaves_is_no_change_of_the_machine():
+    """A model that is right to the last bits was called changed at 1.4e-14 rad/s."""
+    detector = Adequacy()
+    speed = np.full(500, 100.0)
+    for _ in range(5):
+        detector.excited(0 * speed + 8)
+        detector.measured(speed)
+        detector.update(np.full(500, 1.42e-14))
+        assert detector.signal is Level.NEGATIVE
