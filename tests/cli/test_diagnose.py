@@ -247,12 +247,14 @@ def test_json_prints_the_file_alone_and_the_same_again(friction, tmp_path, capfd
     assert (friction.out / "diagnosis.json").read_text() == out
 
 
-def test_the_terminal_shows_the_sentence_and_the_files(friction, tmp_path, capfd):
+def test_the_terminal_shows_the_sentence_the_files_and_the_next_command(friction, tmp_path, capfd):
     code = call(friction.bag, "--out", tmp_path / "new" / "folder", *without(*TRIED[:2]))
     out, _ = capfd.readouterr()
     assert code == 0
     assert out.splitlines()[0].startswith("Coulomb friction (torque = 0.1")
-    assert "diagnosis.html" in out.splitlines()[-1]
+    assert "diagnosis.html" in out.splitlines()[-2]
+    kept = tmp_path / "new" / "folder" / "diagnosis.json"
+    assert f"--with {kept} --out FILE.yaml" in out.splitlines()[-1]
     assert (tmp_path / "new" / "folder" / "diagnosis.json").exists()
 
 

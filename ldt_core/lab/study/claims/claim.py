@@ -136,7 +136,8 @@ class Statement:
         if parts:
             seeds = sorted({p.estimate.count for p in parts})
             few = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
-            figures = f"{self.measure}: {_listed(parts)}. Mean [95 % interval] of {few} streams."
+            many = "stream" if few == "1" else "streams"
+            figures = f"{self.measure}: {_listed(parts)}. Mean [95 % interval] of {few} {many}."
         else:
             figures = "The study has no runs for it."
         words = " ".join([figures, *(s for s in given if isinstance(s, str))]).strip()
