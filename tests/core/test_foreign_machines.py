@@ -175,16 +175,16 @@ def test_noise_with_a_memory_is_not_learned_and_hides_no_change(machine):
     """
     random, twin, adopted, left = np.random.default_rng(4), Twin(machine), [], []
     original = twin.adaptor.model
-    for number in range(1, 13):
+    for number in range(1, 9):
         voltage = np.repeat(random.uniform(-12, 12, SAMPLES // HOLD), HOLD)
-        true = simulated(voltage, coulomb if number > 8 else nothing)
+        true = simulated(voltage, coulomb if number > 5 else nothing)
         e = Experiment(number, 1e9 + 10 * number, PERIOD, voltage, with_memory(true, random))
         step = twin.step(e)
         adopted += [number] if step.model else []
-        if number > 10:
+        if number > 7:
             both = (step.prediction.speed, original.predict(e).speed)
             left.append([float(np.abs(speed - true).max()) for speed in both])
-    assert [number for number in adopted if number <= 8] == []
+    assert [number for number in adopted if number <= 5] == []
     twin_error, original_error = np.mean(left, axis=0)
     assert twin_error <= MOST_LEFT * original_error
 
