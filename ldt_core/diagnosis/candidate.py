@@ -12,7 +12,7 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.machine_sizes import LIMITS, in_own_sizes, limits_voltage
-from ldt_core.physics.parameter import Parameter, logarithmic
+from ldt_core.physics.parameter import LARGEST, Parameter, logarithmic
 
 # Where searches begin: close enough to each other that a fit gets from one to the next.
 START_FACTORS = (0.4, 0.7, 0.9, 1.1, 1.4, 2.5)  # of a parameter that multiplies the machine's
@@ -76,14 +76,14 @@ class Candidate:
         return self.effect.check(in_own_sizes(self.effect, self.effect.typical, self.sizes))
 
     def value(self, j: int, z: float) -> float:
-        """Parameter j at a coordinate, within its bounds."""
+        """Parameter j at a coordinate, within its bounds and of a size that an effect accepts."""
         p = self.parameters[j]
         neutral = float(p.default or 0.0)
         value = neutral * math.exp(z) if logarithmic(p) else neutral + z * self.scale(j)
         if turning(p) and not p.low <= value <= p.high:
             return p.low + (value - p.low) % (2 * math.pi)
         low = p.low + (OPEN_BOUND_MARGIN * self.scale(j) if p.open_low else 0.0)
-        return min(max(value, low), p.high)
+        return min(max(value, low, -LARGEST), p.high, LARGEST)
 
     def given(self, z: Sequence[float] | Array) -> dict[str, float]:
         """All parameters at (d,) coordinates."""
