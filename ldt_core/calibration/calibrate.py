@@ -25,6 +25,7 @@ from ldt_core.calibration.calibration import (
     free_run_error,
     notes,
     nothing_determined,
+    refuse_absurd,
     rounded,
 )
 from ldt_core.calibration.coordinates import Coordinate, Coordinates
@@ -208,6 +209,8 @@ class _Work:
                 "free other parameters or check the machine file"
             )
         vague = [[n] for n, reason in self.reasons.items() if reason == Reason.VAGUE]
+        if state.lacking != ():
+            refuse_absurd(state.coordinates, state.z, after, self.experiments)
         noise = {"speed": state.runs.noise[0]}
         if state.runs.has_current:
             noise["current"] = state.runs.noise[1]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
 from ldt_core.base.sentences import listed, spoken
@@ -23,6 +24,7 @@ MOST_NAMED = 3  # effects in a sentence
 DIGITS = 6  # significant ones of a calibrated value: more than any recording determines
 WITHHELD = "withheld: the physics lacks something"
 MOST_NOISE_RATIO = 5.0  # of a residual to its white part: beyond, it is not the sensor's noise
+MOST_LEFT = 0.5  # of the speed (rms): a fit that leaves as much has not found the machine
 LIMIT_MARGIN = 0.2  # of the recorded range of voltage, at either end: a limit must not be too tight
 CONSTANT_RANGE = 0.02  # of the largest voltage: a smaller range excites nothing
 
@@ -220,16 +222,15 @@ def notes(calibration: Calibration, seen: Identifiability, white: float, same: f
             "So no interval is given. `ldt diagnose` looks for the cause, `ldt calibrate --with` "
             "takes it into the file."
         )
-    before, after = calibration.errors["fit"]
-    if after.rmse > same * before.rmse:
-        said.append("The file's values already fit: the free-run error hardly went down.")
-    if "held_out" in calibration.errors:
-        before, after = calibration.errors["held_out"]
+    for part, (before, after) in calibration.errors.items():
+        where = {"fit": "fitted", "held_out": "held out"}[part]
         if after.rmse > before.rmse / same:
             said.append(
-                f"Beware: on the experiments held out the free-run error went up, from "
+                f"Beware: on the experiments {where} the free-run error went up, from "
                 f"{before.rmse:.4g} to {after.rmse:.4g} rad/s."
             )
+        elif part == "fit" and after.rmse > same * before.rmse:
+            said.append("The file's values already fit: the free-run error hardly went down.")
     return said
 
 
@@ -252,6 +253,34 @@ def bound_notes(coordinates: Coordinates, z: Array) -> list[str]:
             "is off, or the machine has something that the physics lacks."
         )
     return said
+
+
+def refuse_absurd(
+    coordinates: Coordinates, z: Array, after: FreeRunError, experiments: Sequence[Experiment]
+) -> None:
+    """Refuse a fit that leaves more than noise, and is no calibration of this machine.
+
+    Raises:
+        LdtError: it leaves half of the speed and no less than a constant would, or a parameter that
+            cannot be 0 has run to the upper edge of the search. At the lower edge it may just not
+            matter, and one that may be 0 may stand in for what the physics lacks.
+    """
+    speed = np.concatenate([e.speed for e in experiments])
+    size, constant = float(np.sqrt(np.mean(speed**2))), float(np.std(speed))
+    high = math.log(SEARCH_FACTOR)
+    ends = zip(coordinates.free, z, strict=True)
+    away = [c.name for c, v in ends if c.parameter.open_low and v == high]
+    if after.rmse < max(constant, MOST_LEFT * size) and not away:
+        return
+    found = (
+        f"{listed(away)} ran to {SEARCH_FACTOR:g} times the file's value"
+        if away
+        else f"the fit leaves {after.rmse:.4g} rad/s of {size:.4g}"
+    )
+    raise LdtError(
+        f"calibration failed: {found}, so that this is no calibration of the machine; check the "
+        "signs and units of voltage and speed, and the machine file"
+    )
 
 
 def excitation_notes(experiments: Sequence[Experiment]) -> list[str]:

@@ -13,6 +13,7 @@ from ldt_core.advice.run_up import plan_run_up
 from ldt_core.base.errors import LdtError, MachineFileError, OptionError
 from ldt_core.base.experiment import Experiment, Level
 from ldt_core.base.settings import resolve
+from ldt_core.calibration import calibrate
 from ldt_core.calibration.identifiability import Uncertainty, uncertainty
 from ldt_core.calibration.identify import identify_machine
 from ldt_core.calibration.torque_balance import balanced_machine, guidance
@@ -179,3 +180,28 @@ def test_what_rounding_leaves_is_no_change_of_the_machine():
         detector.measured(speed)
         detector.update(np.full(500, 1.42e-14))
         assert detector.signal is Level.NEGATIVE
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("backwards", "K_t .*ran to 1000 times"),
+        ("at rest", "ran to 1000 times"),
+        ("no voltage", "the fit leaves"),
+        ("turned in time", "ran to 1000 times"),
+    ],
+)
+def test_what_no_motor_does_is_no_calibration(name, words):
+    """A file with the torque constant a thousand times off was written of it, with a note."""
+    change = ABSURD[name][0] if name in ABSURD else lambda e: replace(e, speed=e.speed[::-1].copy())
+    with pytest.raises(LdtError, match=words):
+        calibrate(MOTOR, [change(e) for e in SOUND], holdout=0.0)
+
+
+def test_a_machine_that_keeps_its_speed_is_calibrated_whatever_the_physics_lacks():
+    """Refused before: next to friction without a name, a constant per experiment left less."""
+    told = {"seed": 3, "start_time": 1e9, "degradation": "none", "effect": ["coulomb_friction"]}
+    steady = replace(MOTOR, simulation={**MOTOR.simulation, "voltage": {"kind": "constant"}})
+    plant = Plant.from_settings(steady, resolve({**told, "start": "continue"}))
+    settled = [plant.experiment(number).part(150, 300) for number in (1, 2, 3)]
+    assert calibrate(MOTOR, settled, holdout=0.0).lacking
