@@ -83,7 +83,7 @@ def command(
         experiments = list(bag.experiments(machine))[-RECENT_EXPERIMENTS:]
         model = next(iter(deque(bag.records("model"), 1)), None)
         found = next(iter(deque(bag.records("diagnosis"), 1)), None)
-    acting = read_effects(diagnosis) if diagnosis else []
+    acting = read_effects(diagnosis, machine) if diagnosis else []
     acting += [parse_effect(text) for text in given]
     if acting:
         model = found = None

@@ -86,7 +86,7 @@ def command(
     if diagnosis:
         from ldt_core.diagnosis.diagnosis import read_effects
 
-        acting = read_effects(diagnosis)
+        acting = read_effects(diagnosis, machine)
     check_names(machine.with_effects(acting), free, fixed)
     check_file(out, force)
     if figure:

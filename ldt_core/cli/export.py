@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import click
@@ -49,7 +50,7 @@ def command(recording: str, out: str, force: bool, namespace: str, as_json: bool
     check_file(out, force, endings=tuple(FORMATS))
     file = Path(out)
     bag = read_bag(recording, namespace)
-    part = file.with_name(f".{file.name}.part{file.suffix}")
+    part = file.with_name(f".{file.name}.{os.getpid()}.part{file.suffix}")
     try:
         if file.suffix == ".mcap":
             from ldt_core.views.export.mcap_with_samples import write_mcap

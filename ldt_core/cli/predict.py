@@ -63,7 +63,7 @@ def command(
         from ldt_core.diagnosis.diagnosis import read_effects
         from ldt_core.effects import get_effect
 
-        acting = read_effects(diagnosis, [get_effect(name) for name in own])
+        acting = read_effects(diagnosis, machine, [get_effect(name) for name in own])
         for effect, _ in acting:
             effect.require(machine.model)
     model = PhysicsModel(machine, effects=acting)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.bounded_file import read_bounded
-from ldt_core.base.errors import BadInput, ExperimentError, OptionError, did_you_mean
+from ldt_core.base.errors import BadInput, ExperimentError, OptionError, described, did_you_mean
 from ldt_core.base.experiment import Experiment
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.machine_file import Machine
@@ -23,6 +23,9 @@ from ldt_core.physics.effect import Effect
 KEYS = {"begin": "from", "end": "to"}
 
 MOST_BYTES = 50_000_000  # of a file that is read: no diagnosis comes near
+
+#: What a next experiment may ask to be measured.
+CHANNELS = ("voltage", "speed", "current")
 
 
 @dataclass(frozen=True)
@@ -253,20 +256,21 @@ def _json(value: Any) -> Any:
 
 
 def read_effects(
-    file: str | Path, own: Sequence[Effect] = ()
+    file: str | Path, machine: Machine | None = None, own: Sequence[Effect] = ()
 ) -> list[tuple[Effect, dict[str, float]]]:
     """The verdict's effects with their parameters from a `diagnosis.json`.
 
     A file's text is never run: an effect of the user's own must be given beside it.
 
     Args:
+        machine: that is to have them; None takes any.
         own: effects that are not in the library.
 
     Raises:
-        BadInput: the file cannot be read or is no diagnosis.
+        BadInput: the file cannot be read, is no diagnosis, or one of another machine.
         OptionError: an unknown effect, or a parameter outside its bounds.
     """
-    found = _read(file)
+    found = _read(file, machine)
     given = {e.name: e for e in own}
     acting: list[tuple[Effect, dict[str, float]]] = []
     for entry in _entries(str(file), found):
@@ -295,10 +299,11 @@ def read_next(file: str | Path, machine: Machine) -> tuple[Machine, Array, bool]
         the current is to be measured.
 
     Raises:
-        BadInput: the file cannot be read, or asks for no experiment.
+        BadInput: the file cannot be read, is of another machine, or asks for no experiment, or
+            for a channel that no recording has.
         ExperimentError: a voltage outside the machine's limits.
     """
-    asked = _read(file).get("next_experiment")
+    asked = _read(file, machine).get("next_experiment")
     if asked is None:
         raise BadInput(file, "a next_experiment", "none: nothing is open, or nothing settles it")
     try:
@@ -310,12 +315,16 @@ def read_next(file: str | Path, machine: Machine) -> tuple[Machine, Array, bool]
         raise BadInput(
             f"{file}, next_experiment", "voltage, sample_period, channels", got
         ) from error
+    for name in channels:
+        if name not in CHANNELS:
+            where = f"{file}, next_experiment, channels"
+            raise BadInput(where, did_you_mean(name, CHANNELS), described(name))
     machine.check(blank)
     timed = replace(machine, duration=volts.size * period, sample_period=period)
     return timed, volts, "current" in channels
 
 
-def _read(file: str | Path) -> Mapping[str, Any]:
+def _read(file: str | Path, machine: Machine | None) -> Mapping[str, Any]:
     try:
         found = json.loads(read_bounded(file, MOST_BYTES))
     except (OSError, ValueError, RecursionError) as error:
@@ -323,6 +332,11 @@ def _read(file: str | Path) -> Mapping[str, Any]:
         raise BadInput(file, "a readable diagnosis.json, as ldt diagnose writes it", got) from error
     if not isinstance(found, Mapping) or not isinstance(found.get("verdict"), Mapping):
         raise BadInput(file, "a diagnosis with the key verdict", "something else")
+    of = found.get("machine")
+    if machine is not None and of not in (None, machine.name):
+        told = f"a diagnosis of the machine {machine.name!r}"
+        again = "if it is the same machine, give its file the same name"
+        raise BadInput(file, told, f"one of {described(of)} ({again})")
     return found
 
 

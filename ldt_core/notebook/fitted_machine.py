@@ -14,6 +14,7 @@ from ldt_core.calibration.calibration import Calibration
 from ldt_core.calibration.machine_yaml import write_machine_file
 from ldt_core.diagnosis.diagnosis import Diagnosis, read_effects
 from ldt_core.effects import get_effect
+from ldt_core.machine.machine_file import Machine
 from ldt_core.notebook.recorded_experiments import ExperimentsLike, MachineLike, possible
 from ldt_core.physics.effect import Effect
 
@@ -66,7 +67,7 @@ def calibrate(
         LdtError: the experiments determine nothing, or the fit failed.
     """
     experiments, known = possible(recording, machine)
-    acting = [] if with_ is None else _named(with_)
+    acting = [] if with_ is None else _named(with_, known)
     found = fit_machine(
         known,
         list(experiments),
@@ -79,10 +80,10 @@ def calibrate(
     return FittedMachine(**vars(named))
 
 
-def _named(diagnosis: object) -> list[tuple[Effect, dict[str, float]]]:
+def _named(diagnosis: object, machine: Machine) -> list[tuple[Effect, dict[str, float]]]:
     if isinstance(diagnosis, Diagnosis):
         named = [(get_effect(e["effect"]), e["parameters"]) for e in diagnosis.effects]
         return [(effect, effect.check(given)) for effect, given in named]
     if isinstance(diagnosis, str | os.PathLike):
-        return read_effects(Path(diagnosis))
+        return read_effects(Path(diagnosis), machine)
     raise ArgumentTypeError("with_", "a diagnosis or its file", described(diagnosis))

@@ -150,6 +150,9 @@ def roll_back(found: History, version: int) -> Adaptation:
 
 def _recorded_machine(bag: Bag) -> str:
     name = bag.settings().get("machine")
+    if name is None:
+        expected = "the recording of a run (of ldt run, up or replay), with its settings"
+        raise RecordingError(bag.path, expected, "one without")
     if name not in msgs_config.machine_names():
         told = f"{quoted(str(name))} given again: a file that a recording names is not read"
         raise OptionError("--machine", told, "nothing")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.cli import invoke, predict
+from ldt_core.cli import invoke, ldt, predict
 from ldt_core.cli.diagnose import command
 from ldt_core.cli.simulate import command as simulate
 from ldt_core.effects import EFFECTS, parse_effect
@@ -399,6 +399,22 @@ def test_predict_takes_an_effect_of_ones_own_only_when_it_is_given(own, tmp_path
 # ---- what is refused
 
 
+@pytest.mark.parametrize(
+    "command", [["predict", "{bag}"], ["simulate"], ["calibrate", "{bag}"], ["advise"]]
+)
+def test_a_diagnosis_of_another_machine_is_refused(command, friction, tmp_path, capsys):
+    """It was taken without a word, and showed in large errors only."""
+    file, out = tmp_path / "diagnosis.json", tmp_path / "made"
+    file.write_text(json.dumps({"machine": "press", "verdict": {"kind": "none"}}))
+    words = [word.format(bag=friction.bag) for word in command]
+    option = "--next" if words[0] == "simulate" else "--with"
+    target = ["--effect", "unbalance:e=1e-3"] if words[0] == "advise" else ["--out", str(out)]
+    assert invoke(ldt, [*words, option, str(file), *target]) == BAD
+    told = capsys.readouterr().err
+    assert "expected a diagnosis of the machine 'rotor', got one of 'press'" in told
+    assert not out.exists()
+
+
 def sentence(code, capfd, *words):
     """Exit 2, and one sentence on standard error that holds these words."""
     out, err = capfd.readouterr()
@@ -527,7 +543,15 @@ def test_the_next_experiment_is_run_as_it_was_designed(tmp_path):
     assert one.current is not None
 
 
-@pytest.mark.parametrize("asked", [None, {"voltage": "all"}, {"voltage": [99.0], "channels": []}])
+@pytest.mark.parametrize(
+    "asked",
+    [
+        None,
+        {"voltage": "all"},
+        {"voltage": [99.0], "channels": []},
+        {"voltage": [9.0], "channels": ["speed", "torque"]},
+    ],
+)
 def test_a_next_experiment_that_is_none_is_refused(tmp_path, capsys, asked):
     """Nothing open, nonsense, and a voltage that the machine cannot have."""
     file = tmp_path / "diagnosis.json"
