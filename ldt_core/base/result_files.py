@@ -33,11 +33,13 @@ def check_target(file: str | Path, option: str = "--out", endings: Sequence[str]
     """Refuse a file that cannot be made, before any work is done.
 
     Raises:
-        OptionError: it is a folder, in none, or has another ending.
+        OptionError: it is a folder or a device, in no folder, or has another ending.
     """
     path = Path(file)
     if path.is_dir():
         raise OptionError(option, "a file", f"the folder {path}")
+    if path.exists() and not path.is_file():  # a device would be replaced, not written to
+        raise OptionError(option, "a file", f"{path}, a device or a pipe")
     if endings and path.suffix.lower() not in endings:
         raise OptionError(option, f"a file ending in {listed(endings, 'or')}", str(path))
     if not path.parent.is_dir():
@@ -63,9 +65,11 @@ def write(path: Path, text: str, sync: bool = False) -> None:
                 stream.flush()
                 os.fsync(stream.fileno())
         part.replace(path)
-    except BaseException:
+    except BaseException as error:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename is None:
+            error.filename = str(path)  # of a full disk the system does not say where
         raise
 
 

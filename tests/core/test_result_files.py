@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import json
+from pathlib import Path
 
 import pytest
 
-from ldt_core.base.result_files import digest, keep, recall, write
+from ldt_core.base.errors import OptionError
+from ldt_core.base.result_files import check_target, digest, keep, recall, write
 
 ORIGIN = {"code": "abc", "options": {"seed": 0}, "left_out": None}
 
@@ -80,3 +83,21 @@ def test_a_digest_changes_with_bytes_and_names(tmp_path):
     seen |= {digest(folder), digest(folder / "a"), digest(tmp_path / "none")}
     assert len(seen) == 4
     assert digest(folder) == digest(folder / "a")
+
+
+def test_a_full_disk_is_told_with_the_file(tmp_path, monkeypatch):
+    """The system says that there is no room, and not where."""
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(OSError, match=r"page\.html"):
+        write(tmp_path / "page.html", "text")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_device_is_not_replaced():
+    """Under a user that may, a result took the place of /dev/null."""
+    with pytest.raises(OptionError, match="a device or a pipe"):
+        check_target("/dev/null")

@@ -368,6 +368,9 @@ def test_the_reasons_name_what_was_given_up(tmp_path):
     assert "20 experiments (1 to 20, as given)" in text
     none = replace(found, choice=choose(found.tried, Budget(adaptations=1, every=1e9)))
     assert sentence(none).startswith("none of the")
+    assert "gained nothing" not in text
+    still = replace(found, never=found.choice.chosen)
+    assert "learning gained nothing" in " ".join(why(still))
 
 
 def test_the_picture_is_drawn(tmp_path):

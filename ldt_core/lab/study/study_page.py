@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ldt_core.base.code_version import code_version
+from ldt_core.base.result_files import write
 from ldt_core.lab.study.figures import drawings
 from ldt_core.lab.study.sections.alarms import alarms
 from ldt_core.lab.study.sections.findings import beyond, methods, reproduction
@@ -66,7 +67,7 @@ def write_page(study: Study, out: Path | str) -> Path:
     path = Path(out) / FILE
     path.parent.mkdir(parents=True, exist_ok=True)
     page = render(TITLE, lead(study), footer(study), made)
-    path.write_text(page, encoding="utf-8")
+    write(path, page)
     return path
 
 

@@ -66,6 +66,11 @@ def _rivals(found: Tuning) -> Iterator[str]:
     if chosen is not None:
         left = f"{100 * chosen.mme / never:.0f} % of it is left" if never else "nothing to learn"
         yield f"without learning the MME is {number(never)} rad/s: {left}"
+        if chosen.mme >= never * (1 - SAME_ERROR):
+            yield (
+                "learning gained nothing here: this recording says when to keep still, not when to "
+                "learn"
+            )
 
 
 def _alarms(found: Tuning) -> Iterator[str]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ldt_core.base.result_files import write
 from ldt_core.views.packed_samples import PackedSamples
 from ldt_core.views.page.page_builder import Program, one_script, plot_library, render, view_file
 from ldt_core.views.report import report_sections
@@ -27,7 +28,7 @@ __all__ = ["ReportedRun", "page", "read_run", "write_page"]
 def write_page(recording: str | Path, out: str | Path, namespace: str = "") -> ReportedRun:
     """Write the page of a recorded run."""
     run = read_run(recording, namespace)
-    Path(out).write_text(page(run), encoding="utf-8")
+    write(Path(out), page(run))
     return run
 
 
