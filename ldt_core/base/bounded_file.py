@@ -8,6 +8,8 @@ import stat
 from pathlib import Path
 from typing import IO
 
+from ldt_core.base.errors import most_alike
+
 
 def open_regular(path: str | Path) -> IO[bytes]:
     """A file opened for reading; a pipe or a device, which may never end, is none.
@@ -17,10 +19,22 @@ def open_regular(path: str | Path) -> IO[bytes]:
     """
     # Without waiting: opening a pipe into which nobody writes would never return.
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    if not stat.S_ISREG(os.fstat(handle).st_mode):
+    mode = os.fstat(handle).st_mode
+    if not stat.S_ISREG(mode):
         os.close(handle)
-        raise OSError(errno.EINVAL, "no regular file")
+        raise OSError(errno.EINVAL, "a folder" if stat.S_ISDIR(mode) else "no regular file")
     return open(handle, "rb")
+
+
+def nothing_there(path: str | Path) -> str:
+    """That there is no such file, and the one beside it that is most alike, for a sentence."""
+    place = Path(path)
+    try:
+        close = most_alike(place.name, [p.name for p in place.parent.iterdir()])
+    except (OSError, ValueError):
+        close = None
+    hint = f" (did you mean {str(place.with_name(close))!r}?)" if close else ""
+    return f"no such file or folder{hint}"
 
 
 def read_bounded(path: str | Path, most: int) -> bytes:

@@ -265,13 +265,17 @@ def _notes(form: MotorResponse, linear: Identified, experiments: list[Experiment
             f"This motor explains {form.fit_percent:.0f} % of the speed, and no linear model does "
             "much better: what is missing is nonlinear, or the recording is mostly noise."
         )
-    if form.noise_std > NOTE_RATIO * linear.noise_std:
+    words = guidance(experiments)
+    if not words and form.noise_std > NOTE_RATIO * linear.noise_std:
         notes.append(
             f"The motor leaves {form.noise_std:.3g} rad/s, {_described(linear)} leaves "
             f"{linear.noise_std:.3g}: this machine has something that a motor lacks."
         )
-    if words := guidance(experiments):
-        notes.append(f"This is no motor alone{words}.")
+    if words:
+        notes.append(
+            f"This is no motor alone{words}. Or keep this file, and let `ldt diagnose` say "
+            "what it lacks."
+        )
     if any(e.current is not None for e in experiments):
         notes.append(
             "The recording has the current, which was not used: `ldt calibrate` with this file "

@@ -19,7 +19,7 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.registry import entry_points
 from ldt_core.base.stopping import EXIT_CODE, Interrupted
 from ldt_core.cli.completion import VARIABLE, register
-from ldt_core.cli.spelling import SuggestingGroup, missing, unknown_option
+from ldt_core.cli.spelling import SuggestingGroup, missing, unknown_option, unusable
 from ldt_core.cli.terminal import echo
 
 GROUP = "ldt.command"
@@ -119,11 +119,11 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
         echo(error.format_message(), err=True)
         return 2
     except click.NoSuchOption as error:
-        return _say(unknown_option(error), 2)
+        return _say(unknown_option(error, sys.argv[1:] if arguments is None else arguments), 2)
     except click.MissingParameter as error:
         return _say(missing(error), 2)
     except click.ClickException as error:
-        return _say(error.format_message(), 2)
+        return _say(unusable(error), 2)
     except LdtError as error:
         return _say(str(error), error.exit_code)
     except BrokenPipeError:  # the reader of our output, head for one, has left

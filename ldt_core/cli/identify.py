@@ -135,7 +135,9 @@ def command(
         echo_json({**record, **found.as_dict()})
     else:
         _print(found, out, bags)
-        _next(f"ldt diagnose {bags} --machine {shlex.quote(out)} --out why")
+        _next(
+            f"ldt diagnose {bags} --machine {shlex.quote(out)} --out why", ", what the motor lacks"
+        )
 
 
 def _refuse_idle(*options: str) -> None:
@@ -181,8 +183,8 @@ def _with_effects(
     echo(f"machine file: {out}")
 
 
-def _next(command: str) -> None:
-    echo(one_line(f"Next: {command}"))
+def _next(command: str, words: str = "") -> None:
+    echo(one_line(f"Next{words}: {command}"))
 
 
 def _print(found: EquivalentMotor, out: str, bags: str) -> None:

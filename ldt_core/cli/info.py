@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ldt_core.recording.storage import Storage
 
 NO_DATE = 86400 * 365.0  # s after 1970-01-01: before it is a time that counts from a start
+NO_TABLES = (".yaml", ".yml", ".json", ".html")  # a machine file, settings, a page
 MOST_TOPICS = 12  # of a foreign recording that are listed; a robot has hundreds
 CHANNELS = ("voltage [V]", "speed [rad/s]")
 JOINTS = "sensor_msgs/msg/JointState"
@@ -60,6 +61,9 @@ def command(recording: str, namespace: str, as_json: bool) -> None:
     except RecordingError:
         if not place.is_file() or is_bag(place):
             raise
+        if place.suffix in NO_TABLES:
+            expected = "a recording or a table; ldt docs machine has a machine file's keys"
+            raise RecordingError(recording, expected, f"a {place.suffix} file") from None
         _tell_table(recording, as_json)
         return
     if storage.topics and not namespaces(storage.topics):

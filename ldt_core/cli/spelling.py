@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import click
@@ -23,8 +23,8 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     return most_alike(name, begun or names)
 
 
-def unknown_option(error: click.NoSuchOption) -> str:
-    """A sentence on an option that its command does not have."""
+def unknown_option(error: click.NoSuchOption, arguments: Sequence[str]) -> str:
+    """A sentence on an option that its command does not have, of what was typed."""
     sentence = f"there is no option {error.option_name!r}"
     if error.ctx is None:
         return sentence
@@ -33,7 +33,9 @@ def unknown_option(error: click.NoSuchOption) -> str:
         for p in error.ctx.command.get_params(error.ctx)
         for flag in (*p.opts, *p.secondary_opts)
     ]
-    close = nearest(error.option_name, (f for f in flags if f.startswith("--")))
+    typed = (a for a in arguments if a.startswith(error.option_name) and f"-{a}" in flags)
+    option = next(typed, error.option_name)  # of "-speed" click tells "-s"
+    close = nearest(option, (f for f in flags if f.startswith("--")))
     hint = f"; did you mean {close!r}?" if close else ""
     return f"{sentence}{hint} ({error.ctx.command_path} --help lists all)"
 
@@ -44,6 +46,25 @@ def missing(error: click.MissingParameter) -> str:
     wanted = error.param.get_error_hint(error.ctx) if error.param and error.ctx else "one more"
     example = (command.help or "").partition("Example: ")[2].partition("\n")[0] if command else ""
     return f"{wanted} is missing" + (f", as in: {example}" if example else "")
+
+
+def unusable(error: click.ClickException) -> str:
+    """A sentence on a value that is no number, or an argument too many; else click's own."""
+    said, context = error.format_message(), getattr(error, "ctx", None)
+    if context is None:
+        return said
+    if isinstance(error, click.BadParameter) and error.param is not None:
+        kinds = {" is not a valid float.": "a number", " is not a valid integer.": "a whole number"}
+        for ending, kind in kinds.items():
+            if error.message.endswith(ending):
+                got = error.message.removesuffix(ending)
+                return f"{error.param.opts[-1]}: expected {kind}, without a unit, got {got}"
+    if said.startswith("Got unexpected extra argument"):
+        value = said[said.index("(") + 1 : -1]
+        plays = any("--play" in p.opts for p in context.command.params)
+        way = f"; a recording follows --play, as in: --play {value}" if plays else ""
+        return f"{context.command_path}: too many arguments, {value}{way} (--help lists all)"
+    return said
 
 
 class SuggestingGroup(click.Group):
@@ -57,6 +78,10 @@ class SuggestingGroup(click.Group):
             raise
         except click.UsageError:
             names = self.list_commands(ctx)
+            if args[0] == "help":
+                name = "".join(f" {a}" for a in args[1:2] if a in names)
+                said = f"there is no command 'help'; expected {ctx.command_path}{name} --help"
+                raise click.UsageError(said) from None
             close = nearest(args[0], names)
             hint = f"did you mean {close!r}? " if close else ""
             many = close and len(names) > MOST_BESIDE_NEAREST

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, overload
 import yaml
 
 import msgs_config
-from ldt_core.base.bounded_file import read_bounded
+from ldt_core.base.bounded_file import nothing_there, read_bounded
 from ldt_core.base.errors import (
     ArgumentTypeError,
     ExperimentError,
@@ -269,6 +269,8 @@ def load_machine(file: str | Path) -> Machine:
         text = read_bounded(path, MAX_BYTES).decode()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "text that is not UTF-8"
+        if isinstance(error, FileNotFoundError):
+            reason = nothing_there(path)
         expected = "a readable machine file (ldt docs machine)"
         raise MachineFileError(path, expected, reason) from error
     return parse_machine(text, str(path))

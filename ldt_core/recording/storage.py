@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 from mcap.records import Channel, Schema
 
+from ldt_core.base.bounded_file import nothing_there
 from ldt_core.base.errors import RecordingError
 from ldt_core.recording.mcap_reader import Described, TolerantMcapReader
 from ldt_core.recording.mcap_records import (
@@ -154,7 +155,7 @@ class Storage:
         wanted = "a recording (a rosbag2 folder or an .mcap file)"
         try:
             if not path.exists():
-                raise RecordingError(path, wanted, "no such file or folder")
+                raise RecordingError(path, wanted, nothing_there(path))
             if path.is_dir():
                 return self._files_of_folder()
             if not path.is_file():  # a pipe into which nobody writes would never be read

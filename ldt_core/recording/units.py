@@ -111,7 +111,10 @@ def propose_fields(columns: Mapping[str, str]) -> dict[str, str]:
         found = [name for name in columns if told[name]]
         if len(found) != 1:
             found = [name for name in columns if quantity in name.lower()]
-        if not found and len(named := [n for n in columns if n.lower() in SYMBOLS[quantity]]) == 1:
+        named = [n for n in columns if n.lower() in SYMBOLS[quantity]]
+        words = [w for w in SYMBOLS[quantity] if len(w) > 3]  # "w" is in many a word
+        named = named or [n for n in columns if any(w in n.lower() for w in words)]
+        if not found and len(named) == 1:
             proposed[quantity] = f"{named[0]}:UNIT"
         if len(found) == 1:
             unit = told[found[0]]

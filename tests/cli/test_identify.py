@@ -117,7 +117,10 @@ def test_friction_does_not_distort_the_gain(tmp_path, capsys):
     """It offsets the steady speed, which is said; without an offset the gain takes it in."""
     bag, out, machine = identified(tmp_path, effect="coulomb_friction:torque=0.05")
     np.testing.assert_allclose(answer(machine), answer(SLOW), rtol=0.01)
-    assert "off gain times voltage" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "off gain times voltage" in said
+    assert "Or keep this file, and let `ldt diagnose` say what it lacks." in said
+    assert "Next, what the motor lacks: ldt diagnose" in said
     assert call(bag, "--out", out, "--no-offset", "--force") == 0
     assert answer(load_machine(out))[0] < 0.97 * answer(SLOW)[0]
 

@@ -73,6 +73,19 @@ WRONG = {
     "simulate --effect unblance:e=5mm --out out": "one of 29 names (did you mean 'unbalance'?)",
     "import {files}/log.csv --voltage u --speed rpm:rmp --time u --out out": "did you mean 'rpm'?",
     "report {files}/motor": "'-o' / '--out' is missing, as in: ldt report my_run -o",
+    "info {files}/motr": "(did you mean '{files}/motor'?)",
+    "info {files}/page.html": "expected a recording or a table",
+    "run {files}/motor": "--play {files}/motor",
+    "plot {files}/motor {files}/motor -o out.png": "too many arguments",
+    "run --noise 5% --out out": "--noise: expected a number, without a unit, got '5%'",
+    "run --experiments 4,5": "--experiments: expected a whole number",
+    "import {files}/log.csv -voltage u --out out": "did you mean '--voltage'?",
+    "help run": "ldt run --help",
+    "help": "ldt --help",
+    "diagnose {files}/motor --machine {files}/nameless --out out": "got a folder",
+    "diagnose {files}/motor --machine {files}/page.yml --out out": (
+        "(did you mean '{files}/page.html'?)"
+    ),
     "diagnose": "is missing, as in: ldt diagnose",
     "run --model hybrid --order 2": "--model linear or --model auto",
     "run --play {files}/motor --noise 1": "no --play",
@@ -98,7 +111,7 @@ def test_a_wrong_usage_is_told_the_next_step(line, step, files, tmp_path, monkey
     code = invoke(ldt, [word.replace("{files}", str(files)) for word in shlex.split(line)])
     said = capsys.readouterr()
     assert code == (1 if line.startswith("identify") else 2)
-    assert step in said.err
+    assert step.replace("{files}", str(files)) in said.err
     assert said.err.count("\n") == 1
     assert said.out == ""
     assert list(tmp_path.iterdir()) == []
@@ -167,6 +180,15 @@ def test_a_table_says_its_columns_and_how_to_import_it(files, capsys):
     said = capsys.readouterr().out
     assert "the columns 'time_ms', 'u', 'rpm'" in said
     assert "--voltage u:UNIT --speed rpm:rpm --time time_ms:ms" in said
+
+
+def test_a_word_within_a_column_s_name_is_found(tmp_path, capsys):
+    """As in a German machine's log."""
+    table = tmp_path / "anlage.csv"
+    table.write_text("Zeitstempel_ms,Ankerspannung,Drehzahl_rpm\n0,1,2\n1,1,2\n")
+    assert invoke(ldt, ["info", str(table)]) == 0
+    said = capsys.readouterr().out
+    assert "--voltage Ankerspannung:UNIT --speed Drehzahl_rpm:rpm --time Zeitstempel_ms:ms" in said
 
 
 def test_a_table_of_a_plc_says_its_units_in_a_row_of_their_own(files, capsys):

@@ -452,3 +452,12 @@ def test_a_place_is_marked_in_its_panel(diagnoses):
     everywhere = GapLocation("voltage", 0, 20, "V", 1.0, 1.0)
     marked = gap_curves(replace(found, where=[*found.where, everywhere])).marked
     assert set(marked) == {"speed", "frequency", "experiment"}
+
+
+def test_a_gap_that_differs_between_experiments_asks_what_changed_when():
+    """A twin that follows the machine diagnoses each change by itself; any other gap it learns."""
+    found, kept = fake_diagnosis("unknown"), Path("diagnosis.json")
+    changed = replace(found, where=[GapLocation("experiment", 5, 8, "", 0.9, 0.5)])
+    steady = replace(found, where=[GapLocation("speed", 5, 8, "rad/s", 0.9, 0.5)])
+    assert diagnosis_sections.next_step(changed, kept)[1].endswith("--out played --diagnose")
+    assert diagnosis_sections.next_step(steady, kept)[1].endswith("--out played")

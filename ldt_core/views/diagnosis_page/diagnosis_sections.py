@@ -132,8 +132,15 @@ def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
     return {
         "effect": ("take what was found into the machine file", fitted),
         "unknown": (
-            "let a model learn what has no name, or add an effect of yours (ldt docs effect)",
-            f"{play} --model hybrid",
+            (
+                "as the gap differs between experiments, let a twin say what changed when",
+                f"{play} --diagnose",
+            )
+            if any(place.quantity == "experiment" for place in diagnosis.where)
+            else (
+                "let a twin learn what has no name, or add an effect of yours (ldt docs effect)",
+                play,
+            )
         ),
         "none": ("let the twin watch for changes", play),
     }.get(diagnosis.verdict.kind, ("", ""))
