@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ldt_core.base.errors import OptionError
+from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.base.sentences import counted
 from ldt_core.cli.options import declared_option, json_option, out_option
 from ldt_core.cli.outputs import force_option, replacing
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ldt_core.recording.csv_table import CsvTable
 
 MOST_COLUMNS = 12  # of a table that are listed
+ASKED = ("voltage", "speed", "time")  # of which a column each is asked for
 UNIT_HELP = "with a unit if it is not SI, for example"
 
 
@@ -129,44 +130,52 @@ def _fields_missing(file: str, names: Sequence[str]) -> OptionError:
 
 
 def proposed_import(file: str) -> tuple[str, str]:
-    """(columns of a table, the command that imports it): units in their names tell which is which.
+    """(columns of a table, the command that imports it): their names and units tell which is which.
+
+    Where they do not, each column's range helps; the only one that always rises is the time.
 
     Raises:
-        RecordingError: no table.
+        RecordingError: no table, or one without names that has a cell which is no number.
     """
     from ldt_core.recording.csv_table import CsvTable
     from ldt_core.recording.units import propose_fields
 
     table = CsvTable(file)
-    names = table.names
-    if table.headed:
-        found = propose_fields(dict(zip(names, table.units, strict=False)))
-        columns = ", ".join(map(repr, names[:MOST_COLUMNS]))
-    else:
-        found, columns = _by_numbers(table)
-    told = {"voltage": "COLUMN", "speed": "COLUMN:UNIT", "time": "COLUMN", **found}
-    options = " ".join(f"--{name} {shlex.quote(told[name])}" for name in told)
-    more = ", ..." if len(names) > MOST_COLUMNS else ""
+    shown = table.names[:MOST_COLUMNS]
+    columns = [repr(name) if table.headed else name for name in shown]
+    found = propose_fields(dict(zip(table.names, table.units, strict=False)))
+    if not found.keys() >= {*ASKED}:
+        ranges, rising = _contents(table, len(shown))
+        if ranges:
+            columns = [f"{name} ({told})" for name, told in zip(columns, ranges, strict=True)]
+        if len(rising) == 1:
+            found.setdefault("time", shown[rising[0]] + ":UNIT" * table.headed)
+    unknown = "COLUMN:UNIT" if table.headed else "NUMBER:UNIT"
+    fields = {**dict.fromkeys(ASKED, unknown), **found}
+    options = " ".join(f"--{name} {shlex.quote(field)}" for name, field in fields.items())
+    more = ", ..." if len(table.names) > MOST_COLUMNS else ""
     numbered = "" if table.headed else " (by number, as no header line names them)"
     return (
-        columns + more + numbered,
+        ", ".join(columns) + more + numbered,
         f"ldt import {shlex.quote(file)} {options} --length 10 --out imported",
     )
 
 
-def _by_numbers(table: CsvTable) -> tuple[dict[str, str], str]:
-    """(what is proposed, the columns) of a table without names: the one that always rises is time.
+def _contents(table: CsvTable, count: int) -> tuple[list[str], list[int]]:
+    """(range of each of the first columns, which always rise); of words beside numbers nothing.
 
     Raises:
-        RecordingError: a cell that is no number.
+        RecordingError: a cell that is no number in a table without names.
     """
     import numpy as np
 
     from ldt_core.recording.importers import spread
 
-    shown = range(min(len(table.names), MOST_COLUMNS))
-    _, read = table.read(shown)
-    rising = [str(i + 1) for i, values in enumerate(read) if np.all(np.diff(values) > 0)]
-    columns = ", ".join(f"{i + 1} ({spread(read[i])})" for i in shown)
-    found = {"voltage": "NUMBER:UNIT", "speed": "NUMBER:UNIT", "time": "NUMBER:UNIT"}
-    return found | ({"time": rising[0]} if len(rising) == 1 else {}), columns
+    try:
+        _, read = table.read(range(count))
+    except RecordingError:
+        if table.headed:
+            return [], []
+        raise
+    rising = [i for i, values in enumerate(read) if np.all(np.diff(values) > 0)]
+    return [*map(spread, read)], rising

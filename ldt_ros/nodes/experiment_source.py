@@ -27,6 +27,8 @@ from ldt_ros.nodes.statements import StartGate
 GROUPS = ("pace", "twin", "stream")
 #: Longest time that a stop waits for the experiment under way [s].
 PATIENCE = 3.0
+#: Experiments back to which one that is sent again is known, as of a recording merged with itself.
+MOST_KEYS = 1000
 #: Shortest and longest time between two looks at the clock [s].
 SHORTEST_TICK, LONGEST_TICK = 0.005, 0.05
 #: Looks at the clock during an experiment, if they are not nearer or farther than that.
@@ -143,6 +145,7 @@ class ExperimentSource(NodePart):
         self._next: Experiment | None = None
         self._message: Any = None
         self._sent: Experiment | None = None
+        self._keys: deque[tuple[int, float]] = deque(maxlen=MOST_KEYS)
         self._count = self.adapted
         self._under_way = False
         self._asked = False  # for the next experiment, where there is no rate
@@ -278,8 +281,11 @@ class ExperimentSource(NodePart):
             self._send()
 
     def _send(self) -> None:
-        if self._sent and self._next and self._next.number <= self._sent.number:
-            self.adapted = 0  # a recording whose counter began anew
+        if self._next is not None:
+            key = self._next.number, self._next.start
+            if self._sent and key[0] <= self._sent.number and key not in self._keys:
+                self.adapted = 0  # a recording whose counter began anew; of one again none comes
+            self._keys.append(key)
         self._sent = self._next
         self._count += 1
         self._waiting_since = time.monotonic()

@@ -191,6 +191,20 @@ def test_a_word_within_a_column_s_name_is_found(tmp_path, capsys):
     assert "--voltage Ankerspannung:UNIT --speed Drehzahl_rpm:rpm --time Zeitstempel_ms:ms" in said
 
 
+def test_columns_whose_names_say_nothing_are_told_by_what_they_hold(tmp_path, capsys):
+    """The range of each; the only one that always rises is the time. Words do no harm."""
+    table = tmp_path / "mixer.csv"
+    rows = [f"{10 * t},{t % 7},{t % 5}" for t in range(50)]
+    table.write_text("\n".join(["Stamp,Uk,Ndreh", *rows]))
+    assert invoke(ldt, ["info", str(table)]) == 0
+    told = capsys.readouterr().out
+    assert "'Stamp' (0 to 490), 'Uk' (0 to 6), 'Ndreh' (0 to 4)" in told
+    assert "--speed COLUMN:UNIT --time Stamp:UNIT --length" in told
+    table.write_text("\n".join(["Stamp,Uk,Ndreh,Note", *(f"{row},ok" for row in rows)]))
+    assert invoke(ldt, ["info", str(table)]) == 0
+    assert "'Stamp', 'Uk', 'Ndreh', 'Note'\n" in capsys.readouterr().out
+
+
 def test_a_table_of_a_plc_says_its_units_in_a_row_of_their_own(files, capsys):
     """Which then say what each column is; a table without a header is told of."""
     assert invoke(ldt, ["info", str(files / "plc.csv")]) == 0

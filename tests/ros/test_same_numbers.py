@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import resolve
 from ldt_core.machine import Plant
-from ldt_core.machine.machine_file import load_machine
+from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from ldt_core.runs.offline import run
@@ -74,9 +75,8 @@ def test_graph_offline_run_and_replay_agree_bit_for_bit(name, domain, tmp_path):
     assert graph == records(tmp_path / "replay")
 
 
-def spoiled(folder: Path) -> Path:
+def spoiled(machine: Machine, folder: Path) -> Path:
     """A recording with an impossible experiment, its correction, a repetition and a step back."""
-    machine = load_machine("rotor")
     plant = Plant(machine, experiments=9, seed=2, start_time=1.0e9)
     with BagWriter(folder, machine=machine.name) as writer:
         for number in (1, -2, 2, 3, 3, 6, 5, 7, -8, 9):
@@ -87,16 +87,21 @@ def spoiled(folder: Path) -> Path:
     return folder
 
 
-def test_what_cannot_be_used_is_left_out_alike(domain, tmp_path):
-    """Graph and offline run judge, learn from, reject and sum up the same experiments."""
+def test_what_cannot_be_used_is_left_out_alike(domain, short_rotor, tmp_path):
+    """Graph and offline run judge, learn from, reject and sum up the same experiments.
+
+    For one that stands there again no adaptation comes, and none is waited for.
+    """
     from ldt_ros.up import launch
 
-    played = spoiled(tmp_path / "spoiled")
-    settings = resolve(
-        {"model": "hybrid", "detector": "threshold", "threshold": 1.0, "play": str(played)}
-    )
-    machine = load_machine("rotor")
+    machine = load_machine(short_rotor)
+    played = spoiled(machine, tmp_path / "spoiled")
+    learns = {"model": "hybrid", "detector": "threshold", "threshold": 1.0}
+    learns |= {"adaptation_timeout": 200.0}
+    settings = resolve({**learns, "machine": short_rotor, "play": str(played)})
+    began = time.monotonic()
     (graph,) = launch({**settings, "bag": str(tmp_path / "graph")})
+    assert time.monotonic() - began < settings["adaptation_timeout"]
     experiments = read_bag(played).experiments()
     offline = run(machine, settings, experiments, tmp_path / "offline")
     figures = [{k: v for k, v in s.as_dict().items() if k != "notes"} for s in
@@ -104,6 +109,7 @@ def test_what_cannot_be_used_is_left_out_alike(domain, tmp_path):
     assert figures[0] == figures[1]
     assert offline.experiments == 6
     assert (offline.rejected, offline.repeated) == (3, 1)
+    assert offline.adaptations > 0
     predicted = records(tmp_path / "graph")
     for topic in ("prediction", "original_prediction", "signal", "model", "adaptation"):
         assert predicted[topic] == records(tmp_path / "offline")[topic]
