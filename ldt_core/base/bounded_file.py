@@ -30,10 +30,11 @@ def nothing_there(path: str | Path) -> str:
     """That there is no such file, and the one beside it that is most alike, for a sentence."""
     place = Path(path)
     try:
-        close = most_alike(place.name, [p.name for p in place.parent.iterdir()])
+        beside = {p.stem: p for p in sorted(place.parent.iterdir())}  # any suffix is like another
+        close = beside.get(most_alike(place.stem, beside) or "")
     except (OSError, ValueError):
         close = None
-    hint = f" (did you mean {str(place.with_name(close))!r}?)" if close else ""
+    hint = f" (did you mean {str(close)!r}?)" if close else ""
     return f"no such file or folder{hint}"
 
 

@@ -147,7 +147,7 @@ ROWS: list[tuple[str, int, list[str]]] = [
     ("rnu", BAD, ["'rnu'", "did you mean 'run'"]),
     ("fly", BAD, ["'fly'", "commands are", "replay"]),
     ("run --treshold 2", BAD, ["--treshold", "did you mean '--threshold'?"]),
-    ("run --experiments ten", BAD, ["--experiments", "'ten'", "integer"]),
+    ("run --experiments ten", BAD, ["--experiments", "'ten'", "a whole number"]),
     ("run --experiments", BAD, ["--experiments", "argument"]),
     ("run --experiments 0", BAD, ["--experiments", "1 to", "got 0"]),
     ("run --experiments 2.5", BAD, ["--experiments", "'2.5'"]),
@@ -224,7 +224,7 @@ ROWS: list[tuple[str, int, list[str]]] = [
         (f"{command} --machine {{files}}/{name}.yaml --out out", BAD, [f"{name}.yaml", *words])
         for command in (f"predict {GOOD}", f"replay {GOOD} --model physics")
         for name, words in (
-            ("nowhere", ["a readable machine file", "No such file"]),
+            ("nowhere", ["a readable machine file", "no such file or folder\n"]),
             ("unknown_key", ["did you mean 'parameters'?", "unknown key 'paramters'"]),
             ("unknown_parameter", ["parameters", "unknown key 'mass'"]),
             ("missing_key", ["the key 'limits'"]),
