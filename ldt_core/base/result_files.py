@@ -10,7 +10,7 @@ import contextlib
 import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -51,26 +51,40 @@ def write(path: Path, text: str, sync: bool = False) -> None:
 
     Args:
         path: of the file, in a folder that exists.
-        text: of it.
+        text: of it; what is no UTF-8, as part of a file's name may be, is written by its code.
         sync: have it on the medium first, so that a power cut does not leave an empty file either.
 
     Raises:
         OSError: it cannot be written; what was there before is there still.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    with whole(path) as part, part.open("w", encoding="utf-8", errors="backslashreplace") as stream:
+        stream.write(text)
+        if sync:
+            stream.flush()
+            os.fsync(stream.fileno())
+
+
+@contextlib.contextmanager
+def whole(path: Path, ending: str = "") -> Iterator[Path]:
+    """A file to write in the place of another, which it becomes when all is written.
+
+    Args:
+        path: of the file, in a folder that exists.
+        ending: that the file to write must have for who writes it.
+
+    Raises:
+        OSError: it cannot be written, with the path, which the system leaves out of a full disk.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part{ending}")
     try:
-        with part.open("w", encoding="utf-8") as stream:
-            stream.write(text)
-            if sync:
-                stream.flush()
-                os.fsync(stream.fileno())
+        yield part
         part.replace(path)
-    except BaseException as error:
+    except OSError as error:
+        error.filename = error.filename or str(path)
+        raise
+    finally:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
-        if isinstance(error, OSError) and error.filename is None:
-            error.filename = str(path)  # of a full disk the system does not say where
-        raise
 
 
 def digest(place: Path) -> str:

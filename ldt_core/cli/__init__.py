@@ -113,7 +113,7 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
         return stop.exit_code
     except click.Abort as stop:
         if isinstance(stop.__cause__, EOFError):  # click takes it for the end of what is typed
-            return _say(f"a file ends too early: {str(stop.__cause__) or 'no more to be read'}", 1)
+            return _say(_too_short(str(stop.__cause__)), 1)
         return _say(_interrupted(stop.__cause__, command, arguments), EXIT_CODE)
     except click.exceptions.NoArgsIsHelpError as error:
         echo(error.format_message(), err=True)
@@ -131,6 +131,8 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
         return 1
     except MemoryError as error:
         return _say(f"out of memory ({error or 'no more is to be had'})", 1)
+    except ImportError as error:  # of what is installed, or there is no memory to load it
+        return _say(f"a library cannot be loaded: {error}", 1)
     except OSError as error:
         place = str(error.filename or "input or output")[:LONGEST_PLACE]
         code = 2 if error.errno in UNNAMEABLE else 1
@@ -150,6 +152,13 @@ def _open_streams() -> None:
         if getattr(sys, name) is None:
             stream = open(os.devnull, "r+" if number == 0 else "w", encoding="utf-8")  # noqa: SIM115
             setattr(sys, name, stream)
+
+
+def _too_short(reason: str) -> str:
+    """Of a file that ends too early; Python itself leaves such ones where a disk was full."""
+    cure = "; a full disk may have cut it: delete the __pycache__ folders of the installation"
+    reason = reason or "no more to be read"
+    return f"a file ends too early: {reason}{cure if 'marshal' in reason else ''}"
 
 
 def _interrupted(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import click
 
 from ldt_core.base.errors import OptionError
+from ldt_core.base.result_files import whole
 from ldt_core.cli.options import json_option, namespace_option
 from ldt_core.cli.outputs import check_file, force_option
 from ldt_core.cli.terminal import echo_result, warn
@@ -50,8 +50,7 @@ def command(recording: str, out: str, force: bool, namespace: str, as_json: bool
     check_file(out, force, endings=tuple(FORMATS))
     file = Path(out)
     bag = read_bag(recording, namespace)
-    part = file.with_name(f".{file.name}.{os.getpid()}.part{file.suffix}")
-    try:
+    with whole(file, file.suffix) as part:
         if file.suffix == ".mcap":
             from ldt_core.views.export.mcap_with_samples import write_mcap
 
@@ -69,9 +68,6 @@ def command(recording: str, out: str, force: bool, namespace: str, as_json: bool
                 count = (sample_table.write_csv if csv else sample_table.write_parquet)(runs, part)
         if bag.path.is_file() and file.exists() and bag.path.samefile(file):
             raise OptionError("--out", "another file than the recording", out)
-        part.replace(file)
-    finally:
-        part.unlink(missing_ok=True)
     warn(*bag.notes)
     size = file.stat().st_size
     record = {"out": out, "samples": count, "bytes": size}

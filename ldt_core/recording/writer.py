@@ -91,7 +91,7 @@ class BagWriter:
             run_settings.KEY: run_settings.settings_text(settings) if settings else "",
             **({KEY: key} if key else {}),
         }
-        self._held = RecordedContents(custom, stem=self.path.resolve().name)
+        self._held = RecordedContents(custom, stem=os.path.basename(os.path.realpath(self.path)))
         self._repeats = DuplicateFilter() if once else None
         if split_size is None:
             split_size = float(msgs_config.parameters()["split_size"]["default"])
@@ -296,7 +296,7 @@ class BagWriter:
         self.mended = self._held.notes
         for topic in wanted:
             self._held.topics.setdefault(topic.name, topic)
-        self._held.stem = self._held.stem or self.path.resolve().name
+        self._held.stem = self._held.stem or os.path.basename(os.path.realpath(self.path))
         if self._repeats is not None and self._held.files:
             self._repeats = DuplicateFilter.of(self.path)
 

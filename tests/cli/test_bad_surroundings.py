@@ -7,6 +7,7 @@ import resource
 import subprocess
 import sys
 
+import click
 import pytest
 
 from ldt_core.cli import invoke, ldt
@@ -82,6 +83,42 @@ def test_without_ros_up_says_what_is_missing_and_run_works(tmp_path):
     assert (code, errors) == (0, "")
 
 
+@pytest.mark.parametrize("name", ["a.csv", "a.parquet", "a.mcap", "a.png", "a.html"])
+def test_a_full_disk_names_the_file_that_is_not_made(name, tmp_path):
+    """Nothing of it stays; half a picture and an unnamed place were the answer."""
+    bag, out = tmp_path / "bag", tmp_path / name
+    run_it = ["run", "--experiments", "2", "--model", "physics", "--out", str(bag)]
+    assert invoke(ldt, run_it) == 0
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+
+    command = {".png": "plot", ".html": "report"}.get(out.suffix, "export")
+    own = {"PYTHONDONTWRITEBYTECODE": "1"}  # Python cuts its own caches short, without a word
+    code, _, errors = ldt_process(command, str(bag), "-o", str(out), before=limit, **own)
+    assert code == FAILED
+    one_sentence(errors, str(out))
+    assert list(tmp_path.iterdir()) == [bag]
+
+
+def test_a_cache_of_python_that_a_full_disk_cut_is_told_with_its_cure(monkeypatch, capsys):
+    """Python writes what there is room for, and fails at each later start."""
+
+    def cut(*_, **__):
+        raise click.Abort from EOFError("marshal data too short")
+
+    monkeypatch.setattr(ldt, "main", cut)
+    assert invoke(ldt, ["info", "x"]) == FAILED
+    one_sentence(capsys.readouterr().err, "marshal data too short", "delete the __pycache__")
+
+
+def test_a_folder_of_links_in_a_circle_is_refused(tmp_path, capsys):
+    """It was a traceback."""
+    (tmp_path / "a").symlink_to(tmp_path / "a")
+    assert invoke(ldt, ["run", "--experiments", "1", "--out", str(tmp_path / "a" / "run")]) != 0
+    one_sentence(capsys.readouterr().err, "a/run")
+
+
 @pytest.mark.parametrize("domain", ["abc", "999", "-1", "1.5", "233"])
 def test_a_domain_that_cannot_be_is_refused(domain, tmp_path, monkeypatch, capfd):
     """Fast DDS would end the process without a word of ours."""
@@ -90,6 +127,14 @@ def test_a_domain_that_cannot_be_is_refused(domain, tmp_path, monkeypatch, capfd
     code = invoke(ldt, ["up", "--experiments", "1", "--bag", str(tmp_path / "bag")])
     assert code == BAD
     one_sentence(capfd.readouterr().err, "ROS_DOMAIN_ID", "0 to 232", repr(domain))
+
+
+def test_a_library_that_cannot_be_loaded_is_named(tmp_path):
+    """As where there is no memory for it; it was a traceback."""
+    block = BLOCK.replace('"rclpy", ', '"yaml", ')
+    code, _, errors = ldt_process("run", "--bag", str(tmp_path / "a"), code=block)
+    assert code == FAILED
+    one_sentence(errors, "a library cannot be loaded", "yaml")
 
 
 def test_a_reader_that_leaves_early_is_no_traceback(programs):

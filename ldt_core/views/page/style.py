@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ldt_core.base.errors import LdtError
-from ldt_core.base.result_files import check_target
+from ldt_core.base.result_files import check_target, whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -257,8 +257,10 @@ def save(drawing: Drawing, folder: Path) -> list[Path]:
     files = [folder / f"{drawing.name}.png", folder / f"{drawing.name}.svg"]
     figure = drawn(drawing, WIDE)
     with matplotlib.rc_context({**RC, "svg.hashsalt": drawing.name}):
-        figure.savefig(files[0], dpi=PNG_DPI, facecolor="white")
-        figure.savefig(files[1], facecolor="white", metadata={"Date": None})
+        with whole(files[0], ".png") as part:
+            figure.savefig(part, dpi=PNG_DPI, facecolor="white")
+        with whole(files[1], ".svg") as part:
+            figure.savefig(part, facecolor="white", metadata={"Date": None})
     return files
 
 
@@ -291,8 +293,10 @@ def save_picture(figure: Figure, file: str | Path) -> None:
     import matplotlib
 
     metadata = {"Date": None} if str(file).endswith("svg") else None
-    with matplotlib.rc_context({**RC, "svg.hashsalt": Path(file).name}):
-        figure.savefig(file, dpi=PNG_DPI, facecolor="white", metadata=metadata)
+    path = Path(file)
+    salted = matplotlib.rc_context({**RC, "svg.hashsalt": path.name})
+    with whole(path, path.suffix) as part, salted:
+        figure.savefig(part, dpi=PNG_DPI, facecolor="white", metadata=metadata)
 
 
 def inline_svg(drawing: Drawing, layout: Layout) -> str:
