@@ -21,6 +21,7 @@ from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.messages import deserialize
 from ldt_core.runs.offline import run
+from ldt_core.views.export import sample_table
 from ldt_core.views.export.sample_messages import KIND
 
 PATIENCE = 60  # s; a stalled machine is not what is tested
@@ -64,15 +65,21 @@ def test_a_table_has_every_number_as_it_was(bag, tmp_path, measured_runs):
     assert {r["predicted_speed_std"] for r in rows} == {""}
 
 
-def test_parquet_has_the_same_with_types_and_units(bag, tmp_path, measured_runs):
-    """A row group an experiment; what is not there is null."""
+def test_parquet_has_the_same_with_types_and_units(bag, tmp_path, measured_runs, monkeypatch):
+    """What is not there is null; experiments share groups, whose entries were larger than they."""
     parquet = pytest.importorskip("pyarrow.parquet")
-    table = parquet.read_table(exported(bag, tmp_path / "run.parquet"))
+    file = exported(bag, tmp_path / "run.parquet")
+    table = parquet.read_table(file)
+    assert parquet.ParquetFile(file).num_row_groups == 1
     speed = np.concatenate([e.speed for e, _ in measured_runs])
     np.testing.assert_array_equal(table["speed"].to_numpy(), speed)
     assert table.schema.field("speed").metadata == {b"unit": b"rad/s"}
     assert table["predicted_speed_std"].null_count == len(table)
     assert str(table.schema.field("experiment").type) == "int64"
+    monkeypatch.setattr(sample_table, "GROUP_ROWS", 1)
+    again = exported(bag, tmp_path / "more.parquet")
+    assert parquet.ParquetFile(again).num_row_groups == len(measured_runs)
+    assert parquet.read_table(again).equals(table)
 
 
 def test_mcap_has_every_sample_as_a_message_and_all_that_was_there(bag, tmp_path, measured_runs):

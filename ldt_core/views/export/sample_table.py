@@ -27,6 +27,8 @@ UNITS = {
 }
 NUMBERS = ("experiment",)
 
+GROUP_ROWS = 100_000  # of Parquet: what is held at once; each group has its entry in the footer
+
 
 def columns(run: PredictedRun) -> dict[str, Array]:
     """Column → (L,) values of one experiment; what the recording lacks is NaN."""
@@ -63,7 +65,7 @@ def _texts(name: str, values: Array) -> Iterator[str]:
 
 
 def write_parquet(runs: Iterable[PredictedRun], file: Path) -> int:
-    """Write all rows, a row group an experiment; the number of rows.
+    """Write all rows, in groups of `GROUP_ROWS` and up to an experiment more; the number of rows.
 
     Raises:
         LdtError: pyarrow is not installed.
@@ -85,7 +87,8 @@ def write_parquet(runs: Iterable[PredictedRun], file: Path) -> int:
             for name, unit in UNITS.items()
         ]
     )
-    count = 0
+    count = written = 0
+    held: list[Any] = []
     with pyarrow.parquet.ParquetWriter(file, schema) as writer:
         for run in runs:
             arrays: list[Any] = []
@@ -94,6 +97,11 @@ def write_parquet(runs: Iterable[PredictedRun], file: Path) -> int:
                     arrays.append(pyarrow.array(values.astype(np.int64)))
                 else:
                     arrays.append(pyarrow.array(values, mask=np.isnan(values)))
-            writer.write_table(pyarrow.Table.from_arrays(arrays, schema=schema))
+            held.append(pyarrow.Table.from_arrays(arrays, schema=schema))
             count += len(run.experiment)
+            if count - written >= GROUP_ROWS:
+                writer.write_table(pyarrow.concat_tables(held))
+                held, written = [], count
+        if held:
+            writer.write_table(pyarrow.concat_tables(held))
     return count
