@@ -146,7 +146,7 @@ def _lies(where: Sequence[GapLocation]) -> str:
         share += both[0].share_of_gap
         place = max(place, both[0], key=lambda p: p.end)
     part = "which lies" if share >= WHOLE_GAP else f"{share:.0%} of which lies"
-    return f"{part} {_place(place)}{' in both directions' if both else ''}{_steady(place, where)}"
+    return f"{part} {location(place)}{' in both directions' if both else ''}{_steady(place, where)}"
 
 
 def _steady(place: GapLocation, where: Sequence[GapLocation]) -> str:
@@ -161,7 +161,8 @@ def _steady(place: GapLocation, where: Sequence[GapLocation]) -> str:
     return f" (at steady speeds it acts from {steady.begin:.3g} to {steady.end:.3g} {steady.unit})"
 
 
-def _place(place: GapLocation) -> str:
+def location(place: GapLocation) -> str:
+    """Where a part of the gap lies: "in experiments 5 to 8", "at speeds from 10 to 20 rad/s"."""
     unit = f" {place.unit}" if place.unit else ""
     if place.quantity == "experiment":
         first, last = round(place.begin), round(place.end)

@@ -191,6 +191,7 @@ def test_what_rounding_leaves_is_no_change_of_the_machine():
         ("turned in time", "ran to 1000 times"),
     ],
 )
+@pytest.mark.slow
 def test_what_no_motor_does_is_no_calibration(name, words):
     """A file with the torque constant a thousand times off was written of it, with a note."""
     change = ABSURD[name][0] if name in ABSURD else lambda e: replace(e, speed=e.speed[::-1].copy())

@@ -328,6 +328,7 @@ words = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=
     value=st.none() | st.booleans() | st.floats(allow_nan=False, allow_infinity=False),
     word=words.filter(lambda w: w != "null"),
 )
+@pytest.mark.slow
 def test_an_advice_comes_back_as_it_was_sent(number, warning, sentence, value, word):
     """Numbers bit-equal, words as they are."""
     sent = AdviceRecord(number, 3, warning, sentence, {"band.1.low": value, "next.name": word})

@@ -81,6 +81,7 @@ def bomb(file, size: int) -> None:
         writer.finish()
 
 
+@pytest.mark.slow
 def test_the_messages_of_a_chunk_are_made_one_after_the_other(tmp_path):
     """A hundred thousand in a chunk of 3 MB take no more than the chunk."""
     bomb(tmp_path / "a.mcap", 3 * MEGABYTE)

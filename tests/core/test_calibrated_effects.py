@@ -62,6 +62,7 @@ def test_dry_friction_that_the_file_lacks_withholds_the_intervals():
     "effect",
     ["coulomb_friction:torque=0.02", "coulomb_friction:torque=0.0003", "quadratic_drag:c=1e-6"],
 )
+@pytest.mark.slow
 def test_no_interval_is_given_that_does_not_cover(effect):
     """Of 4 machines with friction or drag that the file lacks, all are withheld or cover."""
     for seed in range(4):
@@ -96,6 +97,7 @@ def bench():
     return measured, ldt.diagnose(measured, motor())
 
 
+@pytest.mark.slow
 def test_from_a_gap_to_the_noise(bench):
     """Simulated, diagnosed, calibrated with what was named, predicted: 13 rad/s become 0.1."""
     measured, diagnosis = bench
@@ -127,6 +129,7 @@ def test_the_file_that_is_written_reads_back(bench):
         ldt.calibrate(measured, motor(), with_=3)
 
 
+@pytest.mark.slow
 def test_known_effects_with_a_deviation_are_fitted_along():
     """From 0.03 ± 0.006 to what 0.036 N m was; without std the effect stays as stated."""
     loose = [{"name": "coulomb_friction", "parameters": {"torque": {"value": 0.03, "std": 0.006}}}]

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import numba
+import pytest
 
 from ldt_core.base import compiled
 
@@ -61,6 +62,7 @@ def _called(folder: Path, change: str = "") -> tuple[float, int, bool]:
     return value, hits, prepared
 
 
+@pytest.mark.slow
 def test_what_is_cached_runs_without_the_compiler_and_gives_the_same(tmp_path: Path) -> None:
     """Compiled the first time, loaded the second; an untried numba loads as numba does."""
     (tmp_path / "of_a_file.py").write_text(SOURCE)
@@ -84,6 +86,7 @@ def test_the_numba_that_is_installed_by_constraints_is_the_one_that_was_tried() 
     assert numba.__version__ != compiled.TRIED or compiled._Cache is compiled._ReadyCache
 
 
+@pytest.mark.slow
 def test_the_first_run_on_a_computer_says_what_it_waits_for(tmp_path: Path) -> None:
     """Once on standard error, and not where the cache has everything."""
     told = []

@@ -109,10 +109,15 @@ def test_the_short_sentence_names_cause_amount_and_what_it_closes(diagnoses):
     assert headline(diagnoses["ambiguous"]).startswith(
         "Viscous friction, motor constant or source resistance closes"
     )
-    assert headline(diagnoses["unknown"]).startswith("No known cause explains the gap of ")
+    unknown = diagnoses["unknown"]
+    assert headline(unknown).startswith("No known cause explains the gap of ")
+    late = GapLocation("experiment", 5.0, 8.0, "", 0.71, 0.5)
+    assert headline(replace(unknown, where=(late,))).endswith(
+        f"; {percent(0.71)} of it lies in experiments 5 to 8."
+    )
     assert headline(diagnoses["none"]).startswith("No gap: ")
-    verdict = replace(diagnoses["unknown"].verdict, sentence="Sensor fault: it sticks.")
-    assert headline(replace(diagnoses["unknown"], verdict=verdict)) == "Sensor fault: it sticks."
+    verdict = replace(unknown.verdict, sentence="Sensor fault: it sticks.")
+    assert headline(replace(unknown, verdict=verdict)) == "Sensor fault: it sticks."
 
 
 def test_several_causes_of_which_some_stay_open_are_told_apart_in_the_sentence(diagnoses):

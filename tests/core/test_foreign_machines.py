@@ -189,6 +189,7 @@ def test_noise_with_a_memory_is_not_learned_and_hides_no_change(machine):
     assert twin_error <= MOST_LEFT * original_error
 
 
+@pytest.mark.slow
 def test_constant_voltages_together_tell_what_each_alone_does_not(machine):
     """One alone is explained by many causes; none of them holds at the next voltage."""
     random, twin, states = np.random.default_rng(2), Twin(machine), []

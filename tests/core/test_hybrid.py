@@ -221,6 +221,7 @@ def test_the_record_is_the_model_bit_for_bit():
         assert ours.speed_std.tobytes() == theirs.speed_std.tobytes()
 
 
+@pytest.mark.slow
 def test_the_record_stays_small_with_many_inducing_points():
     """Two inputs with fine detail fill the inducing points; the record still fits a message."""
     wavy = lambda w, u: 20 * np.sin(w / 2) * np.sin(2 * u)  # noqa: E731
@@ -434,6 +435,7 @@ def test_only_the_first_measurement_is_read():
     assert trained().predict(e).speed.tobytes() == trained().predict(other).speed.tobytes()
 
 
+@pytest.mark.slow
 def test_it_learns_what_a_grey_box_leaves():
     """On the physics found, not on the file's; its record holds both."""
     motor = load_machine("dc_motor")

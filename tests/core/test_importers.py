@@ -537,6 +537,7 @@ def test_the_measured_motor_arrives_in_si_units(measured):
     assert one.speed[0] == pytest.approx(1056.02 * 2 * math.pi / 60)
 
 
+@pytest.mark.slow
 def test_half_a_million_rows_are_imported_whole(measured):
     """The motor-generator pair: 500,000 rows in 50 experiments, nothing dropped."""
     path = measured / "motor_generator" / "motor_generator.csv.gz"

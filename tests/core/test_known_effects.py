@@ -223,6 +223,7 @@ def test_the_hybrid_learns_what_the_known_effects_leave():
     assert now < 0.3 * was
 
 
+@pytest.mark.slow
 def test_a_diagnosis_knows_the_known_effects(rubbing):
     """No gap where the file has the friction; the file's friction is neutral for its candidate."""
     found = ldt.diagnose(rubbing, motor(effects=FRICTION))

@@ -107,6 +107,7 @@ def test_without_the_check_the_same_twin_learns_from_them():
         settings(sensor_check="perhaps")
 
 
+@pytest.mark.slow
 def test_a_run_with_a_faulty_sensor_goes_on_from_its_recording(tmp_path):
     """Recalled to any step, the twin is the one that ran through."""
     given = settings(detector="adequacy", experiments=14)

@@ -249,6 +249,7 @@ def test_without_pandas_a_sentence_says_what_to_install(run, monkeypatch):
         run.to_frame()
 
 
+@pytest.mark.slow
 def test_a_run_is_drawn(run, tmp_path):
     """As a figure of matplotlib, of any experiment."""
     pytest.importorskip("matplotlib")

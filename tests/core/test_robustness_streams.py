@@ -25,6 +25,7 @@ def test_the_staircase_is_that_of_the_command():
 
 
 @pytest.mark.parametrize("name", STREAMS)
+@pytest.mark.slow
 def test_the_references_know_the_truth(name):
     """The true parameters leave the noise; one experiment late is worse where something changes."""
     given = STREAMS[name](1, FEW)

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 from ldt_core.base.sentences import listed, spoken
 from ldt_core.diagnosis.diagnosis import Diagnosis, ParameterAmount
-from ldt_core.views.diagnosis_page.number_format import known, unit_of, value_of
+from ldt_core.diagnosis.sentence import location
+from ldt_core.views.diagnosis_page.number_format import known, percent, unit_of, value_of
 
 #: Kind of a verdict → words for people.
 WORDS = {
@@ -37,7 +38,11 @@ def headline(diagnosis: Diagnosis) -> str:
             f"and the noise is {value_of(gap.noise_std, DIGITS)} rad/s."
         )
     if verdict.kind not in ("effect", "ambiguous") or not verdict.acting:
-        return f"No known cause explains the gap of {before} rad/s."
+        told = f"No known cause explains the gap of {before} rad/s"
+        if diagnosis.where:
+            clearest = diagnosis.where[0]
+            told += f"; {percent(clearest.share_of_gap)} of it lies {location(clearest)}"
+        return f"{told}."
     alone = len(verdict.acting) == 1
     groups = [_group(diagnosis, group, alone) for group in verdict.acting]
     open_ones = not alone and any(len(group) > 1 for group in verdict.acting)

@@ -65,6 +65,7 @@ def test_a_regression_finds_what_speaks_against_a_verdict(tmp_path):
     assert fitted(cases([tmp_path]), "none")["range"] == [0.5, 0.5]  # of none, nothing is known
 
 
+@pytest.mark.slow
 def test_a_search_ends_at_its_limit_of_work_and_answers(monkeypatch):
     """With hardly any work allowed the answer is still whole, and its grounds say why."""
     monkeypatch.setattr(effect_set_search, "MOST_WORK", 1)

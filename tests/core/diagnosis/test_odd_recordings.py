@@ -41,6 +41,7 @@ UNITS = {
 
 @pytest.mark.parametrize("units", UNITS)
 @pytest.mark.parametrize("machine", [ROTOR, MOTOR], ids=["rotor", "motor"])
+@pytest.mark.slow
 def test_a_gap_that_nothing_explains_ends_at_the_limit_of_work(machine, units, monkeypatch):
     """It took more than fifteen minutes: steps were halved down to nothing, and not counted."""
     monkeypatch.setattr(effect_set_search, "MOST_WORK", MOST_WORK)

@@ -51,6 +51,7 @@ def test_what_is_there_once_is_left_as_it_is(healthy):
 
 
 @pytest.mark.parametrize("factor", [0.1, 2.0, 10.0])
+@pytest.mark.slow
 def test_a_period_that_is_wrong_is_told_of(healthy, factor):
     """It is one more explanation of what looks like an inertia, or like nothing known."""
     found = diagnose(

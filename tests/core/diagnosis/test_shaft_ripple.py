@@ -59,6 +59,7 @@ def found(experiments):
     return diagnose(MACHINE, experiments, effects=[get_effect(n) for n in TRIED], workers=1)
 
 
+@pytest.mark.slow
 def test_a_ripple_that_is_quick_against_the_samples_is_a_gap():
     """To the measured signal's third differences it is noise, and larger than the sensor's."""
     experiments = cogged(0.6, 5.0, (6.0, 12.0), 0.02, [0.0] * 5)
@@ -83,6 +84,7 @@ def test_a_ripple_is_named_though_no_experiment_begins_at_the_same_angle():
     assert "Where the start angle is unknown" in answer.verdict.sentence
 
 
+@pytest.mark.slow
 def test_noise_is_not_taken_for_less_than_it_is():
     """Its level may fall to that above the errors' band, and is found there without a ripple."""
     answer = found(cogged(0.0, 5.0, (6.0, 12.0), 0.02, [0.0] * 4))

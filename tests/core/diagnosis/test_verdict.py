@@ -209,6 +209,7 @@ def test_nor_by_two_others_of_absurd_size():
 
 
 @pytest.mark.parametrize("kind", ["friction", "pair", "one_way", "foreign", "nothing"])
+@pytest.mark.slow
 def test_every_verdict_keeps_its_word(all_of_them, kind):
     """Confidence in 0..1, a sentence, all candidates once, finite numbers or none."""
     found = all_of_them[kind]
