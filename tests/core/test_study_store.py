@@ -96,7 +96,9 @@ def test_half_a_file_is_never_seen(store, tmp_path, monkeypatch):
     """What was there before stays when writing fails, and nothing is left beside it."""
     store.keep(result().case, result())
     before = only_file(tmp_path).read_text()
-    monkeypatch.setattr("pathlib.Path.replace", lambda *_: (_ for _ in ()).throw(OSError("full")))
+    monkeypatch.setattr(
+        "pathlib.Path.replace", lambda *_: (_ for _ in ()).throw(OSError(28, "full"))
+    )
     with pytest.raises(OSError, match="full"):
         store.keep(result().case, replace(result(), seconds=9.0))
     assert only_file(tmp_path).read_text() == before
