@@ -76,7 +76,9 @@ def shapley_shares(search: EffectSetSearch, fit: EffectFit) -> dict[str, float]:
     """Each member's share of what the set takes off the sum of squares; they sum to 1.
 
     It is the mean, over all orders of adding the members, of what the member then takes off
-    (Shapley, "A value for n-person games", 1953). Every subset is fitted on all experiments.
+    (Shapley, "A value for n-person games", 1953). Every subset is fitted on all experiments. A set
+    takes off no less than its parts do, since an effect may be neutral: a fit that found less ended
+    in a poor minimum.
     """
     if len(fit.names) == 1:
         return {fit.names[0]: 1.0}
@@ -85,7 +87,8 @@ def shapley_shares(search: EffectSetSearch, fit: EffectFit) -> dict[str, float]:
     start = float(found.base @ found.base)
     for count in range(1, len(fit.names) + 1):
         for names in itertools.combinations(fit.names, count):
-            worth[frozenset(names)] = start - search.subset(fit, names).loss
+            parts = [worth[frozenset(names) - {n}] for n in names]
+            worth[frozenset(names)] = max(start - search.subset(fit, names).loss, *parts)
     whole = worth[frozenset(fit.names)]
     shares = dict.fromkeys(fit.names, 0.0)
     orders = list(itertools.permutations(fit.names))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.sentences import spoken
 from ldt_core.diagnosis.candidate import START_PHASES, Candidate, turning
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
 from ldt_core.diagnosis.start_states import SEARCH_STEP, StartStates, turns
@@ -62,6 +63,15 @@ class EffectFit:
     def use(self) -> list[Used]:
         """The effects with all their values, as a simulation takes them."""
         return used(self.members, self.z)
+
+    @property
+    def ended(self) -> list[str]:
+        """Parameters whose fit ended where the search does: "stiffness of torsional compliance"."""
+        return [
+            f"{name} of {spoken(c.name)}"
+            for c, z in zip(self.members, self.z, strict=True)
+            for name in c.at_limit(z)
+        ]
 
     @property
     def free(self) -> int:

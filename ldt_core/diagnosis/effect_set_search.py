@@ -22,7 +22,7 @@ from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.model_selection import FittedSets, Names, plain_enough
 from ldt_core.diagnosis.nominal_prior import NominalPrior
 from ldt_core.diagnosis.responses import Responses, best_alone, rank_pairs, simulate_all
-from ldt_core.diagnosis.scouting import empty, of_each_kind, scouted, told
+from ldt_core.diagnosis.scouting import bearable, empty, of_each_kind, scouted, told
 from ldt_core.diagnosis.start_states import StartStates
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
@@ -51,7 +51,7 @@ BEHIND = 1.5  # times the power that the best of a size leaves: a set further be
 MANY_PARAMETERS = 3  # with which a fit may end before its best
 UNFINISHED = 0.005  # of the gap: a fit with many parameters that leaves more goes on
 UNFINISHED_STEPS = 30  # least-squares steps for which it goes on
-MOST_WORK = 100_000_000  # integration steps, after which no further set is sought: 8 to 40 s
+MOST_WORK = 5_000_000_000  # a motor's integration steps, after which no further set is sought
 
 
 class TriedSet(NamedTuple):
@@ -340,8 +340,9 @@ class EffectSetSearch:
                 self.found.fits[names] = scouted
             else:
                 steps = SCOUT_STEPS if self.spent else STEPS
+                begun = bearable(self.residuals, scouted, self.found.base)
                 self.found.fits[names] = fit(
-                    self.residuals, scouted.members, scouted.z, steps=steps, own=len(self.own)
+                    self.residuals, scouted.members, begun, steps=steps, own=len(self.own)
                 )
             self._polish(names)
         return self.found.fits[names]

@@ -6,13 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.base.arrays import Array
+from ldt_core.diagnosis.effect_fit import EffectFit, used
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.model_selection import Names
 from ldt_core.diagnosis.nominal_prior import NominalPrior
 
-SCOUT_SAMPLES = 6_000  # in the scout's experiments together, at most: bounds the time of a fit
+SCOUT_SAMPLES = 6_000  # in the scout's experiments together, about: bounds the time of a fit
 SCOUT_EXPERIMENTS = 8  # at most: enough to show every part of a recording
+WILD = 10.0  # times the loss without effects: a fit that begins with more may never find back
+WEAKENINGS = 6  # halvings of a wild set's effects, down to a 64th
 
 
 def of_each_kind(fits: Sequence[EffectFit]) -> list[EffectFit]:
@@ -44,8 +47,31 @@ def empty(residuals: FreeRunResiduals) -> EffectFit:
 
 
 def scouted(residuals: FreeRunResiduals) -> list[int]:
-    """Places of the experiments that the scout works on, spread evenly over the recording."""
+    """Places of the experiments that the scout works on: from the largest gap to the smallest.
+
+    An effect may act in one experiment only, such as a limit that only one of them reaches.
+    """
     sizes = [p.rows.stop - p.rows.start for p in residuals.pieces]
-    count = max(1, min(SCOUT_EXPERIMENTS, int(SCOUT_SAMPLES // max(np.mean(sizes), 1))))
-    count = min(count, len(sizes))
-    return sorted({round(i) for i in np.linspace(0, len(sizes) - 1, count)})
+    count = max(1, min(SCOUT_EXPERIMENTS, round(SCOUT_SAMPLES / max(np.mean(sizes), 1))))
+    rest = residuals.of()
+    order = np.argsort([-np.mean(rest[p.rows] ** 2) for p in residuals.pieces], kind="stable")
+    chosen = np.linspace(0, len(sizes) - 1, min(count, len(sizes)))
+    return sorted({int(order[round(i)]) for i in chosen})
+
+
+def bearable(residuals: FreeRunResiduals, scouted: EffectFit, base: Array) -> list[Array]:
+    """Coordinates of a scouted set, weaker where not all experiments bear such effects.
+
+    What a few of them allow may run away in another one: a winding that melts there.
+
+    Args:
+        residuals: of all experiments.
+        base: (size,) those without any effect.
+    """
+    begun = list(scouted.z)
+    for _ in range(WEAKENINGS):
+        left = residuals.of(used(scouted.members, begun))
+        if float(left @ left) <= WILD * float(base @ base):
+            break
+        begun = [c.scaled(z, 0.5) for c, z in zip(scouted.members, begun, strict=True)]
+    return begun

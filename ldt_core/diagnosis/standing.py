@@ -14,7 +14,6 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
-from ldt_core.base.sentences import spoken
 from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
@@ -54,13 +53,8 @@ def objection(
             f"it leaves {after.rmse:.3g} rad/s on held-out experiments, where {before.rmse:.3g} "
             "were without it"
         )
-    ends = [
-        f"{name} of {spoken(c.name)}"
-        for c, z in zip(best.members, best.z, strict=True)
-        for name in c.at_limit(z)
-    ]
-    if ends:
-        return f"its fit ended at the limit of the search ({', '.join(ends)})"
+    if best.ended:
+        return f"its fit ended at the limit of the search ({', '.join(best.ended)})"
     if not apart:
         return ""
     left = max(after.rmse**2 - noise**2, 0.0)

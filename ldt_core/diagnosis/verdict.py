@@ -232,6 +232,8 @@ def _worth_more(band: ErrorBand, smaller: EffectFit, larger: EffectFit, gap: flo
     left = max(band.speed_excess(smaller.residual), 0.0)
     if not gain > THRESHOLDS.chance_gain * (len(larger.names) - len(smaller.names)):
         return False
+    if larger.ended and not gain > THRESHOLDS.further_effect_of_gap * gap:
+        return False  # what mends so little and has no size is no cause
     rest = band.speed_excess(larger.residual)
     whole = rest <= band.speed_limit(THRESHOLDS.remainder_false_alarm)
     return earned(smaller.effects, larger.effects, gain, left, gap, whole)

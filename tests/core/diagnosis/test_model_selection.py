@@ -15,7 +15,7 @@ from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.model_selection import earned, kin, plain_enough
 from ldt_core.diagnosis.thresholds import THRESHOLDS
-from ldt_core.diagnosis.verdict import Decision, plainest
+from ldt_core.diagnosis.verdict import Decision, _worth_more, plainest
 from ldt_core.effects import EFFECTS, get_effect
 
 GAP = 1000.0
@@ -215,3 +215,30 @@ def test_sets_that_differ_in_two_members_are_grouped_by_family():
         ["no_regeneration", "open_circuit"],
         ["stribeck_friction", "coulomb_friction"],
     ]
+
+
+class SpeedBand(Noiseless):
+    """The same of the speed alone, in which one deviation is noise."""
+
+    speed_excess = Noiseless.excess
+
+    def speed_gain(self, before, after):
+        return self.excess(before) - self.excess(after)
+
+    def speed_limit(self, alarm):
+        return 1.0
+
+
+@pytest.mark.parametrize("at_limit", [False, True])
+def test_what_mends_little_and_has_no_size_is_no_further_effect(at_limit):
+    """Its fit ended where the search does; a large part of the gap it may still take away."""
+    power = 10 * THRESHOLDS.chance_gain
+    smaller = fitted("constant_load", left=power)
+    larger = fitted("constant_load", "torsional_compliance")
+    if at_limit:
+        z = larger.z[0], larger.members[1].bounds[1]
+        larger = EffectFit(larger.members, z, larger.residual, larger.jacobian, 0.0)
+    assert bool(larger.ended) is at_limit
+    little = power / (0.9 * LIMITS.further_effect_of_gap)
+    assert _worth_more(SpeedBand(), smaller, larger, little) is not at_limit
+    assert _worth_more(SpeedBand(), smaller, larger, little / 2)

@@ -1,0 +1,64 @@
+"""Claims about the few experiments that a search works on, and what they may not show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from recorded_machines import MOTOR, candidates, record
+
+from ldt_core.diagnosis.attribution import shapley_shares
+from ldt_core.diagnosis.effect_fit import EffectFit, fit
+from ldt_core.diagnosis.effect_set_search import EffectSetSearch
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.scouting import bearable, empty, scouted
+
+LIMIT = "voltage_saturation:limit=9"
+LOUD = 2  # place of the only experiment that reaches the limit
+
+
+@pytest.fixture(scope="module")
+def one_reaches_it():
+    """Six experiments of 3000 samples, of which one alone exceeds the limit."""
+    random = np.random.default_rng(4)
+    levels = [np.repeat(random.uniform(-8, 8, 30), 100) for _ in range(6)]
+    levels[LOUD] = 1.5 * levels[LOUD]
+    return FreeRunResiduals(MOTOR, record(MOTOR, LIMIT, count=6, samples=3000, levels=levels))
+
+
+def test_the_experiment_with_the_largest_gap_is_always_looked_at(one_reaches_it):
+    """An effect that acts in one experiment alone would not be found without it."""
+    seen = scouted(one_reaches_it)
+    assert LOUD in seen
+    assert 2 <= len(seen) < 6
+
+
+def test_what_runs_away_elsewhere_begins_weaker(one_reaches_it):
+    """A winding that a few experiments let grow hot melts in another one."""
+    (heat,) = candidates(MOTOR, ["winding_heating"])
+    base = one_reaches_it.of()
+    begun = [heat.coordinates({"thermal_resistance": 1e5, "time_constant": 1.0})]
+    rest = empty(one_reaches_it).residual
+    wild = EffectFit((heat,), tuple(begun), rest, np.zeros((rest.size, 2)), 0.0)
+    found = bearable(one_reaches_it, wild, base)
+    assert found[0][0] < begun[0][0]
+    mild = heat.coordinates({"thermal_resistance": 1.0, "time_constant": 1.0})
+    calm = fit(one_reaches_it, [heat], [mild])
+    np.testing.assert_array_equal(bearable(one_reaches_it, calm, base)[0], calm.z[0])
+
+
+def test_a_fit_that_went_astray_takes_no_share_from_the_others():
+    """An effect may be neutral, so a set explains no less than each of its parts."""
+    experiments = record(MOTOR, "inertia:factor=1.3", "constant_load:torque=0.01")
+    search = EffectSetSearch(
+        FreeRunResiduals(MOTOR, experiments), candidates(MOTOR, ["inertia", "constant_load"])
+    )
+    search.run()
+    both = search.found.of_size(2)[0]
+    for name in both.names:
+        alone = search.subset(both, [name])
+        astray = EffectFit(alone.members, alone.z, alone.residual, alone.jacobian, 1e12)
+        search.found.fits[frozenset([name])] = astray
+        shares = shapley_shares(search, both)
+        assert all(0 <= s <= 1 for s in shares.values()), shares
+        assert sum(shares.values()) == pytest.approx(1.0)
+        search.found.fits[frozenset([name])] = alone
