@@ -116,7 +116,6 @@ class FreeRunResiduals:
         #: Whether the machine shakes a foundation as its file knows it.
         self.shaking = self.physics.shakes(self.values)
         if self.shaking:
-            self.price *= SHAKEN_PRICE
             self.starts = searched_start_states(self, (), True, 0, True, True, SEARCH_STEP)
         if noise is None:
             self._repeat()
@@ -139,12 +138,13 @@ class FreeRunResiduals:
         self._widen(*wider)
 
     def _price(self) -> int:
-        """Steps for a sample, as far as the machine without any effect tells."""
+        """A motor's steps for a sample, as far as the machine without any effect tells."""
         period = max((e.period for e in self.experiments), default=SEARCH_STEP)
+        each = SHAKEN_PRICE if self.physics.shakes(self.values) else 1
         rate = motor_rate(self.physics.folded(self.values))
         if rate * MAX_STEP > MAX_STEP_RATE:
-            return USUAL_ROUNDS * math.ceil(period / SEARCH_STEP)
-        return math.ceil(period / min(SEARCH_STEP, MAX_STEP_RATE / rate))
+            return each * USUAL_ROUNDS * math.ceil(period / SEARCH_STEP)
+        return each * math.ceil(period / min(SEARCH_STEP, MAX_STEP_RATE / rate))
 
     def _tolerate(self, tolerance: float) -> None:
         """Take the noise to be as large as the laws' own errors are likely to be."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -130,14 +131,30 @@ def test_the_angle_matters_for_what_pulls_at_an_angle_alone():
     assert np.isfinite(residuals.of()).all()
 
 
+def searched(machine, *effects):
+    """(a search that is done, the best pair) of a machine with two effects, the only candidates."""
+    names = [e.split(":")[0] for e in effects]
+    residuals = FreeRunResiduals(machine, record(machine, *effects))
+    search = EffectSetSearch(residuals, candidates(machine, names))
+    search.run()
+    return search, search.found.of_size(2)[0]
+
+
+def test_a_fit_that_went_astray_takes_no_share_from_the_others():
+    """An effect may be neutral, so a set explains no less than each of its parts."""
+    search, both = searched(MOTOR, "inertia:factor=1.3", "constant_load:torque=0.01")
+    for name in both.names:
+        alone = search.subset(both, [name])
+        search.found.fits[frozenset([name])] = replace(alone, loss=1e12)
+        shares = shapley_shares(search, both)
+        assert all(0 <= s <= 1 for s in shares.values()), shares
+        assert sum(shares.values()) == pytest.approx(1.0)
+        search.found.fits[frozenset([name])] = alone
+
+
 def test_shares_are_those_of_a_game_and_sum_to_1():
     """Of two effects: the mean of what each explains alone and after the other one."""
-    experiments = record(ROTOR, "coulomb_friction:torque=0.2", "inertia:factor=1.2")
-    search = EffectSetSearch(
-        FreeRunResiduals(ROTOR, experiments), candidates(ROTOR, ["coulomb_friction", "inertia"])
-    )
-    search.run()
-    both = search.found.of_size(2)[0]
+    search, both = searched(ROTOR, "coulomb_friction:torque=0.2", "inertia:factor=1.2")
     shares = shapley_shares(search, both)
     start = float(search.found.base @ search.found.base)
     alone = {f.names[0]: start - f.loss for f in search.found.of_size(1)}
@@ -237,7 +254,7 @@ def test_what_mends_little_and_has_no_size_is_no_further_effect(at_limit):
     larger = fitted("constant_load", "torsional_compliance")
     if at_limit:
         z = larger.z[0], larger.members[1].bounds[1]
-        larger = EffectFit(larger.members, z, larger.residual, larger.jacobian, 0.0)
+        larger = replace(larger, z=z)
     assert bool(larger.ended) is at_limit
     little = power / (0.9 * LIMITS.further_effect_of_gap)
     assert _worth_more(SpeedBand(), smaller, larger, little) is not at_limit

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from recorded_machines import MOTOR, candidates, record
 
-from ldt_core.diagnosis.attribution import shapley_shares
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
-from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.scouting import bearable, empty, scouted
 
@@ -44,21 +42,3 @@ def test_what_runs_away_elsewhere_begins_weaker(one_reaches_it):
     mild = heat.coordinates({"thermal_resistance": 1.0, "time_constant": 1.0})
     calm = fit(one_reaches_it, [heat], [mild])
     np.testing.assert_array_equal(bearable(one_reaches_it, calm, base)[0], calm.z[0])
-
-
-def test_a_fit_that_went_astray_takes_no_share_from_the_others():
-    """An effect may be neutral, so a set explains no less than each of its parts."""
-    experiments = record(MOTOR, "inertia:factor=1.3", "constant_load:torque=0.01")
-    search = EffectSetSearch(
-        FreeRunResiduals(MOTOR, experiments), candidates(MOTOR, ["inertia", "constant_load"])
-    )
-    search.run()
-    both = search.found.of_size(2)[0]
-    for name in both.names:
-        alone = search.subset(both, [name])
-        astray = EffectFit(alone.members, alone.z, alone.residual, alone.jacobian, 1e12)
-        search.found.fits[frozenset([name])] = astray
-        shares = shapley_shares(search, both)
-        assert all(0 <= s <= 1 for s in shares.values()), shares
-        assert sum(shares.values()) == pytest.approx(1.0)
-        search.found.fits[frozenset([name])] = alone
