@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ldt_core.base.experiment import Level, Samples
+from ldt_core.base.experiment import Experiment, Level, Samples, Signal
 from ldt_core.detectors.base import Detector, declared
-from ldt_core.detectors.excited_range import Hull, hull, joined, within
+from ldt_core.detectors.excited_range import Hull, hull, inside, joined, within
 from ldt_core.estimation.misfit import MOST_LOG, STRETCH, Misfit, Setting, misfit, setting
 from ldt_core.estimation.noise import sensor_step
 
@@ -157,11 +157,58 @@ class Adequacy(Detector):
         self.step = self.step if speed is None else sensor_step([speed]) or self.step
         self._under = setting(voltage, speed, self.step)
         level = self._judged(residual, deviation, voltage)
-        self.last = hull(voltage)
-        self.seen = joined(self.seen, self.last) if self.seen else self.last
-        if self.explained and self.model_state == "holds":
-            self.explained = joined(self.explained, self.last)
+        self._saw(hull(voltage))
         return level
+
+    def take_over(self, signal: Signal, experiment: Experiment, deviation: Samples | None) -> bool:
+        """Take over that the model holds, or is as inadequate as before: nearly all signals."""
+        told = signal.statistics
+        mine = type(self) is Adequacy and told.keys() == self.statistics.keys()
+        if not mine or told["drift_limit"] != self.false_alarm_every or self.drift_detected:
+            return False
+        if not signal.adequacy or len(experiment) < LEAST_SAMPLES:
+            return False
+        last = hull(experiment.voltage)
+        if not (self._held(signal) or self._failed_again(signal, deviation, last)):
+            return False
+        self.signal, self.model_state, self.adequacy = signal.level, signal.state, signal.adequacy
+        self.unexplained, self.misfit = told["unexplained"], told["misfit"]
+        self.change = told["change"]
+        self.step = sensor_step([experiment.speed]) or self.step
+        self._saw(last)
+        return True
+
+    def _held(self, signal: Signal) -> bool:
+        """Whether it was said that the model holds, which then ends all trials."""
+        told = signal.statistics
+        if signal.state != "holds" or signal.level is not Level.NEGATIVE:
+            return False
+        if self.trials > 0:
+            if told["unexplained"] or told["misfit"] or told["change"]:
+                return False
+            self._clear()
+        return told["unexplained"] < self.false_alarm_every and told["change"] == self.change
+
+    def _failed_again(self, signal: Signal, deviation: Samples | None, last: Hull) -> bool:
+        """Whether it was said that the model fails as before; then its error is the adequacy."""
+        if signal.state != "inadequate" or signal.level is not Level.WARNING:
+            return False
+        known = self.seen and inside(last, self.seen)
+        if deviation is not None or self.trials == 0 or not known:
+            return False
+        error = math.log(signal.adequacy or 1.0)
+        if self.wait < 2 or math.exp(error) >= NEWS * self.heard:
+            return False
+        self.wait -= 1
+        self.errors = [*self.errors, error][-REMEMBERED:]
+        return True
+
+    def _saw(self, last: Hull) -> None:
+        """Take note of the range of the last experiment, of which the state is known."""
+        self.last = last
+        self.seen = joined(self.seen, last) if self.seen else last
+        if self.explained and self.model_state == "holds":
+            self.explained = joined(self.explained, last)
 
     def _judged(self, residual: Samples, deviation: Samples | None, voltage: Samples) -> Level:
         if residual.size < LEAST_SAMPLES:

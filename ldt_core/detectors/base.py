@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 import msgs_config
 from ldt_core.base.errors import OptionError
-from ldt_core.base.experiment import Level, Samples
+from ldt_core.base.experiment import Experiment, Level, Samples, Signal
 from ldt_core.base.settings import check
 
 
@@ -106,6 +106,21 @@ class Detector(abc.ABC):
 
     def measured(self, speed: Samples) -> None:  # noqa: B027 - most detectors need not know
         """Hear the measured speed (L,) [rad/s] of the experiment that the next update is about."""
+
+    def take_over(self, signal: Signal, experiment: Experiment, deviation: Samples | None) -> bool:
+        """Take over what it is recorded to have said of an experiment, in place of `update`.
+
+        For detectors whose signal tells all that `update` would find out, to the last bit.
+
+        Args:
+            signal: as it was recorded.
+            experiment: that it was about.
+            deviation: (L,) the model's own predictive standard deviation [rad/s], or None.
+
+        Returns:
+            Whether it is as after `update`; else nothing has changed, and `update` decides.
+        """
+        return False
 
     @property
     def drift_detected(self) -> bool:

@@ -34,16 +34,27 @@ def joined(one: Hull, other: Hull) -> Hull:
     return [np.minimum(one[0], other[0]).tolist(), np.maximum(one[1], other[1]).tolist()]
 
 
+def inside(one: Hull, other: Hull) -> bool:
+    """Whether all of a voltage with the one hull is `within` the other; neither is empty."""
+    low, high = np.array(other)
+    slack = _slack(low, high)
+    return not ((one[0] < low - slack) | (one[1] > high + slack)).any()
+
+
 def within(voltage: Array, range_: Hull) -> NDArray[np.bool_]:
     """(L,) samples of a voltage (L,) [V] inside a hull; all inside an empty one."""
     if not range_:
         return np.ones(voltage.size, dtype=bool)
     low, high = np.array(range_)
-    slack = MARGIN * np.maximum(high - low, np.abs(high))
+    slack = _slack(low, high)
     seen = _quantities(voltage)
     outside = ((seen < low - slack) | (seen > high + slack)).any(axis=1)
     wide = max(1, round(AFTER * voltage.size))
     return np.asarray(np.convolve(outside, np.ones(wide))[: voltage.size] == 0)
+
+
+def _slack(low: Array, high: Array) -> Array:
+    return np.asarray(MARGIN * np.maximum(high - low, np.abs(high)))
 
 
 def _quantities(voltage: Array) -> Array:

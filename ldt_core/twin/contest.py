@@ -22,6 +22,7 @@ from ldt_core.twin.version_errors import (
     BETTER,
     alike,
     explains,
+    fit_of,
     gains,
     largest_error,
     pays,
@@ -142,11 +143,12 @@ class ContestAdaptor(Adaptor):
         """The condition that a version stands for: its number, of what is the original again 0."""
         return UNLEARNED if alike(model, self.original) else model.version
 
-    def _explain(self, experiment: Experiment) -> None:
+    def _explain(self, experiment: Experiment, step: RecordedStep | None = None) -> None:
         """Find the version that explains the experiment, the present one before all others."""
-        known = self.model if explains(self.model, experiment) else self._known(experiment)
-        self._explaining = known
-        self.backoff.saw(known is not None, rms_error(self.model, experiment))
+        said = None if step is None else step.prediction
+        fits, error = fit_of(self.model, experiment, said)
+        self._explaining = self.model if fits else self._known(experiment)
+        self.backoff.saw(self._explaining is not None, error)
 
     def _took(self, before: Model, recent: Sequence[Experiment], signal: Signal) -> None:
         """Note what a new version has learned from; of one in force again it is not known.
@@ -363,7 +365,7 @@ class ContestAdaptor(Adaptor):
         pool = self.unexplained(step.experiment)[-POOL:] if told.get(SEARCHING) else []
         passed_over = any(told.get(why) for why in PASSED_OVER)
         if not passed_over:
-            self._explain(step.experiment)
+            self._explain(step.experiment, step)
         if pool:
             self.backoff.failed(rms_error(self.model, step.experiment))
         before, recent = self.model, self.memory.recent

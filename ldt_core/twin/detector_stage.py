@@ -101,7 +101,7 @@ class DetectorStage:
         Raises:
             RecordingError: this detector answers otherwise than the recorded one.
         """
-        judged = self._judged(step.experiment, step.prediction)
+        judged = self._judged(step.experiment, step.prediction, step.signal)
         recorded, answer = step.signal.level, self.detector.signal
         if not judged:
             answer = Level.WARNING
@@ -143,10 +143,12 @@ class DetectorStage:
             raise
         self._version = version
 
-    def _judged(self, experiment: Experiment, prediction: Prediction) -> bool:
+    def _judged(
+        self, experiment: Experiment, prediction: Prediction, said: Signal | None = None
+    ) -> bool:
         """Take in one experiment; False where the detector fails, which costs it this one alone."""
         try:
-            self._update(experiment, prediction)
+            self._update(experiment, prediction, said)
             self._statistics = _plain(self.detector.statistics)
         except ExperimentError:
             raise
@@ -156,7 +158,7 @@ class DetectorStage:
         self.trouble = ""
         return True
 
-    def _update(self, experiment: Experiment, prediction: Prediction) -> None:
+    def _update(self, experiment: Experiment, prediction: Prediction, said: Signal | None) -> None:
         adapted = prediction.model_version != self._version
         heard = self.detector.drift_detected
         # A version can come into force at a warning, too.
@@ -166,6 +168,9 @@ class DetectorStage:
                 self.assessor.answered(adapted)
         self._version = prediction.model_version
         residual, deviation = prediction.residual(experiment), prediction.speed_std
+        mine = said is not None and self.assessor is None and self.name == said.detector
+        if said is not None and mine and self.detector.take_over(said, experiment, deviation):
+            return
         self.detector.excited(experiment.voltage)
         self.detector.measured(experiment.speed)
         self.detector.update(residual, deviation)

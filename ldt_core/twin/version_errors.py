@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ldt_core.base.errors import LdtError
-from ldt_core.base.experiment import Experiment, rms
+from ldt_core.base.experiment import Experiment, Prediction, rms
 from ldt_core.estimation.misfit import EXPLAINED, misfit, setting
 from ldt_core.estimation.noise import correlation_time
 from ldt_core.models.base import Model
@@ -43,12 +43,29 @@ def rms_error(model: Model, experiment: Experiment) -> float:
         return float("inf")
 
 
+def fit_of(
+    model: Model, experiment: Experiment, said: Prediction | None = None
+) -> tuple[bool, float]:
+    """Whether a model explains an experiment, and its root mean square error there [rad/s].
+
+    Args:
+        said: a prediction that is recorded; if it is this model's none is computed.
+    """
+    if said is None or said.model_version != model.version:
+        return explains(model, experiment), rms_error(model, experiment)
+    return _is_explained(said, experiment), rms(said.residual(experiment))
+
+
 def explains(model: Model, experiment: Experiment) -> bool:
     """Whether what it leaves is noise, or what it claims not to know."""
     try:
         prediction = model.predict(experiment)
     except LdtError:
         return False
+    return _is_explained(prediction, experiment)
+
+
+def _is_explained(prediction: Prediction, experiment: Experiment) -> bool:
     under = setting(experiment.voltage, experiment.speed)
     return misfit(prediction.residual(experiment), prediction.speed_std, under).explained
 
