@@ -35,7 +35,13 @@ MAX_CANDIDATES = 8  # candidates in the table of the terminal; the page has all
     metavar="FRACTION",
     help="Share of the experiments that closure is measured on, not fitted.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of what is drawn at random.")
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**32 - 1),
+    default=0,
+    show_default=True,
+    help="Of what is drawn at random.",
+)
 @click.option(
     "--effect",
     "more",
@@ -223,7 +229,7 @@ def _print(found: Diagnosis, folder: Path) -> None:
     console = Console()
     console.print(found.verdict.sentence)
     if found.verdict.kind != "none":
-        table = Table(title="what was tried, each alone")
+        table = Table(title="what was tried, each alone, and what it explains of the gap held out")
         for column in ("effect", "explains", "amount", "verdict"):
             table.add_column(column, justify="right" if column == "explains" else "left")
         for c in found.candidates[:MAX_CANDIDATES]:

@@ -29,14 +29,21 @@ def share(part: float) -> float:
     return float(np.clip(part, 0.0, 1.0))
 
 
+def law_variance(left: float, gap: float) -> float:
+    """Variance of the data, in that of the noise, with what the laws are off by.
+
+    A set leaves the power `left` beyond noise, of the power `gap` of the whole gap.
+    """
+    return 1 + (max(left, 0.0) + TRACELESS_ERROR * max(gap, 0.0)) / REMAINDER_SHAPES
+
+
 def covariance(fit: EffectFit, left: float, gap: float) -> Array:
     """(p, p) of all coordinates; infinite variance where nothing depends on one.
 
-    The set leaves the power `left` beyond noise, of the power `gap` of the whole gap.
+    Arguments as of `law_variance`.
     """
     # What is known beforehand does not get wider with what the laws leave.
-    wider = 1 + (max(left, 0.0) + TRACELESS_ERROR * max(gap, 0.0)) / REMAINDER_SHAPES
-    rows = np.vstack([fit.jacobian / math.sqrt(wider), fit.prior_rows])
+    rows = np.vstack([fit.jacobian / math.sqrt(law_variance(left, gap)), fit.prior_rows])
     size = np.linalg.norm(rows, axis=0)
     seen = np.flatnonzero(size > 1e-9)
     found = np.diag(np.full(size.size, math.inf))

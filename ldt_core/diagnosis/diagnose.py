@@ -44,7 +44,7 @@ from ldt_core.diagnosis.holdout import (
 from ldt_core.diagnosis.isolability import isolability
 from ldt_core.diagnosis.library import library
 from ldt_core.diagnosis.next_experiment import next_experiment
-from ldt_core.diagnosis.nominal import at_the_end, enough, refits, said, with_all
+from ldt_core.diagnosis.nominal import at_the_end, beyond, enough, refits, said, with_all
 from ldt_core.diagnosis.nominal_prior import NOMINAL, NominalPrior, merged, nominal_prior
 from ldt_core.diagnosis.recorded_times import without_repeats, wrong_clock
 from ldt_core.diagnosis.residual_torque import (
@@ -62,6 +62,7 @@ from ldt_core.machine.sensor_check import doubt, sound
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.machine_sizes import machine_scales
 
+NO_VOLTAGE = 1e-9  # of the machine's limit: it has no sizes to look for effects in, as at 0 V
 LEAST_SCORE = 0.01  # of the gap: an effect that explains less is said to explain nothing
 
 
@@ -98,7 +99,9 @@ def diagnose(
     only = len(trusted) < THRESHOLDS.trusted_experiments
     experiments = trusted if fault and not only else experiments
     fitted, held = split(experiments, holdout, seed)
-    most = max(float(np.abs(e.voltage).max()) for e in fitted) or 1.0
+    most = max(float(np.abs(e.voltage).max()) for e in fitted)
+    if most < NO_VOLTAGE * max(map(abs, machine.voltage_limits)):
+        most = 1.0
     sizes = machine_scales(machine.parameters, most)
     prior = nominal_prior(machine, refit, recordings)
     candidates = [
@@ -196,7 +199,8 @@ class _Report:
         if d.kind == "none":
             words = enough(refit, was.rmse) or words
         sure = self.named is not None or d.kind == "none"
-        far = said(self.machine, refit, was.rmse) if sure else ""
+        moved = beyond(self.prior, self.completed(self.named or self.alone), d.left, d.excess)
+        far = said(self.machine, refit, moved, was.rmse) if refit and sure else ""
         words = " ".join(w for w in (words, far) if w)
         if self.fault:
             words = not_measured(self.fault, "" if self.faulty else words)
@@ -367,9 +371,9 @@ class _Report:
         if score is None or score < LEAST_SCORE:
             return "explains nothing of the gap"
         if d.kind == "unknown":
-            return f"leaves {1 - score:.0%} of the gap"
+            return f"leaves {1 - score:.0%} of the fitted gap"
         best = " and ".join(d.best.names) if d.best else ""
-        return f"leaves {1 - score:.1%} of the gap, {best} {share(d.left / d.excess):.1%}"
+        return f"leaves {1 - score:.1%} of the fitted gap, {best} {share(d.left / d.excess):.1%}"
 
     def _shown(self, before: Sequence[Array], after: Sequence[Array]) -> list[DrawnExperiment]:
         """All experiments for the page, from the free runs of those held out."""

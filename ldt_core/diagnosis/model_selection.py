@@ -2,6 +2,7 @@
 
 No law is exactly the machine's, so further effects can always take away some of what is left. One
 is named if it explains a stated part of the gap, or a smaller part, if nearly nothing else is left.
+A relative of what is named must also find more left than a law may be off.
 """
 
 from __future__ import annotations
@@ -57,16 +58,17 @@ def earned(
         whole: whether the larger one leaves the noise alone.
     """
     added = len(larger) - len(smaller)
-    related = max(0, kin(larger) - kin(smaller))
     limits = THRESHOLDS
-    further = limits.further_effect_of_gap * max(0, added - related)
-    need = (further + limits.same_family_of_gap * related) * gap
-    if gain > need and gain > limits.further_effect_of_remainder * left:
+    # What leaves more than a law may be off is no cause by itself, whose law a relative mends.
+    if kin(larger) > kin(smaller) and left <= limits.unexplained_of_gap * gap:
+        return False
+    further = limits.further_effect_of_gap * added * gap
+    if gain > further and gain > limits.further_effect_of_remainder * left:
         return True
     # What by itself takes away all that was left, down to the noise, does not mend another law.
     all_of_it = whole and added == 1 and gain > limits.whole_remainder * left
     small = all_of_it or gain > limits.small_effect_of_gap * added * gap
-    return related == 0 and small and gain > limits.small_effect_of_remainder * left
+    return small and gain > limits.small_effect_of_remainder * left
 
 
 @dataclass(eq=False)
@@ -98,11 +100,6 @@ class FittedSets:
         """
         found = [f for names, f in self.fits.items() if len(names) == count]
         return sorted((f for f in found if not self.cancels(f)), key=lambda f: f.loss)
-
-    def parts(self, fitted: EffectFit) -> list[EffectFit]:
-        """A set without one of its members, as far as that was fitted on all experiments."""
-        names = frozenset(fitted.names)
-        return [self.fits[names - {n}] for n in fitted.names if names - {n} in self.fits]
 
     def cancels(self, fitted: EffectFit) -> bool:
         """Whether two members of a set move the experiments in nearly opposite directions."""

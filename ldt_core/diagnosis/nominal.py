@@ -14,7 +14,7 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.sentences import listed
-from ldt_core.diagnosis.attribution import DEVIATIONS, covariance
+from ldt_core.diagnosis.attribution import DEVIATIONS, covariance, law_variance
 from ldt_core.diagnosis.candidate import LIMIT_MARGIN
 from ldt_core.diagnosis.diagnosis import Refit
 from ldt_core.diagnosis.effect_fit import EffectFit, by_member, used
@@ -22,6 +22,8 @@ from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.nominal_prior import NominalPrior
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
+
+RANK = 1e-9  # of the largest singular value: a direction with less is none
 
 
 def with_all(
@@ -110,14 +112,35 @@ def at_the_end(fitted: EffectFit) -> bool:
     return bool(np.abs(fitted.z[-1]).max() >= THRESHOLDS.prior_deviations - LIMIT_MARGIN)
 
 
-def beyond(found: Sequence[Refit]) -> list[Refit]:
-    """Those that lie further from the machine file than its tolerance allows."""
-    most = THRESHOLDS.prior_deviations
-    return [
-        r
-        for r in found
-        if r.prior_std and r.factor > 0 and abs(np.log(r.factor)) > most * r.prior_std
-    ]
+def beyond(
+    prior: NominalPrior | None, fitted: EffectFit, left: float, excess: float
+) -> dict[str, float]:
+    """Parameters further from the file than its tolerance allows, by how many deviations.
+
+    A fit weighs the data by their noise alone, so that a narrow prior gives way to what the laws
+    are off by. Here they weigh as little as those errors make them worth, as in `covariance`.
+
+    Args:
+        fitted, left, excess: as of `refits`.
+    """
+    if prior is None or not (fitted.own and prior.known):
+        return {}
+    z = np.concatenate(fitted.z)
+    count = len(fitted.z[-1])
+    others, own = np.split(fitted.jacobian, [z.size - count], axis=1)
+    basis, size, _ = np.linalg.svd(others, full_matrices=False)
+    basis = basis[:, size > RANK * size.max(initial=0.0)]
+    own = own - basis @ (basis.T @ own)
+    known, variance = own.T @ own, law_variance(left, excess)
+    pulled = known @ z[-count:] - own.T @ fitted.residual
+    low, high = fitted.members[-1].bounds
+    z[-count:] = np.clip(np.linalg.solve(known + variance * np.eye(count), pulled), low, high)
+    try:
+        moved = _logarithms(prior, fitted, z)
+    except LdtError:  # as in `refits`
+        return {}
+    far = {n: abs(float(m)) / prior.deviations[n] for n, m in zip(prior.names, moved, strict=True)}
+    return {n: d for n, d in far.items() if d > THRESHOLDS.prior_deviations}
 
 
 def enough(found: Sequence[Refit], before: float) -> str:
@@ -135,23 +158,24 @@ def enough(found: Sequence[Refit], before: float) -> str:
     )
 
 
-def said(machine: Machine, found: Sequence[Refit], before: float) -> str:
+def said(machine: Machine, found: Sequence[Refit], far: Mapping[str, float], before: float) -> str:
     """A sentence on those far from the file; "" where there are none.
 
     Args:
+        far: see `beyond`.
         before: the file's error on held-out experiments [rad/s].
     """
-    far = beyond(found)
     if not far:
         return ""
     units = {p.name: p.unit for p in machine.model.parameters}
     what = listed(
         f"{r.parameter} is not {machine.parameters[r.parameter]:.4g} {units[r.parameter]} any more "
         f"but {r.factor * machine.parameters[r.parameter]:.4g} (× {r.factor:.3g}, "
-        f"{abs(float(np.log(r.factor))) / (r.prior_std or 1):.2g} deviations)"
-        for r in far
+        f"{far[r.parameter]:.2g} deviations)"
+        for r in found
+        if r.parameter in far
     )
-    part = far[0].closed_fraction
+    part = found[0].closed_fraction
     alone = (
         ""
         if part is None

@@ -100,9 +100,6 @@ class Thresholds:
     simpler_set_of_gap: float = _limit(
         0.01, OF_GAP, CASES, "More parameters follow better even where the simpler law is right."
     )
-    shapley_share: float = _limit(
-        0.01, "share of what the set explains", CASES, "A lesser member only mends another law."
-    )
     # Which verdict it is
     indistinguishable_loss: float = _limit(
         10.8, LOSS, f"{CHI_SQUARE}, p = 0.001", "Sets that differ by less cannot be told apart."

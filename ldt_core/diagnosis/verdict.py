@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.arrays import Array
-from ldt_core.diagnosis.attribution import shapley_shares
 from ldt_core.diagnosis.confidence import decades
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
@@ -120,7 +119,7 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
         best = min([best, *found.of_size(size)[:1]], key=lambda f: band.excess(f.residual))
     band.level = search.band.level = band.channel_noise(best.residual)
     gap = band.speed_gap(found.base, best.residual)
-    chosen = _largest_that_all_share(search, _growing_sets(found, gap), gap)
+    chosen = _largest_worth_its_parts(search, _growing_sets(found, gap), gap)
     search.alternatives(chosen)
     pool = found.of_size(len(chosen.names))
     gap = band.speed_gap(found.base, pool[0].residual)
@@ -239,19 +238,18 @@ def _worth_more(band: ErrorBand, smaller: EffectFit, larger: EffectFit, gap: flo
     return earned(smaller.effects, larger.effects, gain, left, gap, whole)
 
 
-def _largest_that_all_share(
+def _largest_worth_its_parts(
     search: EffectSetSearch, chosen: Sequence[EffectFit], gap: float
 ) -> EffectFit:
-    """The largest of these sets to which each member brings more than a trifle.
+    """The largest of these sets that is worth more than each of its parts.
 
     The smaller set that it was held against may have been a poor one: a part of it that is nearly
     as good as all of it shows that a member only mends another law.
     """
-    found = search.found
     for tried in reversed(chosen[1:]):
-        if min(shapley_shares(search, tried).values()) < THRESHOLDS.shapley_share:
-            continue
-        if all(_worth_more(found.band, part, tried, gap) for part in found.parts(tried)):
+        others = ([n for n in tried.names if n != name] for name in tried.names)
+        parts = (search.subset(tried, names) for names in others)
+        if all(_worth_more(search.found.band, part, tried, gap) for part in parts):
             return tried
     return chosen[0]
 

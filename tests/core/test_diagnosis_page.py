@@ -466,3 +466,12 @@ def test_a_gap_that_differs_between_experiments_asks_what_changed_when():
     steady = replace(found, where=[GapLocation("speed", 5, 8, "rad/s", 0.9, 0.5)])
     assert diagnosis_sections.next_step(changed, kept)[1].endswith("--out played --diagnose")
     assert diagnosis_sections.next_step(steady, kept)[1].endswith("--out played")
+
+
+@pytest.mark.parametrize("kind", ["effect", "ambiguous", "unknown", "none"])
+def test_what_to_do_next_stands_with_the_answer(kind):
+    """A command, or the section with the experiment that tells causes apart; above the picture."""
+    shown = diagnosis_page.page(fake_diagnosis(kind))
+    step = shown.index('<p class="step">Next, ')
+    assert shown.index('<p class="sentence">') < step < shown.index("<figure")
+    assert ('<a href="#next">' in shown[step : step + 80]) == (kind == "ambiguous")

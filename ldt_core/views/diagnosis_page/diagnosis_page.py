@@ -38,7 +38,7 @@ def page(diagnosis: Diagnosis, kept: Path = Path(JSON)) -> str:
         sections.lead(diagnosis),
         sections.FOOTER,
         made,
-        sections.answer(diagnosis),
+        sections.answer(diagnosis, kept),
         figure=sections.curves(diagnosis),
     )
 

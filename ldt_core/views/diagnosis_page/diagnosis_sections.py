@@ -43,15 +43,23 @@ MARKS = {"found": Mark("acts", "found"), "vague": Mark("may act", "vague")}
 OPEN_ROWS = 10  # candidates in the table that is not folded
 HEAD = ("effect", "verdict", "amounts (95 %)", "score", "error [rad/s]", "closes alone")
 NOT_DRAWN = "No experiment is there to be drawn."
+NEXT = "next"  # the section of the experiment to do next
 HELD_OUT = "held out, never fitted"
 
 
-def answer(diagnosis: Diagnosis) -> Answer:
-    """The verdict in a short sentence; the first section has it in full."""
+def answer(diagnosis: Diagnosis, kept: Path) -> Answer:
+    """The verdict in a short sentence, and what to do with it.
+
+    The first section has the verdict in full. An experiment that would tell causes apart has a
+    section of its own.
+    """
     verdict = diagnosis.verdict
     mark = Mark(WORDS.get(verdict.kind, verdict.kind), TONES.get(verdict.kind, "open"))
     aside = f"confidence {percent(verdict.confidence)}".replace(" ", "\N{NO-BREAK SPACE}")
-    return Answer(mark, aside, headline(diagnosis))
+    step, command = next_step(diagnosis, kept)
+    if not command and diagnosis.next_experiment is not None:
+        step = "record the experiment that would tell more"
+    return Answer(mark, aside, headline(diagnosis), step, command, NEXT)
 
 
 def lead(diagnosis: Diagnosis) -> str:
@@ -100,9 +108,6 @@ def gap(diagnosis: Diagnosis, kept: Path) -> Section:
     groups = [g for g in diagnosis.verdict.acting if len(g) > 1]
     pairs += [("either", listed(g, "or")) for g in groups]
     section.blocks.append(Pairs(pairs))
-    words, command = next_step(diagnosis, kept)
-    if command:
-        section.blocks += [Text(f"Next, {words}:"), Text(command, "code")]
     if diagnosis.effects:
         recording = shlex.quote(next(iter(diagnosis.recordings), "RECORDING"))
         command = (
@@ -324,7 +329,7 @@ def blind(diagnosis: Diagnosis) -> Section:
 
 def following(diagnosis: Diagnosis) -> Section:
     """The experiment to do next."""
-    section = Section("next", "The next experiment")
+    section = Section(NEXT, "The next experiment")
     then = diagnosis.next_experiment
     if then is None or not len(then.voltage):
         section.blocks.append(Text("No further experiment is proposed.", "missing"))

@@ -42,11 +42,19 @@ Value = str | Mark | Cell | Lines
 
 @dataclass(frozen=True)
 class Answer:
-    """What a page is about, said in one sentence under its title."""
+    """What a page is about, said in one sentence under its title.
+
+    Args:
+        step: what to do next, in words.
+        command: that does it; "" where the section `place` of the page says how.
+    """
 
     mark: Mark
     aside: str
     sentence: str
+    step: str = ""
+    command: str = ""
+    place: str = ""
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ LIMITS = THRESHOLDS
 FURTHER = LIMITS.further_effect_of_gap * GAP
 SMALL = LIMITS.small_effect_of_gap * GAP
 KIN = LIMITS.same_family_of_gap * GAP
+NO_CAUSE = LIMITS.unexplained_of_gap * GAP
 
 
 def members(*names):
@@ -74,11 +75,11 @@ def test_a_small_part_earns_it_if_it_is_nearly_all_that_was_left():
     )
 
 
-def test_a_relative_of_what_is_named_needs_more():
-    """A harmonic beside gravity is what gravity's own law may look like."""
+def test_a_relative_is_named_only_beside_what_is_no_cause_by_itself():
+    """A harmonic beside gravity is what gravity's own law may look like, if little is left."""
     one, two = members("gravity_imbalance"), members("gravity_imbalance", "cogging_torque")
-    assert not earned(one, two, 0.9 * KIN, 0.9 * KIN, GAP)
-    assert earned(one, two, 1.1 * KIN, 1.1 * KIN, GAP)
+    assert not earned(one, two, 0.9 * NO_CAUSE, 0.9 * NO_CAUSE, GAP, whole=True)
+    assert earned(one, two, 0.9 * NO_CAUSE, 1.1 * NO_CAUSE, GAP)
 
 
 def test_a_weak_friction_beside_a_strong_drag_is_named():

@@ -14,6 +14,8 @@ from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.nominal import beyond
+from ldt_core.diagnosis.nominal_prior import NominalPrior
 from ldt_core.diagnosis.standing import objection
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import is_gap
@@ -133,6 +135,19 @@ def test_what_nominal_parameters_close_is_told(factor, far):
     assert said.startswith("No effect is needed: nominal parameters") != far
     assert (list(found.verdict.effects) == ["motor_constant"]) == far
     assert ("K_t is not 0.05 N m/A any more but 0.08" in said) == far
+
+
+def test_what_the_laws_are_off_by_is_no_finding_about_the_machines_own_numbers():
+    """It pulls at narrow priors; once it counts as an error, they stay where they are."""
+    root = 1e-3 * np.array([[1.0, 0.0], [0.9, 0.436]])
+    prior = NominalPrior(MOTOR, ("K_t", "R"), root)
+    own, z = prior.candidate(), np.array([3.0, 3.0])
+    columns, residual = np.eye(10, 2), np.zeros(10)
+    residual[:2] = -2.9  # the data want both at 5.9
+    fitted = EffectFit((own,), (z,), residual, columns, 0.0, own=1)
+    assert beyond(prior, fitted, 0.0, 0.0) == {"R": pytest.approx(2.95 * 1.336, rel=1e-3)}
+    assert beyond(prior, fitted, left=30.0, excess=1e4) == {}
+    assert beyond(replace(prior, known=False), fitted, 0.0, 0.0) == {}
 
 
 # ---- recordings of which some or all are of no machine
