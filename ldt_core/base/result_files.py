@@ -10,6 +10,7 @@ import contextlib
 import hashlib
 import json
 import os
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -33,7 +34,8 @@ def check_target(file: str | Path, option: str = "--out", endings: Sequence[str]
     """Refuse a file that cannot be made, before any work is done.
 
     Raises:
-        OptionError: it is a folder or a device, in no folder, or has another ending.
+        OptionError: it is a folder or a device, has another ending, or is in no folder that can be
+            written to.
     """
     path = Path(file)
     if path.is_dir():
@@ -44,6 +46,26 @@ def check_target(file: str | Path, option: str = "--out", endings: Sequence[str]
         raise OptionError(option, f"a file ending in {listed(endings, 'or')}", str(path))
     if not path.parent.is_dir():
         raise OptionError(option, "a file in a folder that exists", str(path))
+    check_writable(path.parent, option)
+
+
+def check_writable(folder: str | Path, option: str = "--out") -> None:
+    """Refuse a folder in which nothing can be made, before any work is done.
+
+    Args:
+        folder: that need not exist yet; then it is about the one in which it would be made.
+
+    Raises:
+        OptionError: nothing can, with the system's reason.
+    """
+    path = Path(folder).absolute()
+    place = next(p for p in (path, *path.parents) if p.exists())
+    try:
+        # To ask for permissions does not tell: a medium may be read-only, and root may do all.
+        tempfile.TemporaryFile(dir=place).close()
+    except OSError as error:
+        expected = "a folder that can be written to"
+        raise OptionError(option, expected, f"{place} ({error.strerror})") from None
 
 
 def write(path: Path, text: str, sync: bool = False) -> None:

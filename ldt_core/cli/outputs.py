@@ -20,7 +20,7 @@ from pathlib import Path
 import click
 
 from ldt_core.base.errors import OptionError
-from ldt_core.base.result_files import check_target
+from ldt_core.base.result_files import check_target, check_writable
 from ldt_core.base.sentences import listed
 from ldt_core.cli.terminal import warn
 
@@ -55,11 +55,12 @@ def check_results(folder: str | Path, names: Sequence[str], force: bool) -> None
         names: of the files that the command writes.
 
     Raises:
-        OptionError: one of them is there, or the folder is a file.
+        OptionError: one of them is there, the folder is a file, or it cannot be written to.
     """
     place = Path(folder)
     if place.exists() and not place.is_dir():
         raise OptionError("--out", "a folder", f"the file {place}")
+    check_writable(place)
     there = [name for name in names if (place / name).exists()]
     if there and not force:
         got = f"{place}, which has {listed(there)}"

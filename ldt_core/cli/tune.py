@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ldt_core.cli.options import Command, compute_options, json_option, namespace_option, parameters
-from ldt_core.cli.outputs import no_empty_folder
+from ldt_core.cli.outputs import check_results, force_option, no_empty_folder
 from ldt_core.cli.spelling import SuggestingChoice
 from ldt_core.cli.terminal import echo, echo_json, warn
 
@@ -56,6 +56,7 @@ DETECTORS = ("threshold", "lddm", "window", "adequacy")
 @click.option(
     "-o", "--out", required=True, help="Folder of the result; an earlier one goes on there."
 )
+@force_option
 @compute_options
 @namespace_option
 @json_option
@@ -69,6 +70,7 @@ def command(
     detectors: tuple[str, ...],
     values: int,
     out: str,
+    force: bool,
     jobs: int,
     scheduler: str,
     namespace: str,
@@ -79,7 +81,7 @@ def command(
     Plays the recording through the twin with many settings, and takes the one with the least error
     among those that keep to the budget. Writes tune.json (which other commands take by
     --settings), tune.csv, and the trade-off as tradeoff.png and .svg. The same command goes on
-    where an earlier one was interrupted.
+    where an earlier one was interrupted; what was found of another recording is kept.
 
     Example: ldt tune my_run --adaptations 20 --model linear --out tuned
     """
@@ -88,7 +90,7 @@ def command(
     from ldt_core.cli.progress import ResumableProgress
     from ldt_core.lab.tuning.choice import Budget
     from ldt_core.lab.tuning.tune import tune
-    from ldt_core.lab.tuning.tune_files import as_dict, sentence, write_results
+    from ldt_core.lab.tuning.tune_files import FILE, TABLE, as_dict, is_of, sentence, write_results
     from ldt_core.lab.tuning.tuning_figure import write_figure
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.recording.bag import read_bag
@@ -97,6 +99,11 @@ def command(
     style.require()
     budget = Budget(adaptations, false_alarms_every)
     bag = read_bag(recording, namespace)
+
+    def begins(matter: str) -> None:
+        if not is_of(out, matter):
+            check_results(out, (FILE, TABLE), force)
+
     with no_empty_folder(out), ResumableProgress("tuning", "settings", out) as progress:
         found = tune(
             load_machine(settings["machine"]),
@@ -110,6 +117,7 @@ def command(
             jobs=jobs,
             scheduler=scheduler,
             source=recording,
+            begins=begins,
             progress=progress.show,
         )
     write_results(found, out)

@@ -101,6 +101,25 @@ def test_a_full_disk_names_the_file_that_is_not_made(name, tmp_path):
     assert list(tmp_path.iterdir()) == [bag]
 
 
+def test_where_there_is_no_thread_to_be_had_it_is_said(tmp_path):
+    """A limit on memory shows there first; nothing of the recording's lock stays."""
+    code = """
+import threading
+
+def start(thread):
+    raise RuntimeError("can't start new thread")
+
+threading.Thread.start = start
+"""
+    out = str(tmp_path / "out")
+    run_it = ["run", "--experiments", "2", "--model", "physics", "--out", out]
+    told, _, errors = ldt_process(*run_it, code=code)
+    assert told == FAILED
+    assert errors.splitlines()[-1].startswith("ldt: can't start new thread: memory or")
+    assert "Traceback" not in errors
+    assert ldt_process(*run_it, "--force")[0] == 0
+
+
 def test_a_cache_of_python_that_a_full_disk_cut_is_told_with_its_cure(monkeypatch, capsys):
     """Python writes what there is room for, and fails at each later start."""
 

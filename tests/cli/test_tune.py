@@ -87,10 +87,43 @@ def test_a_budget_that_nothing_keeps_is_said_with_the_nearest(bag, short_rotor, 
     assert (out / "tradeoff.png").exists()
 
 
+def test_another_recordings_result_is_not_replaced_without_a_word(bag, short_rotor, tmp_path):
+    """The same recording goes on in its folder, also by another budget."""
+    out, other = tmp_path / "out", tmp_path / "other"
+    words = ["--machine", short_rotor, *QUICK, "--detector", "window", "--out", out]
+    assert call(bag, *words, "--adaptations", "4") == 0
+    assert call(bag, *words, "--adaptations", "5") == 0
+    before = (out / "tune.json").read_bytes()
+    made = f"--machine {short_rotor} --experiments 24 --seed 5 --degradation ramp --out {other}"
+    assert invoke(simulation.command, made.split()) == 0
+    assert call(other, *words, "--adaptations", "4") == 2
+    assert (out / "tune.json").read_bytes() == before
+    assert call(other, *words, "--adaptations", "4", "--force") == 0
+    assert (out / "tune.json").read_bytes() != before
+
+
+@pytest.mark.parametrize("place", ["new", "runs"])
+def test_a_folder_that_cannot_be_written_to_is_refused_at_once(
+    place, bag, short_rotor, tmp_path, monkeypatch, capsys
+):
+    """Not when the first result is there, of which a tuning makes one in minutes."""
+    monkeypatch.setattr("ldt_core.lab.tuning.tune.try_setting", pytest.fail)
+    out = Path("/proc/tuned")
+    if place == "runs":  # of an earlier tuning, by another user
+        out = tmp_path / "out"
+        out.mkdir()
+        (out / "runs").symlink_to("/proc")
+    words = ["--machine", short_rotor, *QUICK, "--detector", "window", "--out", out]
+    assert call(bag, *words, "--adaptations", "4") == 2
+    said = capsys.readouterr().err
+    assert said.startswith("ldt: --out: expected a folder that can be written to, got ")
+    assert said.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ([], "--adaptations N"),
+        ([], "--adaptations 10"),
         (["--adaptations", "0"], "--adaptations"),
         (["--false-alarms-every", "100", "--in-control", "1:99"], "1 to 24"),
         (["--false-alarms-every", "100", "--in-control", "1:3"], "at least 5"),

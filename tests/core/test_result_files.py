@@ -11,7 +11,15 @@ from pathlib import Path
 import pytest
 
 from ldt_core.base.errors import OptionError
-from ldt_core.base.result_files import check_target, digest, keep, recall, whole, write
+from ldt_core.base.result_files import (
+    check_target,
+    check_writable,
+    digest,
+    keep,
+    recall,
+    whole,
+    write,
+)
 
 ORIGIN = {"code": "abc", "options": {"seed": 0}, "left_out": None}
 
@@ -110,3 +118,17 @@ def test_a_device_is_not_replaced():
     """Under a user that may, a result took the place of /dev/null."""
     with pytest.raises(OptionError, match="a device or a pipe"):
         check_target("/dev/null")
+
+
+@pytest.mark.parametrize("file", ["/proc/run.html", "/sys/kernel/run.html"])
+def test_a_place_that_takes_no_file_is_refused_before_the_work(file):
+    """Root may write everywhere, and still cannot there."""
+    with pytest.raises(OptionError, match=r"a folder that can be written to, got /"):
+        check_target(file)
+
+
+def test_nothing_is_left_of_asking(tmp_path):
+    """A folder that does not exist is not made either."""
+    check_writable(tmp_path / "a" / "b")
+    check_target(tmp_path / "run.html")
+    assert list(tmp_path.iterdir()) == []

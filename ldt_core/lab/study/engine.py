@@ -21,7 +21,7 @@ from ldt_core.base.code_version import code_version
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.experiment import Experiment, Level, Prediction, Signal, Step
 from ldt_core.base.parallel import Workers
-from ldt_core.base.result_files import ResultFolder, write
+from ldt_core.base.result_files import ResultFolder, check_writable, write
 from ldt_core.detectors import build_detector
 from ldt_core.lab.study import GROUPS, NAMED_ONLY
 from ldt_core.lab.study.facts import Facts, facts_of, stream_key
@@ -109,6 +109,8 @@ def _files(count: int) -> str:
 
 
 FILE = "study.json"
+#: Folders in it of what has been computed.
+PARTS = ("runs", "facts", "robustness", "alarms")
 #: Told of progress: results that are there, results that there will be as far as is known.
 Progress = Callable[[int, int], None]
 #: "run" or "facts", of which case, on which machine.
@@ -223,6 +225,8 @@ def _open(out: Path, plan: StudyPlan) -> None:
         raise BadInput(out, expected, "a file")
     if out.exists() and any(out.iterdir()) and not _is_study(out):
         raise BadInput(out, expected, "a folder with other files")
+    for kind in PARTS:
+        check_writable(out / kind)
     out.mkdir(parents=True, exist_ok=True)
     record = {"format": FORMAT, "plan": dataclasses.asdict(plan)}
     write(out / FILE, json.dumps(record, indent=1))

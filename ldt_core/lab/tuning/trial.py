@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -136,14 +136,24 @@ def _refuse(error: LdtError) -> None:
 
 def job_key(job: Job) -> str:
     """SHA-256 of all that decides what comes of a setting, but the setting."""
-    plain: Any = [code_version(), job.machine.as_dict(), dict(job.settings)]
-    digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
-    digest.update(_code(job.settings["model"]).encode())
-    rows = [(e.voltage, e.speed, e.current, [e.number, e.period]) for e in job.experiments]
-    for row in [*rows, *job.rows]:
-        for samples in row:
-            digest.update(b"|" if samples is None else np.asarray(samples, np.float64).tobytes())
+    given = [code_version(), _code(job.settings["model"]), matter_key(job)]
+    digest = hashlib.sha256(json.dumps(given, sort_keys=True).encode())
+    digest.update(_bytes(job.rows))
     return digest.hexdigest()
+
+
+def matter_key(job: Job) -> str:
+    """SHA-256 of what is tuned: the recording, and the twin but for its detector."""
+    plain: Any = [job.machine.as_dict(), dict(job.settings)]
+    digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
+    rows = ((e.voltage, e.speed, e.current, [e.number, e.period]) for e in job.experiments)
+    digest.update(_bytes(rows))
+    return digest.hexdigest()
+
+
+def _bytes(rows: Iterable[Iterable[Any]]) -> bytes:
+    parts = (samples for row in rows for samples in row)
+    return b"".join(b"|" if p is None else np.asarray(p, np.float64).tobytes() for p in parts)
 
 
 def setting_key(setting: DetectorSetting) -> str:

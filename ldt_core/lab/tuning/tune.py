@@ -21,7 +21,7 @@ from ldt_core.base.errors import (
 )
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.parallel import Workers
-from ldt_core.base.result_files import ResultFolder
+from ldt_core.base.result_files import ResultFolder, check_writable
 from ldt_core.lab.tuning.candidates import (
     DIGITS,
     NEVER,
@@ -43,7 +43,7 @@ from ldt_core.lab.tuning.control import (
     parse_ranges,
     row,
 )
-from ldt_core.lab.tuning.trial import Job, Tried, job_key, setting_key, try_setting
+from ldt_core.lab.tuning.trial import Job, Tried, job_key, matter_key, setting_key, try_setting
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models import build_model
 from ldt_core.models.base import Model
@@ -73,6 +73,7 @@ class Tuning:
         never: the run without learning.
         choice: which setting.
         notes: what is odd about the recording, a sentence each.
+        matter: by which another tuning of the same is known.
     """
 
     machine: Machine
@@ -84,6 +85,7 @@ class Tuning:
     never: Tried
     choice: TuningChoice
     notes: tuple[str, ...]
+    matter: str
 
 
 def tune(
@@ -99,6 +101,7 @@ def tune(
     jobs: int = 0,
     scheduler: str = "",
     source: str = "recording",
+    begins: Callable[[str], None] = lambda matter: None,
     progress: Progress = lambda done, total: None,
 ) -> Tuning:
     """Choose a detector and its threshold.
@@ -116,6 +119,7 @@ def tune(
         jobs: processes; 0 takes one a core.
         scheduler: address of a Dask scheduler to compute on instead.
         source: what the recording is called in messages.
+        begins: told of what is tuned before anything is tried, and may refuse it.
         progress: told before the first and after each setting.
 
     Raises:
@@ -140,6 +144,8 @@ def tune(
         raise OptionError("in-control", expected, got)
     known = control(usable, rows, indices, model, bool(wanted)) if indices else None
     job = Job(machine, settings, usable, known.rows if known else ())
+    matter = matter_key(job)
+    begins(matter)
     errors = [float(np.abs(residual).max()) for residual, _ in rows]
     first = first_round(detectors, errors, noise_reach(rows), values)
     first += _by_budget(detectors, budget, known, len(usable))
@@ -151,7 +157,7 @@ def tune(
     never = trials.tried[NEVER]
     choice = choose(tried, budget)
     return Tuning(
-        machine, settings, budget, numbers, known, tuple(tried), never, choice, tuple(notes)
+        machine, settings, budget, numbers, known, tuple(tried), never, choice, tuple(notes), matter
     )
 
 
@@ -180,6 +186,7 @@ def check_folder(out: Path) -> None:
         raise BadInput(out, expected, "a file")
     if out.exists() and any(out.iterdir()) and not (out / RUNS).is_dir():
         raise BadInput(out, expected, "a folder with other files")
+    check_writable(out / RUNS)
 
 
 class _Trials:

@@ -20,7 +20,7 @@ from ldt_core.lab.tuning.tune import Tuning
 
 
 def sentence(found: Tuning) -> str:
-    """The choice in a sentence, or that there is none."""
+    """The choice in two sentences, or that there is none."""
     choice, budget = found.choice, found.budget.text
     acting = len(found.tried) - 1
     if choice.chosen is None:
@@ -33,15 +33,11 @@ def sentence(found: Tuning) -> str:
     best, kept = choice.chosen, len(choice.kept)
     least = min(t.mme for t in choice.tied)
     if best.mme == least:
-        reason = f"least MME ({number(least)} rad/s, {count(best.adaptations, 'adaptation')})"
+        reason = f"least error, {_figures(best)}"
     else:
-        reason = (
-            f"{count(best.adaptations, 'adaptation')}, fewest among {len(choice.tied)} settings "
-            f"whose MME ({number(best.mme)} rad/s) is within {SAME_ERROR:.0%} of the least"
-        )
-    some = f"the {kept} of {acting} settings tried" if kept > 1 else f"the only one of {acting}"
-    verb = "keep" if kept > 1 else "keeps"
-    return f"{best.setting}: {reason}, of {some} that {verb} to {budget}"
+        reason = f"{_figures(best)}, the fewest within {SAME_ERROR:.0%} of the least MME"
+    some = f"{kept} of {acting} settings tried keep" if kept > 1 else f"Only 1 of {acting} keeps"
+    return f"{best.setting}: {reason}. {some} to {budget}."
 
 
 def why(found: Tuning) -> list[str]:
@@ -153,6 +149,7 @@ def as_dict(found: Tuning) -> dict[str, Any]:
             "learned": control.learned,
         },
         "machine": found.machine.name,
+        "matter": found.matter,
         "notes": list(found.notes),
         "tried": rows(found),
     }
@@ -204,6 +201,15 @@ def _row(found: Tuning, tried: Tried, on_front: bool) -> dict[str, Any]:
         "seconds": tried.seconds,
         "options": setting.options,
     }
+
+
+def is_of(out: Path | str, matter: str) -> bool:
+    """Whether the results in a folder are a tuning of this: it goes on there, and replaces none."""
+    try:
+        record = json.loads((Path(out) / FILE).read_text(encoding="utf-8"))
+        return bool(record["matter"] == matter)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return False
 
 
 def write_results(found: Tuning, out: Path | str) -> None:
