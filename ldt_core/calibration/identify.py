@@ -24,11 +24,17 @@ from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
 from ldt_core.base.threads import one_thread
-from ldt_core.calibration.calibration import free_run_error, rounded, widened
+from ldt_core.calibration.calibration import (
+    MOST_NOISE_RATIO,
+    free_run_error,
+    rounded,
+    widened,
+)
 from ldt_core.calibration.equivalent_motor import MotorResponse, fit_response
 from ldt_core.calibration.held_out import split
 from ldt_core.calibration.torque_balance import guidance
 from ldt_core.estimation.linear import Identified, identify
+from ldt_core.estimation.noise import white_noise
 from ldt_core.machine.machine_file import Machine, machine_from_dict
 
 PHYSICS = "dc_motor"
@@ -37,6 +43,8 @@ FRICTION = 0.0  # N m s, by convention, likewise
 SLOWEST_MOTION = 3.0  # longest experiments: of a slower one any gain fits the beginning
 LEAST_FIT_PERCENT = 90.0  # of the speed: a motor that explains less may be refused
 REFUSAL_RATIO = 2.0  # of what a motor leaves to what the best linear model of any order leaves
+DIFFERENT = 0.5  # of what is left: a half that leaves less by a motor of its own is another machine
+FEWEST_OF_A_HALF = 4  # experiments, to say that the two halves differ
 NOTE_RATIO = 1.2  # of the same: beyond, the motor lacks something, which is worth a note
 
 
@@ -54,6 +62,7 @@ class EquivalentMotor:
         experiments: numbers of the experiments by the same keys.
         notes: sentences for a person.
         recordings: the files.
+        changed: whether the machine seems to have changed while it was recorded.
     """
 
     machine: Machine
@@ -64,6 +73,7 @@ class EquivalentMotor:
     experiments: dict[str, list[int]]
     notes: tuple[str, ...]
     recordings: tuple[str, ...] = ()
+    changed: bool = False
 
     def with_recordings(self, recordings: Sequence[str]) -> EquivalentMotor:
         """The same, with the names of the files it was made from."""
@@ -80,7 +90,7 @@ class EquivalentMotor:
             "time_constants": [rounded(t) for t in form.time_constants],
             "oscillates": form.oscillates,
             "offset": rounded(form.offset),
-            "noise": {"speed": rounded(form.noise_std)},
+            "noise": {"speed": self.machine.simulation["noise"]},
             "fit_percent": rounded(form.fit_percent),
             "linear_order": self.linear.order,
             "linear_poles": [[rounded(p.real), rounded(p.imag)] for p in self.linear.poles],
@@ -155,7 +165,13 @@ def identify_machine(
             linear_errors[part] = _linear_error(linear, some)
             numbers[part] = [e.number for e in some]
     notes = _notes(form, linear, kept)
-    found = EquivalentMotor(machine, form, linear, errors, linear_errors, numbers, tuple(notes))
+    changed = ""
+    if sensor_noise(form, kept) < form.noise_std:
+        changed = _differing(form, linear, kept)
+        notes += filter(None, [changed])
+    found = EquivalentMotor(
+        machine, form, linear, errors, linear_errors, numbers, tuple(notes), changed=bool(changed)
+    )
     return found.with_recordings(())
 
 
@@ -176,10 +192,14 @@ def _refuse(form: MotorResponse, linear: Identified, experiments: list[Experimen
             f"settle it, unless the speed is unstable){guidance(experiments)}"
         )
     if form.fit_percent < LEAST_FIT_PERCENT and form.noise_std > REFUSAL_RATIO * linear.noise_std:
+        other = ""
+        if _differing(form, linear, experiments):
+            other = "; or it changed meanwhile, and the experiments before and after go apart"
         raise LdtError(
             f"the recording shows no motor but {shown}, which leaves {linear.noise_std:.3g} rad/s "
             f"where a motor leaves {form.noise_std:.3g} rad/s: a machine with more than two time "
             f"constants needs a physics of its own (ldt docs physics){guidance(experiments)}"
+            f"{other}"
         )
 
 
@@ -224,10 +244,37 @@ def _machine(
         sample_period=rounded(period),
         simulation={
             "voltage": {"kind": "steps", "low": rounded(low), "high": rounded(high)},
-            "noise": rounded(form.noise_std),
+            "noise": rounded(sensor_noise(form, experiments)),
         },
     )
     return machine_from_dict(machine.as_dict(), "the motor found")  # as whoever reads it would
+
+
+def sensor_noise(form: MotorResponse, experiments: Sequence[Experiment]) -> float:
+    """Deviation of the sensor's noise [rad/s].
+
+    It is what the motor leaves, unless that is smooth: then the motor lacks something.
+    """
+    white = white_noise(e.speed for e in experiments)
+    return white if 0 < white < form.noise_std / MOST_NOISE_RATIO else form.noise_std
+
+
+def _differing(form: MotorResponse, linear: Identified, experiments: list[Experiment]) -> str:
+    """A note where a motor of its own explains one half of the experiments far better; else ""."""
+    middle = len(experiments) // 2
+    if middle < FEWEST_OF_A_HALF:
+        return ""
+    halves = [
+        fit_response(h, linear, form.order) for h in (experiments[:middle], experiments[middle:])
+    ]
+    first, last = halves
+    if min(h.noise_std for h in halves) > DIFFERENT * form.noise_std:
+        return ""
+    return (
+        f"The machine may have changed: a motor of the first half alone leaves "
+        f"{first.noise_std:.3g} rad/s there, with gain {first.gain:.4g}; one of the last half "
+        f"{last.noise_std:.3g}, with gain {last.gain:.4g}."
+    )
 
 
 def _linear_error(linear: Identified, experiments: Sequence[Experiment]) -> FreeRunError:
@@ -261,9 +308,13 @@ def _notes(form: MotorResponse, linear: Identified, experiments: list[Experiment
             "dry friction or a sensor's bias: no dc_motor has that, and the file leaves it out."
         )
     if form.fit_percent < LEAST_FIT_PERCENT:
+        noise = sensor_noise(form, experiments)
+        missing = "the recording may be mostly noise"
+        if noise < form.noise_std:
+            missing = f"{form.noise_std:.3g} rad/s are left, and the noise is {noise:.2g}"
         notes.append(
             f"This motor explains {form.fit_percent:.0f} % of the speed, and no linear model does "
-            "much better: what is missing is nonlinear, or the recording is mostly noise."
+            f"much better: {missing}."
         )
     words = guidance(experiments)
     if not words and form.noise_std > NOTE_RATIO * linear.noise_std:

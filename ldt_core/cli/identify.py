@@ -48,7 +48,7 @@ def _range(
 @click.argument("recordings", nargs=-1, required=True)
 @new_file_option
 @force_option
-@click.option("--name", help="Name of the machine; without it, that of the file.")
+@click.option("--name", help="Name of the machine; without it, the recorded one, or the file's.")
 @click.option(
     "--order",
     type=click.IntRange(0, 2),
@@ -99,10 +99,12 @@ def command(
     """
     from ldt_core.calibration.identify import identify_machine
     from ldt_core.calibration.machine_yaml import write_machine_file
+    from ldt_core.cli.recorded_machine import recorded_machine
     from ldt_core.cli.recordings import read_recordings
 
     check_file(out, force)
-    name = Path(out).stem if name is None else name
+    if name is None:  # a diagnosis refuses a file of another machine than the recorded one
+        name = recorded_machine(recordings[0], namespace) or Path(out).stem
     experiments = read_recordings(recordings, namespace)
     bags = " ".join(map(shlex.quote, recordings))
     if effects is not None:
@@ -135,6 +137,10 @@ def command(
         echo_json({**record, **found.as_dict()})
     else:
         _print(found, out, bags)
+        if found.changed:
+            play = f"ldt run --play {shlex.quote(recordings[0])} --machine {shlex.quote(out)}"
+            _next(f"{play} --diagnose --out played", ", what changed when")
+            return
         _next(
             f"ldt diagnose {bags} --machine {shlex.quote(out)} --out why", ", what the motor lacks"
         )

@@ -30,7 +30,7 @@ def machine_of(machine: str, recordings: Iterable[str], namespace: str) -> str:
         BadInput: it is of another machine than a recording, or no file is given and a recording
             does not say its machine or one that does not ship with LDT.
     """
-    named = {recording: _recorded(recording, namespace) for recording in recordings}
+    named = {recording: recorded_machine(recording, namespace) for recording in recordings}
     if named and not given("machine"):
         recording, there = next(iter(named.items()))
         if there in msgs_config.machine_names():
@@ -66,8 +66,8 @@ def given(name: str) -> bool:
     return source is not None and source is not ParameterSource.DEFAULT
 
 
-def _recorded(recording: str, namespace: str) -> str | None:
-    """Name of the machine; "" where the recording does not say, None where it cannot be read."""
+def recorded_machine(recording: str, namespace: str) -> str | None:
+    """Name of a recording's machine; "" where it does not say, None where it cannot be read."""
     from ldt_core.recording.bag import read_bag
 
     try:

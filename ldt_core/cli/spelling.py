@@ -9,6 +9,21 @@ import click
 
 from ldt_core.base.errors import MOST_BESIDE_NEAREST, did_you_mean, most_alike
 
+#: Command and option that people expect of it → what to do instead, where no spelling is near.
+INSTEAD = {
+    **{
+        (command, "--duration"): (
+            "how long an experiment lasts stands in the machine file (ldt docs machine). How many "
+            "there are: --experiments"
+        )
+        for command in ("run", "up", "simulate")
+    },
+    ("identify", "--machine"): (
+        "identify makes a machine file of recordings alone. To fit a file that you have: "
+        "ldt calibrate RECORDING --machine FILE --out FITTED.yaml"
+    ),
+}
+
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
     """The name that begins so, if there is one only, else the most similar one, if any is.
@@ -28,6 +43,8 @@ def unknown_option(error: click.NoSuchOption, arguments: Sequence[str]) -> str:
     sentence = f"there is no option {error.option_name!r}"
     if error.ctx is None:
         return sentence
+    if way := INSTEAD.get((str(error.ctx.info_name), error.option_name)):
+        return f"{sentence}; {way}"
     flags = [
         flag
         for p in error.ctx.command.get_params(error.ctx)

@@ -200,3 +200,32 @@ def test_a_real_motor_is_identified(measured, tmp_path, capsys):
         assert invoke(predict.command, arguments) == 0
         errors.append(json.loads(capsys.readouterr().out)["rmse"])
     assert errors[1] < errors[0] / 10
+
+
+def changing(path, after):
+    """Twelve experiments of a motor whose constant is another in the last six."""
+    rng, before = np.random.default_rng(5), MOTOR.with_parameters(L=1e-5)
+    with BagWriter(str(path), machine="press") as writer:
+        for number in range(1, 13):
+            machine = before if number < 7 else before.with_parameters(K_t=after)
+            u = np.repeat(rng.uniform(4, 12, 12), 50)
+            physics, values = machine.model, machine.parameters
+            states = physics.simulate(values, u, 0.01, physics.initial_state(values, 0.0), [])
+            speed = physics.measure(states, 0.01, []) + 0.1 * rng.standard_normal(600)
+            e = Experiment(number, 10.0 * number, 0.01, u, speed)
+            writer.write("experiment", e, e.end)
+    return str(path)
+
+
+def test_a_machine_that_changed_meanwhile_is_told_as_one(tmp_path, capsys):
+    """Its noise is the sensor's alone; its file has the name that a diagnosis asks for."""
+    constant, out = MOTOR.parameters["K_t"], tmp_path / "found.yaml"
+    assert call(changing(tmp_path / "far", 1.1 * constant), "--out", out) == 1
+    assert "or it changed meanwhile" in capsys.readouterr().err
+    bag = changing(tmp_path / "bag", 1.03 * constant)
+    assert call(bag, "--out", out) == 0
+    said, found = capsys.readouterr().out, load_machine(out)
+    assert "The machine may have changed: a motor of the first half alone leaves" in said
+    assert f"what changed when: ldt run --play {bag} --machine {out} --diagnose" in said
+    assert found.name == "press"
+    assert found.simulation["noise"] == pytest.approx(0.1, rel=0.1)
