@@ -76,12 +76,14 @@ def command(
     Example: ldt import motor.csv --voltage u --speed n:rpm --time t --length 2 --out motor
     """
     from ldt_core.base.stopping import stop_on_signals, until_stopped
-    from ldt_core.recording.importers import import_file
+    from ldt_core.recording.importers import import_file, is_bag
     from ldt_core.recording.writer import BagWriter
 
     if voltage is None or speed is None:
         named = {"voltage": voltage, "speed": speed}
         raise _fields_missing(file, [name for name, field in named.items() if field is None])
+    if time is None and sample_period is None and not is_bag(Path(file)):
+        raise _fields_missing(file, ["time or --sample-period"])
     imported = import_file(
         file,
         voltage=voltage,
@@ -152,6 +154,9 @@ def proposed_import(file: str) -> tuple[str, str]:
             found.setdefault("time", shown[rising[0]] + ":UNIT" * table.headed)
     unknown = "COLUMN:UNIT" if table.headed else "NUMBER:UNIT"
     fields = {**dict.fromkeys(ASKED, unknown), **found}
+    if fields["time"] == unknown and len(table.names) < len(ASKED):  # no column is left for it
+        del fields["time"]
+        fields["sample-period"] = "SECONDS"
     options = " ".join(f"--{name} {shlex.quote(field)}" for name, field in fields.items())
     more = ", ..." if len(table.names) > MOST_COLUMNS else ""
     numbered = "" if table.headed else " (by number, as no header line names them)"

@@ -280,6 +280,8 @@ class _Column:
             self._comma = True
             cells = [cell.replace(",", ".") for cell in cells]
         try:
+            if "_" in text:
+                raise ValueError("each cell by itself")
             values = np.array(cells, dtype=np.float64)
         except ValueError:
             values = np.array([float(c) if _is_number(c) else np.nan for c in cells])
@@ -319,4 +321,4 @@ def _is_number(cell: str) -> bool:
         float(cell.replace(",", "."))
     except ValueError:
         return False
-    return True
+    return "_" not in cell  # of which only Python makes a number

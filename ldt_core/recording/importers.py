@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -107,6 +107,23 @@ def _doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[str]
     return notes
 
 
+def _check_apart(given: Mapping[str, str], places: Iterable[object]) -> None:
+    """Refuse one column for two quantities: a machine would be made of it that is none.
+
+    Args:
+        given: quantity → FIELD[:UNIT].
+        places: what each stands for.
+
+    Raises:
+        OptionError: names the second.
+    """
+    taken: dict[object, str] = {}
+    for (quantity, text), place in zip(given.items(), places, strict=True):
+        if (other := taken.setdefault(place, quantity)) != quantity:
+            expected = f"another field than that of the {other}"
+            raise OptionError(f"--{quantity}", expected, repr(text))
+
+
 def _from_table(
     path: Path, given: dict[str, str], sample_period: float | None
 ) -> tuple[dict[str, Series], list[str]]:
@@ -117,6 +134,7 @@ def _from_table(
     table = CsvTable(path)
     fields = {q: parse_field(text, q, table.columns) for q, text in given.items()}
     wanted = [table.column(f.name) for f in fields.values()]
+    _check_apart(given, wanted)
     lines, columns = table.read(wanted, timed="time" in fields)
     values = {
         q: column * field.factor for (q, field), column in zip(fields.items(), columns, strict=True)
@@ -152,6 +170,7 @@ def _from_bag(
     storage = Storage(path)
     fields = {q: parse_field(text, q) for q, text in given.items()}
     sources = {q: parse_field_path(f"--{q}", field.name) for q, field in fields.items()}
+    _check_apart(given, sources.values())
     if "time" in sources and len({s.topic for s in sources.values()}) > 1:
         raise OptionError("--time", "all channels from the topic of the time", given["time"])
     series, clocks = read_fields(storage, sources)

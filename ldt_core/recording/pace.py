@@ -44,7 +44,8 @@ def paced(
         if wall is None or first is None:
             wall, first = time.monotonic(), experiment.start
         if rate is not None:
-            stop.wait(max(0.0, wall + (experiment.end - first) / rate - time.monotonic()))
+            left = max(0.0, wall + (experiment.end - first) / rate - time.monotonic())
+            stop.wait(min(left, threading.TIMEOUT_MAX))  # no clock counts more
         if stop.is_set():
             return
         yield experiment

@@ -109,22 +109,22 @@ class BagWriter:
         wanted = [self._declare(self._absolute(t), self._kind(t)) for t in topics]
         self._made = self._make_folder(resume)
         self._owner = FolderLock(self.path, PATIENCE if resume else 0.0)
+        self._threads = [
+            threading.Thread(target=self._flush_regularly, name="bag", daemon=True),
+            threading.Thread(target=self._sync_regularly, name="bag_sync", daemon=True),
+        ]
         try:
             if resume:
                 self._go_on(wanted)
             self._begin()
+            for thread in self._threads:
+                thread.start()
         except BaseException:
             self._owner.release()
             if self._made:
                 with contextlib.suppress(OSError):
                     self.path.rmdir()  # nothing is in it
             raise
-        self._threads = [
-            threading.Thread(target=self._flush_regularly, name="bag", daemon=True),
-            threading.Thread(target=self._sync_regularly, name="bag_sync", daemon=True),
-        ]
-        for thread in self._threads:
-            thread.start()
 
     @property
     def counts(self) -> dict[str, int]:

@@ -188,6 +188,22 @@ def test_columns_whose_names_say_the_opposite_are_told(tmp_path):
     assert "swapped" not in " ".join(load(path).notes)
 
 
+@pytest.mark.parametrize("option", ["speed", "current", "time"])
+def test_a_column_is_one_quantity(tmp_path, option):
+    """Speed that is the voltage makes a motor that follows without delay."""
+    path = table(tmp_path / "x.csv", rows(TIME, VOLTS, SPEED))
+    with pytest.raises(OptionError, match=f"--{option}: expected another field than that of the v"):
+        load(path, **{option: "u"})
+
+
+@pytest.mark.parametrize("cell", ["1_0", "1_0.5", "1e1_0"])
+def test_what_python_alone_takes_for_a_number_is_none(tmp_path, cell):
+    """It would be ten times as much as a person reads, or nothing at all."""
+    path = table(tmp_path / "x.csv", PLAIN.replace("\n0.3,3.0", f"\n0.3,{cell}"))
+    with pytest.raises(RecordingError, match="line 5, column 'u': expected a finite number"):
+        load(path)
+
+
 def test_a_size_that_speaks_for_another_unit_is_told(tmp_path):
     """1500 of a column without a unit, and rows 10 apart; a unit that is given is believed."""
     path = table(tmp_path / "x.csv", rows(TIME * 100, VOLTS, 1500 + SPEED))
