@@ -67,9 +67,11 @@ def build(site: Path) -> list[str]:
             markdown_extensions=["tables", "fenced_code", "toc", "pymdownx.superfences"],
             validation={"links": {"not_found": "warn", "anchors": "warn"}},
             nav=[{"Home": "index.md"}, *({h: [f"{n}.md" for n in ns]} for h, ns in NAV.items())],
-            extra={"generator": False},
+            extra={"generator": False, "polyfills": ["worker.js"]},
         )
         mkdocs_build(config)
+    found = (site / "search" / "search_index.json").read_text("utf-8")
+    (site / "search" / "search_index.js").write_text(f"var __index = {found}", "utf-8")
     for page in site.rglob("*.html"):  # a corner of a table that heads nothing is no heading
         page.write_text(EMPTY_HEAD.sub(r"<td\1></td>", page.read_text("utf-8")), "utf-8")
     return [fault for page in sorted(site.rglob("*.html")) for fault in faults(page, site)]

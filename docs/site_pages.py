@@ -44,7 +44,7 @@ def assemble(folder: Path) -> None:
     """Write all pages and pictures into a folder, which is made."""
     folder.mkdir(parents=True)
     shutil.copytree(REPOSITORY / "bags" / "figures", folder / "figures")
-    for name in ("site.css", "site.js"):
+    for name in ("site.css", "site.js", "worker.js"):
         shutil.copy(REPOSITORY / "docs" / name, folder)
     made = {name: docs.text(name) for name in docs.names()}
     made |= {name: (REPOSITORY / "docs" / f"{name}.md").read_text() for name in OWN}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -20,6 +21,7 @@ sys.path.insert(0, str(REPOSITORY / "docs"))
 import notebooks  # noqa: E402
 import site_pages  # noqa: E402
 
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 
 
@@ -40,6 +42,22 @@ def test_the_site_has_every_page_and_loads_nothing_from_elsewhere(site):
     assert set(docs.names()) | set(notebooks.names()) | {"commands", "api", "index"} <= pages
     assert (site / "figures" / "rotor_run.png").exists()
     assert list((site / "notebook_figures").glob("*.png"))
+
+
+def test_the_search_finds_from_the_disk(site):
+    """A browser allows a page from the disk neither a worker nor a request, which it needs."""
+    driver = pytest.importorskip("playwright.sync_api")
+    program = next((b for b in map(shutil.which, BROWSERS) if b), None)
+    if program is None:
+        pytest.skip("no Chromium is installed")
+    with driver.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.goto((site / "index.html").as_uri())
+        page.click(".md-search__input")
+        page.keyboard.type("unbalance")
+        page.wait_for_selector(".md-search-result__item")
+        browser.close()
 
 
 def test_the_reference_has_every_command_parameter_topic_and_name(site):
