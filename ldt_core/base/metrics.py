@@ -25,6 +25,9 @@ from ldt_core.base.experiment import (
 )
 from ldt_core.base.model_state import STATES, ModelState, shown_state
 
+#: Sentences about what makes a run fail: all experiments of a long one may.
+MOST_FAILURES = 100
+
 
 class Summary:
     """Figures of a run, fed step by step, or record by record as a recording gives them.
@@ -49,8 +52,10 @@ class Summary:
         #: number and end [s], in their order.
         self.recorded: list[tuple[int, float]] = []
         self.answered: list[tuple[int, float]] = []
-        #: What makes a run fail: experiments not answered or not recorded, a sentence each.
+        #: What makes a run fail: experiments not answered or not recorded, a sentence each; the
+        #: first `MOST_FAILURES` of them, and how many more there are.
         self.failures: list[str] = []
+        self.further_failures = 0
         #: Experiments that came again, and were left out.
         self.repeated = 0
         #: Verdicts of the diagnoses that were made, in their order.
@@ -66,10 +71,17 @@ class Summary:
 
     def fail(self, *sentences: str) -> None:
         """Add what makes the run fail."""
-        self.failures += [s for s in sentences if s not in self.failures]
+        for new in (s for s in sentences if s not in self.failures):
+            if len(self.failures) < MOST_FAILURES:
+                self.failures.append(new)
+            else:
+                self.further_failures += 1
 
     def reject(self, error: LdtError) -> None:
-        """Count an experiment that could not be used, or came again; the first says why."""
+        """Count an experiment that could not be used, or came again; the first says why.
+
+        What is refused is not answered, and makes the run fail; what came again was answered.
+        """
         if isinstance(error, UnansweredExperiment):
             self.fail(str(error))
             return
@@ -79,6 +91,7 @@ class Summary:
         if not self.rejected:
             self.note(f"rejected {error}")
         self.rejected += 1
+        self.fail(f"not answered: {error}")
 
     def add(self, step: Step) -> None:
         """Take in one turn of the loop."""
@@ -183,6 +196,8 @@ class Summary:
 
     def as_dict(self) -> dict[str, Any]:
         """All figures and notes by name."""
+        more = self.further_failures
+        further = [f"{more} more experiments are not answered"] if more else []
         return {
             "experiments": self.experiments,
             "mme": self.mme,
@@ -209,7 +224,7 @@ class Summary:
             ],
             "advice": self.advice
             and {"experiment": self.advice.experiment, "sentence": self.advice.sentence},
-            "notes": [*self.notes, *self.failures],
+            "notes": [*self.notes, *self.failures, *further],
         }
 
     def rows(self) -> list[tuple[str, str]]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 
+LONGEST_NAME = 40  # characters: of four bytes each, with what else stands there, 255 are allowed
 #: Control characters but line feed and tab, marks and overrides of the writing's direction, line
 #: separators, and halves of characters, which no stream can encode.
 UNPRINTABLE = re.compile(
@@ -31,6 +32,15 @@ def one_line(text: str) -> str:
     'rotor ok no damage'
     """
     return printable(" ".join(text.split()))
+
+
+def file_name(name: str) -> str:
+    """A name as part of a file's: no path, and no longer than a file system takes.
+
+    >>> file_name("press/../2"), len(file_name("x" * 5000))
+    ('press_.._2', 40)
+    """
+    return re.sub(r"[^\w.-]", "_", name)[:LONGEST_NAME]
 
 
 def _escape(match: re.Match[str]) -> str:

@@ -38,6 +38,20 @@ def cores() -> int:
     return cpu_count()
 
 
+def started_thread(name: str) -> ThreadPoolExecutor:
+    """A thread that works off what it is given, one after the other, and lives from now on.
+
+    A pool starts its thread with the first work. Where memory or threads have run out by then, that
+    fails behind the work's back: it is queued, and nobody ever does it.
+
+    Raises:
+        RuntimeError: no thread can be started.
+    """
+    pool = ThreadPoolExecutor(1, thread_name_prefix=name)
+    pool.submit(int).result()
+    return pool
+
+
 class _Abandoned(Exception):
     """Nobody waits any more for what a thread does."""
 

@@ -24,6 +24,7 @@ from ldt_core.cli.terminal import echo
 
 GROUP = "ldt.command"
 LONGEST_PLACE = 300  # characters of a file's name in a sentence
+NO_THREAD = "can't start new thread"  # Python's own words where memory or threads have run out
 UNNAMEABLE = (errno.ENAMETOOLONG, errno.ELOOP)  # what no file can be called
 # As wide as the terminal up to 100 columns: the options' descriptions are sentences.
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -131,6 +132,10 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
         return 1
     except MemoryError as error:
         return _say(f"out of memory ({error or 'no more is to be had'})", 1)
+    except RuntimeError as error:
+        if str(error) != NO_THREAD:
+            raise
+        return _say(f"{error}: memory or the number of processes is at its limit", 1)
     except ImportError as error:  # of what is installed, or there is no memory to load it
         return _say(f"a library cannot be loaded: {error}", 1)
     except OSError as error:

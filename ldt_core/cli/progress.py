@@ -41,7 +41,7 @@ Item = TypeVar("Item")
 #: Tone of a state → colour of a terminal.
 COLOURS = {"good": "green", "found": "cyan", "bad": "red", "vague": "yellow", "open": "dim"}
 MAX_DIAGNOSES = 5  # shown when a run has ended, the last ones; the recording has all
-MAX_FAILURES = 3  # told in the sentence that a run fails with; --json has all
+MAX_FAILURES = 3  # told in the sentence that a run fails with; --json has more
 MAX_COLUMNS = 3  # machines in the table that a run ends with; more are a row each
 
 
@@ -243,8 +243,8 @@ def print_summaries(
         _print_table(runs, settings)
     told = [f"{machine}: {words}" for machine, s, _ in runs for words in s.failures]
     if told:
-        more = f"; and {len(told) - MAX_FAILURES} more" if len(told) > MAX_FAILURES else ""
-        raise LdtError("; ".join(told[:MAX_FAILURES]) + more)
+        more = len(told[MAX_FAILURES:]) + sum(s.further_failures for _, s, _ in runs)
+        raise LdtError("; ".join(told[:MAX_FAILURES]) + (f"; and {more} more" if more else ""))
 
 
 def interrupted_run(

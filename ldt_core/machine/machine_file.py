@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from ldt_core.physics.base import Physics
     from ldt_core.physics.effect import Effect
 
+LONGEST_NAME = 200  # characters: it stands in every message and sentence
 REQUIRED = ("name", "physics", "parameters", "limits", "experiment")
 OPTIONAL = ("effects", "simulation", "calibration")
 MAX_BYTES = 1_000_000  # a machine file is a page of text; more is a mistake or an attack
@@ -295,6 +296,9 @@ def machine_from_dict(data: Any, source: str) -> Machine:
     name = top["name"]
     if not isinstance(name, str) or not name:
         raise MachineFileError(f"{source}, name", "a name", repr(name))
+    if len(name) > LONGEST_NAME:
+        expected = f"at most {LONGEST_NAME} characters"
+        raise MachineFileError(f"{source}, name", expected, f"{len(name)}")
     try:
         physics = PHYSICS.get(top["physics"] if isinstance(top["physics"], str) else "?")
     except OptionError as error:

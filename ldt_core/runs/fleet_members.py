@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ldt_core.base.errors import BadInput
+from ldt_core.base.printable import file_name
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models import learns_by_diagnosis
 from ldt_core.recording.storage import RECORDINGS
@@ -19,7 +20,7 @@ SOURCES = ("plant", "player", "segmenter")
 
 def new_recording(machine: str) -> Path:
     """A folder name that does not exist yet: machine and time under `ldt_recordings`."""
-    stem = f"{Path(machine).stem}-{time.strftime('%Y%m%d-%H%M%S')}"
+    stem = f"{file_name(Path(machine).stem)}-{time.strftime('%Y%m%d-%H%M%S')}"
     path = RECORDINGS / stem
     count = 1
     while path.exists():

@@ -16,6 +16,7 @@ import yaml
 import msgs_config
 from ldt_core.base.errors import BadInput, UnansweredExperiment
 from ldt_core.base.metrics import Summary
+from ldt_core.base.printable import file_name
 from ldt_core.base.sentences import numbered
 from ldt_core.base.settings import FROM_FILE
 from ldt_core.detectors import DETECTORS
@@ -91,22 +92,30 @@ class MachineRun(Member):
             about = resumed, float(source.values.get(RESUMED_AT, "nan")) if source else math.nan
             sent, done = sent - resumed, len(since(summary.answered, about))
             summary.recorded = since(summary.recorded, about)
-        missing = sent - summary.rejected - summary.repeated - done
-        if missing > 0:
+        left = sent - summary.repeated - done
+        by_twin = min(summary.rejected, left)  # a stranger's may have been refused as well
+        if left > by_twin:
             recorder = health.get("recorder")
             why = recorder.last_rejection if recorder and recorder.rejected else ""
-            summary.fail(self._missing(missing, sent, answered, why))
+            summary.fail(self._missing(left - by_twin, sent, answered, why))
+        if by_twin > 0:
+            why = twin.last_rejection if twin else ""
+            summary.fail(self._refused(by_twin, sent, why))
+
+    def _refused(self, refused: int, sent: int, why: str) -> str:
+        """Which of those sent the twin refused, and why the last."""
+        open_ = self._open()
+        which = f": {numbered('experiment', open_.spans, MOST_LISTED)}" if open_ else ""
+        return f"{refused} of {sent} experiments sent are refused, not answered{which} ({why})"
 
     def _missing(self, missing: int, sent: int, answered: ExperimentNumbers, why: str) -> str:
         """Which of those sent are not answered, or not in the recording, and why the latter."""
         summary = self.summary
-        lost, open_ = ExperimentNumbers(), ExperimentNumbers()
-        known = Counter(number for number, _ in summary.answered)
+        lost, open_ = ExperimentNumbers(), self._open()
+        known = {number for number, _ in summary.answered}
         for number in answered:
             if number not in known:
                 lost.add(number)
-        for number in Counter(number for number, _ in summary.recorded) - known:
-            open_.add(number)
         told = []
         if lost:
             which = numbered("experiment", lost.spans, MOST_LISTED)
@@ -118,6 +127,14 @@ class MachineRun(Member):
             which = numbered("experiment", open_.spans, MOST_LISTED)
             told.append(f"not answered: {among}{which}" if open_ else "not answered")
         return f"{missing} of {sent} experiments sent are missing, {'; '.join(told)}"
+
+    def _open(self) -> ExperimentNumbers:
+        """Experiments that are recorded, and of which no answer is."""
+        known = Counter(number for number, _ in self.summary.answered)
+        found = ExperimentNumbers()
+        for number in Counter(number for number, _ in self.summary.recorded) - known:
+            found.add(number)
+        return found
 
 
 def since(experiments: list[Subject], last: Subject) -> list[Subject]:
@@ -221,9 +238,9 @@ def write_parameters(run: MachineRun, folder: Path, **others: str) -> str:
     defaults = {n: d["default"] for n, d in msgs_config.parameters().items()}
     values = {n: v for n, v in run.settings.items() if v != defaults[n]}
     if run.settings["machine"] not in msgs_config.machine_names():
-        machine = folder / f"{run.name}.machine.yaml"
+        machine = folder / f"{file_name(run.name)}.machine.yaml"
         machine.write_text(yaml.safe_dump(run.machine.as_dict(), allow_unicode=True))
         values["machine"] = str(machine)
-    file = folder / f"{run.name}.yaml"
+    file = folder / f"{file_name(run.name)}.yaml"
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": {**values, **others}}}))
     return str(file)

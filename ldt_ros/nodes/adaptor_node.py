@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -10,7 +9,7 @@ from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallba
 
 from ldt_core.base.experiment import Experiment, Level, Signal
 from ldt_core.base.printable import one_line
-from ldt_core.base.threads import one_thread
+from ldt_core.base.threads import one_thread, started_thread
 from ldt_core.models import build_model
 from ldt_core.restart.learning_switch import LearningSwitch
 from ldt_core.twin.loop import build_adaptor
@@ -62,7 +61,7 @@ class AdaptorNode(LdtNode, LifecycleNodeMixin):
         if self.adaptor.diagnoser is not None:
             self._diagnosis = self.topics.publishes("diagnosis")
             self._limited = one_thread()  # for good: two threads would lift each other's limit
-            self._beside = ThreadPoolExecutor(1, thread_name_prefix="diagnosis")
+            self._beside = started_thread("diagnosis")
             self.adaptor.diagnoser.executor = self._beside
         self.worker = StageWorker(self, self.adaptor, "signal")
         self.pairs = ExperimentPairs(self, "signal", self._pair)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from ldt_core.base.errors import FAULTS
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.threads import started_thread
 from ldt_core.recording.message_subject import Subject, agree
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.stage_restart import StageRestart
@@ -57,7 +58,7 @@ class StageWorker(NodePart):
         self.finished_with = self.left_out = 0
         self._last: Subject = (0, 0.0)  # number and start of the last experiment begun with
         self._make_up: Callable[[RecordedStep], None] | None = None
-        self.thread = ThreadPoolExecutor(1, thread_name_prefix=node.role)
+        self.thread = started_thread(node.role)
         # One thread writes each, so that neither needs a lock.
         self._begun = self._ended = 0
         self._told_last = 0
@@ -116,13 +117,13 @@ class StageWorker(NodePart):
         """Do the work on an experiment in its turn: on the thread where it, or one before, is long.
 
         Raises:
-            Exception: whatever work that is not long raises.
+            Exception: whatever work that is not long raises, or a thread that takes no more.
         """
         if self.pending > self.waiting:
             self.left_out += 1
         elif long or self.busy:
-            self._begun += 1
             self.thread.submit(self._on_thread, experiment, work)
+            self._begun += 1  # behind it: what the thread did not take would be pending for ever
         else:
             self._in_turn(experiment, work)
             self.finished_with = experiment.number
@@ -148,7 +149,7 @@ class StageWorker(NodePart):
     def _on_thread(self, experiment: Experiment, work: Callable[[], None]) -> None:
         try:
             self._in_turn(experiment, work)
-        except Exception as error:  # would be lost in the thread's future
+        except FAULTS as error:  # would be lost in the thread's future
             self._node.topics.reject(self._beside, error)
         finally:
             self.finished_with = experiment.number

@@ -147,7 +147,7 @@ def test_what_is_made_goes_where_o_says():
 
 
 #: What goes on from what is there, and what is never replaced: sealed cases and keys.
-NO_FORCE = {"study", "tune", "challenge score", "challenge make", "security init"}
+NO_FORCE = {"study", "challenge score", "challenge make", "security init"}
 
 
 def test_what_is_made_is_replaced_by_force_alone():

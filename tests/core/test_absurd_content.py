@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
-from ldt_core.base.errors import ExperimentError, UnansweredExperiment
+from ldt_core.base.errors import ExperimentError, MachineFileError, UnansweredExperiment
 from ldt_core.base.experiment import FAILED, Action, Experiment
+from ldt_core.base.metrics import Summary
 from ldt_core.base.settings import resolve
 from ldt_core.cli import invoke, ldt
 from ldt_core.detectors.threshold import Threshold
 from ldt_core.machine import Plant
-from ldt_core.machine.machine_file import load_machine
+from ldt_core.machine.machine_file import load_machine, machine_from_dict
 from ldt_core.models.physics import PhysicsModel
 from ldt_core.notebook.gap_diagnosis import diagnose
 from ldt_core.recording.bag import read_bag
+from ldt_core.recording.pace import paced
+from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.recorded_run import complete_steps
 from ldt_core.runs import offline
 from ldt_core.twin.loop import Twin
+from msgs_config import machine_text
 
 SHORT = replace(load_machine("rotor"), duration=2.0)
+SAMPLE = Path(__file__).resolve().parents[2] / "bags" / "rotor_drift"
 COUNT, BAD = 6, 3  # experiments, the one among them that is absurd
 
 
@@ -167,6 +175,65 @@ def test_an_experiment_without_an_answer_is_the_exit_code(monkeypatch, capsys):
     assert "experiments" in told.out
     words = f"rotor: experiment {BAD} is not answered: OverflowError: too large"
     assert told.err == f"ldt: {words}\n"
+
+
+@pytest.mark.parametrize("seed", [-1, 2**70])
+def test_a_seed_that_is_none_is_refused(seed, capsys):
+    """As by all other commands, and from Python."""
+    assert invoke(ldt, ["diagnose", str(SAMPLE), "--seed", str(seed), "--out", "none"]) == 2
+    assert capsys.readouterr().err.startswith("ldt: Invalid value for '--seed'")
+
+
+def test_a_pace_beyond_all_clocks_waits():
+    """An experiment of 2 s at a rate of 1e-300, or the next one in a thousand years."""
+
+    waits = []
+
+    class Stop(threading.Event):
+        def wait(self, timeout=None):
+            waits.append(timeout)
+            return super().wait(0 * timeout)
+
+    later = [replace(e, start=e.start + 1e9 * e.number) for e in made(2)]
+    assert list(paced(later, 1e-300, Stop())) == later
+    assert max(waits) == threading.TIMEOUT_MAX
+
+
+def test_a_name_of_any_length_is_not_repeated_in_every_sentence():
+    """5000 characters came back with each."""
+    text = machine_text("rotor").replace("name: rotor", "name: " + "x" * 5000)
+    with pytest.raises(MachineFileError, match="name: expected at most 200 characters, got 5000"):
+        machine_from_dict(yaml.safe_load(text), "mine.yaml")
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-30, 1e-299, 5e-324])
+def test_signals_of_no_size_are_diagnosed_as_a_machine_at_rest(size):
+    """Of what is no volt no effect's size can be made."""
+    sound = [replace(e, voltage=size * e.voltage, speed=size * e.speed) for e in made(3)]
+    assert diagnose(sound, SHORT).verdict.kind in ("none", "unknown")
+
+
+@pytest.mark.parametrize("bad", [(BAD,), range(1, COUNT + 1)])
+def test_what_is_refused_is_not_answered_and_the_exit_code_of_a_replay(bad, tmp_path, capsys):
+    """1, with the sentence that says which and why; all of them, as of another machine, too."""
+    with BagWriter(tmp_path / "sent", "rotor") as writer:
+        for e in made():
+            sent = replace(e, period=10.0) if e.number in bad else e
+            writer.write("experiment", sent, sent.end)
+    arguments = ["replay", tmp_path / "sent", "--model", "physics", "--out", tmp_path / "run"]
+    assert invoke(ldt, [str(a) for a in arguments]) == 1
+    told = capsys.readouterr().err
+    assert told.startswith(f"ldt: rotor: not answered: experiment {bad[0]}, sample period: ")
+    assert told.endswith("; and 3 more\n") is (len(bad) == COUNT)
+
+
+def test_a_run_that_fails_throughout_says_so_in_bounded_words():
+    """Of 100,000 experiments a sentence each would be found again in none of them."""
+    summary = Summary()
+    for number in range(1, 100_001):
+        summary.reject(UnansweredExperiment(number, "ZeroDivisionError"))
+    assert (len(summary.failures), summary.further_failures) == (100, 99_900)
+    assert summary.as_dict()["notes"][-1] == "99900 more experiments are not answered"
 
 
 def test_a_machine_heavier_than_any_is_diagnosed_within_memory():

@@ -185,7 +185,7 @@ def test_what_rounding_leaves_is_no_change_of_the_machine():
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("backwards", "K_t .*ran to 1000 times"),
+        ("backwards", "ran to 1000 times"),
         ("at rest", "ran to 1000 times"),
         ("no voltage", "the fit leaves"),
         ("turned in time", "ran to 1000 times"),

@@ -98,10 +98,14 @@ def wait_for(recording: Path, experiments: int) -> None:
         time.sleep(0.1)  # it is read from its beginning each time
 
 
-def finished(process: Any) -> dict[str, Any]:
-    """What a run with `--json` says of itself, of one that ended as it should."""
+def finished(process: Any, refused: str = "") -> dict[str, Any]:
+    """What a run with `--json` says of itself, of one that ended as it should.
+
+    With an experiment that is to be refused that is with 1, and these words.
+    """
     output, errors = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, errors) == (0, "")
+    assert process.returncode == bool(refused)
+    assert refused in errors if refused else errors == ""
     run: dict[str, Any] = json.loads(output)["runs"][0]
     return run
 

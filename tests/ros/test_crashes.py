@@ -87,7 +87,8 @@ def test_a_counter_that_began_anew_is_no_reason_to_lose_anything(ldt, tmp_path):
             writer.write("experiment", one, one.end)
     quick = ("--detector", "threshold", "--threshold", "0.5", "--gate", "none")
     play = ("--play", "played", *MODEL, *quick)
-    finished(ldt("run", *play, "--bag", "undisturbed", "--json"))
+    again = "not answered: experiment 1"
+    finished(ldt("run", *play, "--bag", "undisturbed", "--json"), again)
     process = ldt("up", *play, "--bag", "run", "--rate", "6")
     wait_for(tmp_path / "run", 24)
     roles = ("twin", "detector", "adaptor", "recorder", "player")
@@ -98,7 +99,7 @@ def test_a_counter_that_began_anew_is_no_reason_to_lose_anything(ldt, tmp_path):
     process.kill()
     process.communicate()
     assert 24 <= recorded(tmp_path / "run") < 59
-    finished(ldt("up", "--resume", "run", "--rate", "max", "--json"))
+    finished(ldt("up", "--resume", "run", "--rate", "max", "--json"))  # refused before
     found = differences(tmp_path / "undisturbed", tmp_path / "run")
     assert found == {"experiment": "0 lost, 1 more or other"}  # the one that was refused
 

@@ -45,11 +45,14 @@ def test_what_is_not_in_the_recording_is_named_with_the_cause():
 
 
 def test_what_nobody_answered_is_named():
-    """Also where the twin says that it failed; a refusal is an answer."""
+    """Also where the twin says that it failed, and why it refused."""
     words = "1 of 4 experiments sent are missing, not answered: experiment 3"
     assert failures([1, 2, 3, 4], [1, 2, 4], [1, 2, 4]) == [words]
     assert failures([1, 2, 3, 4], [1, 2, 4], [1, 2, 4], twin=FAILED) == [words]
-    assert failures([1, 2, 3, 4], [1, 2, 4], [1, 2, 4], twin=REFUSED) == []
+    words = "1 of 4 experiments sent are refused, not answered: experiment 3 (x)"
+    assert failures([1, 2, 3, 4], [1, 2, 4], [1, 2, 4], twin=REFUSED) == [words]
+    # A stranger's, beside a run that is answered whole.
+    assert failures([1, 2, 3, 4], [1, 2, 3, 4], [1, 2, 3, 4], twin=REFUSED) == []
     assert failures([1, 2, 3, 4], [1, 2, 3, 4], [1, 2, 3, 4]) == []
 
 
@@ -59,6 +62,18 @@ def test_a_run_that_goes_on_is_judged_by_what_it_sends_itself():
     assert failures([1, 2, 3, 4], [1, 3, 4], [4], plant=began) == []
     words = "1 of 1 experiments sent are missing, not answered: experiment 4"
     assert failures([1, 2, 3, 4], [1, 3], [], plant=began) == [words]
+
+
+def test_a_machines_name_is_no_path(tmp_path):
+    """A slash in it made files elsewhere, or none."""
+    file = tmp_path / "mine.yaml"
+    text = msgs_config.machine_text("rotor")
+    file.write_text(text.replace("name: rotor", "name: a/../../b"))
+    (run,) = machine_runs(resolve({"machine": str(file), "bag": str(tmp_path / "run")}))
+    folder = tmp_path / "run_files"
+    folder.mkdir()
+    assert Path(write_parameters(run, folder)).resolve().parent == folder
+    assert len(list(folder.iterdir())) == 2
 
 
 @pytest.mark.parametrize("then", ["other", "none"])

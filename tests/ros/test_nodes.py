@@ -196,6 +196,36 @@ def test_health_is_told_while_the_adaptor_trains_and_order_is_kept(stranger, mod
     stranger.until(lambda: stranger.health("adaptor").get("training") == "false")
 
 
+def no_more_threads(self):
+    """What the system says where memory or threads have run out."""
+    raise RuntimeError("can't start new thread")
+
+
+def test_a_node_needs_no_further_thread_once_it_runs(stranger, models, monkeypatch):
+    """Its first training comes hours later, when there may be none to be had."""
+    node = stranger.start(AdaptorNode, model=f"{models}:SlowModel", gate="none")
+    type(node.adaptor.model).fit.__globals__["GO_ON"].set()
+    stranger.listen("adaptation")
+    monkeypatch.setattr(threading.Thread, "start", no_more_threads)
+    stranger.send("experiment", experiment(1))
+    stranger.send("signal", answer(1, Level.POSITIVE))
+    stranger.until(lambda: stranger.heard["adaptation"])
+    assert stranger.heard["adaptation"][0].action is Action.ADAPTED
+    stranger.until(lambda: not node.worker.busy)
+
+
+def test_what_the_thread_does_not_take_is_told_and_not_awaited(stranger, models):
+    """Were it pending for ever, the node would put all that comes behind it."""
+    node = stranger.start(AdaptorNode, model=f"{models}:SlowModel", gate="none")
+    stranger.listen("adaptation")
+    node.worker.thread.shutdown()
+    stranger.send("experiment", experiment(1), experiment(2))
+    stranger.send("signal", answer(1, Level.POSITIVE), answer(2))
+    stranger.until(lambda: stranger.numbers("adaptation") == [2])
+    assert node.topics.rejected.total() == 1
+    assert not node.worker.busy
+
+
 def test_a_fault_of_a_users_model_costs_its_experiment_and_is_told(stranger, models):
     """The adaptor answers and goes on: waiting for an answer that never comes would hide it."""
     node = stranger.start(AdaptorNode, model=f"{models}:BrokenModel", gate="none")
