@@ -26,10 +26,6 @@ def _heating(t, theta, omega, current, voltage, p, state, rate):
     return -p[2] * COPPER * state[0] * current
 
 
-def _source(t, theta, omega, current, voltage, p):
-    return -p[0] * current
-
-
 def _brushes(t, theta, omega, current, voltage, p):
     u = current * p[1] / SMALL_VOLTAGE
     square = u * u
@@ -153,9 +149,9 @@ SOURCE_RESISTANCE = Effect(
         ),
     ),
     typical={"resistance": 0.3},
-    terminal=_source,
-    needs=("L",),
-    fastest=lambda values, voltage, resistance: (values["R"] + resistance) / values["L"],
+    # In series with the winding, which the equations take together.
+    on_parameters=lambda values, resistance: {**values, "R": values["R"] + resistance},
+    needs=("R",),
     reference="Horowitz, Hill, The Art of Electronics, chapter 1 (Thévenin's source)",
 )
 
