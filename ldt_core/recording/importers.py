@@ -135,7 +135,9 @@ def _from_table(
     fields = {q: parse_field(text, q, table.columns) for q, text in given.items()}
     wanted = [table.column(f.name) for f in fields.values()]
     _check_apart(given, wanted)
-    lines, columns = table.read(wanted, timed="time" in fields)
+    in_seconds = "time" in fields and fields["time"].factor == 1
+    dated = wanted[list(fields).index("time")] if in_seconds else None
+    lines, columns = table.read(wanted, timed="time" in fields, dated=dated)
     values = {
         q: column * field.factor for (q, field), column in zip(fields.items(), columns, strict=True)
     }
