@@ -71,7 +71,7 @@ def command(
     from ldt_core.twin.advisor import RECENT_EXPERIMENTS
 
     if out and speed is None:
-        raise OptionError("--out", "--reach beside it, whose way to draw", "none")
+        raise OptionError("--out", "--reach SPEED as well, whose way it draws", "none")
     if out:
         check_file(out, force)
     machine = load_machine(settings["machine"])

@@ -147,12 +147,14 @@ def command(
 
 
 def _refuse_idle(*options: str) -> None:
-    """Refuse options that change nothing beside --effects."""
+    """Refuse options that have no effect with --effects."""
     context = click.get_current_context()
     for option in options:
         given = context.get_parameter_source(option.strip("-"))
         if given is ParameterSource.COMMANDLINE:
-            raise OptionError(option, "no --effects, beside which it changes nothing", "--effects")
+            raise OptionError(
+                option, "to be left out: it has no effect with --effects", "--effects"
+            )
 
 
 def _with_effects(

@@ -74,7 +74,7 @@ def refuse_force(force: bool) -> None:
         OptionError: --force is given.
     """
     if force:
-        raise OptionError("--force", "none beside --resume, which goes on recording", "it")
+        raise OptionError("--force", "to be left out with --resume, which goes on recording", "it")
 
 
 @contextmanager

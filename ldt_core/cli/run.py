@@ -42,7 +42,9 @@ def command(settings: dict[str, Any], force: bool, no_bag: bool, as_json: bool) 
 
     if settings["resume"]:
         if no_bag:
-            raise BadInput("--no-bag", "none beside --resume, which goes on recording", "it")
+            raise BadInput(
+                "--no-bag", "to be left out with --resume, which goes on recording", "it"
+            )
         refuse_force(force)
         settings = resumed(settings)
     place = "" if no_bag or settings["resume"] else settings["bag"]

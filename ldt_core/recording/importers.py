@@ -170,6 +170,10 @@ def _from_bag(
     path: Path, given: dict[str, str], sample_period: float | None
 ) -> tuple[dict[str, Series], list[str]]:
     storage = Storage(path)
+    ours = any(topic.rpartition("/")[2] == "experiment" for topic in storage.topics)
+    if ours and not all(text.startswith("/") for text in given.values()):
+        got = f"a recording of experiments, which needs no import (ldt info {path})"
+        raise RecordingError(path, "a CSV file or a foreign bag", got)
     fields = {q: parse_field(text, q) for q, text in given.items()}
     sources = {q: parse_field_path(f"--{q}", field.name) for q, field in fields.items()}
     _check_apart(given, sources.values())

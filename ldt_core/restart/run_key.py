@@ -102,7 +102,7 @@ def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
             raise BadInput(where, f"{value!r}, with which {first} began", repr(given))
         if given != value and not _is_plain(name, value):
             where = f"--{name.replace('_', '-')}"
-            told = f"{quoted(str(value))} given again: what a recording names is not run"
+            told = f"{quoted(str(value))} to be given again: no file is run on a recording's word"
             raise BadInput(where, told, "nothing")
         found[name] = value
     return {**found, "bag": str(base), "resume": str(base)}
