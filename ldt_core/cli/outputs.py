@@ -31,7 +31,7 @@ RECORDING = ("metadata.yaml", "*/metadata.yaml", "*.mcap")
 FORMER = {"--bag": "--out"}
 
 force_option = click.option(
-    "--force", is_flag=True, help="Replace what --out names if it is there already."
+    "--force", is_flag=True, help="Replace the output of --out if it exists."
 )
 
 
