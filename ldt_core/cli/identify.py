@@ -188,7 +188,7 @@ def _with_effects(
     if rmse > still:
         echo(
             f"- Beware: a constant speed leaves less, {still:.4g} rad/s. This is hardly the "
-            "machine; look at its figures before `ldt calibrate` goes on from them."
+            "machine; look at its figures before you continue with `ldt calibrate`."
         )
     echo(f"machine file: {out}")
 

@@ -173,7 +173,7 @@ def _ended(health: Health) -> str:
         if count >= wanted:
             return f"complete: {count} of {wanted} experiments" if whole else "damaged, see notes"
         told = f"early, after {count} of {wanted} experiments"
-        return f"{told}; ldt run --resume {health.path} goes on"
+        return f"{told}; continue with ldt run --resume {health.path}"
     return "complete" if whole else "damaged or cut short, see notes; ldt doctor says what to do"
 
 

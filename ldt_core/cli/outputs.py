@@ -150,7 +150,7 @@ def present_spelling(arguments: Sequence[str], flags: Sequence[str]) -> list[str
         now = FORMER.get(name)
         if now in flags and name not in flags:
             if sys.stderr.isatty():
-                warn(f"{name} is {now} now; the former spelling goes on")
+                warn(f"{name} is {now} now; the old spelling still works")
             argument = f"{now}{equals}{value}"
         present.append(argument)
     return present

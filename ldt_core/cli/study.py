@@ -34,7 +34,7 @@ FIGURES = {
 
 @click.command("study", short_help="The paper's claims, over many seeds.")
 @click.option(
-    "-o", "--out", required=True, help="Folder of the study; an earlier one goes on there."
+    "-o", "--out", required=True, help="Folder of the study; an earlier one is continued."
 )
 @click.option(
     "--seeds",

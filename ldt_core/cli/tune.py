@@ -54,7 +54,7 @@ DETECTORS = ("threshold", "lddm", "window", "adequacy")
     help="Values of each detector that are tried at first; a second round refines the best.",
 )
 @click.option(
-    "-o", "--out", required=True, help="Folder of the result; an earlier one goes on there."
+    "-o", "--out", required=True, help="Folder of the result; an earlier one is continued."
 )
 @force_option
 @compute_options

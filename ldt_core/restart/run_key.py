@@ -93,7 +93,7 @@ def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
         default = declared[name]["default"]
         if name not in settings:  # `ldt run` has no graph to tell this
             if value != default:
-                told = "a run that ldt run can go on with (ldt up --resume goes on with this one)"
+                told = "a run that ldt run can continue (use ldt up --resume for this one)"
                 raise BadInput(f"{first}, {name}", told, repr(value))
             continue
         given = settings[name]
