@@ -82,7 +82,7 @@ class Commands(SuggestingGroup):
 def ldt() -> None:
     """LDT, the learning digital twin.
 
-    A digital twin that runs alongside a machine, notices changes, and learns again.
+    A digital twin that runs next to a machine, notices changes, and learns again.
 
     Start with `ldt demo`, then read `ldt docs start`.
 

@@ -55,7 +55,7 @@ WRONG = {
     "diagnose {files}/foreign --out why": "ldt import makes one",
     "replay {files}/motor --machine rotor --out out": "leave --machine out",
     "run --duration 10": "stands in the machine file",
-    "tune {files}/motor --out out": "expected --adaptations 10, say",
+    "tune {files}/motor --out out": "expected a budget: --adaptations 10",
     "import {files}/log.csv --voltage u --speed rpm:rpm --out x": "--time time_ms:ms --length 10",
     "import {files}/two.csv --out x": "--sample-period SECONDS",
     "identify {files}/motor --machine dc_motor --out out.yaml": "ldt calibrate RECORDING --machine",
