@@ -25,12 +25,15 @@ from ldt_core.diagnosis.free_run_residuals import (
     PreparedExperiment,
 )
 from ldt_core.diagnosis.start_states import SEARCH_STEP, Simulated
+from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.estimation.variable_projection import project_out
 from ldt_core.physics.effect import Effect
 
 #: Deviation of a departure of one shape, as a part of what the law itself does to the speed. What
 #: the shapes take away is nearly the same from 0.05 to 0.2.
 DEPARTURE = 0.1
+#: Of the prior of departures: stiffer, until a law departs by no more than a cause may leave.
+STIFFNESSES = tuple(10.0**k for k in range(9))
 LEAST_SHAPE = 1e-9  # of the size of its departure: a shape that changes less changes nothing
 LEAST = 1e-9  # of a coordinate: room that a parameter at a bound is left
 SLOW = 0.15  # of the largest speed: below, friction laws differ most
@@ -64,28 +67,34 @@ class LawDepartures:
         system = found and self._system(fitted, *found)
         if system is None or not all(np.isfinite(part).all() for part in system):
             return 0.0
-        gram, target = system
-        # Each departure and each number of the machine file has a prior of deviation 1; a parameter
-        # of an effect may move by about its own size, as far as the slopes hold.
-        gram += np.eye(len(target))
+        gram, target, power = system
         z, own = np.concatenate(fitted.z), len(fitted.prior_rows)
         target[z.size - own : z.size] += z[z.size - own :]
-        ends = np.full((2, len(target)), math.inf)
-        for k, sign in enumerate((-1.0, 1.0)):
-            bounds = np.concatenate([c.bounds[k] for c in fitted.members])
-            ends[k, : z.size] = np.maximum(sign * (bounds - z), LEAST)
-        root = np.linalg.cholesky(gram)
-        # Its square is the loss, but for a part that nothing changes.
-        wanted = -np.linalg.solve(root, target)
-        moved = lsq_linear(root.T, wanted, (-ends[0], ends[1])).x
-        gain = -float(moved @ gram @ moved + 2 * target @ moved)
-        part = gram[: z.size, : z.size]
-        return gain - float(np.linalg.slogdet(gram)[1] - np.linalg.slogdet(part)[1])
+        low, high = (np.concatenate([c.bounds[k] for c in fitted.members]) - z for k in (0, 1))
+        for stiffness in STIFFNESSES:
+            # Each departure and each number of the machine file has a prior of deviation 1; a
+            # parameter of an effect may move by about its own size, as far as the slopes hold.
+            prior = np.concatenate([np.ones(z.size), np.full(len(target) - z.size, stiffness)])
+            whole = gram + np.diag(prior)
+            moved = _bounded(whole, target, low, high)
+            shapes = moved[z.size :].reshape(len(power), -1)
+            sizes = [
+                float(a @ gram[at : at + a.size, at : at + a.size] @ a)
+                for at, a in zip(range(z.size, len(target), shapes.shape[1]), shapes, strict=True)
+            ]
+            if (np.array(sizes) <= THRESHOLDS.unexplained_of_gap * np.array(power)).all():
+                break
+        gain = -float(moved @ whole @ moved + 2 * target @ moved)
+        part = whole[: z.size, : z.size]
+        free = np.linalg.slogdet(whole)[1] - np.linalg.slogdet(part)[1]
+        return gain - float(free - (len(target) - z.size) * math.log(stiffness))
 
     def _system(
         self, fitted: EffectFit, speeds: Sequence[Array], changes: Sequence[Sequence[Array]]
-    ) -> tuple[Array, Array]:
+    ) -> tuple[Array, Array, list[float]]:
         """Inner products of parameters' and departures' columns, and theirs with the residual.
+
+        Also the power of what each effect changes.
 
         Args:
             speeds: of the set, in each experiment.
@@ -112,12 +121,12 @@ class LawDepartures:
             gram = gram + together.T @ together
             target = target + together.T @ fitted.residual[_speed(piece)]
         wanted = DEPARTURE * np.sqrt(np.minimum(power, self.gap))
-        size = np.repeat(wanted, (len(target) - count) // len(changes))
+        sized = np.repeat(wanted, (len(target) - count) // len(changes))
         length = np.sqrt(np.diag(gram)[count:])
-        seen = length > LEAST_SHAPE * size
+        seen = length > LEAST_SHAPE * sized
         scale = np.ones(len(target))
-        scale[count:] = np.where(seen, size / np.where(seen, length, 1.0), 0.0)
-        return gram * np.outer(scale, scale), target * scale
+        scale[count:] = np.where(seen, sized / np.where(seen, length, 1.0), 0.0)
+        return gram * np.outer(scale, scale), target * scale, power
 
     def _forgets(self, effect: Effect, piece: PreparedExperiment) -> float:
         """Part of its speed that the motor keeps from one sample to the next; 0 for a sensor's."""
@@ -149,6 +158,15 @@ class LawDepartures:
 def _speed(piece: PreparedExperiment) -> slice:
     """Rows of an experiment's speed."""
     return slice(piece.rows.start, piece.rows.start + len(piece.experiment))
+
+
+def _bounded(gram: Array, target: Array, low: Array, high: Array) -> Array:
+    """What minimises x' gram x + 2 target' x, its first elements between these ends."""
+    root = np.linalg.cholesky(gram)
+    ends = np.full((2, len(target)), math.inf)
+    ends[0, : low.size], ends[1, : high.size] = np.maximum(-low, LEAST), np.maximum(high, LEAST)
+    wanted = -np.linalg.solve(root, target)
+    return np.asarray(lsq_linear(root.T, wanted, (-ends[0], ends[1])).x)
 
 
 def _push(change: Array, forgets: float) -> Array:

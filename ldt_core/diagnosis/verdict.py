@@ -125,7 +125,7 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     gap = band.speed_gap(found.base, pool[0].residual)
     alike = plainest(found, _as_good(found, pool), pool, gap)
     # What leaves too much in the speed is no answer, however well it follows the current.
-    lefts = [found.left(f) for f in alike]
+    lefts = [band.speed_excess(f.residual) for f in alike]
     alike = [
         f for f, x in zip(alike, lefts, strict=True) if not _unexplained(band, x, gap)
     ] or alike
@@ -138,7 +138,7 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     best = alike[0]
     left, gap = band.speed_excess(best.residual), band.speed_gap(found.base, best.residual)
     structured = band.excess(best.residual) > band.limit_of(THRESHOLDS.remainder_false_alarm)
-    unknown = bool(_unexplained(band, found.left(best), gap))
+    unknown = bool(_unexplained(band, left, gap))
     kind = "unknown" if unknown else "ambiguous" if len(alike) > 1 else "effect"
     nearest = min(alike, key=found.loss)
     rivals = [f for f in pool if f not in alike and found.loss(f) > found.loss(nearest)]
@@ -301,13 +301,13 @@ def plainest(
     """
     best = alike[0]
     band = found.band
-    hopeless = _unexplained(band, found.left(best), gap)
+    hopeless = _unexplained(band, band.speed_excess(best.residual), gap)
     close = [
         f
         for f in pool
         if plain_enough(f, best, found.behind(f, best), gap)
         and not _only_it_explains(found, best, f)
-        and (hopeless or not _unexplained(band, found.left(f), gap))
+        and (hopeless or not _unexplained(band, band.speed_excess(f.residual), gap))
     ]
     if not close:
         least = min(f.free for f in alike)
