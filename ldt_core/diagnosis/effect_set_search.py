@@ -53,7 +53,7 @@ BEHIND = 1.5  # times the power that the best of a size leaves: a set further be
 MANY_PARAMETERS = 3  # with which a fit may end before its best
 UNFINISHED = 0.005  # of the gap: a fit with many parameters that leaves more goes on
 UNFINISHED_STEPS = 30  # least-squares steps for which it goes on
-MOST_WORK = 1_500_000_000  # integration steps, half a minute: then no further set is sought
+MOST_WORK = 600_000_000  # integration steps, up to a minute: then no further set is sought
 
 
 class TriedSet(NamedTuple):

@@ -125,10 +125,7 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     gap = band.speed_gap(found.base, pool[0].residual)
     alike = plainest(found, _as_good(found, pool), pool, gap)
     # What leaves too much in the speed is no answer, however well it follows the current.
-    lefts = [band.speed_excess(f.residual) for f in alike]
-    alike = [
-        f for f, x in zip(alike, lefts, strict=True) if not _unexplained(band, x, gap)
-    ] or alike
+    alike = [f for f in alike if not _no_cause(found, f, gap)] or alike
     alike = sorted(alike, key=lambda f: kin(f.effects))  # else the best first, as before
     # Of laws of one family the one that follows the machine best is what predicts it.
     clear = THRESHOLDS.indistinguishable_loss
@@ -138,7 +135,7 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     best = alike[0]
     left, gap = band.speed_excess(best.residual), band.speed_gap(found.base, best.residual)
     structured = band.excess(best.residual) > band.limit_of(THRESHOLDS.remainder_false_alarm)
-    unknown = bool(_unexplained(band, left, gap))
+    unknown = _no_cause(found, best, gap)
     kind = "unknown" if unknown else "ambiguous" if len(alike) > 1 else "effect"
     nearest = min(alike, key=found.loss)
     rivals = [f for f in pool if f not in alike and found.loss(f) > found.loss(nearest)]
@@ -179,6 +176,17 @@ def _unexplained(band: ErrorBand, left: Any, gap: Any) -> Any:
     """
     limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
     return (left > limit) & (left > THRESHOLDS.unexplained_of_gap * gap)
+
+
+def _no_cause(found: FittedSets, fitted: EffectFit, gap: float) -> bool:
+    """Whether a set leaves too much: of the gap, or more than its laws may depart.
+
+    Of the latter no more may be left than a further effect explains: there is one without a name.
+    """
+    band, left = found.band, found.left(fitted)
+    nameless = left > THRESHOLDS.further_effect_of_gap * gap
+    nameless &= left > band.speed_limit(THRESHOLDS.remainder_false_alarm)
+    return bool(nameless or _unexplained(band, band.speed_excess(fitted.residual), gap))
 
 
 def _with_noise(residuals: FreeRunResiduals, level: tuple[float, float]) -> FreeRunResiduals:
@@ -300,14 +308,13 @@ def plainest(
     fit better.
     """
     best = alike[0]
-    band = found.band
-    hopeless = _unexplained(band, band.speed_excess(best.residual), gap)
+    hopeless = _no_cause(found, best, gap)
     close = [
         f
         for f in pool
         if plain_enough(f, best, found.behind(f, best), gap)
         and not _only_it_explains(found, best, f)
-        and (hopeless or not _unexplained(band, band.speed_excess(f.residual), gap))
+        and (hopeless or not _no_cause(found, f, gap))
     ]
     if not close:
         least = min(f.free for f in alike)
