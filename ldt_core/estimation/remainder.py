@@ -62,11 +62,11 @@ class Drive(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """Nodes of a curve: the first, their distance, and how many there are."""
+    """Nodes of a curve: the first, their distance, and their number."""
 
     low: float
     step: float
-    count: int
+    nodes: int
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Shape:
     @property
     def size(self) -> int:
         """Number of weights."""
-        return self.speed.count + self.current.count + self.plays.size + self.lags.size
+        return self.speed.nodes + self.current.nodes + self.plays.size + self.lags.size
 
     @classmethod
     def of(cls, runs: Sequence[Drive]) -> Shape:
@@ -108,7 +108,7 @@ class Shape:
         return cls(
             _axis(speeds, NODES["speed"]),
             _axis(np.concatenate([_current(r) for r in runs]), NODES["current"]),
-            span / 2 * 0.5 ** np.arange(PLAYS),
+            span / 2 * np.exp2(-np.arange(PLAYS, dtype=np.float64)),
             np.geomspace(FASTEST * runs[0].period, slowest, LAGS),
             span,
         )
@@ -116,7 +116,7 @@ class Shape:
     def priors(self) -> list[Array]:
         """Matrices whose sum, each times its precision, is the weights' prior precision."""
         found, begin = [], 0
-        for count in (self.speed.count, self.current.count):
+        for count in (self.speed.nodes, self.current.nodes):
             part = slice(begin, begin + count)
             found += [_block(self.size, part, m) for m in (_walk(count), np.eye(count) / count)]
             begin += count
@@ -171,7 +171,7 @@ def free_run(
         led: whether the acceleration is that of the measured speed, not of the predicted one.
     """
     lead = run.speed if led else np.empty(0)
-    return _run(  # type: ignore[no-any-return]  # compiled
+    return _run(
         *(run.ad, run.bd, run.gd, run.voltage, run.current, run.speed[0]),
         *(shape.speed, shape.current, shape.plays, 1 - np.exp(-run.period / shape.lags)),
         *(shape.span, weights, thin, lead),
@@ -196,7 +196,7 @@ def _run(
     """See `free_run`; `rates` (q,) is what a lag catches up in a sample."""
     samples, n, p, q = len(voltage), len(weights), len(plays), len(rates)
     rows = -(-samples // thin) if thin else 0
-    first_play = speeds.count + currents.count
+    first_play = speeds.nodes + currents.nodes
     speed, slopes = np.empty(samples), np.zeros((rows, n))
     loose, late, free = np.full(p, w), np.full(q, w), len(lead) == 0
     at_w, at_i = w, i
@@ -213,14 +213,14 @@ def _run(
             at_w, at_i = w, i
         else:
             at_w = lead[k]
-        for axis, begin, x in ((speeds, 0, at_w), (currents, speeds.count, at_i)):
-            at = min(max((x - axis.low) / axis.step, 0.0), axis.count - 1.0)
-            c = min(int(at), axis.count - 2)
+        for axis, begin, x in ((speeds, 0, at_w), (currents, speeds.nodes, at_i)):
+            at = min(max((x - axis.low) / axis.step, 0.0), axis.nodes - 1.0)
+            c = min(int(at), axis.nodes - 2)
             t = at - c
             a, b = weights[begin + c], weights[begin + c + 1]
             force += (1 - t) * a + t * b
             df[begin + c], df[begin + c + 1] = 1 - t, t
-            slope = (b - a) / axis.step if 0.0 < at < axis.count - 1.0 else 0.0
+            slope = (b - a) / axis.step if 0.0 < at < axis.nodes - 1.0 else 0.0
             if begin == 0:
                 by_w += slope
             else:
@@ -332,7 +332,7 @@ class _Search:
         self.priors = shape.priors()
         self.sizes = np.full(len(self.priors), FIRST)
         self.weights = np.zeros(shape.size)
-        self.covariance = np.eye(shape.size)
+        self.covariance: Array = np.eye(shape.size)
 
     def run(self, led: bool) -> None:
         """Go on from the weights so far; `led` as for `free_run`.
@@ -369,7 +369,7 @@ class _Search:
         """A step that helps: the residual, and the gain in twice the logarithm of the posterior."""
         prior = self._prior()
         precision = known * (slopes.T @ slopes) + prior
-        self.covariance = np.linalg.inv(precision)
+        self.covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
         uphill = known * (slopes.T @ rest) - prior @ self.weights
         before = known * (rest @ rest) + self.weights @ prior @ self.weights
         damping = 0.0

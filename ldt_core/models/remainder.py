@@ -134,7 +134,7 @@ def _from_json(record: Mapping[str, Any]) -> Remainder:
     noise = float(record["noise_std"])
     if min(sizes) <= 0 or noise < 0:
         raise ValueError(f"widths, times and span {sizes}, noise_std {noise}")
-    shape = Shape(*axes, plays, lags, float(record["span"]))
+    shape = Shape(axes[0], axes[1], plays, lags, float(record["span"]))
     weights = np.array(record["weights"], dtype=np.float64)
     directions = np.array(record["directions"], dtype=np.float64).reshape(-1, shape.size)
     if weights.shape != (shape.size,):

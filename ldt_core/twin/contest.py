@@ -225,8 +225,8 @@ class ContestAdaptor(Adaptor):
             then = "other models compete at the next experiment"
             self.backoff.failed(present)
         judged = self.unexplained(experiment)  # in one alone a version errs less by luck
-        rivals = (before, self.original)
-        flexible = self.candidates.at_once(self._grey(), rivals, judged[-POOL:])
+        beaten = (before, self.original)
+        flexible = self.candidates.at_once(self._grey(), beaten, judged[-POOL:])
         if flexible is not None:
             origin = "does better in what was held back from it, no known cause explains it"
             return self._learned_by(flexible, origin, experiment, details)
