@@ -43,13 +43,13 @@ ROWS = 4000
 FEWEST_STEPS, STEPS, DAMPINGS = 8, 40, 12
 #: Steps that are made before the residual is taken for what no remainder explains.
 ROUGH_STEPS = 3
-#: Logarithm of the posterior, a row, by which a step has to raise it to be worth another one.
+#: What a step has to raise the logarithm of the posterior by, a row, to be worth another one.
 CONVERGED = 1e-3
 #: Precision of a prior [s^4/rad^2]: of one of which nothing is known, and the limits.
 FIRST, LEAST, MOST = 1e-6, 1e-9, 1e9
 
 
-class Drive(NamedTuple):
+class DrivenMotor(NamedTuple):
     """One experiment and the discrete motor behind it: `models.hybrid` says what each is."""
 
     ad: Array
@@ -61,7 +61,7 @@ class Drive(NamedTuple):
     current: float
 
 
-class Axis(NamedTuple):
+class CurveNodes(NamedTuple):
     """Nodes of a curve: the first, their distance, and their number."""
 
     low: float
@@ -70,7 +70,7 @@ class Axis(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Shape:
+class RemainderShape:
     """What an acceleration is made of.
 
     Args:
@@ -81,8 +81,8 @@ class Shape:
         span: of the speeds seen, by which what a lag misses is measured [rad/s].
     """
 
-    speed: Axis
-    current: Axis
+    speed: CurveNodes
+    current: CurveNodes
     plays: Array
     lags: Array
     span: float
@@ -93,7 +93,7 @@ class Shape:
         return self.speed.nodes + self.current.nodes + self.plays.size + self.lags.size
 
     @classmethod
-    def of(cls, runs: Sequence[Drive]) -> Shape:
+    def of(cls, runs: Sequence[DrivenMotor]) -> RemainderShape:
         """What fits the ranges of these experiments.
 
         Raises:
@@ -127,7 +127,7 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Remainder:
+class LearnedRemainder:
     """A fitted acceleration.
 
     Args:
@@ -137,17 +137,17 @@ class Remainder:
         noise_std: what its free runs leave [rad/s].
     """
 
-    shape: Shape
+    shape: RemainderShape
     weights: Array
     directions: Array
     noise_std: float
 
 
-def _axis(values: Array, count: int) -> Axis:
+def _axis(values: Array, count: int) -> CurveNodes:
     low, high = float(values.min()), float(values.max())
     step = max(high - low, 1e-9) / (count - 1)
     beyond = math.ceil(BEYOND * count)
-    return Axis(low - beyond * step, step, count + 2 * beyond)
+    return CurveNodes(low - beyond * step, step, count + 2 * beyond)
 
 
 def _walk(count: int) -> Array:
@@ -162,7 +162,7 @@ def _block(size: int, part: slice, matrix: Array) -> Array:
 
 
 def free_run(
-    shape: Shape, weights: Array, run: Drive, thin: int = 0, led: bool = False
+    shape: RemainderShape, weights: Array, run: DrivenMotor, thin: int = 0, led: bool = False
 ) -> tuple[Array, Array]:
     """Speed (L,) under an acceleration, and its derivatives by the weights.
 
@@ -265,7 +265,7 @@ def _run(
 class _Data:
     """Free runs over experiments, as the rows that a fit sees."""
 
-    def __init__(self, runs: Sequence[Drive], held: Sequence[slice]) -> None:
+    def __init__(self, runs: Sequence[DrivenMotor], held: Sequence[slice]) -> None:
         self.runs = runs
         self.thin = max(1, math.ceil(sum(r.speed.size for r in runs) / ROWS))
         kept = [np.ones(r.speed.size) for r in runs]
@@ -278,18 +278,20 @@ class _Data:
         edges = np.arange(0, row.size, self.thin)
         return np.asarray(np.add.reduceat(row, edges) / np.diff(np.append(edges, row.size)))
 
-    def residual(self, shape: Shape, weights: Array, led: bool) -> Array:
+    def residual(self, shape: RemainderShape, weights: Array, led: bool) -> Array:
         """(rows,) measured minus predicted."""
         speeds = [self._means(free_run(shape, weights, r, 0, led)[0]) for r in self.runs]
         return np.asarray((self.measured - np.concatenate(speeds))[self.kept])
 
-    def slopes(self, shape: Shape, weights: Array, led: bool) -> Array:
+    def slopes(self, shape: RemainderShape, weights: Array, led: bool) -> Array:
         """(rows, n) derivatives of the prediction."""
         found = [free_run(shape, weights, r, self.thin, led)[1] for r in self.runs]
         return np.asarray(np.concatenate(found)[self.kept])
 
 
-def fit_remainder(runs: Sequence[Drive], directions: int, held: Sequence[slice] = ()) -> Remainder:
+def fit_remainder(
+    runs: Sequence[DrivenMotor], directions: int, held: Sequence[slice] = ()
+) -> LearnedRemainder:
     """The acceleration under which free runs are nearest to these experiments.
 
     Args:
@@ -300,7 +302,7 @@ def fit_remainder(runs: Sequence[Drive], directions: int, held: Sequence[slice] 
     Raises:
         LdtError: the machine stood still, or numbers that overflow.
     """
-    shape = Shape.of(runs)
+    shape = RemainderShape.of(runs)
     search = _Search(shape, _Data(runs, held or [slice(0, 0)] * len(runs)))
     with np.errstate(all="ignore"):  # judged by isfinite
         try:
@@ -315,7 +317,7 @@ def fit_remainder(runs: Sequence[Drive], directions: int, held: Sequence[slice] 
     widest = (vectors * np.sqrt(np.maximum(values, 0.0))).T[-directions:]
     if not (np.isfinite(widest).all() and np.isfinite(noise)):
         raise LdtError("remainder model: the data are too large to compute with")
-    return Remainder(shape, weights, widest, noise)
+    return LearnedRemainder(shape, weights, widest, noise)
 
 
 class _Search:
@@ -327,7 +329,7 @@ class _Search:
         covariance: (n, n) of the weights.
     """
 
-    def __init__(self, shape: Shape, data: _Data) -> None:
+    def __init__(self, shape: RemainderShape, data: _Data) -> None:
         self.shape, self.data = shape, data
         self.priors = shape.priors()
         self.sizes = np.full(len(self.priors), FIRST)
@@ -341,10 +343,9 @@ class _Search:
             LdtError: too few samples, or numbers that overflow.
         """
         rest = self.data.residual(self.shape, self.weights, led)
-        zero = np.zeros(self.shape.size)
-        plain = self.data.residual(self.shape, zero, led)
+        plain = self.data.residual(self.shape, np.zeros(self.shape.size), led)
         if not float(rest @ rest) < float(plain @ plain):
-            self.weights, rest = zero, plain
+            self.weights, rest = np.zeros(self.shape.size), plain
         if rest.size < len(self.priors) or not np.isfinite(rest).all():
             raise LdtError("remainder model: too few samples to learn from, or absurd ones")
         variance, memory, slopes = float(np.mean(rest**2)), 1.0, None
@@ -389,12 +390,11 @@ class _Search:
 
     def _resize(self) -> float:
         """Take the priors that make the data likelier; how many weights the data determine."""
-        free, told = np.linalg.inv(self._prior()), 0.0
-        found = np.empty(len(self.priors))
+        free, told, found = np.linalg.inv(self._prior()), 0.0, np.empty(len(self.priors))
         for j, matrix in enumerate(self.priors):
             determined = self.sizes[j] * float(np.sum((free - self.covariance) * matrix))
-            told += max(determined, LEAST)
-            size = max(determined, LEAST) / max(float(self.weights @ matrix @ self.weights), LEAST)
+            told += (determined := max(determined, LEAST))
+            size = determined / max(float(self.weights @ matrix @ self.weights), LEAST)
             found[j] = min(max(size, LEAST), MOST)
         self.sizes = found
         return told

@@ -12,10 +12,10 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.threads import one_thread
 from ldt_core.estimation.remainder import (
-    Axis,
-    Drive,
-    Remainder,
-    Shape,
+    CurveNodes,
+    DrivenMotor,
+    LearnedRemainder,
+    RemainderShape,
     fit_remainder,
     free_run,
 )
@@ -102,14 +102,14 @@ class RemainderModel(Model):
         physics = {name: found.parameters[name] for name in ("machine", "effects")}
         return self.successor({**physics, "remainder": None}, ())
 
-    def _drive(self, experiment: Experiment, known: Array) -> Drive:
+    def _drive(self, experiment: Experiment, known: Array) -> DrivenMotor:
         matrices = self.base.motor(experiment.period)
         speed = experiment.speed - known
         current = float(self.base.start(experiment)[0])
-        return Drive(*matrices, experiment.period, experiment.voltage, speed, current)
+        return DrivenMotor(*matrices, experiment.period, experiment.voltage, speed, current)
 
 
-def _to_json(found: Remainder) -> dict[str, Any]:
+def _to_json(found: LearnedRemainder) -> dict[str, Any]:
     shape = found.shape
     return {
         "speed": list(shape.speed),
@@ -123,20 +123,20 @@ def _to_json(found: Remainder) -> dict[str, Any]:
     }
 
 
-def _from_json(record: Mapping[str, Any]) -> Remainder:
+def _from_json(record: Mapping[str, Any]) -> LearnedRemainder:
     axes = []
     for low, step, count in (record["speed"], record["current"]):
         if not (step > 0 and type(count) is int and count > 1):
             raise ValueError(f"{count} nodes at a distance of {step}")
-        axes.append(Axis(float(low), float(step), count))
+        axes.append(CurveNodes(float(low), float(step), count))
     plays, lags = (np.array(record[n], dtype=np.float64) for n in ("plays", "lags"))
     sizes = [*plays, *lags, float(record["span"])]
     noise = float(record["noise_std"])
     if min(sizes) <= 0 or noise < 0:
         raise ValueError(f"widths, times and span {sizes}, noise_std {noise}")
-    shape = Shape(axes[0], axes[1], plays, lags, float(record["span"]))
+    shape = RemainderShape(axes[0], axes[1], plays, lags, float(record["span"]))
     weights = np.array(record["weights"], dtype=np.float64)
     directions = np.array(record["directions"], dtype=np.float64).reshape(-1, shape.size)
     if weights.shape != (shape.size,):
         raise ValueError(f"{weights.size} weights of {shape.size}")
-    return Remainder(shape, weights, directions, noise)
+    return LearnedRemainder(shape, weights, directions, noise)
