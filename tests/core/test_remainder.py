@@ -121,12 +121,10 @@ def test_a_machine_that_stood_still_teaches_nothing():
 
 
 @pytest.mark.slow
-def test_a_torque_with_memory_is_followed_by_the_next_experiment():
+def test_a_torque_with_memory_is_learned_from_two_experiments():
     """Nothing in the library is like it."""
     given = STREAMS["own_hysteresis"](3, 60)
     changed = next(i for i in range(45, 55) if len(set(given.conditions[i : i + 3])) == 1)
     twin = Twin(given.machine)
-    steps = [twin.step(e) for e in given.experiments[changed : changed + 3]]
-    assert steps[0].adaptation.action == "adapted"
-    for s in steps[1:]:
-        assert s.signal.max_error < 0.5 * s.original.max_error(s.experiment)
+    third = [twin.step(e) for e in given.experiments[changed : changed + 3]][-1]
+    assert third.signal.max_error < 0.5 * third.original.max_error(third.experiment)
