@@ -218,6 +218,19 @@ def test_another_excitation_alone_is_a_new_range():
     assert told(detector, steps, random.normal(size=600) + wave) == ("inadequate", Level.POSITIVE)
 
 
+def test_what_fails_where_the_machine_was_seen_is_learned_from():
+    """However new the rest is: a range may grow with every experiment."""
+    random, detector = np.random.default_rng(6), Adequacy()
+    steady, steps = np.full(600, 12.0), np.repeat(random.uniform(2, 18, 12), 50)
+    wave = 5 * np.sin(np.arange(600) / 30)
+    told(detector, steady, random.normal(size=600) + wave)
+    detector.answered(True)
+    told(detector, steady, random.normal(size=600))
+    assert told(detector, steps, random.normal(size=600) + wave) == ("new_range", Level.NEGATIVE)
+    wider = np.where(np.arange(600) > 500, 30.0, steps)
+    assert told(detector, wider, random.normal(size=600) + wave) == ("inadequate", Level.POSITIVE)
+
+
 def test_a_change_within_the_known_range_is_no_new_range():
     """However new the rest of the excitation is."""
     random, detector = np.random.default_rng(7), Adequacy()
