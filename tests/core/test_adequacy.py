@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
@@ -53,6 +53,8 @@ def test_false_alarms_are_no_more_than_stated(noise, length):
     assert positives <= count / EVERY
 
 
+@pytest.mark.slow
+@settings(max_examples=25)  # of 800 e-values each
 @given(seed=st.integers(0, 10_000), length=st.integers(20, 300), law=st.integers(0, 4))
 def test_the_e_value_has_a_mean_of_at_most_one(seed, length, law):
     """Over all signs of the same magnitudes: drawn at random, within four standard errors."""

@@ -226,7 +226,7 @@ def test_laws_of_one_family_that_hardly_differ_are_a_group():
     found = {}
     for static in (0.01, 0.2):
         law = f"stribeck_friction:torque=0.1,static={static},velocity=4"
-        machine = record(ROTOR, law, count=8, volts=(-8.0, 8.0), samples=600, hold=60)
+        machine = record(ROTOR, law, count=4, volts=(-8.0, 8.0), samples=600, hold=60)
         found[static] = diagnose(ROTOR, machine).verdict.acting
     assert found[0.2] == [["stribeck_friction"]]
     ((*group,),) = found[0.01]
