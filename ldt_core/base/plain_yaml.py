@@ -19,7 +19,8 @@ DEEPEST = 100
 class _Loader(LOADER):  # type: ignore[misc]
     """Takes a key once, and for numbers what people write for one.
 
-    YAML 1.1 takes the second of two values without a word, 20:00 for 1200, and 010 for 8.
+    YAML 1.1 takes the second of two values without a word, 20:00 for 1200, 010 for 8, and 1e-3,
+    which is a number in JSON too, for a text.
     """
 
     def construct_mapping(self, node: Any, deep: bool = False) -> Any:
@@ -42,7 +43,8 @@ _Loader.add_implicit_resolver(INTEGER, re.compile(r"[-+]?(0|[1-9][0-9]*)$"), lis
 _Loader.add_implicit_resolver(
     FLOAT,
     re.compile(
-        r"[-+]?([0-9]+\.[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?$|[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN)$"
+        r"[-+]?([0-9]+\.[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?$|[-+]?[0-9]+[eE][-+]?[0-9]+$|"
+        r"[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN)$"
     ),
     list("-+0123456789."),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import tracemalloc
@@ -18,6 +19,7 @@ from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.base.registry import Registry
 from ldt_core.base.settings import resolve
 from ldt_core.cli import invoke, ldt
+from ldt_core.cli.options import read_settings
 from ldt_core.detectors.threshold import Threshold
 from ldt_core.effects.base import Effect
 from ldt_core.machine import Plant
@@ -188,9 +190,15 @@ def test_a_machine_file_s_number_is_one_that_people_write(change, words):
 
 def test_a_number_with_a_leading_zero_is_decimal():
     """YAML takes 010 for 8."""
-    assert load_yaml("[010, 0.5, -3, 1.5e3, .inf]")[1:] == [0.5, -3, 1500.0, np.inf]
+    assert load_yaml("[010, 0.5, -3, 1.5e3, 1e-3, .inf]")[1:] == [0.5, -3, 1500.0, 0.001, np.inf]
     text = msgs_config.machine_text("rotor").replace("K_x: 2000", "K_x: 010")
     assert parse_machine(text, "mine").parameters["K_x"] == 10.0
+
+
+def test_a_file_of_settings_takes_numbers_as_json_writes_them(tmp_path):
+    """A threshold of 0.00001 is 1e-05 in a tune.json, which was refused as no number."""
+    (tmp_path / "tune.json").write_text(json.dumps({"settings": {"error_threshold": 1e-5}}))
+    assert read_settings(str(tmp_path / "tune.json")) == {"error_threshold": 1e-5}
 
 
 def test_a_sentence_lists_so_many_names():
