@@ -118,7 +118,7 @@ def build() -> None:
     setup(
         name="ldt",
         version="0.2.0",
-        description="A digital twin that learns beside a machine and notices when it has changed",
+        description="A digital twin that runs next to a machine, notices changes and learns again",
         long_description=(HERE / "README.md").read_text(encoding="utf-8"),
         long_description_content_type="text/markdown",
         license="Apache-2.0",

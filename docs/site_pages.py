@@ -211,6 +211,9 @@ def effects() -> str:
 def _plain(text: str) -> str:
     """One line that Markdown and its tables take as it is."""
     words = " ".join(text.split())
-    for letter in "|<>*_[]":
-        words = words.replace(letter, f"\\{letter}" if letter not in "<>" else f"&#{ord(letter)};")
-    return words
+    parts = re.split(r"(`[^`]*`)", words)  # a backslash in code would be shown
+    for index in range(0, len(parts), 2):
+        for letter in "|<>*_[]":
+            plain = f"\\{letter}" if letter not in "<>" else f"&#{ord(letter)};"
+            parts[index] = parts[index].replace(letter, plain)
+    return "".join(parts)

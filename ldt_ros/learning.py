@@ -38,12 +38,12 @@ TRANSITIONS = {"on": "activate", "off": "deactivate"}
 @namespace_option
 @json_option
 def command(wanted: str | None, bag: str, namespace: str, as_json: bool) -> None:
-    """Say whether the twin of the running graph learns; with off or on, switch that.
+    """Show whether the twin of the running graph learns, or switch learning off or on.
 
-    While it is off the twin predicts and judges as before, and what comes is kept out of all that
-    is learned from later: for work at the machine. It stays off over crashes and --resume; a replay
-    of the recording learns from all of it. This is the standard state of the adaptor, a managed
-    node: ros2 lifecycle set /adaptor deactivate.
+    Use it during work on the machine. While learning is off, the twin predicts and judges as
+    before; experiments of this time are never learned from later. It stays off after crashes and
+    --resume; a replay of the recording learns from everything. This is the standard state of the
+    adaptor, a managed node: ros2 lifecycle set /adaptor deactivate.
 
     Example: ldt learning off
     """

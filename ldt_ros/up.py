@@ -121,11 +121,11 @@ def _roles(settings: Mapping[str, Any]) -> Iterator[str]:
 @preset_option
 @json_option
 def command(settings: dict[str, Any], force: bool, as_json: bool) -> None:
-    """Run the whole node graph: machine, twin, detector, adaptor, recorder, and more if asked for.
+    """Run the whole node graph: machine, twin, detector, adaptor, recorder, and optional nodes.
 
-    It simulates the machine as it degrades (or plays a recording, or listens to a machine's samples
-    with --source stream), learns, records, ends by itself after the last experiment or on Ctrl-C,
-    and prints what happened.
+    It simulates a machine that wears (or plays a recording, or listens to a machine's samples with
+    --source stream), learns and records. It ends after the last experiment or on Ctrl-C, and prints
+    a summary.
 
     Example: ldt up --experiments 40 --seed 3 --out my_run
     """

@@ -129,7 +129,7 @@ class Summary:
         if adaptation.details.get(DOUBTFUL) and DOUBTFUL not in self._noted:
             self._noted.add(DOUBTFUL)
             _, _, words = adaptation.reason.rpartition("; ")
-            self.note(f"experiment {adaptation.number}, {words}; it was not passed over")
+            self.note(f"experiment {adaptation.number}, {words}; it was used all the same")
         if adaptation.details.get(FAILED) and FAILED not in self._noted:
             self._noted.add(FAILED)
             self.note(f"experiment {adaptation.number}: {adaptation.reason}")

@@ -82,9 +82,9 @@ class Commands(SuggestingGroup):
 def ldt() -> None:
     """LDT, the learning digital twin.
 
-    Runs a digital twin beside a machine, notices when the machine has changed, and learns again.
+    A digital twin that runs next to a machine, notices changes, and learns again.
 
-    Begin with `ldt demo`, then `ldt docs start`.
+    Start with `ldt demo`, then read `ldt docs start`.
 
     Example: ldt up --experiments 40 --seed 3
     """

@@ -24,20 +24,20 @@ if TYPE_CHECKING:
     "given",
     multiple=True,
     metavar="NAME:PARAM=VALUE",
-    help="Effect that the machine has beside its file; can be given several times.",
+    help="Effect that the machine has in addition to its file; can be given several times.",
 )
 @click.option(
     "--reach",
     "speed",
     type=click.FLOAT,
-    help="Speed to be reached from rest [rad/s]: says how, too.",
+    help="Speed to reach from rest [rad/s]; says how to reach it.",
 )
 @click.option(
     "-o",
     "--out",
     default="",
     metavar="FILE.png",
-    help="Picture of the way that --reach asks for; SVG, PDF too.",
+    help="Picture of the way to the speed of --reach (.png, .svg, .pdf).",
 )
 @force_option
 @namespace_option
@@ -53,10 +53,10 @@ def command(
     namespace: str,
     as_json: bool,
 ) -> None:
-    """Voltages to avoid, margins, and the next experiment, for a machine as it is known.
+    """Show voltages to avoid, margins, and the next experiment, for the machine as it is known.
 
-    That is by RECORDING of a run (its last model and diagnosis), by a diagnosis, or by effects that
-    you name.
+    The knowledge comes from RECORDING of a run (its last model and diagnosis), from a diagnosis, or
+    from effects that you name.
 
     Example: ldt advise --machine rotor --effect unbalance:e=0.008 --reach 40
     """
@@ -71,7 +71,7 @@ def command(
     from ldt_core.twin.advisor import RECENT_EXPERIMENTS
 
     if out and speed is None:
-        raise OptionError("--out", "--reach beside it, whose way to draw", "none")
+        raise OptionError("--out", "--reach SPEED as well, whose way it draws", "none")
     if out:
         check_file(out, force)
     machine = load_machine(settings["machine"])

@@ -29,7 +29,7 @@ def _names(_context: click.Context, _option: click.Parameter, text: str | None) 
     return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
-@click.command("calibrate", short_help="Fit the machine file, say what the data do not determine.")
+@click.command("calibrate", short_help="Fit a machine file; says what the data cannot determine.")
 @click.argument("recordings", nargs=-1, required=True)
 @parameters("machine")
 @click.option(
@@ -41,7 +41,7 @@ def _names(_context: click.Context, _option: click.Parameter, text: str | None) 
 @click.option(
     "--fixed", callback=_names, metavar="NAME,...", help="Parameters that keep the file's values."
 )
-@diagnosis_option("The diagnosis.json whose effects to take into the file and to fit along.")
+@diagnosis_option("The diagnosis.json whose effects are added to the file and fitted too.")
 @new_file_option
 @force_option
 @judged_option
@@ -63,12 +63,12 @@ def command(
     figure: str | None,
     as_json: bool,
 ) -> None:
-    """Fit the machine file's parameters to RECORDINGS, each experiment a free run of its own.
+    """Fit the machine file's parameters to RECORDINGS; each experiment is a separate free run.
 
-    Says which parameters the recordings cannot tell apart, and judges the fit on experiments held
-    out. Intervals are withheld where the physics plainly lacks something: `ldt diagnose` looks for
-    it, and --with takes it into the file; all is then fitted within the machine's tolerances.
-    Experiments of several recordings are numbered on from one to the next.
+    Says which parameters the recordings cannot tell apart, and judges the fit on held-out
+    experiments. Intervals are withheld if the physics clearly lacks something. Then `ldt diagnose`
+    finds it, and --with adds it to the file; all parameters are then fitted within their
+    tolerances. Experiments of several recordings are numbered consecutively.
 
     Example: ldt calibrate bag --machine dc_motor --free J,K_t,b --out my_motor.yaml
     """

@@ -21,31 +21,31 @@ if TYPE_CHECKING:
     "challenge", cls=SuggestingGroup, short_help="How often the diagnosis is right on sealed cases."
 )
 def command() -> None:
-    """Make sealed cases for a diagnosis, and score it on them.
+    """Generate sealed cases for the diagnosis, and score it on them.
 
     Example: ldt challenge make --cases 20 --seed 1 --out cases
     """
 
 
-@command.command("make", short_help="Write sealed cases, and their key apart.")
+@command.command("make", short_help="Write sealed cases, and their key separately.")
 @click.option("--cases", type=click.IntRange(1, 9999), required=True, help="Number of cases.")
 @click.option(
     "--seed",
     type=click.IntRange(0, 2**32 - 1),
     required=True,
-    help="Of everything random: whoever knows it can make the key.",
+    help="Seed of all random numbers; whoever knows it can make the key.",
 )
 @click.option("-o", "--out", required=True, help="Folder of the cases, which must not exist.")
 @click.option(
     "--key",
     default="",
     metavar="FILE",
-    help="File of the answers; by default beside the folder, as FOLDER.key.json.",
+    help="File of the answers; by default FOLDER.key.json next to the folder.",
 )
 @click.option(
     "--leave-one-out",
     is_flag=True,
-    help="Single effects only, each by turns one that the diagnosis has to do without.",
+    help="Single effects only, each removed in turn from the library of the diagnosis.",
 )
 @click.option(
     "--exact",
@@ -65,11 +65,11 @@ def make(
     jobs: int,
     as_json: bool,
 ) -> None:
-    """Write sealed cases, and their answers into a key apart.
+    """Write sealed cases, and their answers into a separate key.
 
-    Each case is a folder with a machine file, a recording to diagnose and one of further
-    experiments of the same machine. The key's SHA-256 is printed before any case is written, so
-    that it can be published before the answers are.
+    Each case is a folder with a machine file, a recording to diagnose, and a recording of further
+    experiments of the same machine. The SHA-256 of the key is printed before any case is written,
+    so that you can publish it before the answers.
 
     Example: ldt challenge make --cases 20 --seed 1 --out cases
     """
@@ -105,7 +105,7 @@ def make(
     "-o",
     "--out",
     default="",
-    help="Folder of the answers and the score, by default FOLDER.score; goes on where it was.",
+    help="Folder of answers and score, by default FOLDER.score; an interrupted score continues.",
 )
 @click.option(
     "--comparators/--no-comparators",
@@ -117,7 +117,7 @@ def make(
     type=click.IntRange(0, 9999),
     default=0,
     metavar="N",
-    help="Let comparators answer the first N cases only; their order is a random one.",
+    help="Let comparators answer the first N cases only; their order is random.",
 )
 @compute_options
 @json_option
@@ -133,9 +133,9 @@ def score(
 ) -> None:
     """Diagnose every case in FOLDER, then open KEYS and compare.
 
-    The keys' SHA-256 is printed first. Of a key nothing but names of cases, and of effects that the
-    diagnosis has to do without, is read before every answer is on disk. Writes each case's
-    diagnosis.json, score.json, score.md and a picture.
+    The SHA-256 of the keys is printed first. Until all answers are on disk, only the names of cases
+    and of removed effects are read from a key. Writes diagnosis.json for each case, and score.json,
+    score.md and a picture.
 
     Example: ldt challenge score cases cases.key.json --out score
     """

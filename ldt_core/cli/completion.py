@@ -84,10 +84,10 @@ def register() -> None:
         add_completion_class(kind)
 
 
-@click.command("completion", short_help="What lets a shell complete commands, options and names.")
+@click.command("completion", short_help="Tab completion of commands, options and names.")
 @click.argument("shell", type=SuggestingChoice(SHELLS), metavar="SHELL")
 def command(shell: str) -> None:
-    """Print what lets SHELL complete commands, options and names by the tabulator key.
+    """Print the script for tab completion of commands, options and names in SHELL.
 
     For bash put eval "$(ldt completion bash)" into ~/.bashrc, for zsh the same with zsh into
     ~/.zshrc; for fish run ldt completion fish > ~/.config/fish/completions/ldt.fish.

@@ -12,7 +12,7 @@ from ldt_core.cli.terminal import echo_result, one_line
 RUN = {"experiments": 40, "seed": 3}  # those of the README's first command; 20 s of a processor
 
 
-@click.command("demo", short_help="A first run of a simulated machine, and its page.")
+@click.command("demo", short_help="A first run with a simulated machine, and its page.")
 @click.option(
     "-o",
     "--out",
@@ -23,9 +23,9 @@ RUN = {"experiments": 40, "seed": 3}  # those of the README's first command; 20 
 @force_option
 @json_option
 def command(out: str, force: bool, as_json: bool) -> None:
-    """Run a twin beside a simulated rotor that wears, with all defaults, and write the run's page.
+    """Run a twin of a simulated rotor that wears, with all defaults, and write its page.
 
-    Takes half a minute. What it prints says what happened, where the page is, and what to do next.
+    This takes half a minute. The output says what happened, where the page is, and what to do next.
 
     Example: ldt demo -o first
     """

@@ -33,14 +33,14 @@ MAX_CANDIDATES = 8  # candidates in the table of the terminal; the page has all
     default=0.25,
     show_default=True,
     metavar="FRACTION",
-    help="Share of the experiments that closure is measured on, not fitted.",
+    help="Share of the experiments that are held out to measure the closure.",
 )
 @click.option(
     "--seed",
     type=click.IntRange(0, 2**32 - 1),
     default=0,
     show_default=True,
-    help="Of what is drawn at random.",
+    help="Seed of all random numbers.",
 )
 @click.option(
     "--effect",
@@ -59,22 +59,22 @@ MAX_CANDIDATES = 8  # candidates in the table of the terminal; the page has all
 @click.option(
     "--refit",
     metavar="NAME,...",
-    help="Parameters of the machine to fit along within their tolerances, or none; if not given, "
-    "those of which the file states a deviation or says that they were calibrated.",
+    help="Machine parameters to fit too, within their tolerances, or none; by default those with a "
+    "standard deviation in the file, or calibrated.",
 )
 @namespace_option
 @click.option(
     "-o",
     "--out",
     required=True,
-    help="Folder for diagnosis.json and diagnosis.html; made if need be.",
+    help="Folder for diagnosis.json and diagnosis.html; created if necessary.",
 )
 @force_option
 @click.option(
     "--each",
     is_flag=True,
-    help="Diagnose every recording by itself, several at once, each into a folder of its own below "
-    "--out; goes on where it was.",
+    help="Diagnose every recording separately, several in parallel, each into its own folder under "
+    "--out; an interrupted run continues.",
 )
 @compute_options
 @click.option(
@@ -100,12 +100,12 @@ def command(
     figure: str | None,
     as_json: bool,
 ) -> int:
-    """Say where the gap between RECORDINGS and the machine file lies, which effect that the file
-    lacks causes it, and how far adding it closes the gap on experiments that were held back.
+    """Say where the gap between RECORDINGS and the machine file lies, which missing effect causes
+    it, and how much of the gap this effect closes on held-out experiments.
 
-    The answer can be none (no gap), an effect or several together, a group that these recordings
-    cannot tell apart, or unknown. Several recordings are taken for one machine's, and diagnosed
-    together, unless --each is given.
+    The answer can be none (no gap), one effect or several, a group that these recordings cannot
+    tell apart, or unknown. Several recordings are treated as one machine and diagnosed together,
+    unless --each is given.
 
     Example: ldt diagnose bag --machine rotor --out diagnosis
     """

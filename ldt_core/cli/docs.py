@@ -11,7 +11,7 @@ from ldt_core.cli.options import json_option
 from ldt_core.cli.terminal import echo_json
 
 
-@click.command("docs", short_help="Pages to read: connect a machine, read a diagnosis, more.")
+@click.command("docs", short_help="Read pages: connect a machine, read a diagnosis, and more.")
 @click.argument("page", required=False, shell_complete=known("page"))
 @click.option("--path", "as_path", is_flag=True, help="Print the file's path, not its text.")
 @json_option

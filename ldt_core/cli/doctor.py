@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 COLOURS = {"ok": "green", "warning": "yellow", "problem": "red"}
 
 
-@click.command("doctor", short_help="What is wrong with this computer or a recording.")
+@click.command("doctor", short_help="Find problems of this computer or of a recording.")
 @click.argument("recording", required=False)
 @click.option(
     "--bag", default="", help="Folder that a run would record to, if not under ldt_recordings."
@@ -26,16 +26,16 @@ COLOURS = {"ok": "green", "warning": "yellow", "problem": "red"}
     "--repair",
     "mend",
     is_flag=True,
-    help="Write damaged files of RECORDING anew, with every message that can be read; the damaged "
-    "ones are kept beside them.",
+    help="Write the damaged files of RECORDING again, with every readable message; the damaged "
+    "files are kept next to them.",
 )
 @namespace_option
 @json_option
 def command(recording: str | None, bag: str, mend: bool, namespace: str, as_json: bool) -> int:
-    """Look for what keeps `ldt up` from running well here, or for damage in RECORDING.
+    """Find what prevents `ldt up` from running well here, or damage in RECORDING.
 
-    One line a check: ok, warning or problem, and behind -> what to do about it. Exit code 0 when
-    there is no problem, 1 otherwise. Nothing is changed without --repair.
+    Each check prints one line: ok, warning or problem, and after -> what to do about it. The exit
+    code is 0 if there is no problem, else 1. Nothing is changed without --repair.
 
     Example: ldt doctor
     """
@@ -43,7 +43,7 @@ def command(recording: str | None, bag: str, mend: bool, namespace: str, as_json
 
     if recording is None:
         if mend:
-            raise OptionError("--repair", "a RECORDING to mend", "none")
+            raise OptionError("--repair", "a RECORDING to repair", "none")
         found = check.examine([*computer_checks.probes(bag), *check.found_probes()])
     elif mend:
         from ldt_core.doctor.recording_checks import mended

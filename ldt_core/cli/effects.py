@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from ldt_core.physics.parameter import Parameter
 
 
-@click.command("effects", short_help="List the effects that a machine may have, or check yours.")
+@click.command("effects", short_help="List the known effects, or check one of your own.")
 @click.argument("effect", required=False, shell_complete=known("effect"))
 @json_option
 def command(effect: str | None, as_json: bool) -> None:
     """List the effects that --effect takes, or check EFFECT, a name or FILE.py:NAME.
 
-    The check runs the effect on the machines that ship with LDT and says what it found; it ends
-    with exit code 2 and a sentence at the first promise that an effect of yours does not keep.
+    The check runs the effect on the machines that ship with LDT and reports the result. If your
+    effect fails a check, the command ends with a sentence and exit code 2.
 
     Example: ldt effects cubic_drag.py:CUBIC_DRAG
     """

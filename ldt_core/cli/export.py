@@ -27,7 +27,7 @@ FORMATS = {
     "-o",
     "--out",
     required=True,
-    help="File to write; its ending is the format: "
+    help="File to write; its extension selects the format: "
     + ", ".join(f"{ending} ({what})" for ending, what in FORMATS.items())
     + ".",
 )
@@ -37,9 +37,9 @@ FORMATS = {
 def command(recording: str, out: str, force: bool, namespace: str, as_json: bool) -> None:
     """Write every sample of RECORDING, measured and predicted, for other tools.
 
-    Tables have a row a sample, in SI units: experiment, time, elapsed, voltage, speed, current,
-    predicted_speed and its deviation, original_speed. MCAP gets every message of the recording, and
-    each sample as a message too, so that the layouts draw curves.
+    Tables have one row per sample, in SI units: experiment, time, elapsed, voltage, speed, current,
+    predicted_speed and its deviation, original_speed. MCAP contains every message of the recording,
+    and each sample as a message, so that the layouts can draw curves.
 
     Example: ldt export my_run -o my_run.parquet
     """

@@ -48,30 +48,32 @@ def _range(
 @click.argument("recordings", nargs=-1, required=True)
 @new_file_option
 @force_option
-@click.option("--name", help="Name of the machine; without it, the recorded one, or the file's.")
+@click.option(
+    "--name", help="Name of the machine; by default the recorded one, or that of the file."
+)
 @click.option(
     "--order",
     type=click.IntRange(0, 2),
     default=0,
-    help="Number of time constants, 1 or 2; without it, as many as the recordings show.",
+    help="Number of time constants, 1 or 2; by default as many as the recordings show.",
 )
 @click.option(
     "--offset/--no-offset",
     default=True,
-    help="Whether the steady speed may be off gain times voltage; the machine file has no place "
-    "for an offset, so that without one the motor is the nearest in free run.",
+    help="Whether the steady speed may differ from gain times voltage by an offset. A machine "
+    "file cannot contain one; --no-offset finds the motor that is best without it.",
 )
 @click.option(
     "--limits",
     callback=_range,
     metavar="LOWEST,HIGHEST",
-    help="Voltage that the machine may get [V]; without it, the recorded range, a little widened.",
+    help="Permitted voltage [V]; by default the recorded range, slightly wider.",
 )
 @click.option(
     "--effects",
     metavar="NAME,...",
-    help="Of a machine that is no motor by itself: gravity_imbalance (a pendulum), "
-    "coulomb_friction. Their amounts are where `ldt calibrate` goes on from.",
+    help="For a machine that is not a plain motor: gravity_imbalance (a pendulum), "
+    "coulomb_friction. `ldt calibrate` starts from the values found.",
 )
 @judged_option
 @namespace_option
@@ -89,11 +91,11 @@ def command(
     namespace: str,
     as_json: bool,
 ) -> None:
-    """Find the DC motor that answers the voltage as the machine in RECORDINGS does.
+    """Find the DC motor that responds to the voltage like the machine in RECORDINGS.
 
-    Voltage and speed alone show a gain and one or two time constants; the file is that of the
-    equivalent motor with R = 1 Ohm and b = 0. Refuses a machine that is no such motor, and says
-    which --effects would make it one, if any do.
+    Voltage and speed alone determine a gain and one or two time constants. The file describes the
+    equivalent motor with R = 1 Ohm and b = 0. If no such motor fits, the command says so, and which
+    --effects would help, if any.
 
     Example: ldt identify bag --out unknown.yaml
     """
@@ -147,12 +149,14 @@ def command(
 
 
 def _refuse_idle(*options: str) -> None:
-    """Refuse options that change nothing beside --effects."""
+    """Refuse options that have no effect with --effects."""
     context = click.get_current_context()
     for option in options:
         given = context.get_parameter_source(option.strip("-"))
         if given is ParameterSource.COMMANDLINE:
-            raise OptionError(option, "no --effects, beside which it changes nothing", "--effects")
+            raise OptionError(
+                option, "to be left out: it has no effect with --effects", "--effects"
+            )
 
 
 def _with_effects(
@@ -184,7 +188,7 @@ def _with_effects(
     if rmse > still:
         echo(
             f"- Beware: a constant speed leaves less, {still:.4g} rad/s. This is hardly the "
-            "machine; look at its figures before `ldt calibrate` goes on from them."
+            "machine; look at its figures before you continue with `ldt calibrate`."
         )
     echo(f"machine file: {out}")
 

@@ -1,4 +1,4 @@
-"""Options that change nothing beside the others that were given: refused, with what they serve."""
+"""Options that have no effect with the others that were given: refused, with what they serve."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def refuse_idle(settings: Mapping[str, Any], declared: Mapping[str, Mapping[str,
         of, chosen = flag_of(other), settings.get(other)
         served = declaration.get("only_with", {}).get(other)
         if served is None:
-            raise OptionError(flag_of(name), f"no {of}, beside which it changes nothing", of)
+            raise OptionError(flag_of(name), f"to be left out: it has no effect with {of}", of)
         ways = " or ".join(of if one is True else f"{of} {one}" for one in served)
-        expected = f"{ways} beside it, without which it changes nothing"
+        expected = f"{ways} as well: it has no effect otherwise"
         raise OptionError(flag_of(name), expected, f"{of} {chosen}" if chosen else f"no {of}")

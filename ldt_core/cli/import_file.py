@@ -23,7 +23,7 @@ ASKED = ("voltage", "speed", "time")  # of which a column each is asked for
 UNIT_HELP = "with a unit if it is not SI, for example"
 
 
-@click.command("import", short_help="A CSV file or a foreign bag becomes a recording.")
+@click.command("import", short_help="Turn a CSV file or a foreign bag into a recording.")
 @click.argument("file")
 @out_option
 @force_option
@@ -38,19 +38,23 @@ UNIT_HELP = "with a unit if it is not SI, for example"
     help=f"Column or /topic.field[index] of the speed, {UNIT_HELP} n:rpm.",
 )
 @click.option("--current", metavar="FIELD[:UNIT]", help="The same for the current, if measured.")
-@click.option("--time", metavar="FIELD[:UNIT]", help=f"Column of the time, {UNIT_HELP} t:ms.")
+@click.option(
+    "--time",
+    metavar="FIELD[:UNIT]",
+    help=f"Column of the time (a number or an ISO 8601 date), {UNIT_HELP} t:ms.",
+)
 @click.option(
     "--sample-period",
     type=float,
     metavar="S",
-    help="Sample period in seconds: of the rows when there is no time, else to resample to.",
+    help="Sample period in seconds: of the rows if there is no time, else to resample to.",
 )
 @click.option(
     "--length",
     type=float,
     metavar="SECONDS",
-    help="Cut into experiments of this length; a remainder is dropped. With --cut trigger from the "
-    "edge on, with --cut steady the greatest.",
+    help="Cut into experiments of this length; a remainder is dropped. With --cut trigger it "
+    "counts from the edge, with --cut steady it is the longest.",
 )
 @declared_option("cut")
 @declared_option("trigger_level")
@@ -71,7 +75,7 @@ def command(
     as_json: bool,
     **cut: Any,
 ) -> None:
-    """Turn FILE, a CSV (.gz too) or a foreign bag, into a recording of experiments.
+    """Turn FILE, a CSV file (also .gz) or a foreign bag, into a recording of experiments.
 
     Example: ldt import motor.csv --voltage u --speed n:rpm --time t --length 2 --out motor
     """

@@ -27,14 +27,14 @@ JOINTS = "sensor_msgs/msg/JointState"
 NUMBERS = ("std_msgs/msg/Float64", "std_msgs/msg/Float32")
 
 
-@click.command("info", short_help="What is in a recording: machine, length, states, size.")
+@click.command("info", short_help="What a recording, a bag or a CSV file contains.")
 @click.argument("recording")
 @namespace_option
 @json_option
 def command(recording: str, namespace: str, as_json: bool) -> None:
-    """Say what is in RECORDING: machine, experiments, channels, models, states, how it ended.
+    """Show what RECORDING contains: machine, experiments, channels, models, states, how it ended.
 
-    Of a recording that was not made by LDT it lists the topics, and the command that imports them.
+    For a foreign bag or a CSV file, it lists topics or columns, and suggests the import command.
 
     Example: ldt info my_run
     """
@@ -173,7 +173,7 @@ def _ended(health: Health) -> str:
         if count >= wanted:
             return f"complete: {count} of {wanted} experiments" if whole else "damaged, see notes"
         told = f"early, after {count} of {wanted} experiments"
-        return f"{told}; ldt run --resume {health.path} goes on"
+        return f"{told}; continue with ldt run --resume {health.path}"
     return "complete" if whole else "damaged or cut short, see notes; ldt doctor says what to do"
 
 

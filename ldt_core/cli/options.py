@@ -96,7 +96,7 @@ _HELP_ALL = click.Option(
     is_eager=True,
     expose_value=False,
     callback=_help_all,
-    help="Show all options, by what they belong to, and exit.",
+    help="Show all options in groups, and exit.",
 )
 
 
@@ -118,7 +118,7 @@ class _Declared(click.Option):
 
 out_option = click.option("-o", "--out", required=True, help="Folder of the new recording.")
 namespace_option = click.option(
-    "--namespace", default="", help="Machine whose topics are meant, if there are several."
+    "--namespace", default="", help="Namespace of the machine, if there are several."
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 
@@ -130,7 +130,7 @@ def serving_options(port: int, what: str) -> Callable[[Callable[..., Any]], Call
             "--host",
             default="127.0.0.1",
             show_default=True,
-            help="Address to serve at. The default is this machine alone; 0.0.0.0 lets anybody "
+            help="Address to serve at. The default is only this computer; 0.0.0.0 lets anybody "
             f"{what}.",
         ),
         click.option(
@@ -161,18 +161,18 @@ judged_option = click.option(
     "--holdout",
     type=float,
     metavar="FRACTION",
-    help="Share of the experiments to judge by, not to fit (a quarter when there are 4 or more).",
+    help="Share of the experiments that are held out (a quarter if there are 4 or more).",
 )
 jobs_option = click.option(
     "--jobs",
     type=click.IntRange(0, 10_000),
     default=0,
-    help="Processes on this machine; by default as many as there are cores.",
+    help="Number of processes; by default one per core.",
 )
 scheduler_option = click.option(
     "--scheduler",
     default="",
-    help="Address of a Dask scheduler (tcp://host:port) whose workers compute instead.",
+    help="Address of a Dask scheduler (tcp://host:port) whose workers do the computing.",
 )
 
 
@@ -227,8 +227,8 @@ def _settings_option(function: Callable[..., Any]) -> Callable[..., Any]:
         is_eager=True,
         expose_value=False,
         callback=_take_settings,
-        help="File of parameters, such as the tune.json of ldt tune, that take the place of the "
-        "defaults; options go before it.",
+        help="File of parameters that replace the defaults, such as the tune.json of ldt tune; "
+        "options override it.",
     )(function)
 
 
@@ -245,9 +245,9 @@ preset_option = click.option(
     expose_value=False,
     callback=_take_preset,
     shell_complete=among(list(PRESETS)),
-    help="A configuration by one word, in place of the defaults: "
+    help="A named configuration instead of the defaults: "
     f"{', '.join(PRESETS)} (hybrid model, threshold detector, no gate, warning set). Options and "
-    "--settings win over it.",
+    "--settings override it.",
 )
 
 

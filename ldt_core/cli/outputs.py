@@ -31,7 +31,7 @@ RECORDING = ("metadata.yaml", "*/metadata.yaml", "*.mcap")
 FORMER = {"--bag": "--out"}
 
 force_option = click.option(
-    "--force", is_flag=True, help="Replace what --out names if it is there already."
+    "--force", is_flag=True, help="Replace the output of --out if it exists."
 )
 
 
@@ -74,7 +74,7 @@ def refuse_force(force: bool) -> None:
         OptionError: --force is given.
     """
     if force:
-        raise OptionError("--force", "none beside --resume, which goes on recording", "it")
+        raise OptionError("--force", "to be left out with --resume, which goes on recording", "it")
 
 
 @contextmanager
@@ -150,7 +150,7 @@ def present_spelling(arguments: Sequence[str], flags: Sequence[str]) -> list[str
         now = FORMER.get(name)
         if now in flags and name not in flags:
             if sys.stderr.isatty():
-                warn(f"{name} is {now} now; the former spelling goes on")
+                warn(f"{name} is {now} now; the old spelling still works")
             argument = f"{now}{equals}{value}"
         present.append(argument)
     return present

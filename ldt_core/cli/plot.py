@@ -16,8 +16,8 @@ from ldt_core.cli.terminal import echo_result
 @click.option(
     "--experiment",
     type=int,
-    help="Experiment to show over time; without, the one in "
-    "which the twin gained most on the original model.",
+    help="Experiment to show over time; by default the one in "
+    "which the twin gains most over the original model.",
 )
 @namespace_option
 @click.option("--title", default="", help="Title of the picture.")

@@ -18,10 +18,10 @@ from ldt_core.cli.outputs import force_option, replacing
 from ldt_core.cli.terminal import echo_result, warn
 
 
-@click.command("predict", short_help="Predict a recording by the physics alone.")
+@click.command("predict", short_help="Predict a recording with the physics alone.")
 @click.argument("recording")
 @parameters("machine")
-@diagnosis_option("The diagnosis.json whose effects to add to the machine.")
+@diagnosis_option("The diagnosis.json whose effects are added to the machine.")
 @click.option(
     "--effect",
     "own",
@@ -43,7 +43,7 @@ def command(
     namespace: str,
     as_json: bool,
 ) -> None:
-    """Predict RECORDING by the physics of the machine file alone, or with the effects that a
+    """Predict RECORDING with the physics of the machine file alone, or with the effects that a
     diagnosis has found, and write the predictions.
 
     Example: ldt predict bag --machine rotor --with diagnosis/diagnosis.json --out predicted

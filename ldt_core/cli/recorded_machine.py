@@ -30,6 +30,10 @@ def machine_of(machine: str, recordings: Iterable[str], namespace: str) -> str:
         BadInput: it is of another machine than a recording, or no file is given and a recording
             does not say its machine or one that does not ship with LDT.
     """
+    for recording in recordings:
+        if recording.endswith((".yaml", ".yml")):
+            told = f"a recording; a machine file follows --machine, as in: --machine {recording}"
+            raise BadInput(recording, told, "a machine file")
     named = {recording: recorded_machine(recording, namespace) for recording in recordings}
     if named and not given("machine"):
         recording, there = next(iter(named.items()))

@@ -20,7 +20,7 @@ from ldt_core.cli.progress import RunProgress, interrupted_run, print_summaries
 
 
 @click.command(
-    "replay", cls=Command, short_help="A recording again, with the same settings or others."
+    "replay", cls=Command, short_help="Run a recording again, with the same or other settings."
 )
 @click.argument("recording")
 @out_option
@@ -37,10 +37,10 @@ def command(
     namespace: str,
     as_json: bool,
 ) -> None:
-    """Play RECORDING through twin, detector and adaptor, with the same settings or others.
+    """Play RECORDING through twin, detector and adaptor, with the same or other settings.
 
-    Ctrl-C ends it in order after the experiment under way, with exit code 130 and the command that
-    goes on.
+    Ctrl-C stops cleanly after the current experiment, with exit code 130, and prints the command
+    that continues.
 
     Example: ldt replay my_run --detector lddm --error-threshold 0.5 --out my_run_lddm
     """

@@ -9,18 +9,18 @@ from ldt_core.cli.outputs import check_file, force_option
 from ldt_core.cli.terminal import echo, echo_json
 
 
-@click.command("report", short_help="A run as one page to look into, in any browser.")
+@click.command("report", short_help="A run as one page for any browser.")
 @click.argument("recording")
 @click.option("-o", "--out", required=True, help="File of the page: .html.")
 @force_option
 @namespace_option
 @json_option
 def command(recording: str, out: str, force: bool, namespace: str, as_json: bool) -> None:
-    """Make one page of RECORDING, a run of `ldt up`, `run` or `replay`, that opens in any browser.
+    """Turn RECORDING, a run of `ldt up`, `run` or `replay`, into one page for any browser.
 
-    It has every experiment measured and predicted, worst first, the error and the detector's
-    statistic over the run, what was learned from what, diagnoses, and the recording's health. The
-    plots zoom; nothing is loaded from a network.
+    It shows every experiment measured and predicted (worst first), the error and the detector's
+    statistic over the run, what was learned from which experiments, the diagnoses, and the
+    recording's health. The plots can be zoomed; nothing is loaded from a network.
 
     Example: ldt report my_run -o my_run.html
     """

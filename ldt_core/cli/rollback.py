@@ -16,18 +16,18 @@ if TYPE_CHECKING:
 
 @click.command("rollback", short_help="Go back to an earlier model of a run.")
 @click.argument("recording")
-@click.option("--to", "version", type=click.INT, help="Version to go on with.")
-@click.option("--machine", default="", help="Machine file, where the run was started with one.")
+@click.option("--to", "version", type=click.INT, help="Version to continue with.")
+@click.option("--machine", default="", help="Machine file, if the run was started with one.")
 @namespace_option
 @json_option
 def command(
     recording: str, version: int | None, machine: str, namespace: str, as_json: bool
 ) -> None:
-    """List the models that were in use in RECORDING of a run; with --to, go back to one.
+    """List the models used in RECORDING, which is a run; with --to, go back to one of them.
 
-    Nothing is deleted: the earlier model is recorded once more, as the next version, and the run
-    goes on with it when it is taken up with --resume. Neither the later models nor the experiments
-    kept for learning come back. Not while the run is being recorded.
+    Nothing is deleted: the earlier model is recorded again as the next version, and the run
+    continues with it when you resume it with --resume. Later models and the experiments kept for
+    learning are no longer used. The run must have ended.
 
     Example: ldt rollback my_run --to 2
     """

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    "run", cls=Command, short_help="The same as up, without ROS: same options and numbers."
+    "run", cls=Command, short_help="The same as up without ROS: same options, same numbers."
 )
 @parameters(
     *("machine", "plant", "run", "model", "detector", "adaptor", "diagnosis", "advice"),
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 def command(settings: dict[str, Any], force: bool, no_bag: bool, as_json: bool) -> None:
     """Run the same loop as `ldt up` without ROS: same options, same numbers.
 
-    Several machines run one after the other; nothing is waited for, so that --adaptation-timeout
-    changes nothing. Ctrl-C ends it in order after the experiment under way, with exit code 130 and
-    the command that goes on.
+    Several machines run one after the other. The loop never waits, so --adaptation-timeout has no
+    effect. Ctrl-C stops cleanly after the current experiment, with exit code 130, and prints the
+    command that continues.
 
     Example: ldt run --experiments 40 --seed 3 --model linear
     """
@@ -42,7 +42,9 @@ def command(settings: dict[str, Any], force: bool, no_bag: bool, as_json: bool) 
 
     if settings["resume"]:
         if no_bag:
-            raise BadInput("--no-bag", "none beside --resume, which goes on recording", "it")
+            raise BadInput(
+                "--no-bag", "to be left out with --resume, which goes on recording", "it"
+            )
         refuse_force(force)
         settings = resumed(settings)
     place = "" if no_bag or settings["resume"] else settings["bag"]

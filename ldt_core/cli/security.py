@@ -15,10 +15,10 @@ from ldt_core.cli.terminal import echo, echo_json, echo_result
 
 
 @click.group(
-    "security", cls=SuggestingGroup, short_help="Keys by which nodes may publish what is their own."
+    "security", cls=SuggestingGroup, short_help="Keys that restrict what each node may publish."
 )
 def command() -> None:
-    """Make what DDS-Security needs: who is who in a graph, and who may publish what.
+    """Create the keys and permissions that DDS-Security needs.
 
     Example: ldt security init
     """
@@ -36,14 +36,14 @@ def command() -> None:
     "--namespace",
     "namespaces",
     multiple=True,
-    help="Namespace of a machine's topics; may be given several times. Without it, none.",
+    help="Namespace of a machine's topics; can be given several times. By default none.",
 )
 @click.option(
     "--stream-topic",
     "streams",
     multiple=True,
     metavar="TOPIC",
-    help="Topic of a machine's own that the segmenter hears; may be given several times.",
+    help="Topic of the machine that the segmenter reads; can be given several times.",
 )
 @click.option(
     "--domain",
@@ -65,11 +65,11 @@ def init(
 ) -> None:
     """Write a keystore in the layout of SROS 2.
 
-    It has an authority, and for each role in a graph an enclave with a key, a certificate and
-    signed permissions: the adaptor alone may publish the model, plant, player and segmenter alone
-    the experiments (a machine that publishes them itself runs in the plant's enclave). Keys are
-    readable by their owner alone. The folder `private` is needed for nothing but further enclaves:
-    take it off the machine.
+    It contains an authority and, for each role in a graph, an enclave with a key, a certificate and
+    signed permissions. Only the adaptor may publish the model. Only plant, player and segmenter may
+    publish experiments; a machine that publishes them itself uses the plant's enclave. Keys are
+    readable only by their owner. The folder `private` is needed only to create further enclaves:
+    store it elsewhere.
 
     Example: ldt security init --out keys --namespace press
     """

@@ -31,13 +31,12 @@ def command(
     namespace: str,
     as_json: bool,
 ) -> None:
-    """Serve the topics of the running graph, or of RECORDING played back, until Ctrl-C.
+    """Serve the topics of the running graph, or of a playback of RECORDING, until Ctrl-C.
 
-    In Foxglove or Lichtblick: Open connection, Foxglove WebSocket, the address that is printed;
-    then Layouts, Import from file, msgs_config/layouts/foxglove.json. Each sample is a message of
-    its own, so that curves are drawn. Nothing is received: the graph hears nothing of it. Any
-    page in a browser of this computer may listen, which is how those programs' web versions do.
-    A recording needs no ROS.
+    In Foxglove or Lichtblick: Open connection, Foxglove WebSocket, the printed address; then
+    Layouts, Import from file, msgs_config/layouts/foxglove.json. Each sample is a separate message,
+    so that curves can be drawn. The server is read-only. Any page in a browser on this computer may
+    connect, as the web versions of these programs do. A recording needs no ROS.
 
     Example: ldt serve my_run --rate 5
     """

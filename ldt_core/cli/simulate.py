@@ -30,9 +30,9 @@ from ldt_core.cli.terminal import echo_result
 def command(
     settings: dict[str, Any], designed: str, out: str, force: bool, namespace: str, as_json: bool
 ) -> None:
-    """Write the experiments of a simulated machine, with effects that its file does not know.
+    """Write the experiments of a simulated machine, with effects that its file does not contain.
 
-    Nothing wears unless --degradation says so.
+    The machine does not wear unless --degradation is given.
 
     Example: ldt simulate --machine rotor --experiments 20 --effect unbalance:e=0.005 --out bag
     """

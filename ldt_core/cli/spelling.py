@@ -78,8 +78,10 @@ def unusable(error: click.ClickException) -> str:
                 return f"{error.param.opts[-1]}: expected {kind}, without a unit, got {got}"
     if said.startswith("Got unexpected extra argument"):
         value = said[said.index("(") + 1 : -1]
-        plays = any("--play" in p.opts for p in context.command.params)
-        way = f"; a recording follows --play, as in: --play {value}" if plays else ""
+        options = {name for p in context.command.params for name in p.opts}
+        way = f"; a recording follows --play, as in: --play {value}" if "--play" in options else ""
+        if value.endswith((".yaml", ".yml")) and "--machine" in options:
+            way = f"; a machine file follows --machine, as in: --machine {value}"
         return f"{context.command_path}: too many arguments, {value}{way} (--help lists all)"
     return said
 

@@ -34,7 +34,7 @@ FIGURES = {
 
 @click.command("study", short_help="The paper's claims, over many seeds.")
 @click.option(
-    "-o", "--out", required=True, help="Folder of the study; an earlier one goes on there."
+    "-o", "--out", required=True, help="Folder of the study; an earlier one is continued."
 )
 @click.option(
     "--seeds",
@@ -77,8 +77,8 @@ def command(
 ) -> None:
     """Test the paper's claims and what goes beyond them, over many random streams.
 
-    Writes study.html, its figures as PNG and SVG, table.csv and runs.csv. Whatever has been
-    computed is kept: the same command goes on where an earlier one was interrupted.
+    Writes study.html, its figures as PNG and SVG, table.csv and runs.csv. All computed results are
+    kept: if interrupted, run the same command again to continue.
 
     Example: ldt study --seeds 20 --out study
     """

@@ -54,7 +54,7 @@ DETECTORS = ("threshold", "lddm", "window", "adequacy")
     help="Values of each detector that are tried at first; a second round refines the best.",
 )
 @click.option(
-    "-o", "--out", required=True, help="Folder of the result; an earlier one goes on there."
+    "-o", "--out", required=True, help="Folder of the result; an earlier one is continued."
 )
 @force_option
 @compute_options
@@ -76,12 +76,12 @@ def command(
     namespace: str,
     as_json: bool,
 ) -> None:
-    """Choose the detector and its threshold for RECORDING within a stated budget.
+    """Choose the best detector and threshold for RECORDING within a budget.
 
-    Plays the recording through the twin with many settings, and takes the one with the least error
-    among those that keep to the budget. Writes tune.json (which other commands take by
-    --settings), tune.csv, and the trade-off as tradeoff.png and .svg. The same command goes on
-    where an earlier one was interrupted; what was found of another recording is kept.
+    Plays the recording through the twin with many settings, and chooses the one with the smallest
+    error within the budget. Writes tune.json (for --settings of other commands), tune.csv, and the
+    trade-off as tradeoff.png and .svg. If interrupted, run the same command again to continue.
+    Results of another recording are not replaced.
 
     Example: ldt tune my_run --adaptations 20 --model linear --out tuned
     """

@@ -24,12 +24,12 @@ PORT = 8766
 def command(
     recording: str | None, rate: str, host: str, port: int, namespace: str, as_json: bool
 ) -> None:
-    """Show the running graph, or RECORDING played back, live in the browser, until Ctrl-C.
+    """Show the running graph, or a playback of RECORDING, live in the browser, until Ctrl-C.
 
-    The experiment as it arrives, measured and predicted; the state of machine and model as a
-    traffic light; what was adapted; the last diagnosis; the nodes' health. A recording can be
-    paused, and set to any experiment. All machines of the ROS domain are found by themselves and
-    listed worst first. Nothing is sent to the graph, nothing loaded from a network.
+    The page shows the current experiment, measured and predicted; the state of machine and model as
+    a traffic light; adaptations; the last diagnosis; the health of the nodes. You can pause a
+    recording and jump to any experiment. All machines in the ROS domain are found automatically and
+    listed worst first. Nothing is sent to the graph, and nothing is loaded from a network.
 
     Example: ldt watch my_run --rate 20
     """

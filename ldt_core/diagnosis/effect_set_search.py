@@ -19,6 +19,7 @@ from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.effect_fit import STEPS, EffectFit, fit
 from ldt_core.diagnosis.error_band import ErrorBand
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.law_departure import LawDepartures
 from ldt_core.diagnosis.model_selection import FittedSets, Names, plain_enough
 from ldt_core.diagnosis.nominal_prior import NominalPrior
 from ldt_core.diagnosis.responses import Responses, best_alone, rank_pairs, simulate_all
@@ -44,6 +45,7 @@ SIZE_TRIED_ANYWAY = 3  # effects: sets up to this size are tried even where the 
 FAR_OFF = 0.3  # of the loss: with more left, an addition is tried only if its response promises
 WORTH_A_FIT = 0.1  # of the power left: what the response of such an addition promises
 # Which sets are fitted on all experiments.
+COMPARED = 6  # sets of a size of which it is asked how far their laws may depart
 FINISHED = 2  # sets of each size; those that compete with the answer come at the end
 FINISHED_PLAINER = 1  # further sets of each size, with fewer parameters
 FINISHED_RIVALS = 6  # sets that differ from the chosen one in one member
@@ -51,7 +53,7 @@ BEHIND = 1.5  # times the power that the best of a size leaves: a set further be
 MANY_PARAMETERS = 3  # with which a fit may end before its best
 UNFINISHED = 0.005  # of the gap: a fit with many parameters that leaves more goes on
 UNFINISHED_STEPS = 30  # least-squares steps for which it goes on
-MOST_WORK = 5_000_000_000  # a motor's integration steps, after which no further set is sought
+MOST_WORK = 1_500_000_000  # integration steps, half a minute: then no further set is sought
 
 
 class TriedSet(NamedTuple):
@@ -98,6 +100,7 @@ class EffectSetSearch:
         self.found.fits[frozenset()] = alone
         self.found.scouted[frozenset()] = fitted or empty(self.scout)
         self.band = ErrorBand(self.scout)
+        self.departures = LawDepartures(self.scout, self.responses.base)
 
     @property
     def spent(self) -> bool:
@@ -107,29 +110,47 @@ class EffectSetSearch:
     def run(self) -> FittedSets:
         """Fit sets of one effect, then of two and three as long as something is left.
 
-        Larger sets are built only on a triple that a pair could not replace.
+        Larger sets are built only on a triple that a pair could not replace. Where what is left is
+        a departure of the laws, one more effect is tried in its place, and no more.
         """
         enough = self.band.limit_of(THRESHOLDS.remainder_false_alarm)
         self._alone()
-        bases = BASES
+        bases, departs = BASES, False
         for count in range(1, THRESHOLDS.largest_set + 1):
-            if count == 2:
+            if count == 2 and not departs:
                 self._pairs()
             if count > 1:
-                self._build_on(count - 1, bases)
+                self._build_on(count - 1, 1 if departs else bases)
                 if not self._best(count):  # no candidate is left that shows
                     break
-                self._exchange(count, enough)
+                if not departs:
+                    self._exchange(count, enough)
             self._finish(count)
             best = self._best(count)
             if self.spent or not best or self.band.excess(best[0].residual) < enough:
                 break
+            if departs and not self._clearly_better(count):
+                break
+            departs = self._departs(best[0], enough)
             if count > 1 and not self._gained(count):
                 bases = 1
             tried = SIZE_TRIED_ANYWAY if self._room_for_more(best[0]) else 2
             if count >= tried and not self._gained(count):
                 break
         return self.found
+
+    def _departs(self, fitted: EffectFit, enough: float) -> bool:
+        """Whether what a set leaves may be a departure of its laws alone, nearly all of it."""
+        left, taken = self.band.excess(fitted.residual), self.departures.taken(fitted)
+        return left - taken < enough or taken > THRESHOLDS.whole_remainder * left
+
+    def _clearly_better(self, count: int) -> bool:
+        """Whether a further effect explains more than the departure of a smaller set's laws."""
+        now, before = (
+            min(f.loss - self.departures.taken(f) for f in self._best(k)[:COMPARED])
+            for k in (count, count - 1)
+        )
+        return before - now > THRESHOLDS.chance_gain
 
     def _room_for_more(self, best: EffectFit) -> bool:
         """Whether a set leaves so much that a further effect could be named by its own part."""
@@ -204,7 +225,7 @@ class EffectSetSearch:
         """
         for _ in range(EXCHANGES):
             best = self._best(count)[0]
-            if self.band.excess(best.residual) < enough:
+            if self.band.excess(best.residual) < enough or self._departs(best, enough):
                 break
             tries = []
             for leave in range(count):
@@ -305,8 +326,12 @@ class EffectSetSearch:
         return [self.found.scouted[n] for n in names]
 
     def _best(self, count: int) -> list[EffectFit]:
+        """Scouted sets of a size, the best first; those near the best once laws may depart."""
         found = [f for names, f in self.found.scouted.items() if len(names) == count]
-        return sorted(found, key=lambda f: f.loss)
+        found = sorted(found, key=lambda f: f.loss)
+        near = [f for f in found[:COMPARED] if self._near(f, found[0])]
+        near = sorted(near, key=lambda f: f.loss - self.departures.taken(f))
+        return [*near, *(f for f in found if f not in near)]
 
     def _finish(self, count: int) -> None:
         """Fit the scout's best sets of a size on all experiments."""

@@ -18,6 +18,7 @@ from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.error_band import ErrorBand
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.law_departure import LawDepartures
 from ldt_core.diagnosis.responses import Responses
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
@@ -59,16 +60,18 @@ def earned(
     """
     added = len(larger) - len(smaller)
     limits = THRESHOLDS
+    if not gain > limits.chance_gain * added:
+        return False
     # What leaves more than a law may be off is no cause by itself, whose law a relative mends.
     if kin(larger) > kin(smaller) and left <= limits.unexplained_of_gap * gap:
         return False
     further = limits.further_effect_of_gap * added * gap
     if gain > further and gain > limits.further_effect_of_remainder * left:
         return True
-    # What by itself takes away all that was left, down to the noise, does not mend another law.
-    all_of_it = whole and added == 1 and gain > limits.whole_remainder * left
-    small = all_of_it or gain > limits.small_effect_of_gap * added * gap
-    return small and gain > limits.small_effect_of_remainder * left
+    # What takes away nearly all that was left does not mend another law; down to the noise, it may
+    # be as small as it likes.
+    small = whole or gain > limits.small_effect_of_gap * added * gap
+    return small and gain > limits.whole_remainder * left
 
 
 @dataclass(eq=False)
@@ -87,6 +90,25 @@ class FittedSets:
     scouted: dict[Names, EffectFit] = field(default_factory=dict)
     _cancelling: dict[Names, bool] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        self.departures = LawDepartures(self.residuals, self.base)
+
+    def loss(self, fitted: EffectFit) -> float:
+        """A set's loss, once its laws may depart from the machine's."""
+        return fitted.loss - self.departures.taken(fitted)
+
+    def left(self, fitted: EffectFit) -> float:
+        """Power in the speed that a set leaves beyond noise, once its laws may depart."""
+        return self.band.speed_excess(fitted.residual) - self.departures.taken(fitted)
+
+    def behind(self, fitted: EffectFit, best: EffectFit) -> float:
+        """Loss in the speed beyond that of another set, once the laws of both may depart."""
+        losses = (
+            float(self.band.speed_loss(f.residual).sum()) - self.departures.taken(f)
+            for f in (fitted, best)
+        )
+        return next(losses) - next(losses)
+
     @property
     def excess(self) -> float:
         """Of the residuals without any effect."""
@@ -99,7 +121,7 @@ class FittedSets:
         is negative can imitate nearly anything, and is nothing that a machine has.
         """
         found = [f for names, f in self.fits.items() if len(names) == count]
-        return sorted((f for f in found if not self.cancels(f)), key=lambda f: f.loss)
+        return sorted((f for f in found if not self.cancels(f)), key=self.loss)
 
     def cancels(self, fitted: EffectFit) -> bool:
         """Whether two members of a set move the experiments in nearly opposite directions."""

@@ -23,6 +23,7 @@ from ldt_core.diagnosis.nominal_prior import NominalPrior
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
 
+LEAST_PART = 0.01  # of a gap: what closes less has nothing to do with it
 RANK = 1e-9  # of the largest singular value: a direction with less is none
 
 
@@ -146,10 +147,12 @@ def beyond(
 def enough(found: Sequence[Refit], before: float) -> str:
     """The sentence where these parameters close a gap by themselves; "" where there is none.
 
+    A gap of which they close next to nothing is none.
+
     Args:
         before: the file's error on held-out experiments [rad/s].
     """
-    if not found or found[0].closed_fraction is None:
+    if not found or not (found[0].closed_fraction or 0.0) > LEAST_PART:
         return ""
     what = listed(f"{r.parameter} × {r.factor:.3g}" for r in found)
     return (

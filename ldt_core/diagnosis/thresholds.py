@@ -85,9 +85,6 @@ class Thresholds:
     small_effect_of_gap: float = _limit(
         0.003, OF_GAP, CASES, "A smaller part cannot be told from the errors of the laws."
     )
-    small_effect_of_remainder: float = _limit(
-        0.75, OF_REMAINDER, CASES, "A law's error hardly ever has another effect's shape."
-    )
     whole_remainder: float = _limit(
         0.9,
         OF_REMAINDER,

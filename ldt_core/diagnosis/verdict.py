@@ -123,7 +123,7 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     search.alternatives(chosen)
     pool = found.of_size(len(chosen.names))
     gap = band.speed_gap(found.base, pool[0].residual)
-    alike = plainest(band, _as_good(band, pool), pool, gap)
+    alike = plainest(found, _as_good(found, pool), pool, gap)
     # What leaves too much in the speed is no answer, however well it follows the current.
     lefts = [band.speed_excess(f.residual) for f in alike]
     alike = [
@@ -132,15 +132,17 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     alike = sorted(alike, key=lambda f: kin(f.effects))  # else the best first, as before
     # Of laws of one family the one that follows the machine best is what predicts it.
     clear = THRESHOLDS.indistinguishable_loss
-    alike = sorted(alike, key=lambda f: f.loss > min(g.loss for g in alike) + clear)
+    # One whose fit ran to its end is no answer where another is as good.
+    least = min(map(found.loss, alike)) + clear
+    alike = sorted(alike, key=lambda f: (bool(f.ended), found.loss(f) > least))
     best = alike[0]
     left, gap = band.speed_excess(best.residual), band.speed_gap(found.base, best.residual)
     structured = band.excess(best.residual) > band.limit_of(THRESHOLDS.remainder_false_alarm)
     unknown = bool(_unexplained(band, left, gap))
     kind = "unknown" if unknown else "ambiguous" if len(alike) > 1 else "effect"
-    least = min(alike, key=lambda f: f.loss)
-    rivals = [f for f in pool if f not in alike and f.loss > least.loss]
-    same = _agreement(found, least, [] if unknown else rivals, unknown, seed)
+    nearest = min(alike, key=found.loss)
+    rivals = [f for f in pool if f not in alike and found.loss(f) > found.loss(nearest)]
+    same = _agreement(found, nearest, [] if unknown else rivals, unknown, seed)
     grounds = _grounds(search, best, rivals, left, gap, same)
     residuals = _with_noise(found.residuals, band.level)
     return Decision(kind, best, tuple(alike), gap, left, structured, residuals, grounds)
@@ -213,29 +215,38 @@ def _losses(residuals: FreeRunResiduals, fit: EffectFit) -> Array:
 
 def _growing_sets(found: FittedSets, gap: float) -> list[EffectFit]:
     """From the best effect alone, ever larger sets that are each better by enough."""
-    chosen, band = [found.of_size(1)[0]], found.band
+    chosen = [found.of_size(1)[0]]
     for size in range(2, THRESHOLDS.largest_set + 1):
         pool = found.of_size(size)
         if not pool:
             continue
         # Of the sets that are as good as the best, one with the fewest effects of one family.
-        larger = min(_as_good(band, pool), key=lambda f: kin(f.effects))
-        if _worth_more(band, chosen[-1], larger, gap):
+        larger = min(_as_good(found, pool), key=lambda f: kin(f.effects))
+        if _worth_more(found, chosen[-1], larger, gap):
             chosen.append(larger)
     return chosen
 
 
-def _worth_more(band: ErrorBand, smaller: EffectFit, larger: EffectFit, gap: float) -> bool:
+def _worth_more(found: FittedSets, smaller: EffectFit, larger: EffectFit, gap: float) -> bool:
     """Whether what a larger set gains over a smaller one earns it its further members."""
-    gain = band.speed_gain(smaller.residual, larger.residual)
-    left = max(band.speed_excess(smaller.residual), 0.0)
-    if not gain > THRESHOLDS.chance_gain * (len(larger.names) - len(smaller.names)):
-        return False
+    band, gain = found.band, found.behind(smaller, larger)
+    left = max(found.left(smaller), 0.0)
     if larger.ended and not gain > THRESHOLDS.further_effect_of_gap * gap:
         return False  # what mends so little and has no size is no cause
-    rest = band.speed_excess(larger.residual)
-    whole = rest <= band.speed_limit(THRESHOLDS.remainder_false_alarm)
-    return earned(smaller.effects, larger.effects, gain, left, gap, whole)
+    limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
+    # Of what laws that depart may leave, a little is left over: it has no name, down to the noise.
+    departs = left < (1 - THRESHOLDS.further_effect_of_remainder) * band.speed_excess(
+        smaller.residual
+    )
+    whole = found.left(larger) <= limit and not departs
+    if earned(smaller.effects, larger.effects, gain, left, gap, whole):
+        return True
+    # Exact laws that leave the noise alone are believed before laws that depart from the machine's.
+    if band.speed_excess(larger.residual) > limit:
+        return False
+    gain = band.speed_gain(smaller.residual, larger.residual)
+    left = max(band.speed_excess(smaller.residual), 0.0)
+    return earned(smaller.effects, larger.effects, gain, left, gap)
 
 
 def _largest_worth_its_parts(
@@ -249,41 +260,38 @@ def _largest_worth_its_parts(
     for tried in reversed(chosen[1:]):
         others = ([n for n in tried.names if n != name] for name in tried.names)
         parts = (search.subset(tried, names) for names in others)
-        if all(_worth_more(search.found.band, part, tried, gap) for part in parts):
+        if all(_worth_more(search.found, part, tried, gap) for part in parts):
             return tried
     return chosen[0]
 
 
-def _as_good(band: ErrorBand, pool: Sequence[EffectFit]) -> list[EffectFit]:
+def _as_good(found: FittedSets, pool: Sequence[EffectFit]) -> list[EffectFit]:
     """Sets that cannot be told from the first, by all channels and by the speed alone."""
     best, limits = pool[0], THRESHOLDS
     least, share = limits.indistinguishable_loss, limits.indistinguishable_of_remainder
-    reach = max(least, share * band.excess(best.residual))
-    speed_reach = max(least, share * band.speed_excess(best.residual))
+    reach = max(least, share * found.band.excess(best.residual))
+    speed_reach = max(least, share * found.band.speed_excess(best.residual))
     return [
-        f for f in pool if f.loss - best.loss <= reach and _behind(band, f, best) <= speed_reach
+        f
+        for f in pool
+        if found.loss(f) - found.loss(best) <= reach and found.behind(f, best) <= speed_reach
     ]
 
 
-def _only_it_explains(band: ErrorBand, best: EffectFit, simpler: EffectFit) -> bool:
+def _only_it_explains(found: FittedSets, best: EffectFit, simpler: EffectFit) -> bool:
     """Whether a law explains the machine to the noise, and a simpler one plainly does not.
 
     One that only mends the errors of a simpler law leaves some of them.
     """
-    limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
-    if band.speed_excess(best.residual) > limit:
+    limit = found.band.speed_limit(THRESHOLDS.remainder_false_alarm)
+    if found.left(best) > limit:
         return False
     plainly = THRESHOLDS.plainly_structured * limit
-    return band.speed_excess(simpler.residual) > plainly
-
-
-def _behind(band: ErrorBand, fit: EffectFit, best: EffectFit) -> float:
-    """Loss in the speed beyond that of the best set."""
-    return float(band.speed_loss(fit.residual).sum()) - float(band.speed_loss(best.residual).sum())
+    return found.left(simpler) > plainly
 
 
 def plainest(
-    band: ErrorBand, alike: Sequence[EffectFit], pool: Sequence[EffectFit], gap: float
+    found: FittedSets, alike: Sequence[EffectFit], pool: Sequence[EffectFit], gap: float
 ) -> list[EffectFit]:
     """The sets that need the fewest parameters, the best first.
 
@@ -292,12 +300,13 @@ def plainest(
     fit better.
     """
     best = alike[0]
+    band = found.band
     hopeless = _unexplained(band, band.speed_excess(best.residual), gap)
     close = [
         f
         for f in pool
-        if plain_enough(f, best, _behind(band, f, best), gap)
-        and not _only_it_explains(band, best, f)
+        if plain_enough(f, best, found.behind(f, best), gap)
+        and not _only_it_explains(found, best, f)
         and (hopeless or not _unexplained(band, band.speed_excess(f.residual), gap))
     ]
     if not close:
@@ -305,6 +314,6 @@ def plainest(
         return [f for f in alike if f.free == least]
     least = min(f.free for f in close)
     plain = [f for f in close if f.free == least]
-    kept, limit = _as_good(band, plain), THRESHOLDS.indistinguishable_loss
-    related = [f for f in alike if f not in kept and plain[0].loss - f.loss > limit]
+    kept, limit = _as_good(found, plain), THRESHOLDS.indistinguishable_loss
+    related = [f for f in alike if f not in kept and found.loss(plain[0]) - found.loss(f) > limit]
     return [*kept, *related[:1]]

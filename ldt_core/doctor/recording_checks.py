@@ -31,10 +31,10 @@ def mended(path: str, namespace: str) -> list[Finding]:
     work = repair(path)
     done = [_rewritten(file) for file in work.mended]
     if work.metadata:
-        done.append(ok("repair", f"metadata.yaml written anew: {work.metadata}"))
+        done.append(ok("repair", f"metadata.yaml rewritten: {work.metadata}"))
     done += [problem("repair", sentence, RESTORE_IT) for sentence in work.unmended]
     if work.sound:
-        done.append(ok("repair", "nothing to mend; left as it is"))
+        done.append(ok("repair", "nothing to repair; left unchanged"))
     try:
         return [*done, *findings(inspect(read_bag(path, namespace)))]
     except BadInput as error:  # several machines, or nothing that could be recovered
@@ -44,7 +44,7 @@ def mended(path: str, namespace: str) -> list[Finding]:
 
 
 def _rewritten(file: Mended) -> Finding:
-    told = f"{file.file.name} written anew, {_counted(file.recovered)} recovered"
+    told = f"{file.file.name} rewritten, {_counted(file.recovered)} recovered"
     if file.missing:
         told += f", {_counted(file.missing)} lost"
     wrong = "; ".join(note.removeprefix(f"{file.file}: ") for note in file.notes)
@@ -102,10 +102,10 @@ def _messages(health: Health) -> list[Finding]:
     for topic, (count, why) in sorted(health.unreadable.items()):
         told = f"{topic}: {count} cannot be used, the first because {why}"
         if health.judged and count < health.counts[topic]:
-            remedy = "the twin left them out, and so do commands; mend what published them"
+            remedy = "the twin left them out, and so do commands; fix what published them"
             found.append(warning("messages", told, remedy))
         else:
-            remedy = "commands refuse these messages: mend what publishes them, and record again"
+            remedy = "commands refuse these messages: fix what publishes them, and record again"
             found.append(problem("messages", told, remedy))
     return found
 
@@ -172,7 +172,7 @@ def _rejected(health: Health) -> list[Finding]:
     if not counts:
         return []
     why = "; ".join(sorted({n.last_rejection for n in nodes if n.last_rejection}))
-    remedy = "mend what publishes them; the nodes went on without these messages"
+    remedy = "fix what publishes them; the nodes continued without these messages"
     return [warning("rejected", f"{', '.join(counts)} ({why})", remedy)]
 
 
@@ -180,7 +180,7 @@ def _learning(health: Health) -> list[Finding]:
     if not LearningSwitch(health.path).is_off:
         return []
     remedy = "ldt learning on, with --bag where the run has ended"
-    return [warning("learning", "switched off, also when the run is taken up", remedy)]
+    return [warning("learning", "switched off, also when the run is resumed", remedy)]
 
 
 def _settings(health: Health) -> list[Finding]:

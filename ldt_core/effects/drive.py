@@ -26,10 +26,6 @@ def _heating(t, theta, omega, current, voltage, p, state, rate):
     return -p[2] * COPPER * state[0] * current
 
 
-def _source(t, theta, omega, current, voltage, p):
-    return -p[0] * current
-
-
 def _brushes(t, theta, omega, current, voltage, p):
     u = current * p[1] / SMALL_VOLTAGE
     square = u * u
@@ -82,7 +78,7 @@ def _delayed(times, volts, delay):
 ARMATURE_RESISTANCE = Effect(
     name="armature_resistance",
     family="resistance",
-    description="resistance of the winding other than in the machine file",
+    description="winding resistance that differs from the machine file",
     equation="R := factor R",
     parameters=(factor_of("of the resistance"),),
     typical={"factor": 1.3},
@@ -93,7 +89,7 @@ ARMATURE_RESISTANCE = Effect(
 
 MOTOR_CONSTANT = Effect(
     name="motor_constant",
-    description="torque and back-EMF constant other than in the machine file (weak magnets)",
+    description="torque and back-EMF constant that differs from the machine file (weak magnets)",
     equation="K_t := factor K_t",
     parameters=(factor_of("of the motor constant"),),
     typical={"factor": 0.9},
@@ -105,7 +101,7 @@ MOTOR_CONSTANT = Effect(
 ARMATURE_INDUCTANCE = Effect(
     name="armature_inductance",
     family="lag",
-    description="inductance of the winding other than in the machine file",
+    description="winding inductance that differs from the machine file",
     equation="L := factor L",
     parameters=(factor_of("of the inductance"),),
     typical={"factor": 3.0},
@@ -153,16 +149,16 @@ SOURCE_RESISTANCE = Effect(
         ),
     ),
     typical={"resistance": 0.3},
-    terminal=_source,
-    needs=("L",),
-    fastest=lambda values, voltage, resistance: (values["R"] + resistance) / values["L"],
+    # In series with the winding, which the equations take together.
+    on_parameters=lambda values, resistance: {**values, "R": values["R"] + resistance},
+    needs=("R",),
     reference="Horowitz, Hill, The Art of Electronics, chapter 1 (Thévenin's source)",
 )
 
 BRUSH_DROP = Effect(
     name="brush_drop",
     family="dry friction",
-    description="voltage that is lost at the brushes, nearly the same at every current",
+    description="voltage lost at the brushes, nearly the same at every current",
     equation="terminal voltage = V - V_b sign(i), the sign smoothed over i = 0.1 V / R",
     parameters=(
         Parameter(
@@ -223,7 +219,7 @@ OPEN_CIRCUIT = Effect(
 
 VOLTAGE_SATURATION = Effect(
     name="voltage_saturation",
-    description="the supply gives no more than its limit, either way",
+    description="the supply limits the voltage in both directions",
     equation="V := min(max(V, -limit), limit)",
     parameters=(
         Parameter(
@@ -245,7 +241,7 @@ VOLTAGE_SATURATION = Effect(
 INPUT_DEADZONE = Effect(
     name="input_deadzone",
     family="dry friction",
-    description="the driver ignores small commands and loses as much of the others",
+    description="the driver ignores small commands and reduces all others by as much",
     equation="V := sign(V) max(|V| - width, 0)",
     parameters=(
         Parameter("width", "V", 0.0, default=0.0, description="half of the zone", scale=0.5),
@@ -258,7 +254,7 @@ INPUT_DEADZONE = Effect(
 INPUT_DELAY = Effect(
     name="input_delay",
     family="lag",
-    description="commands arrive late; before, the voltage is what kept the first state steady",
+    description="commands arrive late; until then the voltage is that of the steady start",
     equation="V(t) := V(t - delay)",
     parameters=(Parameter("delay", "s", 0.0, default=0.0, description="of commands", scale=0.05),),
     typical={"delay": 0.05},

@@ -23,7 +23,7 @@ MOST_E = 1.0  # m; no rotor's mass sits so far off its axis: it is millimetres w
 UNBALANCE = Effect(
     name="unbalance",
     family="foundation",
-    description="the rotor's mass sits beside its axis and shakes the foundation (Sommerfeld)",
+    description="the rotor's centre of mass is off its axis and shakes the foundation (Sommerfeld)",
     equation="e := e + increment",
     parameters=(
         Parameter("e", "m", 0.0, math.inf, 0.0, "increment of e", scale=0.008, meant=MOST_E),
@@ -38,7 +38,7 @@ UNBALANCE = Effect(
 FOUNDATION_STIFFNESS = Effect(
     name="foundation_stiffness",
     family="foundation",
-    description="foundation stiffer or softer than in the machine file; seen only with unbalance",
+    description="foundation stiffer or softer than in the file; visible only with unbalance",
     equation="K_x := x K_x, K_y := y K_y",
     parameters=(factor_of("of K_x", "x"), factor_of("of K_y", "y")),
     typical={"x": 0.8, "y": 0.8},
@@ -51,7 +51,7 @@ FOUNDATION_STIFFNESS = Effect(
 FOUNDATION_DAMPING = Effect(
     name="foundation_damping",
     family="foundation",
-    description="foundation damped more or less than in the machine file; seen only with unbalance",
+    description="foundation damped more or less than in the file; visible only with unbalance",
     equation="R_x := x R_x, R_y := y R_y",
     parameters=(factor_of("of R_x", "x"), factor_of("of R_y", "y")),
     typical={"x": 2.0, "y": 2.0},

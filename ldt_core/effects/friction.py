@@ -75,7 +75,7 @@ COULOMB_FRICTION = Effect(
 ASYMMETRIC_FRICTION = Effect(
     name="asymmetric_friction",
     family="dry friction",
-    description="dry friction of another size forward than backward (a worn bearing, a worm gear)",
+    description="dry friction that differs forward and backward (a worn bearing, a worm gear)",
     equation="torque = -T_f for omega > 0, +T_b for omega < 0, smoothed over 0.02 rad/s",
     parameters=(
         Parameter(
@@ -97,7 +97,7 @@ ASYMMETRIC_FRICTION = Effect(
 LOAD_FRICTION = Effect(
     name="load_friction",
     family="dry friction",
-    description="dry friction in proportion to the torque that is passed on, as in a gear",
+    description="dry friction proportional to the transmitted torque, as in a gear",
     equation="torque = -mu |K_t i| sign(omega), the sign smoothed over 0.02 rad/s, the size over "
     "i = 0.1 V / R",
     parameters=(
@@ -147,7 +147,7 @@ STRIBECK_FRICTION = Effect(
 VISCOUS_FRICTION = Effect(
     name="viscous_friction",
     family="drag",
-    description="viscous friction other than in the machine file (an increment: b may be 0 there)",
+    description="viscous friction that differs from the file (an increment: b may be 0 there)",
     equation="b := b + increment, which must stay at least 0",
     parameters=(Parameter("b", "N m s", default=0.0, description="increment of b", scale=0.005),),
     typical={"b": 0.005},
@@ -159,7 +159,7 @@ VISCOUS_FRICTION = Effect(
 VISCOUS_ASYMMETRIC = Effect(
     name="viscous_asymmetric",
     family="drag",
-    description="viscous friction of another size forward than backward, beside the file's b",
+    description="additional viscous friction that differs forward and backward",
     equation="torque = -b_f omega for omega > 0, -b_b omega for omega < 0",
     parameters=(
         Parameter(
@@ -179,7 +179,7 @@ VISCOUS_ASYMMETRIC = Effect(
 QUADRATIC_DRAG = Effect(
     name="quadratic_drag",
     family="drag",
-    description="drag of a fan or a stirrer, with the square of the speed",
+    description="drag of a fan or a stirrer, proportional to the square of the speed",
     equation="torque = -c omega |omega|",
     parameters=(
         Parameter("c", "N m s^2", 0.0, default=0.0, description="coefficient", scale=2e-4),

@@ -29,7 +29,7 @@ CONSTANT_LOAD = Effect(
 GRAVITY_IMBALANCE = Effect(
     name="gravity_imbalance",
     family="angle",
-    description="an eccentric mass on a horizontal shaft that weighs more than it shakes",
+    description="an eccentric mass on a horizontal shaft, acting only by its weight",
     equation="torque = -T cos(theta + phi), T = m g e; theta counts from the experiment's start",
     parameters=(
         Parameter("torque", "N m", 0.0, default=0.0, description="amplitude T", scale=0.05),

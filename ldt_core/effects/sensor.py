@@ -41,7 +41,7 @@ SENSOR_GAIN = Effect(
 SENSOR_BIAS = Effect(
     name="sensor_bias",
     family="calibration",
-    description="the sensor is off by the same amount at every speed",
+    description="the sensor has the same offset at every speed",
     equation="measured = omega + bias",
     parameters=(Parameter("bias", "rad/s", default=0.0, description="either sign", scale=1.0),),
     typical={"bias": 1.0},

@@ -43,7 +43,7 @@ def _compliance_rate(values, voltage, share, stiffness, damping):
 INERTIA = Effect(
     name="inertia",
     family="inertia",
-    description="moment of inertia other than in the machine file",
+    description="moment of inertia that differs from the machine file",
     equation="J := factor J",
     parameters=(factor_of("of the moment of inertia"),),
     typical={"factor": 1.3},
@@ -55,7 +55,7 @@ INERTIA = Effect(
 COGGING_TORQUE = Effect(
     name="cogging_torque",
     family="angle",
-    description="the motor's teeth hold on to its magnets",
+    description="the motor's magnets are attracted by its teeth",
     equation="torque = -T sin(n theta + phi); theta counts from the start of the experiment",
     parameters=(
         Parameter("torque", "N m", 0.0, default=0.0, description="amplitude T", scale=0.05),

@@ -52,15 +52,15 @@ def calibrate(
     holdout: float | None = None,
     with_: Diagnosis | str | os.PathLike[str] | None = None,
 ) -> FittedMachine:
-    """Fit a machine's parameters to experiments, each a free run of its own, as `ldt calibrate`.
+    """Fit a machine's parameters to experiments in separate free runs, like `ldt calibrate`.
 
     Args:
-        recording: of `read`, its folder or file, or experiments.
-        machine: to begin with; its name or file.
-        free: names of parameters to fit; none takes as many as the experiments determine.
-        fixed: names that keep their values; not together with `free`.
-        holdout: share of the experiments to judge by; None for a quarter when there are at least 4.
-        with_: a diagnosis, or its file, whose effects to take into the machine and to fit along.
+        recording: a `Recording`, its folder or file, or experiments.
+        machine: where the fit starts, its name or file.
+        free: names of parameters to fit; by default as many as the experiments determine.
+        fixed: names of parameters that keep their values; not together with `free`.
+        holdout: share of experiments held out; None is a quarter if there are at least 4.
+        with_: a diagnosis, or its file; its effects are added to the machine and fitted too.
 
     Raises:
         BadInput: an argument that cannot be used.

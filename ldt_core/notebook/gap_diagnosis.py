@@ -74,22 +74,22 @@ def diagnose(
     without: Iterable[str] = (),
     refit: Sequence[str] | None = None,
 ) -> GapDiagnosis:
-    """Where the gap between a machine and its file lies, what causes it, how far that closes it.
+    """Say where the gap to the machine file lies, what causes it, and how much that explains.
 
-    The answer is that of `ldt diagnose`. It takes some seconds, and uses all processors.
+    The answer is that of `ldt diagnose`. It takes a few seconds and uses all processors.
 
     Args:
-        recording: of `read`, its folder or file, or experiments.
-        machine: as its file knows it; its name or file.
-        holdout: share of the experiments that closure is measured on, not fitted.
-        seed: of what is drawn at random.
-        effects: further ones to try: names, `path/to/file.py:NAME`, or `Effect` objects.
+        recording: a `Recording`, its folder or file, or experiments.
+        machine: the machine as known beforehand, its name or its file.
+        holdout: share of experiments held out to measure the closure.
+        seed: of all random numbers.
+        effects: additional ones to try: names, `path/to/file.py:NAME`, or `Effect` objects.
         without: names of effects not to try.
         refit: parameters of the machine to fit along and never to name; None takes those that the
             file says were calibrated.
 
     Raises:
-        BadInput: an argument that cannot be used, or too little to go by.
+        BadInput: an argument that cannot be used, or too few data.
     """
     experiments, known = possible(recording, machine)
     more, own = names_and_effects(effects)

@@ -23,12 +23,12 @@ MachineLike: TypeAlias = Machine | str | os.PathLike[str] | Mapping[str, Any]
 
 
 class Recording(Sequence[Experiment]):
-    """The experiments of one machine, and what a twin made of them; `read` makes it.
+    """The experiments of one machine, and the steps of a twin; `read` returns it.
 
-    A sequence of experiments in recorded order: loop over it, take its `len`, or one by its place.
+    A sequence of experiments in recorded order, with `len` and indexing.
 
     Attributes:
-        path: as it was given to `read`; "" for experiments that are from no file.
+        path: as given to `read`; "" for experiments that do not come from a file.
     """
 
     def __init__(self, experiments: Sequence[Experiment], bag: Bag | None = None, path: str = ""):
@@ -128,13 +128,13 @@ def read(path: str | os.PathLike[str], namespace: str | None = None) -> Recordin
     """Read a recording into memory.
 
     Args:
-        path: folder of a recording, or a file of one (`.mcap`, `.mcap.zstd`, `.db3`).
-        namespace: of the machine, where the recording has several; "/" is the root.
+        path: folder of a recording, or one of its files (`.mcap`, `.mcap.zstd`, `.db3`).
+        namespace: of the machine, if the recording has several; "/" is the root.
 
     Raises:
-        RecordingError: nothing there, no recording, several machines, or no experiments.
-        ExperimentError: a message that is no experiment.
-        ArgumentTypeError: no path at all.
+        RecordingError: no such file, no recording, several machines, or no experiments.
+        ExperimentError: a message that is not an experiment.
+        ArgumentTypeError: not a path.
     """
     if not isinstance(path, str | os.PathLike):
         raise ArgumentTypeError("path", "the folder or file of a recording", described(path))

@@ -26,7 +26,7 @@ def simulate(
     noise: float = FROM_FILE,
     **settings: Any,
 ) -> list[Experiment]:
-    """Experiments of a simulated machine, with effects that its file does not know.
+    """Simulate a machine, with effects that its file does not contain.
 
     The numbers are those of `ldt simulate` with the same seed. The first experiment starts at time
     0 unless `start_time` says otherwise; nothing wears unless `degradation` says so.
@@ -36,13 +36,13 @@ def simulate(
         experiments: how many.
         effects: effect, by its name or as an `Effect`, with its parameters; or effects alone, which
             then have their typical values.
-        seed: of everything random.
-        noise: standard deviation on the measured speed [rad/s]; -1 takes the machine file's.
+        seed: of all random numbers.
+        noise: standard deviation on the measured speed [rad/s]; -1 uses the machine file.
         settings: further options of `ldt simulate` (`voltage="chirp"`, `measure_current=True`).
 
     Raises:
         BadInput: an argument that cannot be used.
-        LdtError: the simulated state grows without bound.
+        LdtError: the simulation diverges.
     """
     known = Machine(machine)
     given = {"start_time": 0.0, "degradation": "none", **settings}

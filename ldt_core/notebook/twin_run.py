@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class TwinRun:
-    """What a twin said and did along experiments; `run` makes it.
+    """The result of `run`: what a twin said and did in each experiment.
 
     Attributes:
-        twin: as it is after the last experiment.
+        twin: its state after the last experiment.
         steps: one for each experiment that could be used.
         summary: all figures.
     """
@@ -58,16 +58,16 @@ class TwinRun:
 
     @property
     def mme_original(self) -> float | None:
-        """The same of the model that never learns [rad/s]."""
+        """The same for the model that never learns [rad/s]."""
         return self.summary.mme_original
 
     @property
     def notes(self) -> list[str]:
-        """What a person should know beside the figures, a sentence each."""
+        """Remarks for people, one sentence each."""
         return list(self.summary.notes)
 
     def to_frame(self) -> pandas.DataFrame:
-        """A table with one row an experiment.
+        """A table with one row per experiment.
 
         Raises:
             LdtError: pandas is not installed.
@@ -78,7 +78,7 @@ class TwinRun:
         """One experiment over time, and the errors over the run.
 
         Args:
-            experiment: number of the one to show; None takes that in which the twin gained most.
+            experiment: number of the one to show; None selects that in which the twin gained most.
 
         Raises:
             OptionError: no such experiment.
@@ -96,19 +96,19 @@ def run(
     preset: str = "",
     **settings: Any,
 ) -> TwinRun:
-    """Take a new twin along experiments, as `ldt run` and `ldt replay` do.
+    """Run a new twin over experiments, like `ldt run` and `ldt replay`.
 
     Args:
-        recording: of `read`, its folder or file, or experiments in the order of their numbers.
-        machine: as it is known beforehand; its name or file.
-        model: as of `Twin`.
-        detector: as of `Twin`.
-        preset: as of `Twin`.
-        settings: as of `Twin`.
+        recording: a `Recording`, its folder or file, or experiments in the order of their numbers.
+        machine: the machine as known beforehand, its name or its file.
+        model: see `Twin`.
+        detector: see `Twin`.
+        preset: see `Twin`.
+        settings: see `Twin`.
 
     Raises:
         BadInput: an argument that cannot be used.
-        LdtError: a simulation without bound.
+        LdtError: a simulation that diverges.
     """
     experiments, known = measured(recording, machine)
     twin = Twin(known, model, detector, preset=preset, **settings)

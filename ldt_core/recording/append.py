@@ -101,7 +101,7 @@ def resume_contents(
             raise RecordingError(f"{folder}, {topic.name}", f"the recorded type {kind}", topic.kind)
     work = mend(storage, quick=True)
     if work.unmended:
-        raise LdtError(f"{folder}: cannot be taken up again: {'; '.join(work.unmended)}")
+        raise LdtError(f"{folder}: cannot be resumed: {'; '.join(work.unmended)}")
     storage = Storage(folder)
     past.custom = _agreed(folder, storage.metadata, custom)
     past.notes += [note for file in work.mended for note in file.notes]

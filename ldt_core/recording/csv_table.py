@@ -2,7 +2,8 @@
 
 Understands what loggers and spreadsheets write: comma, semicolon, tab, bar or blanks between cells,
 decimal commas, quotes, a byte-order mark, comment lines (# or %), a header or none, a row of units
-below it, gzip. It is read as a stream: in memory are the numbers of the columns that are asked for.
+below it, dates with a time (ISO 8601), gzip. It is read as a stream: in memory are
+the numbers of the columns that are asked for.
 """
 
 from __future__ import annotations
@@ -10,10 +11,12 @@ from __future__ import annotations
 import csv
 import gzip
 import itertools
+import re
 import zlib
 from codecs import getincrementaldecoder
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from io import TextIOWrapper
 from operator import itemgetter
 from pathlib import Path
@@ -40,6 +43,8 @@ LONGEST_LINE = 10_000_000  # characters; a million columns
 BLOCK = 5000  # rows whose cells are held as text
 LACKING = ("", "null")  # in small letters; "nan" is what a program computed, and is refused
 NO_UNIT = "1"  # in a row of units: what has no dimension, as a counter
+#: A date and the time of day, as loggers write them.
+DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 #: Of the rows that lack a value: a logger misses a few; more is a table of several rates, of which
 #: whole rows would hold a voltage for too long.
 MOST_LACKING = 0.1
@@ -93,12 +98,15 @@ class CsvTable:
         expected = f"{did_you_mean(name, self.names)}, or a number from 1 to {len(self.names)}"
         raise RecordingError(f"{self.path}, column", expected, repr(name))
 
-    def read(self, columns: Sequence[int], timed: bool = False) -> tuple[np.ndarray, list[Samples]]:
+    def read(
+        self, columns: Sequence[int], timed: bool = False, dated: int | None = None
+    ) -> tuple[np.ndarray, list[Samples]]:
         """(line of each row from 1, values of each column), all of one length.
 
         Args:
             columns: indices.
             timed: whether a row says its time, so that one that lacks a value can be left out.
+            dated: index of the column that may hold dates; they become seconds since 1970.
 
         Raises:
             RecordingError: no rows, a short row, a cell that is no finite number, or too many rows
@@ -106,7 +114,7 @@ class CsvTable:
         """
         pick = itemgetter(*columns) if len(columns) > 1 else lambda row: (row[columns[0]],)
         lines: list[np.ndarray] = []
-        read = [_Column(f"column {self.names[i]!r}", timed) for i in columns]
+        read = [_Column(f"column {self.names[i]!r}", timed, i == dated) for i in columns]
         rows = (
             (line, self._picked(pick, line, row)) for line, row in self._rows() if line > self._skip
         )
@@ -260,11 +268,13 @@ class _Column:
     Args:
         where: what a complaint calls it.
         lacking: whether a cell may be empty; its number is NaN then.
+        dated: whether cells may be dates.
     """
 
-    def __init__(self, where: str, lacking: bool) -> None:
+    def __init__(self, where: str, lacking: bool, dated: bool) -> None:
         self._where = where
         self._lacking = lacking
+        self._dated = dated
         self._blocks: list[Samples] = []
         self._bad: tuple[int, str] | None = None  # line and cell of the first that is no number
         self._bad_count = 0
@@ -284,7 +294,8 @@ class _Column:
                 raise ValueError("each cell by itself")
             values = np.array(cells, dtype=np.float64)
         except ValueError:
-            values = np.array([float(c) if _is_number(c) else np.nan for c in cells])
+            number = seconds if self._dated and is_date(cells[0]) else _number
+            values = np.array([number(c) for c in cells])
         bad = [int(k) for k in np.flatnonzero(~np.isfinite(values))]
         if self._lacking:
             bad = [k for k in bad if cells[k].strip().lower() not in LACKING]
@@ -308,7 +319,8 @@ class _Column:
             got = quoted(cell) if cell.strip() else "an empty cell"
             more = f" ({self._bad_count} such cells)" if self._bad_count > 1 else ""
             where = f"{path}, line {line}, {self._where}"
-            raise RecordingError(where, "a finite number", got + more)
+            date = ", or a date such as 2026-03-01T08:00:00.5" if self._dated else ""
+            raise RecordingError(where, f"a finite number{date}", got + more)
         return np.concatenate(self._blocks)
 
 
@@ -322,3 +334,31 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return "_" not in cell  # of which only Python makes a number
+
+
+def _number(cell: str) -> float:
+    return float(cell) if _is_number(cell) else np.nan
+
+
+def is_date(cell: str) -> bool:
+    """Whether a cell is a date with a time of day in the order of ISO 8601.
+
+    >>> is_date("2026-03-01T08:00:00.010Z"), is_date("2026-03-01 08:00"), is_date("20260301")
+    (True, True, False)
+    """
+    return DATE.match(cell) is not None and bool(np.isfinite(seconds(cell)))
+
+
+def seconds(cell: str) -> float:
+    """A date with a time of day as seconds since 1970 [s]; NaN of anything else.
+
+    Without a time zone it is taken for UTC.
+
+    >>> seconds("1970-01-01T00:01:00.5"), seconds("1970-01-01T01:00:00+01:00")
+    (60.5, 0.0)
+    """
+    try:
+        date = datetime.fromisoformat(cell.strip())
+    except ValueError:
+        return np.nan
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()

@@ -135,7 +135,9 @@ def _from_table(
     fields = {q: parse_field(text, q, table.columns) for q, text in given.items()}
     wanted = [table.column(f.name) for f in fields.values()]
     _check_apart(given, wanted)
-    lines, columns = table.read(wanted, timed="time" in fields)
+    in_seconds = "time" in fields and fields["time"].factor == 1
+    dated = wanted[list(fields).index("time")] if in_seconds else None
+    lines, columns = table.read(wanted, timed="time" in fields, dated=dated)
     values = {
         q: column * field.factor for (q, field), column in zip(fields.items(), columns, strict=True)
     }
@@ -168,6 +170,10 @@ def _from_bag(
     path: Path, given: dict[str, str], sample_period: float | None
 ) -> tuple[dict[str, Series], list[str]]:
     storage = Storage(path)
+    ours = any(topic.rpartition("/")[2] == "experiment" for topic in storage.topics)
+    if ours and not all(text.startswith("/") for text in given.values()):
+        got = f"a recording of experiments, which needs no import (ldt info {path})"
+        raise RecordingError(path, "a CSV file or a foreign bag", got)
     fields = {q: parse_field(text, q) for q, text in given.items()}
     sources = {q: parse_field_path(f"--{q}", field.name) for q, field in fields.items()}
     _check_apart(given, sources.values())

@@ -253,10 +253,7 @@ class TolerantMcapReader:
                     elif opcode == Opcode.DATA_END:
                         (said,) = struct.unpack("<L", body)
                         if whole and said and said != crc:
-                            self._note(
-                                f"{self.path}: damaged somewhere beside the messages; "
-                                "they are whole"
-                            )
+                            self._note(f"{self.path}: damaged outside the messages; they are whole")
                         return
                     elif opcode == Opcode.FOOTER:
                         return

@@ -36,7 +36,8 @@ def parse_field_path(option: str, text: str) -> FieldPath:
     for part in match["steps"].split(".") if match else [""]:
         step = STEP.fullmatch(part)
         if step is None:
-            raise OptionError(option, "/topic.field[index] of a recording", repr(text))
+            expected = "/topic.field[index] of a foreign bag (ldt info lists the topics)"
+            raise OptionError(option, expected, repr(text))
         steps.append(step[1])
         steps.extend(int(i) for i in re.findall(r"\d+", step[2]))
     assert match is not None

@@ -138,7 +138,7 @@ def deserialize(data: bytes, kind: str, where: str) -> Any:
 
 
 def content(kind: str, data: bytes) -> bytes:
-    """What a message says: its bytes written anew, without encapsulation and zeros at the end.
+    """What a message says: its bytes rewritten, without encapsulation and zeros at the end.
 
     Between fields CDR leaves out up to seven bytes. Fast CDR does not touch them: what a message
     before it has left in the buffer stays there. So the same message can have other bytes when it

@@ -71,7 +71,7 @@ class Repair:
     Args:
         path: of the recording.
         mended: files that were written anew.
-        metadata: why `metadata.yaml` was written anew, "" when it was right.
+        metadata: why `metadata.yaml` was rewritten, "" when it was right.
         unmended: what is wrong and could not be put right, a sentence each.
         files: what each file holds now.
         topics: entries of `metadata.yaml` for what is in them.
@@ -225,7 +225,7 @@ def _replace(file: Path, looked: _Looked, work: Repair) -> None:
     free = os.statvfs(file.parent)
     size = file.stat().st_size
     if free.f_bavail * free.f_frsize < size + FREE_MARGIN:
-        raise OSError(errno.ENOSPC, f"{size / 1e6:.0f} MB are needed to write {file.name} anew")
+        raise OSError(errno.ENOSPC, f"{size / 1e6:.0f} MB are needed to rewrite {file.name}")
     try:
         _copy(looked, new)
         if _stamp(file) != looked.before:
@@ -326,7 +326,9 @@ def _unmendable(storage: Storage, file: Path, work: Repair) -> None:
     before = len(storage.notes)
     for _ in storage.read(file):
         pass
-    work.unmended += [f"{note} (only .mcap files can be mended)" for note in storage.notes[before:]]
+    work.unmended += [
+        f"{note} (only .mcap files can be repaired)" for note in storage.notes[before:]
+    ]
 
 
 def _drop_empty(storage: Storage, file: Path, work: Repair) -> None:
@@ -345,5 +347,5 @@ def _stamp(file: Path) -> tuple[int, int]:
 def refused(path: Path, error: OSError) -> LdtError:
     """What to tell of a disk that is full or failed, or of a lacking right."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
-        return LdtError(f"{path}: not mended, and left as it is: {error.strerror}")
+        return LdtError(f"{path}: not repaired, and left unchanged: {error.strerror}")
     return RecordingError(path, "a recording that may be written", error.strerror or error)

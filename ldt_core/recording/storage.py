@@ -11,6 +11,7 @@ import functools
 import itertools
 import re
 import sqlite3
+from codecs import BOM_UTF8
 from collections.abc import Collection, Iterator
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
@@ -320,11 +321,17 @@ def _magic(file: Path) -> bytes:
         got = "an empty file"
     elif start.startswith(ROS1_MAGIC):
         got = "a ROS 1 bag (rosbags-convert turns it into one)"
-    elif start.isascii() and b"".join(start.split()).decode("ascii").isprintable():
+    elif _is_text(start):
         got = TEXTS.get(file.suffix, "a text (ldt info says how to import a table)")
     else:
         got = f"a file that begins with {start[:8]!r}"
     raise RecordingError(file, "a ROS 2 recording (MCAP or SQLite)", got)
+
+
+def _is_text(start: bytes) -> bool:
+    """Whether a file's first bytes are of a text; a byte-order mark may be before it."""
+    bare = b"".join(start.removeprefix(BOM_UTF8).split())
+    return bare.isascii() and bare.decode("ascii").isprintable()
 
 
 def _natural(name: str) -> list[Any]:

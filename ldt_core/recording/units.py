@@ -123,10 +123,14 @@ def propose_fields(columns: Mapping[str, str]) -> dict[str, str]:
 
 
 def _named_unit(name: str, units: Collection[str]) -> str:
-    """The unit that a name ends in, as of "time_ms", "n [rpm]" or "Speed (RPM)"; "" if in none."""
+    """The unit that a name ends in, as of "time_ms", "n [rpm]" or "Speed (RPM)"; "" if in none.
+
+    The longest of all quantities counts: "speed_rad_s" is in rad/s, and no time in s.
+    """
     ending = name.strip().rstrip(")]}")
-    for unit in sorted(units, key=len, reverse=True):
-        before = ending.removesuffix(unit)
-        if before != ending and not before.endswith("/") and not before[-1:].isalnum():
-            return unit
+    for unit in sorted({u for of in UNITS.values() for u in of}, key=len, reverse=True):
+        for written in (unit, unit.replace("/", "_")):
+            before = ending.removesuffix(written)
+            if before != ending and not before.endswith("/") and not before[-1:].isalnum():
+                return unit if unit in units else ""
     return ""

@@ -154,7 +154,7 @@ def _recorded_machine(bag: Bag) -> str:
         expected = "the recording of a run (of ldt run, up or replay), with its settings"
         raise RecordingError(bag.path, expected, "one without")
     if name not in msgs_config.machine_names():
-        told = f"{quoted(str(name))} given again: a file that a recording names is not read"
+        told = f"{quoted(str(name))} to be given again: no file is read on a recording's word"
         raise OptionError("--machine", told, "nothing")
     return str(name)
 

@@ -93,7 +93,7 @@ def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
         default = declared[name]["default"]
         if name not in settings:  # `ldt run` has no graph to tell this
             if value != default:
-                told = "a run that ldt run can go on with (ldt up --resume goes on with this one)"
+                told = "a run that ldt run can continue (use ldt up --resume for this one)"
                 raise BadInput(f"{first}, {name}", told, repr(value))
             continue
         given = settings[name]
@@ -102,7 +102,7 @@ def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
             raise BadInput(where, f"{value!r}, with which {first} began", repr(given))
         if given != value and not _is_plain(name, value):
             where = f"--{name.replace('_', '-')}"
-            told = f"{quoted(str(value))} given again: what a recording names is not run"
+            told = f"{quoted(str(value))} to be given again: no file is run on a recording's word"
             raise BadInput(where, told, "nothing")
         found[name] = value
     return {**found, "bag": str(base), "resume": str(base)}

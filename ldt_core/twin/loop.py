@@ -48,21 +48,21 @@ class Twin:
     """A learning twin: model, detector, adaptor and memory.
 
     Args:
-        machine: the machine as it is known beforehand, its name or its file.
-        model: name, `path/to/file.py:Name`, class, or a model to begin with. None takes the default
-            of `ldt run`, "auto", the best that there is: causes, earlier versions and flexible
-            models compete for every change (`ldt_core.twin.contest`).
-        detector: name, `path/to/file.py:Name`, class, or an object, of which a copy is used: a
-            `Detector`, or one with river's `update(x)` and `drift_detected`, which is fed with the
-            maximum error of each experiment [rad/s]. None takes the default, `adequacy`.
-        preset: "paper" for the paper's own configuration in place of the defaults.
-        settings: further options of `ldt run` about model, detector, adaptor, diagnosis and advice,
-            by their names in Python (`error_threshold=0.5`).
+        machine: the machine as known beforehand, its name or its file.
+        model: name, `path/to/file.py:Name`, class, or a model to start with. None is the default,
+            "auto", the best choice: at every change, causes, earlier versions and flexible models
+            compete (`ldt_core.twin.contest`).
+        detector: name, `path/to/file.py:Name`, class, or an object, which is copied: a `Detector`,
+            or one with river's `update(x)` and `drift_detected`, which gets the maximum error of
+            each experiment [rad/s]. None is the default, `adequacy`.
+        preset: "paper" for the paper's configuration instead of the defaults.
+        settings: further options of `ldt run` for model, detector, adaptor, diagnosis and advice,
+            with their Python names (`error_threshold=0.5`).
 
     Raises:
         OptionError: an unknown model, detector, preset or setting, or arguments that they refuse.
         MachineFileError: no such machine, or a file that cannot be used.
-        ArgumentTypeError: an argument of another kind.
+        ArgumentTypeError: an argument of a wrong type.
     """
 
     def __init__(

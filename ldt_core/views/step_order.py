@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from ldt_core.views.step_view import StepView
 
-ANEW = "The counter of experiments began anew; here it counts on, from {}."
+ANEW = "The experiment counter restarted; the numbers here continue, from {}."
 
 
 @dataclass

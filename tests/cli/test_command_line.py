@@ -69,11 +69,11 @@ def test_the_list_of_commands_says_each_in_one_line_that_is_whole(capsys):
     [
         (
             "--model hybrid --order 2",
-            "--order: expected --model linear or --model auto beside it, "
-            "without which it changes nothing, got --model hybrid",
+            "--order: expected --model linear or --model auto as well: "
+            "it has no effect otherwise, got --model hybrid",
         ),
         ("--detector window --threshold 2", "--threshold: expected --detector threshold"),
-        ("--advice-every 3", "--advice-every: expected --advice beside it"),
+        ("--advice-every 3", "--advice-every: expected --advice as well"),
         ("--preset paper --window 3", "--window: expected --detector window"),
         ("--model linear --order 2", ""),
         ("--order 2", ""),  # auto has linear models among its own

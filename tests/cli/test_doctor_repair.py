@@ -45,11 +45,11 @@ def test_a_damaged_recording_is_mended_and_said_to_be(bag, capsys):
     code, shown, errors = doctor(capsys, str(bag), "--repair")
     assert (code, errors) == (0, "")
     lines = shown.splitlines()
-    assert lines[0].startswith(f"ok       repair       {FILE} written anew, ")
+    assert lines[0].startswith(f"ok       repair       {FILE} rewritten, ")
     assert f"/experiment {len(before)}" in lines[0]
     assert f"kept as {FILE}.damaged" in lines[0]
     assert lines[1] == (
-        "ok       repair       metadata.yaml written anew: it did not count what the files hold"
+        "ok       repair       metadata.yaml rewritten: it did not count what the files hold"
     )
     missing = next(line for line in lines if " missing " in line)
     assert missing.startswith("warning  experiments  number")
@@ -70,7 +70,7 @@ def test_a_sound_recording_is_left_as_it_is(tmp_path, capsys):
     assert said["checks"][0] == {
         "name": "repair",
         "grade": "ok",
-        "message": "nothing to mend; left as it is",
+        "message": "nothing to repair; left unchanged",
         "remedy": "",
     }
     assert {f.name: (f.read_bytes(), f.stat().st_mtime_ns) for f in folder.iterdir()} == before
@@ -96,7 +96,7 @@ def test_a_recording_of_nothing_stays_one(tmp_path, capsys):
     file.write_bytes(file.read_bytes()[:40])
     code, shown, errors = doctor(capsys, str(tmp_path / "bag"), "--repair")
     assert (code, errors) == (1, "")
-    assert "bag_0.mcap written anew, 0 messages recovered" in shown
+    assert "bag_0.mcap rewritten, 0 messages recovered" in shown
     assert shown.splitlines()[-1].startswith("problem  recording")
 
 
@@ -130,7 +130,7 @@ def test_what_is_no_recording_is_refused(tmp_path, capsys):
     """Exit 2 and one sentence: nothing given, nothing there, one that is being written."""
     code, _, errors = doctor(capsys, "--repair")
     assert code == 2
-    assert errors == "ldt: --repair: expected a RECORDING to mend, got none\n"
+    assert errors == "ldt: --repair: expected a RECORDING to repair, got none\n"
     assert doctor(capsys, str(tmp_path / "nowhere"), "--repair")[0] == 2
     with BagWriter(tmp_path / "bag", "rotor"):
         code, _, errors = doctor(capsys, str(tmp_path / "bag"), "--repair")

@@ -202,6 +202,6 @@ def test_a_damaged_result_is_said(done, short_rotor, capsys, quick_page):
     file = next((done / "runs").iterdir())
     file.write_text("")
     assert invoke(ldt, small(short_rotor, done)) == 0
-    assert f"could not be read and were computed anew, the first being {file}" in (
+    assert f"could not be read and were computed again, the first being {file}" in (
         capsys.readouterr().out
     )

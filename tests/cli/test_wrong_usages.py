@@ -39,6 +39,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "two.csv").write_text("drive,speed\n0,1\n5,3\n0,2\n")
     (folder / "bare.csv").write_text(rows)
     (folder / "german.csv").write_text(f"Zeit,Spannung,Drehzahl\n{rows}")
+    (folder / "excel.csv").write_bytes(b"\xef\xbb\xbfZeit;U\r\n0;1\r\n")
     with BagWriter(folder / "nameless") as writer:
         writer.write("experiment", Experiment(1, 1e9, 0.01, still + 10.0, still), 1e9)
     (folder / "done").mkdir()
@@ -54,7 +55,7 @@ WRONG = {
     "diagnose {files}/foreign --out why": "ldt import makes one",
     "replay {files}/motor --machine rotor --out out": "leave --machine out",
     "run --duration 10": "stands in the machine file",
-    "tune {files}/motor --out out": "expected --adaptations 10, say",
+    "tune {files}/motor --out out": "expected a budget: --adaptations 10",
     "import {files}/log.csv --voltage u --speed rpm:rpm --out x": "--time time_ms:ms --length 10",
     "import {files}/two.csv --out x": "--sample-period SECONDS",
     "identify {files}/motor --machine dc_motor --out out.yaml": "ldt calibrate RECORDING --machine",
@@ -94,7 +95,7 @@ WRONG = {
     ),
     "diagnose": "is missing, as in: ldt diagnose",
     "run --model hybrid --order 2": "--model linear or --model auto",
-    "run --play {files}/motor --noise 1": "no --play",
+    "run --play {files}/motor --noise 1": "left out: it has no effect with --play",
     "report {files}/motor -o run.html": "ldt replay makes one",
     "diagnose {files}/motor --out {files}/done": "--force",
     f"report {RUN} -o {{files}}/page.html": "--force",
@@ -102,9 +103,14 @@ WRONG = {
     "simulate --out {files}/mine --force": "that ldt has written",
     "replay {files}/motor --out {files}/motor --force": "another recording",
     "identify {files}/motor -o motor.yaml": "ldt calibrate (ldt docs connect)",
-    "run --resume {files}/motor --force": "none beside --resume",
+    "run --resume {files}/motor --force": "left out with --resume",
     "run --resume {files}/nameless": "lets a twin learn on it",
     "report {files}/done/diagnosis.json -o run.html": "--with takes a diagnosis",
+    "diagnose {files}/motor press.yaml --out out": "--machine press.yaml",
+    "predict {files}/motor press.yaml -o out": "--machine press.yaml",
+    "import {files}/motor --voltage u --speed n --out out": "ldt info {files}/motor",
+    "import {files}/foreign --voltage u --speed n --out out": "ldt info lists the topics",
+    "diagnose {files}/excel.csv --machine rotor --out out": "ldt info says how to import a table",
     "predict {files}/motor --machine dc_motor --with {files}/log.csv -o out": "diagnose writes",
 }
 

@@ -160,7 +160,7 @@ def test_options_that_change_nothing_beside_effects_are_refused(option, tmp_path
     bag, out = record(tmp_path / "bag", SOUND), tmp_path / "motor.yaml"
     asked = ["identify", bag, "--effects", "coulomb_friction", "--out", str(out), *option]
     assert invoke(ldt, asked) == 2
-    assert "no --effects, beside which it changes nothing" in capsys.readouterr().err
+    assert "to be left out: it has no effect with --effects" in capsys.readouterr().err
     assert not out.exists()
 
 

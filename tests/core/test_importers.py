@@ -16,7 +16,7 @@ from ldt_core.base.errors import BadInput, OptionError, RecordingError
 from ldt_core.recording.bag import experiments
 from ldt_core.recording.importers import import_file
 from ldt_core.recording.messages import typestore
-from ldt_core.recording.units import UNITS, parse_field
+from ldt_core.recording.units import UNITS, parse_field, propose_fields
 from ldt_core.recording.writer import BagWriter
 from ldt_core.segmenter.resampling import Series, resample
 
@@ -104,6 +104,20 @@ def test_columns_go_by_name_with_spaces_and_colons_or_by_number(tmp_path):
     check_plain(import_file(bare, voltage="2", speed="3", time="1"))
 
 
+@pytest.mark.parametrize("zone", ["", "Z", "+01:00"])
+def test_dates_are_times(tmp_path, zone):
+    """What a logger writes in ISO 8601; as milliseconds, or in another column, it is refused."""
+    cells = [f"2026-03-01T08:00:0{t:.3f}{zone}" for t in TIME]
+    lines = [f"{c},{u},{n}" for c, u, n in zip(cells, VOLTS, SPEED, strict=True)]
+    path = table(tmp_path / "x.csv", "\n".join(["t,u,n", *lines]) + "\n")
+    (one,) = load(path).experiments
+    assert one.period == pytest.approx(0.1, rel=1e-6)
+    assert one.start == 1772352000 - 3600 * (zone == "+01:00")
+    for wrong in ({"time": "t:ms"}, {"time": None, "current": "t", "sample_period": 0.1}):
+        with pytest.raises(RecordingError, match="column 't': expected a finite number"):
+            load(path, **wrong)
+
+
 def test_a_table_without_time_takes_the_sample_period(tmp_path):
     """One of the two is needed."""
     path = table(tmp_path / "x.csv", PLAIN)
@@ -153,6 +167,12 @@ def test_a_name_that_says_another_unit_is_not_taken_for_si(name, quantity, unit)
 def test_a_name_that_says_si_or_nothing_is_si(name):
     """A word that merely ends like a unit is none."""
     assert parse_field(name, "speed" if "t_s" not in name else "time").factor == 1
+
+
+def test_a_speed_in_a_name_is_not_taken_for_seconds():
+    """`speed_rad_s` ends in `_s`, and is no time."""
+    found = propose_fields({"timestamp": "", "u_mV": "", "speed_rad_s": ""})
+    assert found == {"time": "timestamp", "voltage": "u_mV:mV", "speed": "speed_rad_s"}
 
 
 @pytest.mark.parametrize(

@@ -96,7 +96,7 @@ def test_a_run_that_goes_on_begins_as_its_operator_left_it(tmp_path):
     found = run(SHORT, {**given, "resume": str(bag)}, experiments, bag)
     assert found.notes == ["learning was switched off for a while"]
     told = [f.message for f in findings(inspect(read_bag(bag))) if f.name == "learning"]
-    assert told == ["switched off, also when the run is taken up"]
+    assert told == ["switched off, also when the run is resumed"]
     told = list(read_bag(bag).records("adaptation"))
     assert [PAUSED in a.details for a in told] == [False] * 4 + [True] * 4
 

@@ -501,7 +501,7 @@ DISK = textwrap.dedent(
         repair(folder)
     except LdtError as error:
         assert error.exit_code == 1, error
-        assert "not mended, and left as it is: " in str(error), error
+        assert "not repaired, and left unchanged: " in str(error), error
     else:
         raise AssertionError("mended without a place to write to")
     assert {f.name: f.read_bytes() for f in folder.iterdir()} == before
@@ -571,7 +571,7 @@ def test_a_file_that_may_not_grow_is_not_mended(whole, tmp_path):
 
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
-        with pytest.raises(LdtError, match="not mended, and left as it is: File too large"):
+        with pytest.raises(LdtError, match="not repaired, and left unchanged: File too large"):
             repair(folder)
 
     assert forked(limited) == 0

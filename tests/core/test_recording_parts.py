@@ -229,7 +229,7 @@ def test_an_index_that_finds_no_place_changes_nothing(tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(LdtError, match="not mended, and left as it is: No space left"):
+    with pytest.raises(LdtError, match="not repaired, and left unchanged: No space left"):
         BagWriter(folder, "rotor", resume=True)
     assert file.read_bytes() == before
 

@@ -37,7 +37,7 @@ def test_a_run_of_the_graph_goes_on_without_it(tmp_path):
 def test_what_needs_the_graph_is_not_gone_on_with_without_it(tmp_path):
     """A run that also published samples cannot be made whole by one that cannot."""
     bag = recording(tmp_path / "run", stream="beside")
-    with pytest.raises(BadInput, match=r"run, stream: expected .*ldt up --resume goes on"):
+    with pytest.raises(BadInput, match=r"run, stream: expected .*use ldt up --resume"):
         resumed(of_run(resume=bag))
     assert resumed(resolve({"resume": bag}))["stream"] == "beside"
 

@@ -31,7 +31,7 @@ def test_every_step_is_shown_once_and_in_order(name, tmp_path):
     assert numbers == sorted(set(numbers)) == [s.number for s in drawn.steps]
     assert numbers == [s.experiment for s in shown.signals]
     assert shown.summary.mme == pytest.approx(summary.mme)
-    told = "began anew" in page(shown)
+    told = "counter restarted" in page(shown)
     assert told == bool(drawn.notes) == (name.startswith("begins anew") or name == "repeats")
 
 

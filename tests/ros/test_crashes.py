@@ -189,7 +189,7 @@ def test_a_recording_under_another_key_is_not_taken_up(
     own = ["--machine", "own.yaml", "--experiments", "4", "--model", "physics"]
     assert invoke(commands, ["run", *own, "--bag", "run", "--json"]) == 0
     assert invoke(commands, ["run", "--resume", "run"]) == 2
-    assert "--machine: expected 'own.yaml' given again" in capsys.readouterr().err
+    assert "--machine: expected 'own.yaml' to be given again" in capsys.readouterr().err
     machine.write_text(machine.read_text().replace("m: 4.9", "m: 4.8"))
     for command in ("run", "up"):
         assert invoke(commands, [command, "--resume", "run", "--machine", "own.yaml"]) == 2

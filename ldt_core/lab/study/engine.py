@@ -93,13 +93,13 @@ class StudyStore:
         notes, folder = [], self.folder
         if folder.damaged:
             notes.append(
-                f"{_files(len(folder.damaged))} could not be read and were computed anew, "
+                f"{_files(len(folder.damaged))} could not be read and were computed again, "
                 f"the first being {folder.damaged[0]}"
             )
         if folder.foreign:
             notes.append(
                 f"{_files(folder.foreign)} came from another version of LDT, of its libraries or "
-                "of the machine file and were computed anew"
+                "of the machine file and were computed again"
             )
         return notes
 

@@ -35,8 +35,8 @@ class Budget:
 
     def __post_init__(self) -> None:
         if self.adaptations is None and self.every is None:
-            expected = "--adaptations 10, say, --false-alarms-every 100, or both"
-            raise OptionError("what learning may cost", expected, "neither")
+            expected = "a budget: --adaptations 10, --false-alarms-every 100, or both"
+            raise OptionError("--adaptations or --false-alarms-every", expected, "neither")
 
     def kept(self, tried: Tried) -> bool:
         """Whether a setting keeps to it."""

@@ -37,7 +37,7 @@ from ldt_core.views.page.blocks import (
     Value,
 )
 
-FOOTER = "Made by ldt diagnose. The same for programs: diagnosis.json beside this page."
+FOOTER = "Made by ldt diagnose. For programs: diagnosis.json, next to this page."
 TONES = {"none": "good", "effect": "found", "ambiguous": "vague", "unknown": "bad"}
 MARKS = {"found": Mark("acts", "found"), "vague": Mark("may act", "vague")}
 OPEN_ROWS = 10  # candidates in the table that is not folded

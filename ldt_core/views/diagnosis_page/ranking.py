@@ -156,7 +156,7 @@ def shares(diagnosis: Diagnosis) -> Drawing | None:
         "parts",
         "What each effect contributes",
         f"Shapley shares, the mean over all orders of adding them: {words}. An effect that closes "
-        "little alone may close much beside another.",
+        "little alone may close much together with another.",
         f"A bar divided into {words}.",
         bar.alone,
     )

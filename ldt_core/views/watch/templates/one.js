@@ -260,7 +260,7 @@ function showStatus() {
   write(at("aside"), aside.join(", "));
   const words = [];
   if (c.error != null) words.push(`Largest error ${four(c.error)} rad/s`);
-  if (c.version != null) words.push(`model version ${c.version} goes on`);
+  if (c.version != null) words.push(`model version ${c.version} stays in use`);
   if (c.action) words.push(DONE[c.action] || c.action);
   write(at("sentence"), words.length ? `${words.join("; ")}.` : "Waiting for an experiment.");
   write(at("trouble"), c.trouble);
@@ -283,7 +283,7 @@ function showStatus() {
 const lamp = light();
 at("light").append(lamp);
 
-const KINDS = { model: "new model", begun: "begun anew" };
+const KINDS = { model: "new model", begun: "restarted" };
 function showEvents(events) {
   const list = at("events");
   events.forEach(([, moment, n, kind, words]) => {
