@@ -44,6 +44,7 @@ def command(
 
     Example: ldt replay my_run --detector lddm --error-threshold 0.5 --out my_run_lddm
     """
+    from ldt_core.base.metrics import Summary
     from ldt_core.base.stopping import INTERRUPTED, stop_on_signals
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.recording.bag import read_bag
@@ -53,17 +54,19 @@ def command(
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
     played = read_bag(recording, namespace)
+    summary = Summary()
     with (
         stop_on_signals() as stop,
         replacing(out, force, [recording]),
         RunProgress({machine.name: None}) as progress,
     ):
-        summary = offline.run(
+        offline.run(
             machine,
             {**settings, "play": recording, "play_namespace": namespace},
-            paced(played.experiments(), rate, stop),
+            paced(played.experiments(refused=summary.reject), rate, stop),
             out,
             partial(progress.show_step, machine.name),
+            summary=summary,
         )
     summary.note(*played.notes)
     if stop.is_set():

@@ -57,6 +57,7 @@ def command(settings: dict[str, Any], force: bool, no_bag: bool, as_json: bool) 
 
 def _conduct(settings: dict[str, Any], no_bag: bool, stop: Event) -> list[tuple[str, Summary, str]]:
     """Run machine after machine: (name, what happened, where the recording is) of each."""
+    from ldt_core.base.metrics import Summary
     from ldt_core.base.stopping import INTERRUPTED
     from ldt_core.machine import Plant
     from ldt_core.machine.machine_file import load_machine
@@ -76,15 +77,16 @@ def _conduct(settings: dict[str, Any], no_bag: bool, stop: Event) -> list[tuple[
             own = member.settings
             if own["resume"] and not member.bag.exists():  # interrupted before this one's turn
                 own = {**own, "resume": ""}
+            summary = Summary()
             if own["play"]:
                 played = read_bag(own["play"], own["play_namespace"])
-                experiments = played.experiments()
+                experiments = played.experiments(refused=summary.reject)
             else:
                 begin = own["start_time"]
                 begin = begin_of(own["bag"], begin) if own["resume"] else begin
                 plant = Plant.from_settings(machine, {**own, "start_time": begin})
                 experiments = map(plant.experiment, range(1, own["experiments"] + 1))
-            summary = offline.run(
+            offline.run(
                 machine,
                 own,
                 experiments,
@@ -92,6 +94,7 @@ def _conduct(settings: dict[str, Any], no_bag: bool, stop: Event) -> list[tuple[
                 partial(progress.show_step, member.name),
                 member.namespace,
                 lambda ahead: paced(ahead, rate, stop),
+                summary,
             )
             if own["play"]:
                 summary.note(*played.notes)

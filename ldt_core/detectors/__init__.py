@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import copy
 import inspect
 from collections.abc import Mapping
@@ -97,9 +96,6 @@ def _parse(entry: str) -> tuple[str, Any]:
         value = load_yaml(text)
     except (yaml.YAMLError, ValueError, RecursionError):
         value = [text]  # refused below
-    if isinstance(value, str):
-        with contextlib.suppress(ValueError):
-            value = float(value)  # YAML 1.1 reads 1e-3 as text, which people write all the same
     if not isinstance(value, str | int | float | bool | None):
         expected = "a number, a word, true, false or null after ="
         raise OptionError("detector_argument", expected, repr(entry))

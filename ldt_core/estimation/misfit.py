@@ -47,6 +47,7 @@ NOISY = math.sqrt(0.25 + ROUNDED**2)
 ROUNDING = 1e-9
 #: Mean square [(rad/s)^2] of a residual that vanishes altogether; a division by it is a number.
 LEAST_SQUARE = 1e-200
+LEAST_MOVE = 1e-150  # V; what follows less would be told in numbers beyond floating point
 #: Largest logarithm of an e-value: sums and products of two are still numbers.
 MOST_LOG = 300.0
 
@@ -117,6 +118,7 @@ def setting(voltage: Array, speed: Array | None = None, step: float = 0.0) -> Se
     before[:3] = voltage[0]
     change = np.diff(before)
     moves = np.column_stack([before[2:], change[1:], change[:-1]])
+    moves[np.abs(moves) < LEAST_MOVE] = 0.0
     slack = np.zeros(voltage.size)
     step = step if speed is None else sensor_step([speed]) or step
     if speed is not None and step > 0 and white_noise([speed]) < NOISY * step:

@@ -5,6 +5,7 @@
 | sample period | `PERIOD_FACTOR` times the file's at most, and as much below it |
 | samples | `MOST_SAMPLES` |
 | duration | `LONGEST`, or ten times the file's duration where that is more |
+| start time | 0 to `LATEST` |
 | voltage | the file's limits |
 | speed, current | `AMPLITUDE_FACTOR` times what the file's motor reaches at the highest voltage |
 
@@ -42,6 +43,9 @@ LONGEST_LEARNED = 2500.0
 #: Times the declared duration that a slow machine's experiment may last.
 DURATION_FACTOR = 10.0
 
+
+#: The year 2261: a recording counts its nanoseconds in 64 bits [s since the epoch].
+LATEST = 9.2e9
 
 #: Of a machine [1/s]: of the 16 digits of a float64 four are left for what takes a second.
 FASTEST = 1e12
@@ -124,6 +128,9 @@ def _refuse_time(machine: Declared, experiment: Experiment, where: str) -> None:
     if experiment.duration > longest:
         expected = f"at most {longest:g} s, which can be computed in time"
         raise ExperimentError(f"{where}, duration", expected, f"{experiment.duration:g} s")
+    if not (experiment.start >= 0 and experiment.end <= LATEST):
+        expected = f"0 to {LATEST:g} s since the epoch, which a recording can hold"
+        raise ExperimentError(f"{where}, start time", expected, f"{experiment.start:g} s")
 
 
 def _amplitudes(

@@ -47,7 +47,7 @@ def check_keys(
 
 
 def real_number(where: str, value: Any) -> float:
-    """A number that can be computed with; YAML 1.1 reads 1e-3 as text, which people write."""
+    """A number that can be computed with, in quotes as well."""
     if isinstance(value, str):
         try:
             value = float(value)

@@ -21,6 +21,7 @@ from ldt_core.base.errors import (
     OptionError,
     described,
     did_you_mean,
+    reason_of,
 )
 from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.effects import EFFECTS, get_effect
@@ -284,7 +285,7 @@ def parse_machine(text: str, source: str) -> Machine:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         line = f"line {mark.line + 1}: " if mark else ""
-        got = line + (getattr(error, "problem", None) or type(error).__name__)
+        got = line + (getattr(error, "problem", None) or reason_of(error))
         raise MachineFileError(source, "YAML", got) from error
     return machine_from_dict(data, source)
 

@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 
 from ldt_core.base.arrays import Array
-from ldt_core.base.errors import OptionError
+from ldt_core.base.errors import MachineFileError, OptionError
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.estimation.linear import StateSpace, identify
 from ldt_core.estimation.linear.alternatives import squared_distances
@@ -63,6 +63,10 @@ class LinearModel(Model):
         """The machine file's physics, linear: the motor."""
         A, B, C, D = self.machine.model.state_space(self.machine.parameters)
         motor = StateSpace(A, np.ravel(B), np.ravel(C), np.ravel(D)[0])
+        if motor.poles.real.max() >= 0:  # of no machine, but beyond floating point
+            expected = "a motor whose slowest rate floating point tells from 0 beside the fastest"
+            got = f"rates {-np.sort(motor.poles.real)[::-1]} 1/s (its inductance or friction?)"
+            raise MachineFileError(f"{self.machine.name}, parameters", expected, got)
         return {**_plain(motor), "states": ["current", "speed"]}
 
     def build(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
@@ -142,10 +142,15 @@ class Bag:
             RecordingError: the recording holds something else under the topic's name.
             RecordingError, ExperimentError, ModelError: as `usable`.
         """
+        return self._records(name)
+
+    def _records(
+        self, name: str, refused: Callable[[BadInput], None] | None = None
+    ) -> Iterator[Any]:
         topic = self.topic(name)
         if topic and name in DECODERS and self.topics[topic] != DECODERS[name][0]:
             raise RecordingError(f"{self.path}, {topic}", DECODERS[name][0], self.topics[topic])
-        return (record for _, record in self.usable(self.messages(name), whole=True))
+        return (record for _, record in self.usable(self.messages(name), True, refused))
 
     def rare(self, name: str) -> Iterator[Any]:
         """As `records`, of a topic that has few: files are not read where they have none.
@@ -158,7 +163,10 @@ class Bag:
         return (record for _, record in self.usable(picked, whole=True))
 
     def usable(
-        self, raws: Iterable[RawMessage], whole: bool = False
+        self,
+        raws: Iterable[RawMessage],
+        whole: bool = False,
+        refused: Callable[[BadInput], None] | None = None,
     ) -> Iterator[tuple[RawMessage, Any]]:
         """Messages with the records in them; messages themselves where none is declared.
 
@@ -168,28 +176,34 @@ class Bag:
         Args:
             raws: of any topics, as stored.
             whole: whether these are all of their topics.
+            refused: told of each message that is no such record, in a recording of a machine
+                alone; None raises it.
 
         Raises:
             RecordingError, ExperimentError, ModelError: a message that is no such record, in a
                 recording of a machine alone, or a whole topic of nothing else; says which one.
         """
         used: set[str] = set()
-        refused: Counter[str] = Counter()
+        left_out: Counter[str] = Counter()
         first: dict[str, BadInput] = {}
         for index, raw in enumerate(raws, start=1):
             try:
                 record = self.decoded(raw, index)
             except BadInput as error:
-                if not self.judged:
-                    raise
-                refused[raw.topic] += 1
                 first.setdefault(raw.topic, error)
+                if self.judged:
+                    left_out[raw.topic] += 1
+                elif refused is not None:
+                    refused(error)
+                else:
+                    raise
                 continue
             used.add(raw.topic)
             yield raw, record
-        for topic, count in refused.items():
+        for topic, unusable in first.items():
             if whole and topic not in used:
-                raise first[topic]
+                raise unusable
+        for topic, count in left_out.items():
             self.storage.note(
                 f"{counted(count, 'message')} of {topic} left out, as the twin did, "
                 f"the first because {first[topic]}"
@@ -216,11 +230,14 @@ class Bag:
             return decode_cdr(name, raw.kind, raw.data, where)
         return deserialize(raw.data, raw.kind, where)
 
-    def experiments(self, machine: Machine | None = None) -> Iterator[Experiment]:
+    def experiments(
+        self, machine: Machine | None = None, refused: Callable[[BadInput], None] | None = None
+    ) -> Iterator[Experiment]:
         """Experiments in recorded order; notes repeated and missing numbers.
 
         Args:
             machine: whose limits they must keep; None when it is not known.
+            refused: as of `usable`.
 
         Raises:
             RecordingError: the recording has no experiments.
@@ -231,7 +248,7 @@ class Bag:
             wanted = f"the topic {self.namespace}/experiment"
             raise RecordingError(self.path, wanted, f"only {', '.join(sorted(self.topics))}")
         seen, repeated = ExperimentNumbers(), ExperimentNumbers()
-        for experiment in self.records("experiment"):
+        for experiment in self._records("experiment", refused):
             if experiment.number in seen:
                 repeated.add(experiment.number)
             seen.add(experiment.number)

@@ -120,7 +120,12 @@ def message_in(data: bytes, begin: int = 0, end: int | None = None) -> Message:
 
 
 def decompress(method: str, data: bytes, size: int) -> bytes:
-    """At most MAX_CHUNK bytes, whatever the data claim.
+    """At most MAX_CHUNK bytes, and so many as stated, whatever the data claim.
+
+    Args:
+        method: "zstd", "lz4" or "" for none.
+        data: what is packed.
+        size: most bytes that it may come to; with lz4 one more, by which that is noticed.
 
     Raises:
         ValueError: it claims more, or another error of DAMAGE_ERRORS.
@@ -131,7 +136,7 @@ def decompress(method: str, data: bytes, size: int) -> bytes:
         return data
     if method == "zstd":
         claimed = zstandard.frame_content_size(data)
-        if claimed > MAX_CHUNK:
+        if claimed > size:  # zstandard would make room for it, whatever `max_output_size` says
             raise ValueError(f"it claims {claimed} bytes")
         return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
     if method == "lz4":

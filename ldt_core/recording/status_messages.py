@@ -31,6 +31,7 @@ ACTION_LEVELS = {Action.KEPT: OK, Action.STORED: WARN, Action.ADAPTED: OK, Actio
 SIGNAL_KEYS = ("experiment", "detector", "model_version", "max_error")
 #: What is known of machine and model; older recordings have no such keys.
 JUDGED_KEYS = ("state", "adequacy")
+LARGEST_SIZE = 1e300  # of an error or an adequacy: sums of 10^8 such are numbers
 ADAPTATION_KEYS = ("experiment", "model_version", "reason")
 DIAGNOSIS_KEYS = ("experiment", "model_version", "effects")
 ADVICE_KEYS = ("experiment", "model_version")
@@ -145,19 +146,23 @@ def decode_signal(where: str, message: Any) -> Signal:
     if word != answer.word:
         expected = f"{answer.word!r} at level {level}"
         raise RecordingError(f"{where}, message", expected, quoted(word))
-    max_error = _real(f"{where}, max_error", values["max_error"])
-    if not (math.isfinite(max_error) and max_error >= 0):
-        raise RecordingError(f"{where}, max_error", "0 or more", values["max_error"])
     return Signal(
         _whole(f"{where}, experiment", values["experiment"], 1),
         answer,
         values["detector"],
         _whole(f"{where}, model_version", values["model_version"], 0),
-        max_error,
+        _size(f"{where}, max_error", values["max_error"]),
         _numbers(values, (*SIGNAL_KEYS, *JUDGED_KEYS)),
         values.get("state", ""),
-        _real(f"{where}, adequacy", values["adequacy"]) if values.get("adequacy") else None,
+        _size(f"{where}, adequacy", values["adequacy"]) if values.get("adequacy") else None,
     )
+
+
+def _size(where: str, text: str) -> float:
+    size = _real(where, text)
+    if not 0 <= size <= LARGEST_SIZE:
+        raise RecordingError(where, f"0 to {LARGEST_SIZE:g}", quoted(text))
+    return size
 
 
 def decode_adaptation(where: str, message: Any) -> Adaptation:

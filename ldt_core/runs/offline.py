@@ -33,6 +33,7 @@ def run(
     on_step: Callable[[Step], None] = lambda step: None,
     namespace: str = "",
     pace: Callable[[Iterable[Experiment]], Iterable[Experiment]] = iter,
+    summary: Summary | None = None,
 ) -> Summary:
     """Take experiments through the twin, and record every message that the graph would send.
 
@@ -43,16 +44,17 @@ def run(
             nothing.
         namespace: of the machine's topics in the recording.
         pace: hands on the experiments that follow what is recorded, each when it is time.
+        summary: to be filled, where something is known before the run; None for a new one.
 
     Raises:
         BadInput: settings, machine or bag that cannot be used.
         LdtError: a recording that is damaged beyond mending.
     """
     twin = Twin.from_settings(machine, settings)
+    summary = summary or Summary()
     if bag is None:
-        return run_unrecorded(twin, pace(experiments), on_step)
+        return run_unrecorded(twin, pace(experiments), on_step, summary)
     untrained = twin.model.record()
-    summary = Summary()
     goes_on = bool(settings.get("resume"))
     if goes_on:
         twin.adaptor.paused = LearningSwitch(bag).is_off
@@ -85,10 +87,13 @@ def run(
 
 
 def run_unrecorded(
-    twin: Twin, experiments: Iterable[Experiment], on_step: Callable[[Step], None]
+    twin: Twin,
+    experiments: Iterable[Experiment],
+    on_step: Callable[[Step], None],
+    summary: Summary | None = None,
 ) -> Summary:
-    """Take experiments through a twin."""
-    summary = Summary()
+    """Take experiments through a twin; arguments as of `run`."""
+    summary = summary or Summary()
     for step in twin.steps(experiments, summary.reject):
         summary.add(step)
         on_step(step)

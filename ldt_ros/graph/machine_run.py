@@ -17,7 +17,7 @@ import msgs_config
 from ldt_core.base.errors import BadInput, UnansweredExperiment
 from ldt_core.base.metrics import Summary
 from ldt_core.base.printable import file_name
-from ldt_core.base.sentences import numbered
+from ldt_core.base.sentences import counted, numbered
 from ldt_core.base.settings import FROM_FILE
 from ldt_core.detectors import DETECTORS
 from ldt_core.machine.machine_file import Machine, load_machine
@@ -80,7 +80,7 @@ class MachineRun(Member):
             for kind, times in told.rejected.items():
                 summary.note(f"{role} rejected {kind}: {times} ({told.last_rejection})")
         if twin := health.get("twin"):
-            refused = {k: n for k, n in twin.rejected.items() if k.startswith("experiment:")}
+            refused = _experiments_of(twin.rejected)
             failed = f"experiment: {UnansweredExperiment.__name__}"
             summary.rejected += sum(n for kind, n in refused.items() if kind != failed)
             summary.repeated += twin.number("repeated") or 0
@@ -101,6 +101,11 @@ class MachineRun(Member):
         if by_twin > 0:
             why = twin.last_rejection if twin else ""
             summary.fail(self._refused(by_twin, sent, why))
+        unusable = sum(_experiments_of(source.rejected).values()) if source else 0
+        if source and unusable:  # of the recording that is played
+            summary.rejected += unusable
+            which = f"{counted(unusable, 'experiment')} of the recording"
+            summary.fail(f"{which} cannot be sent, not answered ({source.last_rejection})")
 
     def _refused(self, refused: int, sent: int, why: str) -> str:
         """Which of those sent the twin refused, and why the last."""
@@ -135,6 +140,11 @@ class MachineRun(Member):
         for number in Counter(number for number, _ in self.summary.recorded) - known:
             found.add(number)
         return found
+
+
+def _experiments_of(rejected: Mapping[str, int]) -> dict[str, int]:
+    """How many experiments a node rejected, by kind of error."""
+    return {kind: n for kind, n in rejected.items() if kind.startswith("experiment:")}
 
 
 def since(experiments: list[Subject], last: Subject) -> list[Subject]:

@@ -350,6 +350,6 @@ class PlayerNode(LdtNode):
         played = read_bag(self.settings["play"], self.settings["play_namespace"])
         if odd := played.other_machine(self.machine):
             self.get_logger().warning(odd)
-        experiments = played.experiments()
+        experiments = played.experiments(refused=lambda e: self.topics.reject("experiment", e))
         self.source = ExperimentSource(self, lambda: next(experiments, None))
         self.parts = [self.source]

@@ -21,6 +21,8 @@ from ldt_core.machine.machine_file import load_machine, machine_from_dict
 from ldt_core.models.physics import PhysicsModel
 from ldt_core.notebook.gap_diagnosis import diagnose
 from ldt_core.recording.bag import read_bag
+from ldt_core.recording.experiment_messages import samples_cdr
+from ldt_core.recording.messages import MULTI_ARRAY
 from ldt_core.recording.pace import paced
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.recorded_run import complete_steps
@@ -42,6 +44,11 @@ ABSURD = {
     "largest speeds": (lambda e: zigzag(e, 1e308), "speed: expected at most 8e+05 rad/s"),
     "squares overflow": (lambda e: zigzag(e, 1e200), "speed: expected"),
     "a unit a million too small": (lambda e: zigzag(e, 40e6), "speed: expected"),
+    "a time that no recording can hold": (
+        lambda e: replace(e, start=1e17),
+        "start time: expected 0 to 9.2e+09 s",
+    ),
+    "before all time": (lambda e: replace(e, start=-1e9), "start time: expected"),
     "largest current": (lambda e: replace(e, current=0 * e.speed + 1e200), "current: expected"),
     "seconds for milliseconds": (lambda e: replace(e, period=10.0), "sample period: expected"),
     "longest period": (lambda e: replace(e, period=1e300), "sample period: expected"),
@@ -225,6 +232,39 @@ def test_what_is_refused_is_not_answered_and_the_exit_code_of_a_replay(bad, tmp_
     told = capsys.readouterr().err
     assert told.startswith(f"ldt: rotor: not answered: experiment {bad[0]}, sample period: ")
     assert told.endswith("; and 3 more\n") is (len(bad) == COUNT)
+
+
+def damaged(experiment: Experiment) -> bytes:
+    """Its message, with a speed that is none."""
+    data = bytearray(samples_cdr(experiment))
+    data[-8:] = np.float64(np.nan).tobytes()
+    return bytes(data)
+
+
+@pytest.mark.parametrize("command", ["run", "replay"])
+def test_a_message_that_is_no_experiment_does_not_end_what_plays_it(command, tmp_path, capsys):
+    """The others are answered; the one is the exit code. It ended the run, with those behind it."""
+    sent = tmp_path / "sent"
+    with BagWriter(sent, "rotor") as writer:
+        for e in made():
+            data = damaged(e) if e.number == BAD else samples_cdr(e)
+            writer.write_raw("/experiment", MULTI_ARRAY, data, round(e.end * 1e9))
+    arguments = {"run": ["run", "--play", sent], "replay": ["replay", sent]}[command]
+    out = ["--model", "physics", "--out", tmp_path / "run"]
+    assert invoke(ldt, [str(a) for a in [*arguments, *out]]) == 1
+    assert f"not answered: {sent}, /experiment, message {BAD}, " in capsys.readouterr().err
+    recorded = complete_steps(read_bag(tmp_path / "run"), load_machine("rotor"))
+    assert [s.number for s in recorded] == [n for n in range(1, COUNT + 1) if n != BAD]
+
+
+def test_where_no_message_is_an_experiment_the_recording_is_refused(tmp_path, capsys):
+    """As bad input: nothing of it could be played."""
+    with BagWriter(tmp_path / "sent", "rotor") as writer:
+        for e in made():
+            writer.write_raw("/experiment", MULTI_ARRAY, damaged(e), round(e.end * 1e9))
+    arguments = ["replay", tmp_path / "sent", "--model", "physics", "--out", tmp_path / "run"]
+    assert invoke(ldt, [str(a) for a in arguments]) == 2
+    assert "/experiment, message 1, " in capsys.readouterr().err
 
 
 def test_a_run_that_fails_throughout_says_so_in_bounded_words():

@@ -69,6 +69,13 @@ def test_the_e_value_has_a_mean_of_at_most_one(seed, length, law):
         assert values.mean() <= 1 + 4 * values.std() / 20
 
 
+def test_a_movement_of_the_smallest_number_is_none():
+    """What follows it was no number, and numpy warned of it on the user's terminal."""
+    noise = np.random.default_rng(1).normal(0, 1, 100)
+    least, still = (setting(np.full(100, volt)) for volt in (5e-324, 0.0))
+    assert misfit(noise, None, least).evidence == misfit(noise, None, still).evidence
+
+
 @pytest.mark.parametrize(("hold", "most"), [(1, 1), (15, 3)])
 def test_an_error_gone_within_a_sample_is_no_noise(hold, most):
     """A motor that is over before the next sample, at another rate than its model thinks."""

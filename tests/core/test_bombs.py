@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import tracemalloc
 from collections.abc import Callable
 
+import lz4.frame
 import pytest
 import yaml
+import zstandard
 from mcap.writer import CompressionType, Writer
 
 import msgs_config
@@ -16,6 +19,7 @@ from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.machine.machine_file import load_machine, machine_from_dict
 from ldt_core.recording.csv_table import CsvTable
 from ldt_core.recording.mcap_reader import TolerantMcapReader
+from ldt_core.recording.mcap_records import decompress
 
 SENTENCE = 1500  # characters of the longest sentence about a file
 MEGABYTE = 2**20
@@ -98,6 +102,18 @@ def test_a_chunk_that_claims_too_much_is_left_out(tmp_path, monkeypatch):
     notes: list[str] = []
     assert list(TolerantMcapReader(tmp_path / "a.mcap", notes.append).messages()) == []
     assert any("claims to unpack" in note for note in notes)
+
+
+@pytest.mark.parametrize("method", ["zstd", "lz4"])
+def test_what_unpacks_to_more_than_stated_takes_no_more_than_that(method):
+    """A chunk of 9 kB that states 1000 bytes took 300 MB."""
+    packed = {"zstd": zstandard.compress, "lz4": lz4.frame.compress}[method](bytes(50 * MEGABYTE))
+
+    def unpack() -> None:
+        with contextlib.suppress(ValueError):
+            assert len(decompress(method, packed, 1000)) == 1001
+
+    assert peak(unpack) < 1
 
 
 def test_a_packed_table_of_nothing_is_refused(tmp_path, monkeypatch):

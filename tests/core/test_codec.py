@@ -326,6 +326,9 @@ BROKEN_SIGNALS = {
     "experiment endless": (_set("status.0.values.0.value", "9" * 5000), "experiment"),
     "error negative": (_set("status.0.values.3.value", "-1"), "max_error"),
     "error nan": (_set("status.0.values.3.value", "nan"), "max_error"),
+    "error beyond sums": (_set("status.0.values.3.value", "1e308"), "max_error"),
+    "adequacy nan": (_set("status.0.values.5.value", "nan"), "adequacy"),
+    "adequacy beyond sums": (_set("status.0.values.5.value", "1e308"), "adequacy"),
     "error a word": (_set("status.0.values.3.value", "large"), "'large'"),
 }
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import tracemalloc
 from dataclasses import replace
 
@@ -17,6 +19,7 @@ from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.base.registry import Registry
 from ldt_core.base.settings import resolve
 from ldt_core.cli import invoke, ldt
+from ldt_core.cli.options import read_settings
 from ldt_core.detectors.threshold import Threshold
 from ldt_core.effects.base import Effect
 from ldt_core.machine import Plant
@@ -168,6 +171,36 @@ def test_yaml_nested_without_end_is_refused(text):
     assert load_yaml("[" * 20 + "]" * 20)
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("  K_t: 0.3\n  K_t: 0.4\n", "the key K_t a second time"),
+        ("  K_t: 20:00\n", "got '20:00'"),
+        ("  K_t: 0x10\n", "got '0x10'"),
+        (f"  K_t: {'9' * 5000}\n", "Exceeds the limit (4300 digits)"),
+    ],
+)
+def test_a_machine_file_s_number_is_one_that_people_write(change, words):
+    """YAML takes the second of two without a word, and minutes for a number."""
+    lines = msgs_config.machine_text("rotor").splitlines(keepends=True)
+    text = "".join(change if line.startswith("  K_t:") else line for line in lines)
+    with pytest.raises(MachineFileError, match=re.escape(words)):
+        parse_machine(text, "mine")
+
+
+def test_a_number_with_a_leading_zero_is_decimal():
+    """YAML takes 010 for 8."""
+    assert load_yaml("[010, 0.5, -3, 1.5e3, 1e-3, .inf]")[1:] == [0.5, -3, 1500.0, 0.001, np.inf]
+    text = msgs_config.machine_text("rotor").replace("K_x: 2000", "K_x: 010")
+    assert parse_machine(text, "mine").parameters["K_x"] == 10.0
+
+
+def test_a_file_of_settings_takes_numbers_as_json_writes_them(tmp_path):
+    """A threshold of 0.00001 is 1e-05 in a tune.json, which was refused as no number."""
+    (tmp_path / "tune.json").write_text(json.dumps({"settings": {"error_threshold": 1e-5}}))
+    assert read_settings(str(tmp_path / "tune.json")) == {"error_threshold": 1e-5}
+
+
 def test_a_sentence_lists_so_many_names():
     """A table may have 200,000 columns."""
     told = did_you_mean("v", [f"c{number}" for number in range(200_000)])
@@ -267,6 +300,14 @@ def test_a_machine_too_fast_for_floating_point_is_refused(change):
     text = msgs_config.machine_text("rotor").replace(f"{name} {value}", absurd)
     with pytest.raises(MachineFileError, match=r"parameters: expected a machine whose speed"):
         parse_machine(text, "mine.yaml")
+
+
+def test_a_machine_that_floating_point_does_not_let_settle_is_refused():
+    """By the linear model, to which it looks unstable; it ended in a traceback."""
+    text = msgs_config.machine_text("rotor").replace("L: 0.002 ", "L: 1e29 ")
+    machine = parse_machine(text, "mine")
+    with pytest.raises(MachineFileError, match="slowest rate"):
+        Twin(machine, model="linear")
 
 
 @pytest.mark.parametrize(

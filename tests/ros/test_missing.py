@@ -56,6 +56,14 @@ def test_what_nobody_answered_is_named():
     assert failures([1, 2, 3, 4], [1, 2, 3, 4], [1, 2, 3, 4]) == []
 
 
+def test_what_the_player_could_not_read_is_named():
+    """It was never sent: the others are answered, and the run is not whole."""
+    run = MachineRun("rotor", "", resolve({"play": "there"}), "r1", load_machine("rotor"))
+    run.note_health({"player": NodeStatus("player", "", REFUSED)}, ExperimentNumbers())
+    words = "1 experiment of the recording cannot be sent, not answered (x)"
+    assert (run.summary.failures, run.summary.rejected) == ([words], 1)
+
+
 def test_a_run_that_goes_on_is_judged_by_what_it_sends_itself():
     """Of those before, refused ones among them, its nodes know nothing."""
     began = {"sent": "4", "experiment": "4", "resumed": "3", RESUMED_AT: "103.0"}
