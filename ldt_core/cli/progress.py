@@ -277,7 +277,9 @@ def _print_table(runs: Sequence[tuple[str, Summary, str]], settings: Mapping[str
     for machine, summary, bag in runs:
         shown = summary.diagnoses[-MAX_DIAGNOSES:]
         told = [f"diagnosis at experiment {d.experiment}: {d.sentence}" for d in shown]
-        lines = [f"{machine}, {words}" for words in told]
+        few = len(runs) <= MAX_COLUMNS  # else the table's rows say it
+        lines = [f"{machine}: {summary.outcome}"] if few and summary.outcome else []
+        lines += [f"{machine}, {words}" for words in told]
         if (before := len(summary.diagnoses) - MAX_DIAGNOSES) > 0:
             lines.append(f"{machine}: {before} earlier diagnoses")
         if (a := summary.advice) is not None:
