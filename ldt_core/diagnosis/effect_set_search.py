@@ -53,7 +53,7 @@ BEHIND = 1.5  # times the power that the best of a size leaves: a set further be
 MANY_PARAMETERS = 3  # with which a fit may end before its best
 UNFINISHED = 0.005  # of the gap: a fit with many parameters that leaves more goes on
 UNFINISHED_STEPS = 30  # least-squares steps for which it goes on
-MOST_WORK = 600_000_000  # integration steps, up to a minute: then no further set is sought
+MOST_WORK = 1_000_000_000  # integration steps, up to a minute: then no further set is sought
 
 
 class TriedSet(NamedTuple):
@@ -173,7 +173,7 @@ class EffectSetSearch:
         turned = self.responses.with_free_phase
         ranked = self.responses.promised_beside(none) if turned else ()
         tries += [TriedSet([c], [start]) for c, start, _ in ranked if c.name in turned]
-        self._scout(tries)
+        self._scout(tries, whatever=True)
 
     def _pairs(self) -> None:
         ranked = sorted(rank_pairs(self.responses).items(), key=lambda q: -q[1][0])
@@ -299,8 +299,12 @@ class EffectSetSearch:
         known = None if turned else base.starts
         return TriedSet(members, [*base.z[: len(base.effects)], start], known)
 
-    def _scout(self, tries: Sequence[TriedSet]) -> list[EffectFit]:
-        """Fit sets on a few experiments, side by side; the best of each set so far."""
+    def _scout(self, tries: Sequence[TriedSet], whatever: bool = False) -> list[EffectFit]:
+        """Fit sets on a few experiments, side by side; the best of each set so far.
+
+        Args:
+            whatever: work that costs.
+        """
         none = self.found.scouted[frozenset()]
         # Alone, the machine's own parameters went as far as they may; beside a cause they need not.
         own = [np.zeros(len(c)) if c.steady else z for c, z in zip(self.own, none.z, strict=True)]
@@ -313,7 +317,7 @@ class EffectSetSearch:
             return fit(self.scout, *begun, steps=steps, precision=least, own=count, known=known)
 
         names: list[Names] = []
-        while len(names) < len(tries) and not (names and self.spent):
+        while len(names) < len(tries) and (whatever or not (names and self.spent)):
             part = functools.partial(work, len(names))
             for tried in spread(part, min(AT_ONCE, len(tries) - len(names)), self.workers):
                 self.tick("fitting sets of effects")

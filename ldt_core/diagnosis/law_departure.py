@@ -82,7 +82,7 @@ class LawDepartures:
                 float(a @ gram[at : at + a.size, at : at + a.size] @ a)
                 for at, a in zip(range(z.size, len(target), shapes.shape[1]), shapes, strict=True)
             ]
-            if (np.array(sizes) <= THRESHOLDS.unexplained_of_gap * np.array(power)).all():
+            if (np.array(sizes) <= THRESHOLDS.departure_of_law * np.array(power)).all():
                 break
         gain = -float(moved @ whole @ moved + 2 * target @ moved)
         part = whole[: z.size, : z.size]

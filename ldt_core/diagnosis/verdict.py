@@ -171,22 +171,19 @@ def _grounds(
 def _unexplained(band: ErrorBand, left: Any, gap: Any) -> Any:
     """Whether so much of the gap is left, in one draw or in each of many, that it is no cause.
 
-    More than noise alone, and more of the gap than a law may be off: two questions. What noise may
-    be is not taken off what is left, which is free of noise on average.
+    More than noise alone, and a stated part of the gap: two questions. What noise may be is not
+    taken off what is left, which is free of noise on average.
     """
     limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
-    return (left > limit) & (left > THRESHOLDS.unexplained_of_gap * gap)
+    return (left > limit) & (left > THRESHOLDS.further_effect_of_gap * gap)
 
 
 def _no_cause(found: FittedSets, fitted: EffectFit, gap: float) -> bool:
-    """Whether a set leaves too much: of the gap, or more than its laws may depart.
+    """Whether a set leaves so much, beyond what its laws may depart, that it is no cause.
 
-    Of the latter no more may be left than a further effect explains: there is one without a name.
+    As much as would earn a further effect its name: there is one without.
     """
-    band, left = found.band, found.left(fitted)
-    nameless = left > THRESHOLDS.further_effect_of_gap * gap
-    nameless &= left > band.speed_limit(THRESHOLDS.remainder_false_alarm)
-    return bool(nameless or _unexplained(band, band.speed_excess(fitted.residual), gap))
+    return bool(_unexplained(found.band, found.left(fitted), gap))
 
 
 def _with_noise(residuals: FreeRunResiduals, level: tuple[float, float]) -> FreeRunResiduals:
@@ -207,9 +204,11 @@ def _agreement(
     pick = np.random.default_rng(seed).integers(0, count, (RESAMPLES, count))
     explained = (band.speed_loss(found.base) - band.speed_loss(best.residual))[pick].sum(axis=1)
     noise = band.free[0] * band.level[0] ** 2 / count
-    left = (band.power(best.residual, speed=True) - noise)[pick].sum(axis=1)
+    power = band.power(best.residual, speed=True)
+    left = (power - noise)[pick].sum(axis=1)
     gap = np.maximum(explained, 0.0) + np.maximum(left, 0.0)
-    same = _unexplained(band, left, gap) == unknown
+    departs = found.departures.taken(best) / max(float(power.sum()), 1e-300)
+    same = _unexplained(band, left - departs * power[pick].sum(axis=1), gap) == unknown
     own = _losses(found.residuals, best)[pick].sum(axis=1)
     for rival in rivals:
         same = same & (own < _losses(found.residuals, rival)[pick].sum(axis=1))

@@ -24,7 +24,7 @@ LIMITS = THRESHOLDS
 FURTHER = LIMITS.further_effect_of_gap * GAP
 SMALL = LIMITS.small_effect_of_gap * GAP
 KIN = LIMITS.same_family_of_gap * GAP
-NO_CAUSE = LIMITS.unexplained_of_gap * GAP
+NO_CAUSE = LIMITS.departure_of_law * GAP
 
 
 def members(*names):
@@ -215,7 +215,7 @@ def test_a_simpler_set_may_leave_a_little_more_and_one_of_the_same_families_more
 def test_a_simpler_law_is_no_answer_where_it_leaves_what_would_be_unknown():
     """Coulomb's friction may stand for Stribeck's as long as it explains the gap."""
     best = fitted("stribeck_friction", left=0.01 * GAP)
-    for left, names in ((0.04, "coulomb_friction"), (0.06, "stribeck_friction")):
+    for left, names in ((0.02, "coulomb_friction"), (0.03, "stribeck_friction")):
         plain = fitted("coulomb_friction", left=left * GAP)
         assert plainest(Exact(Noiseless()), [best], [best, plain], GAP)[0].names == (names,)
 
