@@ -1,5 +1,6 @@
 """The machines' equations of motion, and their free run."""
 
+from ldt_core.base.memory_limit import hold_room
 from ldt_core.base.registry import Registry
 
 PHYSICS = Registry(
@@ -10,3 +11,5 @@ PHYSICS = Registry(
     },
     "ldt.physics",
 )
+
+hold_room()  # here, since the modules of this package load the compiler

@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from ldt_core.machine.machine_file import Machine
 
 MAX_LISTED_SPANS = 5  # stretches of numbers that a note names one by one
+#: Messages that are none, of a machine alone, after which its recording is not read on: a second of
+#: a processor, and more experiments than a long run has.
+MOST_UNUSABLE = 100_000
 
 
 class Recorded(NamedTuple):
@@ -182,6 +185,7 @@ class Bag:
         Raises:
             RecordingError, ExperimentError, ModelError: a message that is no such record, in a
                 recording of a machine alone, or a whole topic of nothing else; says which one.
+                More than MOST_UNUSABLE of which `refused` is told.
         """
         used: set[str] = set()
         left_out: Counter[str] = Counter()
@@ -195,6 +199,10 @@ class Bag:
                     left_out[raw.topic] += 1
                 elif refused is not None:
                     refused(error)
+                    left_out[raw.topic] += 1
+                    if left_out[raw.topic] > MOST_UNUSABLE:
+                        few = f"at most {MOST_UNUSABLE} messages that are no such record"
+                        raise RecordingError(f"{self._place}, {raw.topic}", few, "more") from None
                 else:
                     raise
                 continue
@@ -203,7 +211,7 @@ class Bag:
         for topic, unusable in first.items():
             if whole and topic not in used:
                 raise unusable
-        for topic, count in left_out.items():
+        for topic, count in left_out.items() if self.judged else ():
             self.storage.note(
                 f"{counted(count, 'message')} of {topic} left out, as the twin did, "
                 f"the first because {first[topic]}"

@@ -125,11 +125,13 @@ def deserialize(data: bytes, kind: str, where: str) -> Any:
     Raises:
         RecordingError: an unknown type, or bytes that are no such message.
     """
-    from rosbags.serde import SerdeError
-
     types = typestore(kind)
     if kind not in types.fielddefs:
         raise RecordingError(where, "a standard ROS message type", kind)
+    if len(data) <= HEAD:  # said at once: a packed chunk may hold millions of them
+        raise RecordingError(where, f"a {kind} message", f"{len(data)} bytes: too short")
+    from rosbags.serde import SerdeError
+
     try:
         return types.deserialize_cdr(data, kind)
     except (SerdeError, *_UNDECODABLE) as error:

@@ -54,6 +54,18 @@ def test_a_full_disk_is_a_failure_that_keeps_what_was_written(tmp_path):
     assert kept
 
 
+def test_too_little_memory_to_load_the_libraries_is_a_sentence_at_once():
+    """Where it ends while they are loaded, OpenBLAS asks for more for ever, and LLVM aborts."""
+    megabytes = 400
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (megabytes * 10**6, megabytes * 10**6))
+
+    code, _, errors = ldt_process("run", "--experiments", "3", "--no-bag", before=limit)
+    assert code == FAILED, errors
+    one_sentence(errors, "out of memory", "MB of address space", "ulimit -v")
+
+
 BLOCK = """
 import sys
 

@@ -14,9 +14,11 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 
 import msgs_config
-from ldt_core.base.errors import LdtError, MachineFileError, RecordingError, described
+from ldt_core.base.errors import BadInput, LdtError, MachineFileError, RecordingError, described
 from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.machine.machine_file import load_machine, machine_from_dict
+from ldt_core.recording.bag import read_bag
+from ldt_core.recording.codec import MULTI_ARRAY
 from ldt_core.recording.csv_table import CsvTable
 from ldt_core.recording.mcap_reader import TolerantMcapReader
 from ldt_core.recording.mcap_records import decompress
@@ -73,13 +75,13 @@ def test_a_sentence_is_short_whatever_came():
     assert load_yaml("a: '*b'") == {"a": "*b"}
 
 
-def bomb(file, size: int) -> None:
+def bomb(file, size: int, topic: str = "/x", kind: str = "x") -> None:
     """An MCAP file with one chunk of tiny messages."""
     with file.open("wb") as stream:
         writer = Writer(stream, chunk_size=2**31, compression=CompressionType.ZSTD)
         writer.start("ros2")
-        schema = writer.register_schema("x", "ros2msg", b"")
-        channel = writer.register_channel("/x", "cdr", schema)
+        schema = writer.register_schema(kind, "ros2msg", b"")
+        channel = writer.register_channel(topic, "cdr", schema)
         for _ in range(size // 31):
             writer.add_message(channel, 0, b"", 0)
         writer.finish()
@@ -102,6 +104,24 @@ def test_a_chunk_that_claims_too_much_is_left_out(tmp_path, monkeypatch):
     notes: list[str] = []
     assert list(TolerantMcapReader(tmp_path / "a.mcap", notes.append).messages()) == []
     assert any("claims to unpack" in note for note in notes)
+
+
+def test_messages_that_are_none_are_read_to_a_limit_alone(tmp_path, monkeypatch):
+    """A file of 5 kB can have two million of them; each is told of up to there."""
+    bomb(tmp_path / "a.mcap", 100 * 31, "/rotor/experiment", MULTI_ARRAY)
+    told: list[BadInput] = []
+
+    def play() -> None:
+        list(read_bag(tmp_path / "a.mcap").experiments(refused=told.append))
+
+    with pytest.raises(RecordingError, match="0 bytes: too short"):
+        play()
+    assert len(told) == 100
+    told.clear()
+    monkeypatch.setattr("ldt_core.recording.bag.MOST_UNUSABLE", 9)
+    with pytest.raises(RecordingError, match="at most 9 messages that are no such record, got mor"):
+        play()
+    assert len(told) == 10
 
 
 @pytest.mark.parametrize("method", ["zstd", "lz4"])
