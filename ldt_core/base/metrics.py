@@ -24,7 +24,7 @@ from ldt_core.base.experiment import (
     Step,
 )
 from ldt_core.base.model_state import STATES, ModelState, shown_state
-from ldt_core.base.sentences import number
+from ldt_core.base.sentences import counted, number
 
 #: Sentences about what makes a run fail: all experiments of a long one may.
 MOST_FAILURES = 100
@@ -215,7 +215,7 @@ class Summary:
     def as_dict(self) -> dict[str, Any]:
         """All figures and notes by name."""
         more = self.further_failures
-        further = [f"{more} more experiments are not answered"] if more else []
+        further = [f"{counted(more, 'more experiment')} not answered"] if more else []
         return {
             "experiments": self.experiments,
             "mme": self.mme,

@@ -59,8 +59,8 @@ def command(out: str, force: bool, as_json: bool) -> None:
         as_json,
         record,
         *map(one_line, summary.notes),
-        f"A simulated rotor lost its balance over {summary.experiments} experiments. The twin "
-        f"learned {counted(summary.adaptations, 'time')}. {summary.outcome}",
+        f"A simulated rotor lost its balance over {counted(summary.experiments, 'experiment')}. "
+        f"The twin learned {counted(summary.adaptations, 'time')}. {summary.outcome}",
         f"Open in a browser: {page}",
         f"See it live:       ldt watch {bag} --rate 100",
         f"What to avoid now: ldt advise {bag}",

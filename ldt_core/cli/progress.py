@@ -281,7 +281,7 @@ def _print_table(runs: Sequence[tuple[str, Summary, str]], settings: Mapping[str
         lines = [f"{machine}: {summary.outcome}"] if few and summary.outcome else []
         lines += [f"{machine}, {words}" for words in told]
         if (before := len(summary.diagnoses) - MAX_DIAGNOSES) > 0:
-            lines.append(f"{machine}: {before} earlier diagnoses")
+            lines.append(f"{machine}: {before} earlier diagnos{'is' if before == 1 else 'es'}")
         if (a := summary.advice) is not None:
             lines.append(f"{machine}, advice at experiment {a.experiment}: {a.sentence}")
         for line in [*lines, *(f"{machine}: {note}" for note in summary.notes)]:

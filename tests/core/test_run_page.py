@@ -264,7 +264,7 @@ def test_without_room_the_worst_keep_their_samples(tmp_path, monkeypatch):
     run = read_run(path)
     drawn = [run.steps[i].packed is not None for i in run.worst_first]
     assert drawn == [True, True, True, False, False, False]
-    assert "The 3 experiments with the least error are without samples" in page(run)
+    assert "no room for the samples of 3 experiments with the least error" in page(run)
 
 
 def test_what_is_odd_about_the_recording_is_said(tmp_path):

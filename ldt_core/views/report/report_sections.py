@@ -127,7 +127,8 @@ def _experiment(run: ReportedRun) -> Section:
         )
     bare = sum(step.packed is None for step in run.steps)
     if bare:
-        note += f" The {bare} experiments with the least error are without samples: no room."
+        few = counted(bare, "experiment")
+        note += f" There is no room for the samples of {few} with the least error."
     return Section("experiment", "One experiment", [_template("chooser.html", note=note)])
 
 
@@ -247,7 +248,7 @@ def models(run: ReportedRun) -> list[Block]:
 def _folded(table: Table) -> Block:
     if len(table.rows) <= OPEN_ROWS:
         return table
-    return Folded(f"{table.caption} ({len(table.rows)} rows)", table)
+    return Folded(f"{table.caption} ({counted(len(table.rows), 'row')})", table)
 
 
 def _cause(model: ModelRecord) -> str:
