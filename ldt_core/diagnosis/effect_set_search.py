@@ -43,7 +43,7 @@ class EffectSetSearch(SetFits):
         """
         enough = self.band.limit_of(THRESHOLDS.remainder_false_alarm)
         self._alone()
-        bases, departs = BASES, False
+        bases, departs, stands = BASES, False, False
         for count in range(1, THRESHOLDS.largest_set + 1):
             if count == 2 and not departs:
                 self._pairs()
@@ -51,13 +51,15 @@ class EffectSetSearch(SetFits):
                 self._build_on(count - 1, 1 if departs else bases)
                 if not self._best(count):  # no candidate is left that shows
                     break
-                if not departs:
+                # A departure that a further effect does not clearly beat stands.
+                stands = departs and not self._clearly_better(count)
+                if not stands:
                     self._exchange(count, enough)
             self._finish(count)
             best = self._best(count)
             if self.spent or not best or self.band.excess(best[0].residual) < enough:
                 break
-            if departs and not self._clearly_better(count):
+            if stands:
                 break
             departs = self._departs(best[0], enough)
             if count > 1 and not self._gained(count):
@@ -148,7 +150,7 @@ class EffectSetSearch(SetFits):
         """
         for _ in range(EXCHANGES):
             best = self._best(count)[0]
-            if self.band.excess(best.residual) < enough or self._departs(best, enough):
+            if self.band.excess(best.residual) < enough:
                 break
             tries = []
             for leave in range(count):
