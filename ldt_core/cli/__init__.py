@@ -139,9 +139,18 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
     except ImportError as error:  # of what is installed, or there is no memory to load it
         return _say(f"a library cannot be loaded: {error}", 1)
     except OSError as error:
-        place = str(error.filename or "input or output")[:LONGEST_PLACE]
+        place = str(error.filename or _nameless())[:LONGEST_PLACE]
         code = 2 if error.errno in UNNAMEABLE else 1
         return _say(f"{place}: {error.strerror or error}", code)
+
+
+def _nameless() -> str:
+    """What failed where the system names no file: the current folder, if it was deleted."""
+    try:
+        os.getcwd()
+    except OSError:
+        return "the current folder"
+    return "input or output"
 
 
 def _open_streams() -> None:

@@ -50,7 +50,9 @@ def within(voltage: Array, range_: Hull) -> NDArray[np.bool_]:
     seen = _quantities(voltage)
     outside = ((seen < low - slack) | (seen > high + slack)).any(axis=1)
     wide = max(1, round(AFTER * voltage.size))
-    return np.asarray(np.convolve(outside, np.ones(wide))[: voltage.size] == 0)
+    sample = np.arange(voltage.size)
+    last = np.maximum.accumulate(np.where(outside, sample, -wide))  # one outside, up to each
+    return np.asarray(sample - last >= wide)
 
 
 def _slack(low: Array, high: Array) -> Array:

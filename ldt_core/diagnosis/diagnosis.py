@@ -26,6 +26,7 @@ MOST_BYTES = 50_000_000  # of a file that is read: no diagnosis comes near
 
 #: What a next experiment may ask to be measured.
 CHANNELS = ("voltage", "speed", "current")
+KINDS = ("none", "effect", "ambiguous", "unknown")  # of a verdict
 
 
 @dataclass(frozen=True)
@@ -332,6 +333,9 @@ def _read(file: str | Path, machine: Machine | None) -> Mapping[str, Any]:
         raise BadInput(file, "a readable diagnosis.json, as ldt diagnose writes it", got) from error
     if not isinstance(found, Mapping) or not isinstance(found.get("verdict"), Mapping):
         raise BadInput(file, "a diagnosis with the key verdict", "something else")
+    kind = found["verdict"].get("kind")
+    if kind is not None and kind not in KINDS:
+        raise BadInput(f"{file}, verdict, kind", f"one of {', '.join(KINDS)}", described(kind))
     of = found.get("machine")
     if machine is not None and of not in (None, machine.name):
         told = f"a diagnosis of the machine {machine.name!r}"

@@ -66,6 +66,14 @@ def test_too_little_memory_to_load_the_libraries_is_a_sentence_at_once():
     one_sentence(errors, "out of memory", "MB of address space", "ulimit -v")
 
 
+def test_a_current_folder_that_was_deleted_is_named(tmp_path, monkeypatch, capsys):
+    """The system names no file where it does not know where it is."""
+    monkeypatch.chdir(tmp_path)
+    tmp_path.rmdir()
+    assert invoke(ldt, ["run", "--experiments", "1", "--no-bag"]) in (BAD, FAILED)
+    one_sentence(capsys.readouterr().err, "the current folder", "No such file")
+
+
 BLOCK = """
 import sys
 

@@ -508,6 +508,8 @@ BROKEN = {
     "an effect twice": json.dumps(
         {"verdict": {}, "effects": 2 * [{"effect": "inertia", "parameters": {"factor": 1.5}}]}
     ),
+    "a verdict of no known kind": json.dumps({"verdict": {"kind": "sure"}, "effects": []}),
+    "a kind that is a list": json.dumps({"verdict": {"kind": ["effect"]}, "effects": []}),
     "a verdict without effects": '{"verdict": {"kind": "effect"}}',
 }
 

@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 
 from ldt_core.base.experiment import Level
 from ldt_core.detectors.adequacy import Adequacy
+from ldt_core.detectors.excited_range import AFTER, hull, within
 from ldt_core.estimation.misfit import misfit, setting
 
 EVERY = 100
@@ -276,3 +277,17 @@ def test_more_of_what_a_model_does_not_know_is_heard_at_once():
 
     assert [int(signal(2)) for _ in range(7)] == [1, 1, -1, 1, -1, -1, -1]
     assert signal(6) is Level.POSITIVE
+
+
+@pytest.mark.parametrize("length", [1, 2, 10, 1000, 1_000_000])
+def test_what_follows_a_voltage_outside_the_range_is_outside_too(length):
+    """For a twentieth of the experiment; of a million samples in no more than proportional time."""
+    voltage = np.zeros(length)
+    voltage[[length // 3, length // 2]] = 5.0
+    memory = 300  # samples after a pulse in which the running mean differs most
+    known = within(voltage, hull(np.linspace(-1.0, 1.0, 1000)))
+    wide = max(1, round(AFTER * length))
+    assert known[: length // 3].all()
+    assert not known[length // 3 : length // 3 + wide].any()
+    assert not known[length // 2 : length // 2 + wide].any()
+    assert known[length // 2 + wide + memory :].all()
