@@ -304,7 +304,7 @@ class Adaptation(_AboutExperiment):
         action: kept, stored, adapted or refused.
         model_version: of the model that predicts the next experiment.
         reason: a sentence for a person.
-        details: figures behind the reason (held-out errors, size of S_w, …), by name.
+        details: figures that explain the reason (held-out errors, size of S_w, …), by name.
     """
 
     experiment: int
@@ -365,7 +365,7 @@ class AdviceRecord(_AboutExperiment):
 
     Args:
         experiment: number of the last one that it is about, 0 if it is about none.
-        model_version: of the model in force.
+        model_version: of the model that predicts.
         warning: whether the machine is where it had better not be, or near.
         sentence: for a person.
         values: what it rests on, by dotted name; lists as JSON; None where undefined.

@@ -26,10 +26,10 @@ class Detector(abc.ABC):
     it goes under a leading underscore); `judge` answers to one experiment. Then
     `ldt_core.checks.check_detector` tells whether it keeps the promises of this class.
 
-    As in river, `update` returns nothing, `drift_detected` and `warning_detected` hold for the last
-    update, and a detector that detected a drift starts anew by itself at the next update. One that
-    learns what is usual does not, where no new model came of it (`answered`): else what it raised
-    the alarm for would become usual.
+    As in river, `update` returns nothing, and `drift_detected` and `warning_detected` are about the
+    last update. A detector that detected a drift restarts by itself at the next update. One that
+    learns what is usual does not restart if no new model resulted (`answered`): what it raised the
+    alarm for would become usual.
     """
 
     name: ClassVar[str]
@@ -93,22 +93,22 @@ class Detector(abc.ABC):
         self.signal = Level(self.judge(row, spread))
 
     def answered(self, adapted: bool) -> None:  # noqa: B027 - not all need to know
-        """Hear what came of a positive, before the next update.
+        """Take note of what followed a positive, before the next update.
 
         Args:
-            adapted: a new model has come into force; else the old one stayed. A detector that
+            adapted: whether a new model took over; else the old one stayed. A detector that
                 learns what is usual forgets the experiment then, and sets `signal` to negative, so
                 that `update` does not start anew.
         """
 
     def excited(self, voltage: Samples) -> None:  # noqa: B027 - most detectors need not know
-        """Hear the voltage (L,) [V] of the experiment that the next update is about."""
+        """Take note of the voltage (L,) [V] of the experiment that the next update is about."""
 
     def measured(self, speed: Samples) -> None:  # noqa: B027 - most detectors need not know
-        """Hear the measured speed (L,) [rad/s] of the experiment that the next update is about."""
+        """Take note of the measured speed (L,) [rad/s] of the experiment to be judged next."""
 
     def take_over(self, signal: Signal, experiment: Experiment, deviation: Samples | None) -> bool:
-        """Take over what it is recorded to have said of an experiment, in place of `update`.
+        """Take over a recorded signal about an experiment, instead of `update`.
 
         For detectors whose signal tells all that `update` would find out, to the last bit.
 

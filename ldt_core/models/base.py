@@ -109,7 +109,7 @@ class Model(abc.ABC):
         return type(self)(self.machine, plain, self.version + 1, numbers, **self.options)
 
     def again(self, version: int) -> Self:
-        """This model as a later version: in force again."""
+        """This model as a later version, for a return to it."""
         return type(self)(self.machine, self.parameters, version, self.trained_on, **self.options)
 
     def get_params(self) -> dict[str, Any]:

@@ -20,7 +20,16 @@ from ldt_core.physics.effect import Effect
 
 
 class FittedMachine(Calibration):
-    """What `calibrate` found: `machine`, `estimates`, `errors`, `notes` and more."""
+    """What `calibrate` found.
+
+    Attributes:
+        machine: the machine with the fitted parameters; `nominal` is the one before.
+        estimates: the fitted parameters, each with `name`, `value`, `unit` and `ci95`.
+        fixed: parameters that kept their values → the reason.
+        errors: "fit" and, if experiments were held out, "held_out" → errors of free runs
+            (before, after) [rad/s].
+        notes: what a person should know, one sentence each.
+    """
 
     def __repr__(self) -> str:
         fitted = ", ".join(f"{e.name} = {e.value:.4g} {e.unit}" for e in self.estimates)
@@ -61,6 +70,9 @@ def calibrate(
         fixed: names of parameters that keep their values; not together with `free`.
         holdout: share of experiments held out; None is a quarter if there are at least 4.
         with_: a diagnosis, or its file; its effects are added to the machine and fitted too.
+
+    Returns:
+        The fitted machine, its estimates and errors.
 
     Raises:
         BadInput: an argument that cannot be used.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,30 @@ if TYPE_CHECKING:
 
 
 class GapDiagnosis(Diagnosis):
-    """What `diagnose` found: `verdict`, `gap`, `candidates`, `where`, `notes` and more."""
+    """What `diagnose` found.
+
+    The gap is the part of the squared error of free runs that is more than noise.
+
+    Attributes:
+        verdict: `kind` ("none", "effect", "ambiguous" or "unknown"), `effects` by name,
+            `confidence` (0 to 1) and `sentence`.
+        gap: errors of free runs before and after the verdict's effects are added [rad/s], and
+            `closed_fraction`, the share of the gap that they close.
+        candidates: all effects and sets of effects that were tried, the best first.
+        where: the speeds, voltages, times or frequencies at which the gap lies.
+        experiments: numbers of the experiments under "fit" and "held_out".
+        next_experiment: the experiment that would tell the most, or None.
+        notes: what a person should know, one sentence each.
+    """
+
+    def _repr_html_(self) -> str:
+        """Verdict, confidence and notes, as a notebook shows them."""
+        told = f"{self.verdict.kind}, confidence {self.verdict.confidence:.0%}"
+        notes = "".join(f"<li>{escape(note)}</li>" for note in self.notes)
+        return (
+            f"<p><b>{escape(told)}</b><br>{escape(self.verdict.sentence)}</p>"
+            f"{f'<ul>{notes}</ul>' if notes else ''}"
+        )
 
     def __repr__(self) -> str:
         return f"GapDiagnosis({self.verdict.kind}: {self.verdict.sentence})"
@@ -74,9 +98,9 @@ def diagnose(
     without: Iterable[str] = (),
     refit: Sequence[str] | None = None,
 ) -> GapDiagnosis:
-    """Say where the gap to the machine file lies, what causes it, and how much that explains.
+    """Say how a machine differs from its file, and how much of the error that explains.
 
-    The answer is that of `ldt diagnose`. It takes a few seconds and uses all processors.
+    The answer is that of `ldt diagnose`. It takes seconds to minutes and uses all processors.
 
     Args:
         recording: a `Recording`, its folder or file, or experiments.
@@ -85,8 +109,11 @@ def diagnose(
         seed: of all random numbers.
         effects: additional ones to try: names, `path/to/file.py:NAME`, or `Effect` objects.
         without: names of effects not to try.
-        refit: parameters of the machine to fit along and never to name; None takes those that the
-            file says were calibrated.
+        refit: parameters of the machine that are fitted as well, but are never named as a cause;
+            None takes those that the file says were calibrated.
+
+    Returns:
+        The verdict, with all candidates that were tried.
 
     Raises:
         BadInput: an argument that cannot be used, or too few data.

@@ -105,7 +105,7 @@ class Recording(Sequence[Experiment]):
         return list(found.values())
 
     def to_frame(self) -> pandas.DataFrame:
-        """A table with one row an experiment; with the steps' columns where there is a twin.
+        """A table with one row per experiment; with columns of the steps where there was a twin.
 
         Raises:
             LdtError: pandas is not installed.
@@ -130,6 +130,9 @@ def read(path: str | os.PathLike[str], namespace: str | None = None) -> Recordin
     Args:
         path: folder of a recording, or one of its files (`.mcap`, `.mcap.zstd`, `.db3`).
         namespace: of the machine, if the recording has several; "/" is the root.
+
+    Returns:
+        Its experiments, in recorded order, and the twin's steps where there was a twin.
 
     Raises:
         RecordingError: no such file, no recording, several machines, or no experiments.

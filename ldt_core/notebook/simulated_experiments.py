@@ -34,11 +34,14 @@ def simulate(
     Args:
         machine: its name or file, or a `Machine`.
         experiments: how many.
-        effects: effect, by its name or as an `Effect`, with its parameters; or effects alone, which
-            then have their typical values.
+        effects: effect → its parameters in SI units, as in `{"unbalance": {"e": 0.005}}`; or
+            effects alone, which then have their typical values. An effect is a name or an `Effect`.
         seed: of all random numbers.
         noise: standard deviation on the measured speed [rad/s]; -1 uses the machine file.
         settings: further options of `ldt simulate` (`voltage="chirp"`, `measure_current=True`).
+
+    Returns:
+        One `Experiment` each, with `voltage` (L,) [V] and `speed` (L,) [rad/s].
 
     Raises:
         BadInput: an argument that cannot be used.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 from ldt_core.base.experiment import Step
@@ -33,9 +34,9 @@ class TwinRun:
     """The result of `run`: what a twin said and did in each experiment.
 
     Attributes:
-        twin: its state after the last experiment.
-        steps: one for each experiment that could be used.
-        summary: all figures.
+        twin: the twin as it is after the last experiment; `twin.step(experiment)` continues.
+        steps: a `Step` for each experiment that could be used, in their order.
+        summary: all figures; `summary.outcome` says whether learning helped.
     """
 
     twin: Twin
@@ -44,6 +45,14 @@ class TwinRun:
 
     def __len__(self) -> int:
         return len(self.steps)
+
+    def _repr_html_(self) -> str:
+        """The outcome and the figures, as a notebook shows them."""
+        figures = "".join(
+            f'<tr><th style="text-align: left">{escape(label)}</th><td>{escape(value)}</td></tr>'
+            for label, value in self.summary.rows()
+        )
+        return f"<p><b>{escape(self.summary.outcome)}</b></p><table>{figures}</table>"
 
     def __repr__(self) -> str:
         if self.mme is None:
@@ -64,7 +73,7 @@ class TwinRun:
 
     @property
     def notes(self) -> list[str]:
-        """Remarks for people, one sentence each."""
+        """What a person should know, one sentence each."""
         return list(self.summary.notes)
 
     def to_frame(self) -> pandas.DataFrame:
@@ -106,6 +115,9 @@ def run(
         detector: see `Twin`.
         preset: see `Twin`.
         settings: see `Twin`.
+
+    Returns:
+        What the twin predicted, detected and learned, experiment by experiment.
 
     Raises:
         BadInput: an argument that cannot be used.

@@ -144,7 +144,7 @@ class Physics(abc.ABC):
                 simulation goes on from an earlier one.
             effects: acting effects; those on the measurement are ignored here, see `measure`.
             max_step: longest Runge-Kutta step [s]: a search may do with a longer one.
-            tracked: (L,) speeds [rad/s] and a gain in 0..1: behind each sample the speed moves
+            tracked: (L,) speeds [rad/s] and a gain in 0..1: after each sample the speed moves
                 towards the one given by this part of their difference (a Luenberger observer).
             least_step: shortest Runge-Kutta step [s], however stiff the machine is: a search that
                 comes by absurd values must not be held up by them.

@@ -85,7 +85,7 @@ class Effect:
             what moves from the machine's equations into its states.
         initial: (machine's first state, **p) -> its own first states; None means 0.
         needs: parameters of the machine without which the effect makes no sense; torque and
-            terminal find their values in p, behind the effect's own.
+            terminal find their values in p, after the effect's own.
         fastest: (values, voltage, **p) -> fastest rate of change that the effect brings with it
             [1/s], from the machine's parameters and its largest voltage; bounds the step.
         reference: where the formula is from.

@@ -131,7 +131,7 @@ class Twin:
 
         Raises:
             ExperimentError: as `Predictor.predict`; the twin is as before then.
-            UnansweredExperiment: likewise.
+            UnansweredExperiment: as there; the twin is as before then, too.
             ArgumentTypeError: no experiment at all.
         """
         if not isinstance(experiment, Experiment):

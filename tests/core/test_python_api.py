@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import html
 import json
 import os
 import re
@@ -227,6 +229,20 @@ def test_what_is_printed_is_short(run, learned):
     assert max(map(len, shown)) < 150 + len(learned.path)
     assert repr(step.experiment) == "Experiment(1, 1000 samples at 0.01 s, 10 s)"
     assert repr(run).startswith("TwinRun(6 experiments, MME ")
+
+
+@pytest.mark.slow
+def test_a_notebook_shows_outcome_and_verdict(run, worn):
+    """Text of a file or a machine is escaped."""
+    shown = run._repr_html_()
+    assert shown.startswith(f"<p><b>{html.escape(run.summary.outcome)}</b></p><table><tr>")
+    assert shown.count("<tr>") == len(run.summary.rows())
+    found = ldt.diagnose(worn[:3], "dc_motor", effects=["coulomb_friction"])
+    hostile = dataclasses.replace(found, notes=("<script>alert(1)</script>",))
+    text = hostile._repr_html_()
+    assert html.escape(found.verdict.sentence) in text
+    assert "<script>" not in text
+    assert "&lt;script&gt;" in text
 
 
 def test_tables_have_one_row_an_experiment(run, learned, worn):
