@@ -30,7 +30,7 @@ from ldt_core.diagnosis.start_states import (
     searched_start_states,
     start_states_for,
 )
-from ldt_core.estimation.noise import rounding_correlation, sensor_step, white_noise
+from ldt_core.estimation.noise import ROUNDING, rounding_correlation, sensor_step, white_noise
 from ldt_core.estimation.variable_projection import basis_of, project_out
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE, CURRENT, MAX_STEP, NOT_TRACKED, SPEED, FreeRun, Work
@@ -91,6 +91,8 @@ class FreeRunResiduals:
         self.level = (1.0, 1.0)
         #: Of these, what the noise is sample by sample: less where steps of a sensor repeat.
         self.whiteness = (1.0, 1.0)
+        #: Power of what the steps of a speed sensor round off, in deviations of the noise.
+        self.rounding = 0.0
         self.workers = workers
         #: Done so far, of runs side by side; shared by all parts of a recording.
         self.work, self.price = Work(), self._price()
@@ -136,6 +138,8 @@ class FreeRunResiduals:
         ]
         self.whiteness = 1.0 / wider[0], 1.0 / wider[1]
         self._widen(*wider)
+        samples = sum(len(e) for e in self.experiments)
+        self.rounding = samples * (ROUNDING * steps[0] / self.noise[0]) ** 2
 
     def _price(self) -> int:
         """A motor's steps for a sample, as far as the machine without any effect tells."""
@@ -167,6 +171,7 @@ class FreeRunResiduals:
         if speed == current == 1.0:
             return
         self.noise = self.noise[0] * speed, self.noise[1] * current
+        self.rounding /= speed**2
         for piece in self.pieces:  # the columns' channels are weighed by the noise
             length = len(piece.experiment)
             piece.columns[:length] /= speed

@@ -83,6 +83,8 @@ def is_gap(found: FittedSets, seed: int) -> bool:
         return False
     if power < THRESHOLDS.least_gap * found.band.samples or power < _trifle(found.residuals):
         return False
+    if power < found.residuals.rounding:  # which noise and a slow signal repeat in any shape
+        return False
     if found.excess > found.band.limit_of(THRESHOLDS.gap_false_alarm):
         return True
     if not d.target.size:

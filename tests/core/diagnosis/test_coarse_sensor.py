@@ -5,9 +5,11 @@ It settles in a fifth of the time that a voltage is held: rounding errors repeat
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from recorded_machines import steps
+from recorded_machines import MOTOR, ROTOR, record, steps
 from scipy.integrate import solve_ivp
 
 from ldt_core.base.experiment import Experiment
@@ -117,3 +119,13 @@ def test_residuals_are_divided_by_what_the_steps_hide(healthy):
     residuals = FreeRunResiduals(MACHINE, seen(healthy, 5.0))
     assert residuals.noise[0] * residuals.whiteness[0] == pytest.approx(5.0 * ROUNDING, rel=0.2)
     assert residuals.whiteness[0] < 0.5
+
+
+@pytest.mark.parametrize("machine", [ROTOR, MOTOR], ids=["rotor", "motor"])
+def test_steps_that_hide_some_of_the_noise_make_no_gap(machine):
+    """Noise of a third of a step hardly shows in the differences of a slow signal."""
+    step, part = 0.56, np.linspace(0.0, 1.0, 1000)
+    ramps = [8.0 * np.interp((2 * part + 0.37 * k) % 1, [0, 0.5, 1], [-1, 1, -1]) for k in range(6)]
+    healthy = record(machine, count=6, samples=1000, noise=0.165, levels=ramps)
+    seen = [replace(e, speed=step * np.round(e.speed / step)) for e in healthy]
+    assert diagnose(machine, seen, workers=1).verdict.kind == "none"
