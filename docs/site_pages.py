@@ -29,7 +29,7 @@ OWN = ("glossary", "gallery")  # pages of this folder
 #: Heading → pages; each page of `ldt docs` has to stand here once.
 NAV: dict[str, list[str]] = {
     "Start": ["start", "watch", "python"],
-    "Tutorials": ["connect", "real", *notebooks.names()],
+    "Tutorials": [*notebooks.names(), "connect", "real"],
     "How-to": ["machine", "deploy", "detector", "advice", "effect", "physics"],
     "Explanation": ["diagnosis", "defaults", "paper"],
     "Reference": ["commands", "api", "topics", "parameters", "effects", "glossary"],

@@ -10,6 +10,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -32,6 +33,10 @@ settings.load_profile("ldt")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
+# Before numpy is loaded: on busy cores its threads wait for each other at full speed, and a test of
+# 0.1 s of a processor takes 4 s. Nodes have one thread each, and so have the programs started here.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # A shell that runs tests in the background has interrupts ignored, and so had every program that
 # they start and mean to interrupt.
@@ -49,6 +54,21 @@ def pytest_configure(config: pytest.Config) -> None:
     """Leave the order of the files to us."""
     if hasattr(config.option, "loadscopereorder"):
         config.option.loadscopereorder = False
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """With `--dist loadfile`: a file is one piece of work, and so is a page of `ldt docs`."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class Pieces(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            page = "test_a_page_works_by_copy_and_paste" in nodeid
+            # They begin with the same run, which a process makes once.
+            alone = page and not nodeid.endswith(("[start]", "[watch]"))
+            return nodeid if alone else super()._split_scope(nodeid)
+
+    return Pieces(config, log) if config.getoption("dist") == "loadfile" else None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -1,4 +1,4 @@
-"""What a machine more costs in one graph: processor time, memory, latency, start-up.
+"""What each additional machine costs in one graph: processor time, memory, latency, start-up.
 
 python -m tests.fleet [1 5 20 50] [--experiments 20] [--every SECONDS] [--keep]
 """
@@ -22,7 +22,10 @@ from tests.benchmarks.measured_table import MeasuredTable
 
 LENGTH = 20.0  # s, of an experiment of 2000 samples
 LDT = [sys.executable, "-c", "from ldt_core.cli import main; main()"]
-HEAD = ("machines", "processor time", "memory", "latency, median", "99th percentile", "start-up")
+HEAD = (
+    *("machines", "processor time per experiment", "memory per machine", "latency, median"),
+    *("99th percentile", "start-up"),
+)
 
 
 def main() -> int:
@@ -33,8 +36,9 @@ def main() -> int:
     parser.add_argument("--every", type=float, default=1.0, help="s between two of a machine")
     parser.add_argument("--keep", action="store_true", help="take them into the page's table")
     given = parser.parse_args()
-    often = "a second" if given.every == 1 else f"each {given.every:g} s"
-    print(f"{os.cpu_count()} cores; each machine makes an experiment of 2000 samples {often}")
+    print(
+        f"{os.cpu_count()} cores; one experiment of 2000 samples per machine and {given.every:g} s"
+    )
     table = MeasuredTable("fleet", "python -m tests.fleet", *HEAD)
     for size in given.sizes:
         table.add(*_measured(size, given.experiments, given.every))
@@ -76,14 +80,19 @@ def _measured(machines: int, experiments: int, every: float) -> tuple[str, ...]:
         latencies += [done[n] - sent[n] for n in sent.keys() & done.keys()]
         first.append(min(sent.values()))
     per = sum(used.values()) / machines
+    often = "" if every == 1 else f", one experiment every {every:g} s"
     return (
-        str(machines),
-        f"{per / experiments * 1e3:.0f} ms an experiment, start-up included",
-        f"{max(resident) / machines / 1e6:.0f} MB each",
+        f"{machines} ({_shared(machines, len(used))}){often}",
+        f"{per / experiments * 1e3:.0f} ms",
+        f"{max(resident) / machines / 1e6:.0f} MB",
         f"{np.median(latencies) * 1e3:.1f} ms",
         f"{np.quantile(latencies, 0.99) * 1e3:.1f} ms",
         f"{max(first) - began - every:.1f} s",
     )
+
+
+def _shared(machines: int, processes: int) -> str:
+    return f"{processes} processes" if machines == 1 else f"{machines / processes:.0f} per process"
 
 
 def _timed(bag, name):

@@ -5,7 +5,7 @@ ldt study --seeds 1 --only trials --out trials
 python -m tests.paper_table study trials
 
 keeps the columns that the tables need in `bags/paper.csv` and writes the tables anew. A study that
-was broken off gives the trials that it had finished.
+was interrupted gives the trials that it had finished.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from tests.robustness_table import results as trial_results
 KEPT = Path(__file__).parents[1] / "bags" / "paper.csv"
 COLUMNS = ("model", "detector", "seed", "left", "adaptations", "precision", "recall", "taken")
 TRIAL = "trial"  # in place of a model: its detector is the trial's name
-HEAD = "| model | detector | left | new models | precision | recall |"
+HEAD = "| model | detector | remaining error | new models | precision | recall |"
 Row = Mapping[str, str]
 
 
@@ -67,13 +67,13 @@ def table(found: Iterable[Row]) -> str:
     seeds = len({r["seed"] for r in runs})
     told = f"Means over {seeds} streams of 200 experiments, the least and the most in brackets."
     taken = listed(sorted({r["taken"] for r in runs}))
-    return "\n".join([*lines, "", f"{told} Taken in on {taken}.", ""])
+    return "\n".join([*lines, "", f"{told} Added on {taken}.", ""])
 
 
 def trial_table(found: Iterable[Row]) -> str:
     """Markdown: a line for each trial, from the least that it leaves to the most."""
     runs = sorted((r for r in found if r["model"] == TRIAL), key=lambda r: float(r["left"]))
-    lines = ["| what is otherwise | left |", "|---|---|"]
+    lines = ["| what differs | remaining error |", "|---|---|"]
     for run in runs:
         about = PAPER_TRIALS[run["detector"]].about
         lines.append(f"| {about} | {100 * float(run['left']):.0f} % |")

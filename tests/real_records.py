@@ -55,7 +55,7 @@ def answer(found: Diagnosis) -> str:
     groups = [" or ".join(group) for group in found.verdict.acting]
     left = found.remainder.share_of_gap
     told = f"{found.verdict.kind}: {' and '.join(groups)}".rstrip(": ")
-    return told if left is None else f"{told}; {left:.0%} of the gap is left"
+    return told if left is None else f"{told}; {left:.0%} of the gap remains"
 
 
 def pieces(u, w, period: float, length: int) -> list[Experiment]:
@@ -121,7 +121,7 @@ def motor_generator(folder: Path) -> Iterator[Row]:
         if one.effect in {name for group in found.verdict.acting for name in group}:
             yield "first half, held out", f"{one.effect} alone", gap.before.rmse, one.held_out_rmse
     errors = (error(machine, second), error(machine, second, use_of(found)))
-    yield ("second half, never seen", "by the first half's diagnosis", *errors)
+    yield ("second half, never seen", "with the first half's diagnosis", *errors)
 
 
 def told(found: Balance | None) -> str:
@@ -177,7 +177,7 @@ def main(data: str, *given: str) -> None:
     names = [name for name in given if name != "--keep"]
     for name in names or TABLES:
         command = f"python -m tests.real_records DATA {name}"
-        head = ("record", "what was done", "error without [rad/s]", "with")
+        head = ("record", "what was done", "error before [rad/s]", "error after [rad/s]")
         table = MeasuredTable(name, command, *head, page="real")
         for record, done, before, after in TABLES[name](Path(data)):
             table.add(record, done, f"{before:.3g}", f"{after:.3g}")

@@ -4,7 +4,7 @@ ldt study --only robustness --seeds 10 --out streams
 python -m tests.robustness_table streams
 
 keeps the columns that the table needs in `bags/robustness.csv` and writes the table anew. A study
-that was broken off gives the streams that it had finished.
+that was interrupted gives the streams that it had finished.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ COLUMNS = (
     *("stream", "setup", "seed", "experiments", "left", "late_left", "learned"),
     *("adaptations", "changes", "gross_holds", "seconds"),
 )
-HEAD = "| stream | seeds | left | a step late | after the first | new models a change |"
+HEAD = (
+    "| stream | seeds | remaining error | one step late | without the first "
+    "| new models per change |"
+)
 Row = Mapping[str, str]
 
 
@@ -63,7 +66,7 @@ def table(found: Iterable[Row]) -> str:
             _percent(own, "left"),
             _percent(own, "late_left"),
             _percent(own, "learned"),
-            f"{models / changes:.1f}" if changes else f"{models} in all",
+            f"{models / changes:.1f}" if changes else f"{models} in total",
         )
         lines.append("| " + " | ".join(cells) + " |")
     gross = sum(int(r["gross_holds"]) for r in kept if r["setup"] == DEFAULT)

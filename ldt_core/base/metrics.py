@@ -24,6 +24,7 @@ from ldt_core.base.experiment import (
     Step,
 )
 from ldt_core.base.model_state import STATES, ModelState, shown_state
+from ldt_core.base.sentences import counted, number
 
 #: Sentences about what makes a run fail: all experiments of a long one may.
 MOST_FAILURES = 100
@@ -164,6 +165,23 @@ class Summary:
         return mine / original if mine is not None and original else None
 
     @property
+    def outcome(self) -> str:
+        """Whether learning helped, in a sentence; "" while nothing is known."""
+        mine, original, left = self.mme, self.mme_original, self.left
+        if mine is None or original is None or left is None:
+            return ""
+        share = _percent(left)
+        errors = f"the error is {share} % of the original model's ({number(mine)} of "
+        errors += f"{number(original)} rad/s)."
+        if share != "100":
+            return f"Learning {'helped' if left < 1 else 'made it worse'}: {errors}"
+        if self.states["holds"] == self.experiments and not self.adaptations:
+            return "The model already explains the machine: nothing to learn."
+        tried = self.adaptations or self.refusals
+        what = "Learning did not help" if tried else "Nothing was learned"
+        return f"{what}: the error is that of the original model ({number(original)} rad/s)."
+
+    @property
     def states(self) -> dict[str, int]:
         """Experiments in each state of machine and model, and how many nobody judged."""
         judged = {name: self._states[name] for name in STATES}
@@ -197,12 +215,13 @@ class Summary:
     def as_dict(self) -> dict[str, Any]:
         """All figures and notes by name."""
         more = self.further_failures
-        further = [f"{more} more experiments are not answered"] if more else []
+        further = [f"{counted(more, 'more experiment')} not answered"] if more else []
         return {
             "experiments": self.experiments,
             "mme": self.mme,
             "mme_original": self.mme_original,
             "left": self.left,
+            "outcome": self.outcome,
             "states": self.states,
             "last_state": self.last_state[1].name if self.last_state else None,
             "positives": self.positives,
@@ -233,7 +252,7 @@ class Summary:
             ("experiments", str(self.experiments)),
             ("MME of the learning twin [rad/s]", _figure(self.mme)),
             ("MME of the original model [rad/s]", _figure(self.mme_original)),
-            ("left of the original's error [%]", _percent(self.left)),
+            ("error, in % of the original's", _percent(self.left)),
             *self._state_rows(),
             ("signals: negative", str(self.negatives)),
             ("signals: warning", str(self.warnings)),

@@ -32,6 +32,7 @@ def command(out: str, force: bool, as_json: bool) -> None:
     from pathlib import Path
 
     from ldt_core.base.errors import OptionError
+    from ldt_core.base.sentences import counted
     from ldt_core.base.settings import resolve
     from ldt_core.machine import Plant
     from ldt_core.machine.machine_file import load_machine
@@ -58,9 +59,8 @@ def command(out: str, force: bool, as_json: bool) -> None:
         as_json,
         record,
         *map(one_line, summary.notes),
-        f"A simulated rotor lost its balance over {summary.experiments} experiments. The twin "
-        f"learned {summary.adaptations} times, and left {summary.left:.0%} of the error of the "
-        "model that never learns.",
+        f"A simulated rotor lost its balance over {counted(summary.experiments, 'experiment')}. "
+        f"The twin learned {counted(summary.adaptations, 'time')}. {summary.outcome}",
         f"Open in a browser: {page}",
         f"See it live:       ldt watch {bag} --rate 100",
         f"What to avoid now: ldt advise {bag}",

@@ -277,9 +277,11 @@ def _print_table(runs: Sequence[tuple[str, Summary, str]], settings: Mapping[str
     for machine, summary, bag in runs:
         shown = summary.diagnoses[-MAX_DIAGNOSES:]
         told = [f"diagnosis at experiment {d.experiment}: {d.sentence}" for d in shown]
-        lines = [f"{machine}, {words}" for words in told]
+        few = len(runs) <= MAX_COLUMNS  # else the table's rows say it
+        lines = [f"{machine}: {summary.outcome}"] if few and summary.outcome else []
+        lines += [f"{machine}, {words}" for words in told]
         if (before := len(summary.diagnoses) - MAX_DIAGNOSES) > 0:
-            lines.append(f"{machine}: {before} earlier diagnoses")
+            lines.append(f"{machine}: {before} earlier diagnos{'is' if before == 1 else 'es'}")
         if (a := summary.advice) is not None:
             lines.append(f"{machine}, advice at experiment {a.experiment}: {a.sentence}")
         for line in [*lines, *(f"{machine}: {note}" for note in summary.notes)]:

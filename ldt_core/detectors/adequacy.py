@@ -229,7 +229,7 @@ class Adequacy(Detector):
         if self.misfit >= self.false_alarm_every:
             self.lessons, self.pause, self.heard = 0, 0, found.relative
             if not self._fails_within(self.explained, residual, deviation, voltage):
-                return self._beyond(voltage)
+                return self._beyond(residual, deviation, voltage)
             self.errors = [math.log(found.relative)]
             self.model_state = "changed"
             return Level.POSITIVE
@@ -254,10 +254,10 @@ class Adequacy(Detector):
         found = _misfit_where(known, residual, deviation, self._under)
         return found.evidence >= self.false_alarm_every
 
-    def _beyond(self, voltage: Samples) -> Level:
+    def _beyond(self, residual: Samples, deviation: Samples | None, voltage: Samples) -> Level:
         """The model fails, but not where it has been right: only the excitation is another."""
         self.unexplained, self.misfit = 0.0, 0.0
-        if within(voltage, self.seen).all():
+        if self._fails_within(self.seen, residual, deviation, voltage):
             self.model_state = "inadequate"
             return Level.POSITIVE
         self.model_state = "new_range"

@@ -48,7 +48,7 @@ DIVERGED_SPEED = 1e4  # rad/s, in place of a free run that grows for ever
 AT_REST = 4.0  # noise deviations: a first sample nearer to 0 is that of a machine at rest
 NOISE_FLOOR = 1e-4  # of a channel's size: a simulation without noise must not divide by 0
 ANGLE_SHOWS = 1e-3  # noise deviations by which an effect that depends on the angle shows it
-SHAKEN_PRICE = 7  # of a motor's steps that one of a shaken foundation takes: 85 and 12 ns
+TERMINAL_PRICE = 4  # of a torque's steps that one of a voltage at the terminals takes: 34 and 8 ns
 SHORTEST_STEP = 0.5e-3  # s, of the integration, whatever a fit tries: bounds the time it takes
 
 
@@ -140,11 +140,10 @@ class FreeRunResiduals:
     def _price(self) -> int:
         """A motor's steps for a sample, as far as the machine without any effect tells."""
         period = max((e.period for e in self.experiments), default=SEARCH_STEP)
-        each = SHAKEN_PRICE if self.physics.shakes(self.values) else 1
         rate = motor_rate(self.physics.folded(self.values))
         if rate * MAX_STEP > MAX_STEP_RATE:
-            return each * USUAL_ROUNDS * math.ceil(period / SEARCH_STEP)
-        return each * math.ceil(period / min(SEARCH_STEP, MAX_STEP_RATE / rate))
+            return USUAL_ROUNDS * math.ceil(period / SEARCH_STEP)
+        return math.ceil(period / min(SEARCH_STEP, MAX_STEP_RATE / rate))
 
     def _tolerate(self, tolerance: float) -> None:
         """Take the noise to be as large as the laws' own errors are likely to be."""
@@ -285,6 +284,7 @@ class FreeRunResiduals:
             self.price
             * sum(
                 np.size(run.voltage)
+                * (TERMINAL_PRICE if any(e.terminal for e, _ in run.effects) else 1)
                 for run in begun
                 if run.tracked[1] > 0 or any(e.torque or e.terminal for e, _ in run.effects)
             )

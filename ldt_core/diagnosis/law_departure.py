@@ -82,7 +82,7 @@ class LawDepartures:
                 float(a @ gram[at : at + a.size, at : at + a.size] @ a)
                 for at, a in zip(range(z.size, len(target), shapes.shape[1]), shapes, strict=True)
             ]
-            if (np.array(sizes) <= THRESHOLDS.unexplained_of_gap * np.array(power)).all():
+            if (np.array(sizes) <= THRESHOLDS.departure_of_law * power).all():
                 break
         gain = -float(moved @ whole @ moved + 2 * target @ moved)
         part = whole[: z.size, : z.size]
@@ -91,10 +91,10 @@ class LawDepartures:
 
     def _system(
         self, fitted: EffectFit, speeds: Sequence[Array], changes: Sequence[Sequence[Array]]
-    ) -> tuple[Array, Array, list[float]]:
+    ) -> tuple[Array, Array, Array]:
         """Inner products of parameters' and departures' columns, and theirs with the residual.
 
-        Also the power of what each effect changes.
+        Also the power of what each effect changes, of the gap's at most: two may cancel each other.
 
         Args:
             speeds: of the set, in each experiment.
@@ -126,7 +126,7 @@ class LawDepartures:
         seen = length > LEAST_SHAPE * sized
         scale = np.ones(len(target))
         scale[count:] = np.where(seen, sized / np.where(seen, length, 1.0), 0.0)
-        return gram * np.outer(scale, scale), target * scale, power
+        return gram * np.outer(scale, scale), target * scale, np.minimum(power, self.gap)
 
     def _forgets(self, effect: Effect, piece: PreparedExperiment) -> float:
         """Part of its speed that the motor keeps from one sample to the next; 0 for a sensor's."""

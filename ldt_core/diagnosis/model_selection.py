@@ -63,7 +63,7 @@ def earned(
     if not gain > limits.chance_gain * added:
         return False
     # What leaves more than a law may be off is no cause by itself, whose law a relative mends.
-    if kin(larger) > kin(smaller) and left <= limits.unexplained_of_gap * gap:
+    if kin(larger) > kin(smaller) and left <= limits.departure_of_law * gap:
         return False
     further = limits.further_effect_of_gap * added * gap
     if gain > further and gain > limits.further_effect_of_remainder * left:

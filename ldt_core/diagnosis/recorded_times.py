@@ -93,7 +93,7 @@ def wrong_clock(
     found = minimize_scalar(left, bounds=near, method="bounded", options={"xatol": 1e-3}).x
     if abs(found) < math.log(LEAST_FACTOR):
         return ""
-    if left(found, held) > THRESHOLDS.unexplained_of_gap * gap:
+    if left(found, held) > THRESHOLDS.departure_of_law * gap:
         return ""
     return (
         f"check the recorded times: a sample period {math.exp(found):.3g} times as long "

@@ -86,10 +86,7 @@ class Thresholds:
         0.003, OF_GAP, CASES, "A smaller part cannot be told from the errors of the laws."
     )
     whole_remainder: float = _limit(
-        0.9,
-        OF_REMAINDER,
-        CASES,
-        "What takes away less mends another law, if by chance to the noise.",
+        0.75, OF_REMAINDER, CASES, "What takes away less mends another law, if by chance."
     )
     same_family_of_gap: float = _limit(
         0.06, OF_GAP, CASES, "A law that is a little off looks like a second effect of its family."
@@ -110,8 +107,8 @@ class Thresholds:
         CASES,
         "Twice as far in amplitude: not by chance.",
     )
-    unexplained_of_gap: float = _limit(
-        0.05, OF_GAP, CASES, "A set that leaves more is not the cause: the verdict is unknown."
+    departure_of_law: float = _limit(
+        0.05, "power of what the law does", CASES, "What departs by more is another law."
     )
     prior_deviations: float = _limit(
         3.0,

@@ -125,10 +125,7 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     gap = band.speed_gap(found.base, pool[0].residual)
     alike = plainest(found, _as_good(found, pool), pool, gap)
     # What leaves too much in the speed is no answer, however well it follows the current.
-    lefts = [band.speed_excess(f.residual) for f in alike]
-    alike = [
-        f for f, x in zip(alike, lefts, strict=True) if not _unexplained(band, x, gap)
-    ] or alike
+    alike = [f for f in alike if not _no_cause(found, f, gap)] or alike
     alike = sorted(alike, key=lambda f: kin(f.effects))  # else the best first, as before
     # Of laws of one family the one that follows the machine best is what predicts it.
     clear = THRESHOLDS.indistinguishable_loss
@@ -138,7 +135,7 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     best = alike[0]
     left, gap = band.speed_excess(best.residual), band.speed_gap(found.base, best.residual)
     structured = band.excess(best.residual) > band.limit_of(THRESHOLDS.remainder_false_alarm)
-    unknown = bool(_unexplained(band, left, gap))
+    unknown = _no_cause(found, best, gap)
     kind = "unknown" if unknown else "ambiguous" if len(alike) > 1 else "effect"
     nearest = min(alike, key=found.loss)
     rivals = [f for f in pool if f not in alike and found.loss(f) > found.loss(nearest)]
@@ -174,11 +171,19 @@ def _grounds(
 def _unexplained(band: ErrorBand, left: Any, gap: Any) -> Any:
     """Whether so much of the gap is left, in one draw or in each of many, that it is no cause.
 
-    More than noise alone, and more of the gap than a law may be off: two questions. What noise may
-    be is not taken off what is left, which is free of noise on average.
+    More than noise alone, and a stated part of the gap: two questions. What noise may be is not
+    taken off what is left, which is free of noise on average.
     """
     limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
-    return (left > limit) & (left > THRESHOLDS.unexplained_of_gap * gap)
+    return (left > limit) & (left > THRESHOLDS.further_effect_of_gap * gap)
+
+
+def _no_cause(found: FittedSets, fitted: EffectFit, gap: float) -> bool:
+    """Whether a set leaves so much, beyond what its laws may depart, that it is no cause.
+
+    As much as would earn a further effect its name: there is one without.
+    """
+    return bool(_unexplained(found.band, found.left(fitted), gap))
 
 
 def _with_noise(residuals: FreeRunResiduals, level: tuple[float, float]) -> FreeRunResiduals:
@@ -199,9 +204,11 @@ def _agreement(
     pick = np.random.default_rng(seed).integers(0, count, (RESAMPLES, count))
     explained = (band.speed_loss(found.base) - band.speed_loss(best.residual))[pick].sum(axis=1)
     noise = band.free[0] * band.level[0] ** 2 / count
-    left = (band.power(best.residual, speed=True) - noise)[pick].sum(axis=1)
+    power = band.power(best.residual, speed=True)
+    left = (power - noise)[pick].sum(axis=1)
     gap = np.maximum(explained, 0.0) + np.maximum(left, 0.0)
-    same = _unexplained(band, left, gap) == unknown
+    departs = found.departures.taken(best) / max(float(power.sum()), 1e-300)
+    same = _unexplained(band, left - departs * power[pick].sum(axis=1), gap) == unknown
     own = _losses(found.residuals, best)[pick].sum(axis=1)
     for rival in rivals:
         same = same & (own < _losses(found.residuals, rival)[pick].sum(axis=1))
@@ -300,14 +307,13 @@ def plainest(
     fit better.
     """
     best = alike[0]
-    band = found.band
-    hopeless = _unexplained(band, band.speed_excess(best.residual), gap)
+    hopeless = _no_cause(found, best, gap)
     close = [
         f
         for f in pool
         if plain_enough(f, best, found.behind(f, best), gap)
         and not _only_it_explains(found, best, f)
-        and (hopeless or not _unexplained(band, band.speed_excess(f.residual), gap))
+        and (hopeless or not _no_cause(found, f, gap))
     ]
     if not close:
         least = min(f.free for f in alike)

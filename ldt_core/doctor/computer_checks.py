@@ -15,6 +15,7 @@ from functools import partial
 from importlib import metadata
 from pathlib import Path
 
+from ldt_core.base.sentences import counted
 from ldt_core.doctor.check import Finding, Probe, ok, problem, warning
 
 MIB = 1024**2
@@ -194,7 +195,7 @@ def memory(table: Path = Path("/proc/meminfo")) -> list[Finding]:
     if free < MIN_MEMORY:
         remedy = "end other programs, or run the loop in one process by ldt run"
         return [warning("memory", f"{_size(free)} available", remedy)]
-    return [ok("memory", f"{_size(free)} available, {os.cpu_count()} cores")]
+    return [ok("memory", f"{_size(free)} available, {counted(os.cpu_count() or 1, 'core')}")]
 
 
 def limits() -> list[Finding]:

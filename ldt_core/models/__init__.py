@@ -22,6 +22,7 @@ MODELS = Registry(
         "hybrid": "ldt_core.models.hybrid:HybridModel",
         "diagnosed": "ldt_core.models.diagnosed:DiagnosedModel",
         "grey_box": "ldt_core.models.grey_box:GreyBoxModel",
+        "remainder": "ldt_core.models.remainder:RemainderModel",
         "auto": "ldt_core.models.grey_box:GreyBoxModel",
     },
     "ldt.model",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ldt_core.base.experiment import Step
 from ldt_core.base.metrics import Summary
+from ldt_core.base.sentences import counted
 from ldt_core.detectors.base import Detector
 from ldt_core.models.base import Model
 from ldt_core.notebook.recorded_experiments import (
@@ -48,8 +49,8 @@ class TwinRun:
         if self.mme is None:
             return "TwinRun(no experiments)"
         errors = f"MME {self.mme:.4g} rad/s (original model {self.mme_original:.4g})"
-        adapted = f"{self.summary.adaptations} adaptations"
-        return f"TwinRun({len(self)} experiments, {errors}, {adapted})"
+        adapted = counted(self.summary.adaptations, "adaptation")
+        return f"TwinRun({counted(len(self), 'experiment')}, {errors}, {adapted})"
 
     @property
     def mme(self) -> float | None:

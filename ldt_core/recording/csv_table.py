@@ -144,7 +144,7 @@ class CsvTable:
             return pick(row)
         except IndexError:
             raise RecordingError(
-                f"{self.path}, line {line}", f"{len(self.names)} cells", f"{len(row)}"
+                f"{self.path}, line {line}", counted(len(self.names), "cell"), f"{len(row)}"
             ) from None
 
     @contextmanager

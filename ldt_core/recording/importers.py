@@ -144,7 +144,7 @@ def _from_table(
     assert sample_period is not None or "time" in values
     at = np.asarray(np.arange(lines.size) * (sample_period or 0.0), dtype=np.float64)
     times = values.pop("time", at)
-    notes = [f"{lines.size} rows; {_conversions(fields)}", *table.notes]
+    notes = [f"{counted(lines.size, 'row')}; {_conversions(fields)}", *table.notes]
     named = propose_fields(table.columns)
     swapped = (("voltage", "speed"), ("speed", "voltage"))
     if all(f"{named.get(q, '')}:".startswith(f"{fields[of].name}:") for q, of in swapped):
@@ -157,7 +157,10 @@ def _from_table(
             f"column {field.name} for the {q} in {field.unit} ({spread(column)})"
             for (q, field), column in zip(fields.items(), columns, strict=True)
         )
-        notes = [f"{lines.size} rows without a header line; taken are {taken}", *table.notes]
+        notes = [
+            f"{counted(lines.size, 'row')} without a header line; taken are {taken}",
+            *table.notes,
+        ]
         notes.append("if that is wrong, import again with --force and other FIELD:UNIT")
 
     def place(index: int) -> str:

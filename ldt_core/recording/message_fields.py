@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ldt_core.base.errors import OptionError, RecordingError, did_you_mean
+from ldt_core.base.sentences import counted
 from ldt_core.recording.messages import deserialize, quoted
 from ldt_core.recording.storage import Storage
 from ldt_core.segmenter.resampling import Series
@@ -109,7 +110,7 @@ def number_in(where: str, message: Any, steps: tuple[str | int, ...]) -> float:
             try:
                 value = value[step]
             except (IndexError, TypeError, KeyError):
-                size = f"{len(value)} values" if hasattr(value, "__len__") else "no list"
+                size = counted(len(value), "value") if hasattr(value, "__len__") else "no list"
                 raise RecordingError(f"{where}, {way}", f"an element [{step}]", size) from None
             way += f"[{step}]"
         else:
@@ -122,7 +123,11 @@ def number_in(where: str, message: Any, steps: tuple[str | int, ...]) -> float:
     if hasattr(value, "sec") and hasattr(value, "nanosec"):
         return seconds(value)
     if not isinstance(value, int | float | np.number | np.bool_):
-        size = f"{len(value)} values; choose one with [index]" if hasattr(value, "__len__") else ""
+        size = (
+            f"{counted(len(value), 'value')}; choose one with [index]"
+            if hasattr(value, "__len__")
+            else ""
+        )
         raise RecordingError(f"{where}, {way}", "a number", size or quoted(value))
     if not np.isfinite(value):
         raise RecordingError(f"{where}, {way}", "a finite number", value)

@@ -20,6 +20,7 @@ import yaml
 from mcap.reader import make_reader
 
 from ldt_core.base.errors import LdtError, RecordingError
+from ldt_core.base.sentences import counted
 from ldt_core.recording.experiment_numbers import parse_numbers
 from ldt_core.recording.lock import FolderLock
 from ldt_core.recording.mcap_reader import McapSummary, TolerantMcapReader
@@ -202,7 +203,7 @@ def _look(
     elif looked.mcap.library == LIBRARY:
         looked.missing = +gaps
     if looked.missing:
-        looked.note(f"{file}: {sum(looked.missing.values())} messages are missing")
+        looked.note(f"{file}: {counted(sum(looked.missing.values()), 'message')} missing")
     return looked
 
 

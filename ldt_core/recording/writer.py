@@ -22,6 +22,7 @@ from typing import Any, Self
 
 import msgs_config
 from ldt_core.base.errors import LdtError, RecordingError, did_you_mean
+from ldt_core.base.sentences import counted
 from ldt_core.recording import run_settings
 from ldt_core.recording.append import RecordedContents, resume_contents
 from ldt_core.recording.codec import Record, encode_cdr
@@ -332,7 +333,7 @@ class BagWriter:
         written = sum(topic.count for topic in self._held.topics.values())
         left = "which went with it" if reason == VANISHED else "those already on disk stay readable"
         self.failure = LdtError(
-            f"{self.path}: {reason}; recording stopped after {written} messages, {left}"
+            f"{self.path}: {reason}; recording stopped after {counted(written, 'message')}, {left}"
         )
         return self.failure
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.errors import LdtError
-from ldt_core.base.experiment import Experiment
+from ldt_core.base.experiment import Experiment, Samples, rms
 from ldt_core.base.threads import cores, one_thread
 from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
-from ldt_core.models.hybrid import HybridModel
-from ldt_core.twin.version_errors import explains, rms_error, same
+from ldt_core.models.remainder import RemainderModel
+from ldt_core.twin.version_errors import errs_less, explains, rms_error, same
 
 #: Experiments learned from at most, the newest included.
 POOL = 3
@@ -23,7 +23,9 @@ POOL = 3
 MOST = 2 * POOL
 #: The model that competes where no cause explains the machine. A linear one is no rival: without
 #: physics it errs without bound where the excitation is new.
-FLEXIBLE = "hybrid"
+FLEXIBLE = "remainder"
+#: Parts of an experiment, each of which is held back once from a model that learns from the others.
+PARTS = 2
 #: What learning can fail by.
 UNLEARNABLE = (LdtError, np.linalg.LinAlgError, ArithmeticError)
 
@@ -124,9 +126,52 @@ class Candidates:
         """New models that have learned from these experiments: causes, and flexible ones."""
         causes = self.structures(start, pool)
         found: list[Model] = [*causes]
-        flexible = build_model(FLEXIBLE, start.machine, self._settings)
-        assert isinstance(flexible, HybridModel)
-        for physics in [flexible, *map(flexible.on, causes)]:
+        for physics in self._flexible(start, causes):
             with one_thread(), suppress(*UNLEARNABLE):
                 found.append(physics.fit(pool))
         return found
+
+    def at_once(
+        self, start: Model, rivals: Sequence[Model], pool: Sequence[Experiment]
+    ) -> Model | None:
+        """The flexible model, where it does better than all of these in what was held back from it.
+
+        Args:
+            start: whose causes it may stand on.
+            rivals: the present model first.
+            pool: to learn from.
+        """
+        causes = [start] if isinstance(start, GreyBoxModel) and start.given else []
+        present = [m for m in rivals[:1] if isinstance(m, RemainderModel)]
+        least, best = float("inf"), None
+        for physics in [*present, *self._flexible(start, causes)]:
+            with one_thread(), suppress(*UNLEARNABLE):
+                left, known = _held_back(physics, rivals, pool)
+                error = sum(rms(row) ** 2 for row in left)
+                if error < least and all(errs_less(left, other) for other in known):
+                    least, best = error, physics.fit(pool)
+        return best
+
+    def _flexible(self, start: Model, causes: Sequence[GreyBoxModel]) -> list[RemainderModel]:
+        """Untrained, on the machine file's physics and on what these have found."""
+        flexible = build_model(FLEXIBLE, start.machine, self._settings)
+        assert isinstance(flexible, RemainderModel)
+        return [flexible, *map(flexible.on, causes)]
+
+
+def _held_back(
+    learner: Model, rivals: Sequence[Model], pool: Sequence[Experiment]
+) -> tuple[list[Samples], list[float]]:
+    """What a learner leaves in the parts of experiments that it has not learned from, and the mean
+    squares of the rivals there, summed up.
+    """
+    left, known = [], [0.0] * len(rivals)
+    predicted = [[m.predict(e).residual(e) for e in pool] for m in rivals]
+    for part in range(PARTS):
+        held = [slice(len(e) * part // PARTS, len(e) * (part + 1) // PARTS) for e in pool]
+        trained = learner.fit_without(pool, held)
+        for i, (e, block) in enumerate(zip(pool, held, strict=True)):
+            left.append(trained.predict(e).residual(e)[block])
+            for j, rows in enumerate(predicted):
+                known[j] += rms(rows[i][block]) ** 2
+    return left, known

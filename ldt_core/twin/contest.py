@@ -39,16 +39,16 @@ ORIGINAL = "original_again"
 class ContestAdaptor(Adaptor):
     """Lets every earlier version, causes old and new, and a flexible model compete at a positive.
 
-    Where the present model claims not to know enough, it learns more of the same machine: from all
-    that it has learned from, and more, under what was known before. It is replaced only where that
-    pays. At any other positive, in this order, until one explains the experiment:
+    Where the present model claims not to know enough, it learns more of the same machine. It is
+    replaced only where that pays. At any other positive, in this order, until one explains it:
 
     1. an earlier version, the original included: a machine that goes back and forth gets its
        version back at once, without training;
     2. the causes known so far, re-estimated with the machine's parameters, under their priors;
     3. one more effect of the library, or another one, that explains the experiment to the noise;
-    4. what comes nearest of these, and the flexible model. They compete at the next experiment,
-       from which none of them has learned.
+    4. the flexible model, if it does better in the halves that it has not learned from;
+    5. what comes nearest of all these. They compete at the next experiment, from which none of them
+       has learned.
 
     Over ten experiments the twin's largest errors may sum to 1.1 times the original's; beyond, the
     original comes into force again.
@@ -104,13 +104,11 @@ class ContestAdaptor(Adaptor):
     ) -> tuple[Adaptation, Model] | None:
         """What comes into force without learning from this experiment."""
         found, details = self._trained(pool, experiment, signal), {}
-        if found is None and self.watch.worse and not alike(self.model, self.original):
-            found = self.original, "is the original again, which erred less over ten experiments"
-            details[ORIGINAL] = 1.0
+        long = self.watch.worse and not alike(self.model, self.original)
+        if found is None and (long or (signal.state == "new_range" and self.watch.worse_now)):
+            where = "erred less over ten experiments" if long else "errs less in this new range"
+            found, details[ORIGINAL] = (self.original, f"is the original again, which {where}"), 1.0
             self.watch = OriginalWatch()
-        if found is None and signal.state == "new_range" and self.watch.worse_now:
-            found = self.original, "is the original again, which errs less in this new range"
-            details[ORIGINAL] = 1.0
         known = self._explaining if signal.level is Level.WARNING else None
         other = known is not None and known is not self.model
         if found is None and known and other and self._foreseen(known, experiment) is known:
@@ -148,7 +146,7 @@ class ContestAdaptor(Adaptor):
         said = None if step is None else step.prediction
         fits, error = fit_of(self.model, experiment, said)
         self._explaining = self.model if fits else self._known(experiment)
-        self.backoff.saw(self._explaining is not None, error)
+        self.backoff.saw(isinstance(self._explaining, GreyBoxModel), error)
 
     def _took(self, before: Model, recent: Sequence[Experiment], signal: Signal) -> None:
         """Note what a new version has learned from; of one in force again it is not known.
@@ -189,10 +187,7 @@ class ContestAdaptor(Adaptor):
 
     def _foreseen(self, version: Model, experiment: Experiment) -> Model:
         """Which will err least in the next one: this version, which explains it, the present one or
-        the original.
-
-        A machine that changes in every experiment is not predicted better by what explained the
-        last one. Then the original stands, of which people know how it errs.
+        the original, of which people know how it errs.
         """
         here = self._condition(version)
         rivals = list({id(m): m for m in (self.original, version, self.model)}.values())
@@ -208,9 +203,7 @@ class ContestAdaptor(Adaptor):
         if self._learning:
             more, why = self._learned_more(experiment)
             if more is not None:
-                details = {"candidate_rmse": rms_error(more, experiment), "present_rmse": present}
-                self._adopt(more.again(before.version + 1))
-                return Action.ADAPTED, self._reason(before, experiment, "re-estimated"), details
+                return self._learned_by(more, "re-estimated", experiment, {})
             if version is before and why:
                 return Action.REFUSED, f"{why}; version {before.version} stays", {}
         if version is not None and version is not before:
@@ -224,18 +217,19 @@ class ContestAdaptor(Adaptor):
             self._adopt(next_one.again(before.version + 1))
             return Action.ADAPTED, self._reason(before, experiment, origin), {}
         if cause := self._caused(experiment):
-            best, origin = cause
-            reached = rms_error(best, experiment)
-            self._adopt(best.again(before.version + 1))
-            details = {"candidate_rmse": reached, "present_rmse": present}
-            return Action.ADAPTED, self._reason(before, experiment, origin), details
-        details = {}
+            return self._learned_by(*cause, experiment, {})
+        details: dict[str, float] = {}
         then = f"searches wait for {self.backoff.wait} more experiments"
         if self.backoff.due:
             self.pending, details = self.unexplained(experiment)[-POOL:], {SEARCHING: 1.0}
             then = "other models compete at the next experiment"
             self.backoff.failed(present)
         judged = self.unexplained(experiment)  # in one alone a version errs less by luck
+        beaten = (before, self.original)
+        flexible = self.candidates.at_once(self._grey(), beaten, judged[-POOL:])
+        if flexible is not None:
+            origin = "does better in what was held back from it, no known cause explains it"
+            return self._learned_by(flexible, origin, experiment, details)
         rivals = (self.original, *self.earlier)
         nearest = min(rivals, key=lambda m: sum(rms_error(m, e) ** 2 for e in judged))
         if pays(nearest, before, judged) and self._foreseen(nearest, experiment) is nearest:
@@ -244,6 +238,16 @@ class ContestAdaptor(Adaptor):
             return Action.ADAPTED, self._reason(before, experiment, origin), details
         stays = f"version {before.version} stays"
         return Action.REFUSED, f"no known cause explains it, {then}; {stays}", details
+
+    def _learned_by(
+        self, model: Model, origin: str, experiment: Experiment, details: dict[str, float]
+    ) -> tuple[Action, str, dict[str, float]]:
+        """A model that has learned comes into force."""
+        before = self.model
+        reached, present = rms_error(model, experiment), rms_error(before, experiment)
+        details = {"candidate_rmse": reached, "present_rmse": present, **details}
+        self._adopt(model.again(before.version + 1))
+        return Action.ADAPTED, self._reason(before, experiment, origin), details
 
     def _caused(self, experiment: Experiment) -> tuple[GreyBoxModel, str] | None:
         """A model of causes that explains the experiment, known or searched for, and its origin."""
@@ -279,17 +283,14 @@ class ContestAdaptor(Adaptor):
         before, known, recent = self.model, self.learned_from, self._recent(experiment)
         new = [e for e in recent if not any(same(e, k) for k in known) and explains(before, e)]
         pool = [*new[-POOL + 1 :], experiment]
-        # What a flexible model has learned from it fits, by luck too: the other ones judge it.
+        # What a flexible model has learned from fits, by luck too: the other ones judge it.
         flexible = not isinstance(before, GreyBoxModel)
         try:
             more = self.candidates.more(before, known, [experiment] if flexible else pool)
             if more is None:
                 return None, ""
-            if isinstance(more, GreyBoxModel):
-                worth = gains(more, before, experiment)
-            else:
-                worth = pays(more, before, new)
-            if not worth:
+            own = more if isinstance(more, GreyBoxModel) else None
+            if not (gains(own, before, experiment) if own else pays(more, before, new)):
                 return None, "learning more of the same machine does not pay"
             return self.candidates.more(before, known, pool) if flexible else more, ""
         except UNLEARNABLE as error:
@@ -316,9 +317,8 @@ class ContestAdaptor(Adaptor):
         pool = [experiment]
         least = rms_error(self.model, experiment) / VALID_ERROR_RATIO
         for e in reversed(self._recent(experiment)):
-            if explains(self.model, e) or explains(self.original, e):
-                break
-            if rms_error(self.model, e) < least:
+            known = explains(self.model, e) or explains(self.original, e)
+            if known or rms_error(self.model, e) < least:
                 break
             pool.insert(0, e)
         return pool

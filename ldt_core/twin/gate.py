@@ -10,6 +10,7 @@ import numpy as np
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.sentences import counted
 from ldt_core.models.base import Model
 from ldt_core.twin.training_data import JOINT_ERROR_RATIO, still_valid
 
@@ -53,7 +54,7 @@ class Trial:
         shortest = min(len(e) for e in judged)
         if shortest < LEAST_BLOCK * blocks:
             raise LdtError(
-                f"an experiment of {shortest} samples is too short to hold back one in "
+                f"an experiment of {counted(shortest, 'sample')} is too short to hold back one in "
                 f"{blocks} blocks"
             )
         self.judged = tuple(judged)

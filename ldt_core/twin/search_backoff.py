@@ -31,10 +31,10 @@ class SearchBackoff:
         return self.wait == 0
 
     def saw(self, explained: bool, error: float) -> None:
-        """One experiment; what explains it, or errs `NEWS` times as much, ends the waiting.
+        """One experiment; causes that explain it, or `NEWS` times the error, end the waiting.
 
         Args:
-            explained: by a version that is known.
+            explained: by causes that are known; what a flexible model explains still has none.
             error: root mean square of the version in force [rad/s].
         """
         if explained or error >= NEWS * self.error:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ldt_core.base.errors import LdtError
-from ldt_core.base.experiment import Experiment, Prediction, rms
+from ldt_core.base.experiment import Experiment, Prediction, Samples, rms
 from ldt_core.estimation.misfit import EXPLAINED, misfit, setting
 from ldt_core.estimation.noise import correlation_time
 from ldt_core.models.base import Model
@@ -84,12 +84,25 @@ def pays(model: Model, present: Model, judged: Sequence[Experiment], learned: in
     errors = [sum(rms_error(m, e) ** 2 for e in judged) for m in (model, present)]
     if not errors[0] < BETTER**2 * errors[1]:
         return False
-    if errors[0] == 0.0:
+    return errs_less([model.predict(e).residual(e) for e in judged], errors[1], learned)
+
+
+def errs_less(left: Sequence[Samples], present: float, learned: int = 0) -> bool:
+    """The same of what a model leaves, and the mean squares that the present one leaves there.
+
+    Args:
+        left: residuals of the model [rad/s], a row an experiment.
+        present: mean squares of the present one, summed up over the experiments.
+        learned: as for `pays`.
+    """
+    error = sum(rms(row) ** 2 for row in left)
+    if not error < BETTER**2 * present:
+        return False
+    if error == 0.0:
         return True
-    left = [model.predict(e).residual(e) for e in judged]
-    count = sum(r.size / correlation_time(r) for r in left)
+    count = sum(row.size / correlation_time(row) for row in left)
     price = learned * math.log(count) / 2 + math.log(EXPLAINED)
-    return count * math.log(errors[1] / errors[0]) / 2 > price
+    return count * math.log(present / error) / 2 > price
 
 
 def gains(model: GreyBoxModel, present: Model, experiment: Experiment) -> bool:

@@ -23,14 +23,14 @@ ROUNDS = 5
 PYTHON = [sys.executable, "-c"]
 #: What is done → (arguments of `ldt`, what the peer is called, the peer's program, the aim).
 COMMANDS = {
-    "`ldt --help`": (["--help"], "Python that imports click", "import click", "below 0.2 s"),
+    "`ldt --help`": (["--help"], "Python that imports click", "import click", "under 0.2 s"),
     "`ldt run`, one experiment of 20 s": (
         ["run", "--experiments", "1", "--no-bag"],
         "Python that imports numpy, numba and scipy.linalg",
         "import numpy, numba, scipy.linalg",
-        "below 0.8 s",
+        "under 0.8 s",
     ),
-    "`ldt effects`": (["effects"], "Python that imports numba", "import numba", "below 0.8 s"),
+    "`ldt effects`": (["effects"], "Python that imports numba", "import numba", "under 0.8 s"),
 }
 
 
@@ -51,7 +51,7 @@ def alone() -> list[Row]:
             for _ in range(ROUNDS)
         ]
         ours, other = (min(column) for column in zip(*rounds, strict=True))
-        rows.append(Row(name, ours, peer, other, aim, f"of a processor; {_load()}"))
+        rows.append(Row(name, ours, peer, other, aim, f"processor time; {_load()}"))
     return rows
 
 
@@ -73,16 +73,22 @@ def graph(folder: Path) -> list[Row]:
             with running([*BARE, "lone"]):
                 ear.until(lambda: bool(ear.heard["experiment"]))
                 bare.append(ear.heard["experiment"][0] - began)
-    peer = "a bare rclpy node: start of Python to first message heard", min(bare)
+    peer = "a bare rclpy node: from the start of Python to the first message", min(bare)
     note = f"best of {ROUNDS}; {_load()}"
     return [
         Row("`ldt up`: from the command to the first prediction", min(first), *peer, "", note),
-        Row("`ldt up`, one experiment: to the prompt", min(prompt), *peer, "below 2.5 s", note),
+        Row(
+            "`ldt up`, one experiment: until the prompt returns",
+            min(prompt),
+            *peer,
+            "under 2.5 s",
+            note,
+        ),
     ]
 
 
 def _load() -> str:
-    return f"beside work of load {os.getloadavg()[0]:.0f}"
+    return f"load average {os.getloadavg()[0]:.0f}"
 
 
 def run() -> list[Row]:

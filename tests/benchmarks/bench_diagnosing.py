@@ -60,11 +60,12 @@ def run() -> Iterator[Row]:
         asked = len(list(bag.records("diagnosis")))
     for share, what in ((0.5, "median"), (0.99, "99th percentile")):
         yield Row(
-            f"`experiment` to `adaptation` with a diagnosis under way, {what}",
+            f"`experiment` to `adaptation` during a diagnosis, {what}",
             float(np.quantile(times, share)),
             "the limit",
             LIMIT,
             "at least 1",
-            f"{len(times)} of {len(took)} experiments, {asked} diagnoses, {RATE:g} of real time; "
+            f"{len(times)} of {len(took)} experiments, {asked} diagnoses, {RATE:g} times real "
+            "time; "
             f"of all experiments {np.quantile(list(took.values()), share):.3g} s",
         )

@@ -57,8 +57,9 @@ def run() -> Iterator[Row]:
     yield Row(
         name=f"diagnosis, {CANDIDATES} candidates with pairs, 20 experiments of 2000 samples",
         ours_s=ours,
-        peer=f"each of {len(pairs)} pairs by scipy least_squares, once",
+        peer=f"scipy least_squares, once for each of {len(pairs)} pairs",
         peer_s=peer,
         aim="under 30 s",
-        note=f"{os.cpu_count()} threads; peer from {len(tried)} pairs; answer: {named}",
+        note=f"{os.cpu_count()} threads; peer extrapolated from {len(tried)} pairs; "
+        f"answer: {named}",
     )

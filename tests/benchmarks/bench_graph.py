@@ -83,12 +83,12 @@ def start_up() -> Row:
                     if times is ours:
                         used.append(memory(program.pid))
     return Row(
-        "start-up of the whole graph: start of `ldt up` to first `experiment` heard",
+        "start-up of the whole graph: from `ldt up` to the first `experiment`",
         min(ours),
-        "a bare rclpy node: start of Python to first message heard",
+        "a bare rclpy node: from the start of Python to the first message",
         min(bare),
         "at least 1/3",
-        f"launcher and 5 nodes hold {statistics.median(used):.0f} MB; best of {ROUNDS}",
+        f"launcher and 5 nodes use {statistics.median(used):.0f} MB; best of {ROUNDS}",
     )
 
 
@@ -129,7 +129,7 @@ def cycles(folder: Path) -> list[Row]:
         for share, name in ((0.5, "median"), (0.99, "99th percentile")):
             ours, peer = (_least(found[n, "signal", period], share) for n in ("ours", "bare"))
             what = f"from `experiment` to `signal` {when}, {name}"
-            load = f"beside work of load {os.getloadavg()[0]:.0f}"
+            load = f"load average {os.getloadavg()[0]:.0f}"
             note = f"{CYCLES - SKIPPED} cycles, best of {ROUNDS}; {load}"
             rows.append(Row(what, ours, who, peer, "at least 1/3", note))
     return rows

@@ -102,13 +102,13 @@ def _training(untrained: HybridModel, data, held_out) -> Row:
         rmse([untrained.predict(e).speed for e in held_out], held_out),
     ]
     return Row(
-        "re-training of the hybrid model, hyper-parameters included",
+        "training of the hybrid model, hyper-parameters included",
         ours,
-        "scikit-learn exact",
+        "scikit-learn, exact Gaussian process",
         peer,
         "20x",
-        f"{len(speed) + len(data)} samples against {EXACT}; free-run RMSE on held-out data "
-        f"{errors[0]:.3f} against {errors[1]:.3f} rad/s (physics {errors[2]:.3f})",
+        f"{len(speed) + len(data)} samples, peer {EXACT}; free-run RMSE on held-out data "
+        f"{errors[0]:.3f} rad/s, peer {errors[1]:.3f} (physics alone {errors[2]:.3f})",
     )
 
 
@@ -126,15 +126,16 @@ def _free_run(model: HybridModel, e: Experiment) -> list[Row]:
         speed = looped(model, e, same, deviation)
         peer = time.perf_counter() - begin
         off = float(np.abs(speed - model.predict(e).speed).max())
-        what = "mean and deviation of f" if deviation else "mean"
+        what = "mean and standard deviation" if deviation else "mean"
         rows.append(
             Row(
-                f"hybrid free run of {len(e)} samples, with deviation",
+                f"hybrid free run of {len(e)} samples, with standard deviation",
                 ours,
                 f"loop over scikit-learn's predict ({what})",
                 peer,
                 "1000x",
-                f"{len(posterior.inducing)} points in both; speeds differ by {off:.1e} rad/s",
+                f"{len(posterior.inducing)} inducing points in both; "
+                f"speeds differ by {off:.1e} rad/s",
             )
         )
     return rows

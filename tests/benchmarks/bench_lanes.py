@@ -49,7 +49,7 @@ def _row(law: str) -> Row:
     return Row(
         f"{RUNS} free runs of {SECONDS} s at once, {law or 'unbalance'}",
         best_of(20, together),
-        "the same, one by one",
+        "the same, one after the other",
         best_of(10, one_by_one),
         "4×",
         f"largest difference in speed {off:.1e} rad/s",

@@ -96,24 +96,22 @@ def run() -> list[Row]:
     list(ours(stream[: DRIFT + 2]))
     mine, other = list(ours(stream)), list(peers(stream))
     total, peer_total = (sum(d[0] for d in all_) for all_ in (mine, other))
-    told = "; ".join(
-        f"{who} {_after(dealt)}" for who, dealt in (("ours", mine), ("the peer", other))
-    )
-    name = "river ADWIN and scikit-learn Ridge, eight lags, three experiments"
+    told = f"mean largest error after the drift: LDT {_after(mine)} rad/s, peer {_after(other)}"
+    name = "river ADWIN and scikit-learn Ridge (eight lags, three experiments)"
     first, peer_first = (_first(dealt) for dealt in (mine, other))
     return [
         Row("a run that learns, 40 experiments of 20 s", total, name, peer_total, "", told),
         Row(
             "a run that learns, 40 experiments of 20 s",
             *(total, "the machine itself", COUNT * SECONDS, ""),
-            f"{total / COUNT * 1e3:.0f} ms of a processor an experiment, "
-            f"beside work of load {os.getloadavg()[0]:.0f}",
+            f"{total / COUNT * 1e3:.0f} ms of processor time per experiment; "
+            f"load average {os.getloadavg()[0]:.0f}",
         ),
         Row(
-            "from a drift to the new model in force, computing alone",
+            "from a drift to the new model, computing time only",
             *(sum(d[0] for d in mine[DRIFT:first]), name),
             *(sum(d[0] for d in other[DRIFT:peer_first]), ""),
-            f"ours in the {_nth(first - DRIFT)} experiment behind it, "
+            f"LDT in the {_nth(first - DRIFT)} experiment after the drift, "
             f"the peer in the {_nth(peer_first - DRIFT)}",
         ),
         verdict(stream),
@@ -137,11 +135,11 @@ def verdict(stream: list[Experiment]) -> Row:
         fit(bench, (candidate,), [candidate.coordinates(candidate.typical)])
     other = time.process_time() - begin
     return Row(
-        "from a drift to the verdict, computing alone",
-        *(spent, f"each of {len(candidates)} effects by scipy least_squares, once", other, ""),
-        f"ours in the {_nth(number - DRIFT)} experiment behind it, the model learned along; "
-        f"“{said}”; the peer names nothing, and tries no pairs; "
-        f"beside work of load {os.getloadavg()[0]:.0f}",
+        "from a drift to the verdict, computing time only",
+        *(spent, f"scipy least_squares, once for each of {len(candidates)} effects", other, ""),
+        f"LDT in the {_nth(number - DRIFT)} experiment after the drift, learning included; "
+        f"“{said}”; the peer gives no verdict and tries no pairs; "
+        f"load average {os.getloadavg()[0]:.0f}",
     )
 
 
@@ -165,8 +163,8 @@ def _first(dealt: list[Dealt]) -> int:
 
 
 def _after(dealt: list[Dealt]) -> str:
-    """Mean of the maximum errors behind the drift."""
-    return f"errs by {np.mean([d[1] for d in dealt[DRIFT:]]):.2f} rad/s behind the drift"
+    """Mean of the maximum errors behind the drift [rad/s]."""
+    return f"{np.mean([d[1] for d in dealt[DRIFT:]]):.2f}"
 
 
 def _nth(count: int) -> str:

@@ -124,7 +124,7 @@ def run() -> list[Row]:
         theirs = [np.median([their_fit(peer, e, other) for e in es]) for es in records.values()]
         peer_s = best_of(REPEATS, lambda peer=peer: peer(first.voltage, first.speed))
         fits = "; ".join(
-            f"{noise} {a:.2f} % against {b:.2f} %"
+            f"{noise} {a:.2f} %, peer {b:.2f} %"
             for noise, a, b in zip(NOISES, ours, theirs, strict=True)
         )
         note = f"{SAMPLES} samples, order 2; fit on other data under {fits}"

@@ -138,7 +138,7 @@ def run() -> list[Row]:
                 f"solve_ivp {method} rtol={tolerance:.0e}, right-hand side in {name}",
                 best_of(4, functools.partial(_solve, rates, levels, method, tolerance, lists)),
                 "100×" if name == "Python" else "",
-                f"largest speed error {error:.1e} against {peer_error:.1e} rad/s",
+                f"largest speed error {error:.1e} rad/s, peer {peer_error:.1e}",
             )
         )
     tolerance, peer_error = _loosest(compiled, levels, truth, error)
@@ -149,7 +149,7 @@ def run() -> list[Row]:
             f"odeint rtol={tolerance:.0e}, right-hand side in numba",
             best_of(REPEATS, functools.partial(_odeint, compiled, levels, tolerance)),
             "",
-            f"largest speed error {error:.1e} against {peer_error:.1e} rad/s",
+            f"largest speed error {error:.1e} rad/s, peer {peer_error:.1e}",
         )
     )
     return rows

@@ -105,17 +105,17 @@ def run() -> list[Row]:
     return [
         Row("record messages as they arrive", raw, "bare mcap writer", peer, "above 1/1.3", size),
         Row(
-            "record a run, from records",
+            "record a run, encoding included",
             writing,
-            "bare mcap writer, given ready bytes",
+            "bare mcap writer, given encoded messages",
             peer,
             "above 1/1.3",
-            f"{size}; ours encodes and serialises as well",
+            f"{size}; LDT also encodes the messages",
         ),
         Row(
             "read the experiments of a run",
             reading,
-            "rosbags, not checked",
+            "rosbags, without checks",
             others,
             "-",
             f"{EXPERIMENTS} experiments of {SAMPLES} samples, each checked when read",

@@ -20,7 +20,7 @@ from tests.benchmarks.row import Row
 from tests.page_table import write_table
 
 KEPT = Path(__file__).parents[2] / "bags" / "benchmarks.json"
-HEAD = "| work | LDT | peer | peer / LDT | measured |"
+HEAD = "| work | LDT | peer | peer / LDT | details |"
 NO_AIM = ("", "-")
 Kept = Mapping[str, Any]
 
@@ -65,9 +65,8 @@ def table(rows: Iterable[Kept]) -> str:
         )
         lines.append("| " + " | ".join(cells) + " |")
     told = "; ".join(f"{letter}: {p}" for p, letter in letters.items())
-    return "\n".join(
-        [*lines, "", f"Measured: day, the commit that took it in, processor. {told}.", ""]
-    )
+    ends = "Details end with the date, the commit that added the row, and the processor."
+    return "\n".join([*lines, "", f"{ends} {told}.", ""])
 
 
 def keep(measured: Iterable[Row], processor: str) -> None:

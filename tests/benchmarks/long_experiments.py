@@ -47,7 +47,7 @@ def _measure(model: str, samples: int) -> tuple[float, float, int]:
 
 def main() -> int:
     """Measure and print."""
-    head = ("model", "samples of each", "processor time", "memory", "models learned")
+    head = ("model", "samples per experiment", "processor time", "memory", "models learned")
     table = MeasuredTable("samples", "python -m tests.benchmarks.long_experiments", *head)
     keep = "--keep" in sys.argv[1:]
     for model in [name for name in sys.argv[1:] if name != "--keep"] or MODELS:

@@ -41,7 +41,7 @@ def resident() -> float:
 
 
 def write(folder: Path, count: int) -> Iterator[int]:
-    """Write all that a run records; gives each number when it is written."""
+    """Write everything that a run records; gives each number when it is written."""
     noise = np.random.default_rng(0)
     with BagWriter(folder, "rotor", split_size=SPLIT) as bag:
         for number in range(1, count + 1):
@@ -59,19 +59,19 @@ def write(folder: Path, count: int) -> Iterator[int]:
 
 
 def read(folder: Path, count: int) -> Iterator[int]:
-    """Read the experiments, each checked."""
+    """Read and check the experiments."""
     for experiment in read_bag(folder).experiments():
         yield experiment.number
 
 
 def resume(folder: Path, count: int) -> Iterator[int]:
-    """Take the run up again, to write on; all experiments are known then."""
+    """Resume the run, to write more; all experiments are known then."""
     with BagWriter(folder, "rotor", split_size=SPLIT, resume=True) as bag:
         yield len(bag.recorded("experiment"))
 
 
 def examine(folder: Path, count: int) -> Iterator[int]:
-    """Examine it, as `ldt doctor` does."""
+    """Check it, as `ldt doctor` does."""
     health = inspect(read_bag(folder))
     assert not health.notes, findings(health)
     yield len(health.numbers)
@@ -110,8 +110,8 @@ def main() -> int:
     """Measure and print."""
     given = [text for text in sys.argv[1:] if text != "--keep"]
     count = int(given[0]) if given else EXPERIMENTS
-    memory = (*(f"memory at {share:.0%}" for share in SHARES[:-1]), "at the end")
-    head = (f"{count:,} experiments of {SAMPLES} samples", "processor time", "a second", *memory)
+    memory = (*(f"memory at {share:.0%}".replace("%", " %") for share in SHARES[:-1]), "at the end")
+    head = (f"{count:,} experiments of {SAMPLES} samples", "processor time", "per second", *memory)
     table = MeasuredTable("recording", "python -m tests.benchmarks.long_recording", *head)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "run"

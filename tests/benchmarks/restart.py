@@ -131,7 +131,7 @@ def main() -> int:
     given = parser.parse_args()
     every = 0 if given.everything else GIVEN["checkpoint_every"]
     name, option = ("restart all", " --everything") if given.everything else ("restart", "")
-    head = ("experiments", "recording", "node", "steps read", "processor time", "most memory")
+    head = ("experiments", "recording", "node", "steps read", "processor time", "peak memory")
     table = MeasuredTable(
         name, f"python -m tests.benchmarks.restart{option}", *head, page="promises"
     )

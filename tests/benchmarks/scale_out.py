@@ -22,6 +22,7 @@ from pathlib import Path
 
 from distributed import LocalCluster
 
+from ldt_core.base.sentences import counted
 from tests.benchmarks.__main__ import machine
 from tests.benchmarks.measured_table import MeasuredTable
 
@@ -46,7 +47,7 @@ def main() -> int:
         "study of 2 seeds": ["study", "--quick", "--only", "paper"],
     }
     works = {n: c for n, c in works.items() if c[0] in (given.only or c)}
-    head = ("work", "one process", *(f"{n} workers" for n in given.workers), "results")
+    head = ("work", "one process", *(counted(n, "worker") for n in given.workers), "results")
     table = MeasuredTable("cluster", "python -m tests.benchmarks.scale_out", *head)
     for name, command in works.items():
         alone, first = _timed(command, folder / name / "alone", ["--jobs", "1"])
@@ -57,7 +58,7 @@ def main() -> int:
                 spent, found = _timed(command, place, ["--scheduler", address])
             row.append(f"{spent:.1f} s ({alone / spent:.2f})")
             same = same and found == first
-        table.add(*row, "the same" if same else "OTHER")
+        table.add(*row, "identical" if same else "DIFFERENT")
     if given.keep:
         table.keep(machine())
     return 0

@@ -259,7 +259,10 @@ def completed(line: str, monkeypatch: pytest.MonkeyPatch, capsys) -> list[tuple[
         ("ldt --h", ["--help"]),
         ("ldt run --machine ", ["dc_motor", "rotor"]),
         ("ldt predict bag --machine r", ["rotor"]),
-        ("ldt run --model ", ["auto", "diagnosed", "grey_box", "hybrid", "linear", "physics"]),
+        (
+            "ldt run --model ",
+            ["auto", "diagnosed", "grey_box", "hybrid", "linear", "physics", "remainder"],
+        ),
         ("ldt replay bag --detector l", ["lddm"]),
         ("ldt tune bag --detector l", ["lddm"]),
         ("ldt run --degradation r", ["ramp", "repaired", "recurring"]),

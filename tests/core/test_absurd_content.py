@@ -273,7 +273,7 @@ def test_a_run_that_fails_throughout_says_so_in_bounded_words():
     for number in range(1, 100_001):
         summary.reject(UnansweredExperiment(number, "ZeroDivisionError"))
     assert (len(summary.failures), summary.further_failures) == (100, 99_900)
-    assert summary.as_dict()["notes"][-1] == "99900 more experiments are not answered"
+    assert summary.as_dict()["notes"][-1] == "99900 more experiments not answered"
 
 
 def test_a_machine_heavier_than_any_is_diagnosed_within_memory():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
@@ -54,6 +54,8 @@ def test_false_alarms_are_no_more_than_stated(noise, length):
     assert positives <= count / EVERY
 
 
+@pytest.mark.slow
+@settings(max_examples=25)  # of 800 e-values each
 @given(seed=st.integers(0, 10_000), length=st.integers(20, 300), law=st.integers(0, 4))
 def test_the_e_value_has_a_mean_of_at_most_one(seed, length, law):
     """Over all signs of the same magnitudes: drawn at random, within four standard errors."""
@@ -224,6 +226,19 @@ def test_another_excitation_alone_is_a_new_range():
         assert told(detector, steady, random.normal(size=600)) == ("holds", Level.NEGATIVE)
     assert told(detector, steps, random.normal(size=600) + wave) == ("new_range", Level.NEGATIVE)
     assert told(detector, steps, random.normal(size=600) + wave) == ("inadequate", Level.POSITIVE)
+
+
+def test_what_fails_where_the_machine_was_seen_is_learned_from():
+    """However new the rest is: a range may grow with every experiment."""
+    random, detector = np.random.default_rng(6), Adequacy()
+    steady, steps = np.full(600, 12.0), np.repeat(random.uniform(2, 18, 12), 50)
+    wave = 5 * np.sin(np.arange(600) / 30)
+    told(detector, steady, random.normal(size=600) + wave)
+    detector.answered(True)
+    told(detector, steady, random.normal(size=600))
+    assert told(detector, steps, random.normal(size=600) + wave) == ("new_range", Level.NEGATIVE)
+    wider = np.where(np.arange(600) > 500, 30.0, steps)
+    assert told(detector, wider, random.normal(size=600) + wave) == ("inadequate", Level.POSITIVE)
 
 
 def test_a_change_within_the_known_range_is_no_new_range():

@@ -72,6 +72,7 @@ def test_no_interval_is_given_that_does_not_cover(effect):
         assert result.lacking != [] or all(covered(result, true)), seed
 
 
+@pytest.mark.slow
 def test_intervals_of_a_complete_physics_cover_though_others_were_kept():
     """Of 10 machines, off by their tolerances in all parameters: at most 2 lose their intervals.
 
@@ -117,6 +118,7 @@ def test_from_a_gap_to_the_noise(bench):
     assert run.mme < 0.5  # four deviations of the noise, the largest of 300 samples
 
 
+@pytest.mark.slow
 def test_the_file_that_is_written_reads_back(bench):
     """With std and effects as YAML; the wrong thing in the place of a diagnosis is told."""
     measured, diagnosis = bench

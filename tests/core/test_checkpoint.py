@@ -164,6 +164,7 @@ def test_a_twin_goes_on_from_a_checkpoint_as_from_the_whole_recording(end, runs)
     assert (was, recalled, told) == (runs[end].was, end % EVERY, [])
 
 
+@pytest.mark.slow
 def test_a_recording_that_was_taken_up_again_is_as_good(run):
     """Its recorder has mended what the killed one left, and has begun a new file."""
     BagWriter(run.folder, "rotor", resume=True, once=True).close()

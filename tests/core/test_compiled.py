@@ -73,6 +73,7 @@ def test_what_is_cached_runs_without_the_compiler_and_gives_the_same(tmp_path: P
     assert _called(tmp_path, untried) == (value, 1, True)
 
 
+@pytest.mark.slow
 def test_every_function_of_ours_can_be_loaded_so() -> None:
     """One that asked for what only the compiler registers would end the process."""
     _python("from ldt_core.cli import ldt; ldt(['run', '--experiments', '1', '--no-bag'])")

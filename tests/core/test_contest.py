@@ -97,6 +97,19 @@ def test_a_twin_goes_on_from_its_state_as_if_it_had_never_ended(tmp_path):
         assert np.array_equal(step.prediction.speed, other.prediction.speed)
 
 
+def test_the_comparison_begins_anew_whenever_the_original_is_back():
+    """As it does in a run that goes on from a recording."""
+    plant = Plant(wearing("quadratic_drag", "c", 4e-4), experiments=8, seed=3)
+    twin = ldt.Twin("rotor", model="auto")
+    last = [twin.step(plant.experiment(i)) for i in range(1, 8)][-1]
+    healthy = Plant(ROTOR, experiments=8, seed=3, degradation="none").experiment(8)
+    signal = dataclasses.replace(last.signal, state="new_range", max_error=50.0)
+    told, model = twin.adaptor.step(healthy, signal)
+    assert "is the original again" in told.reason
+    assert model.parameters == twin.adaptor.original.parameters
+    assert not twin.adaptor.watch.errors
+
+
 def test_a_version_is_not_replaced_for_what_does_not_pay():
     """Who has learned more has to err less on all that is known of the machine as it is."""
     machine = wearing("quadratic_drag", "c", 4e-4)
@@ -164,6 +177,7 @@ def test_causes_that_explained_nothing_are_in_no_searchs_way():
     asked.clear()
     adaptor.earlier, adaptor.model, adaptor.pending = [adaptor.original], explaining.again(99), []
     adaptor.backoff.return_to([0, 0, 0.0])
+    twin.predictor.model = adaptor.model
     twin.step(dataclasses.replace(e, number=9, start=e.start + 10))
     assert set(asked) == {adaptor.original}
 

@@ -46,7 +46,7 @@ def independent(values, effects):
 @pytest.mark.parametrize(
     ("effect", "tolerance"),
     # rad/s, at most a tenth of the machine's noise of 0.1; dry friction is steepest at standstill
-    [("source_resistance:resistance=3", 1e-3), ("brush_drop", 4e-3), ("coulomb_friction", 0.01)],
+    [("brush_drop", 4e-3), ("coulomb_friction", 0.01)],
 )
 def test_it_agrees_with_an_independent_integrator(time_constant, effect, tolerance):
     """Five decades of L/R, at a search's long steps too; an explicit step of 0.5 ms explodes."""
@@ -105,7 +105,7 @@ def test_a_machine_with_an_ample_inductance_is_stepped_as_ever(monkeypatch):
 
     monkeypatch.setattr(motor_driven, "_collocated", never)
     values = {**load_machine("rotor").parameters, "e": 0.004}
-    use = [parse_effect("coulomb_friction"), parse_effect("source_resistance")]
+    use = [parse_effect("coulomb_friction"), parse_effect("winding_heating")]
     ROTOR.simulate(values, VOLTS, PERIOD, np.zeros(7), use)
     with pytest.raises(AssertionError, match="slow"):
         ROTOR.simulate({**values, "L": 1e-4}, VOLTS, PERIOD, np.zeros(7), use)

@@ -233,6 +233,7 @@ def test_a_diagnosis_knows_the_known_effects(rubbing):
     assert candidates["quadratic_drag"].neutral == {"c": 0.0}
 
 
+@pytest.mark.slow
 def test_a_diagnosis_names_the_whole_of_a_known_effect_that_changed():
     """Friction known as 0.03 is 0.05 N m; predicted with that, the error is the noise."""
     both = {"voltage": {"kind": "steps", "low": -12, "high": 12, "hold": 0.4}, "noise": 0.05}

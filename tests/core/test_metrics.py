@@ -42,6 +42,8 @@ def test_a_run_by_hand():
         "mme": 2.0,
         "mme_original": 3.75,
         "left": 2.0 / 3.75,
+        "outcome": "Learning helped: the error is 53 % of the original model's "
+        "(2.00 of 3.75 rad/s).",
         "states": {**dict.fromkeys(STATES, 0), "not_judged": 4},
         "last_state": "",
         "positives": 2,
@@ -73,9 +75,39 @@ def test_states_are_counted_and_the_last_is_said():
     rows = dict(summary.rows())
     assert rows["experiments: model holds"] == rows["experiments: not judged"] == "1"
     assert rows["after the last experiment"] == "model inadequate: the best known, not good"
-    assert rows["left of the original's error [%]"] == "50"
+    assert rows["error, in % of the original's"] == "50"
     assert "experiments: learning" not in rows
     assert (summary.cells()["state"], summary.cells()["left %"]) == ("inadequate", "50")
+
+
+def outcome(errors, action=Action.KEPT, state="holds"):
+    """What is said of experiments with these errors of the twin; the original's are 2 rad/s."""
+    steps = [
+        step(n, error, 2.0, Level.NEGATIVE, action, 0, state, 1.0)
+        for n, error in enumerate(errors, 1)
+    ]
+    return summarised(steps).outcome
+
+
+def test_a_sound_machine_is_no_failure():
+    """The error of the original model is said to be well only where every experiment holds."""
+    assert outcome([2.0, 2.0]) == "The model already explains the machine: nothing to learn."
+    same = "the error is that of the original model (2.00 rad/s)."
+    for state in (*set(STATES) - {"holds"}, ""):
+        assert outcome([2.0], state=state) == f"Nothing was learned: {same}"
+    for action in (Action.ADAPTED, Action.REFUSED):
+        assert outcome([2.0], action, "changed") == f"Learning did not help: {same}"
+    assert outcome([2.0], Action.ADAPTED) == f"Learning did not help: {same}"
+
+
+def test_by_how_much_learning_helped_or_not():
+    """In per cent of the original model's error."""
+    assert outcome([2.0, 1.0], Action.ADAPTED) == (
+        "Learning helped: the error is 75 % of the original model's (1.50 of 2.00 rad/s)."
+    )
+    assert outcome([2.0, 3.0], Action.ADAPTED) == (
+        "Learning made it worse: the error is 125 % of the original model's (2.50 of 2.00 rad/s)."
+    )
 
 
 def test_record_by_record_is_the_same():
@@ -97,6 +129,7 @@ def test_record_by_record_is_the_same():
 def test_of_nothing_nothing_is_known():
     """A mean over no experiments is None, not 0."""
     assert (Summary().mme, Summary().mme_original, Summary().experiments) == (None, None, 0)
+    assert Summary().outcome == ""
     assert ("MME of the original model [rad/s]", "-") in Summary().rows()
 
 

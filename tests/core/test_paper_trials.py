@@ -78,6 +78,6 @@ def test_the_page_has_a_row_for_each_trial_and_the_papers(tmp_path):
     (task,) = [t for t in trial_tasks(range(1), 3) if t.stream == "paper"]
     study = Study({"groups": ("trials",)}, (), robust=(run_robust(task),))
     page = write_page(study, tmp_path).read_text()
-    assert "the preset paper, 9 drifts" in page
+    assert "the preset “paper”, 9 drifts" in page
     assert "the paper, on its rotor" in page
     assert PAPER_TRIALS["damping_10"].about not in page

@@ -111,7 +111,8 @@ def test_the_page_needs_nothing_else(page):
 def test_every_figure_is_on_the_page_in_both_layouts(page, study):
     """Wide and narrow, with a caption and words for those who cannot see it."""
     figures = [a for t, a in Elements(page).tags if t == "figure"]
-    assert [a["id"] for a in figures] == list(FIGURES)
+    first = "over_stream"  # beside the answer
+    assert [a["id"] for a in figures] == [first, *(n for n in FIGURES if n != first)]
     assert all(a["aria-label"] for a in figures)
     pictures = re.findall(r'<div class="(wide|narrow)" role="img"', page)
     assert pictures == ["wide", "narrow"] * len(FIGURES)
@@ -151,7 +152,8 @@ def test_verdicts_have_a_word_and_a_shape(page):
     """Colour alone tells nothing."""
     verdicts = re.findall(r'<span class="verdict (\w+)"><svg.*?</svg>([^<]+)</span>', page)
     assert len(verdicts) > 20
-    assert {w for t, w in verdicts if t == "good"} <= {"confirmed", "met"}
+    assert verdicts[0] == ("good", "learning helps")
+    assert {w for t, w in verdicts[1:] if t == "good"} <= {"confirmed", "met"}
     assert {w for t, w in verdicts if t == "bad"} <= {"not confirmed", "missed"}
 
 
@@ -177,8 +179,27 @@ def test_a_small_study_says_what_is_missing(study, groups, tmp_path, undrawn):
     page = write_page(part, tmp_path).read_text(encoding="utf-8")
     drawn = [n for n, d in drawings(Evidence(part)).items() if d]
     shown = [a["id"] for t, a in Elements(page).tags if t == "figure"]
-    assert shown == drawn
+    assert sorted(shown) == sorted(drawn)
     assert page.count('class="missing"') >= len(FIGURES) - len(drawn)
+
+
+def test_the_answer_stands_first_with_its_picture(page, tmp_path, undrawn):
+    """Whether learning helps; of one stream that is not decided, and without runs not said."""
+    assert page.index("The best of 3 learners, the diagnosed model with") < page.index("<nav")
+    assert page.index('<figure id="over_stream"') < page.index("<nav")
+    assert 'class="answer good"' in page
+    assert "mean over 2 streams, 95 % interval" in page
+    one = fake_study(1, 28)
+    robust = write_page(only(one), tmp_path).read_text(encoding="utf-8")
+    assert robust.index("The default met every aim") < robust.index("<nav")
+    for study, first in ((one, "over_stream"), (only(one, "paper"), "shares")):
+        text = write_page(study, tmp_path).read_text(encoding="utf-8")
+        assert "too few streams to decide" in text
+        assert "on one stream, too few for an interval" in text
+        assert "1 seeds" not in text
+        assert text.index(f'<figure id="{first}"') < text.index("<nav")
+    nothing = write_page(replace(only(one), robust=()), tmp_path).read_text(encoding="utf-8")
+    assert 'class="answer' not in nothing
 
 
 def test_one_seed_is_enough(tmp_path, undrawn):

@@ -41,7 +41,10 @@ def experiments(name, given):
         yield one
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[pytest.mark.slow] * (g["model"] == "auto")) for n, g in RUNS.items()],
+)
 def test_the_state_is_the_same_after_every_step(name, tmp_path, monkeypatch):
     """Whatever the states that it goes through."""
     given = resolve({"seed": 3, "start_time": 1e9, "checkpoint_every": 0, **RUNS[name]})

@@ -60,6 +60,7 @@ def test_the_kind_of_machine_is_told_from_its_accelerations(truth, names):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gravity", "kind"), [(0.0, ()), (30.0, ("gravity_imbalance",))])
 def test_a_torque_that_differs_by_the_experiment_is_no_pendulum(gravity, kind):
     """A machine has one torque of gravity; what dry friction leaves is not taken for it."""

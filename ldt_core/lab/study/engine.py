@@ -22,6 +22,7 @@ from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.experiment import Experiment, Level, Prediction, Signal, Step
 from ldt_core.base.parallel import Workers
 from ldt_core.base.result_files import ResultFolder, check_writable, write
+from ldt_core.base.sentences import counted
 from ldt_core.detectors import build_detector
 from ldt_core.lab.study import GROUPS, NAMED_ONLY
 from ldt_core.lab.study.facts import Facts, facts_of, stream_key
@@ -93,19 +94,15 @@ class StudyStore:
         notes, folder = [], self.folder
         if folder.damaged:
             notes.append(
-                f"{_files(len(folder.damaged))} could not be read and were computed again, "
-                f"the first being {folder.damaged[0]}"
+                f"{counted(len(folder.damaged), 'result')} could not be read and were computed "
+                f"again, the first being {folder.damaged[0]}"
             )
         if folder.foreign:
             notes.append(
-                f"{_files(folder.foreign)} came from another version of LDT, of its libraries or "
-                "of the machine file and were computed again"
+                f"{counted(folder.foreign, 'result')} came from another version of LDT, of its "
+                "libraries or of the machine file and were computed again"
             )
         return notes
-
-
-def _files(count: int) -> str:
-    return "1 result" if count == 1 else f"{count} results"
 
 
 FILE = "study.json"

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
+from ldt_core.base.sentences import counted
 from ldt_core.base.threads import one_thread
 from ldt_core.models.gaussian_process.observer import (
     MotorRun,
@@ -168,7 +169,7 @@ def _block_lengths(runs: Sequence[MotorRun]) -> list[int]:
     if total < FEWEST_BLOCKS:
         raise LdtError(
             f"hybrid model: expected at least {FEWEST_BLOCKS + 1} samples to learn from, got "
-            f"{total + len(runs)} in {len(runs)} experiments"
+            f"{total + len(runs)} in {counted(len(runs), 'experiment')}"
         )
     most = total // FEWEST_BLOCKS
     result = []

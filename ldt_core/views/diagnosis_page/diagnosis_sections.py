@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import msgs_config
-from ldt_core.base.sentences import listed, ranges, spans
+from ldt_core.base.sentences import counted, listed, ranges, spans
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate, Refit
 from ldt_core.views.diagnosis_page import gap_curves, ranking, time_curves
 from ldt_core.views.diagnosis_page.headline import WORDS, headline
@@ -220,7 +220,7 @@ def candidates(diagnosis: Diagnosis) -> Section:
         section.blocks.append(_ranked("Candidates, the best first", order, diagnosis, note))
     if rest:
         table = _ranked("The other candidates", rest, diagnosis, "")
-        section.blocks.append(Folded(f"The other {len(rest)} candidates", table))
+        section.blocks.append(Folded(counted(len(rest), "other candidate"), table))
     return section
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ldt_core.base.sentences import listed
+from ldt_core.base.sentences import counted, listed
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate
 from ldt_core.views.diagnosis_page.number_format import known, percent, short
 from ldt_core.views.page.style import (
@@ -96,8 +96,8 @@ def bars(diagnosis: Diagnosis) -> Drawing | None:
         f"Share of the gap on the held-out experiments. {', '.join(words)}"
         f"{' by the verdict. ' if words else ''}"
         f"{f'{left} more are in the table below.' if left else ''}",
-        f"Bars: closed fraction of {len(drawn)} candidates; the most is closed by {best.effect}, "
-        f"{percent(best.closed_fraction)}.",
+        f"Bars: closed fraction of {counted(len(drawn), 'candidate')}; the most is closed by "
+        f"{best.effect}, {percent(best.closed_fraction)}.",
         draw,
     )
 

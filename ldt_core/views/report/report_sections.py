@@ -11,7 +11,7 @@ from markupsafe import Markup
 import msgs_config
 from ldt_core.base.experiment import Action, ModelRecord, Signal
 from ldt_core.base.model_state import headline_state, shown_state, times_noise
-from ldt_core.base.sentences import number, ranges, spans, spoken
+from ldt_core.base.sentences import counted, number, ranges, spans, spoken
 from ldt_core.base.settings import UNSET, as_options
 from ldt_core.doctor.check import Finding, Grade
 from ldt_core.doctor.recording_checks import findings
@@ -59,9 +59,9 @@ def lead(run: ReportedRun) -> str:
     kind = run.models[0].kind if run.models else "unrecorded"
     machine = f"machine {run.bag.machine}" if run.bag.machine else "an unnamed machine"
     odd = len(remarks(run))
-    warning = f" Mind the health of the recording: {_count(odd, 'remark')}." if odd else ""
+    warning = f" Mind the health of the recording: {counted(odd, 'remark')}." if odd else ""
     return (
-        f"{_count(run.summary.experiments, 'experiment')} of {machine}, with a {kind} model and "
+        f"{counted(run.summary.experiments, 'experiment')} of {machine}, with a {kind} model and "
         f"the detector {last.detector}. The worst was experiment {worst.experiment}, with an error "
         f"of {number(worst.max_error)} rad/s.{' '.join(['', *run.notes])}{warning}"
     )
@@ -70,19 +70,12 @@ def lead(run: ReportedRun) -> str:
 def answer(run: ReportedRun) -> Answer:
     """Is the twin right now, since when, and what has happened."""
     summary, last = run.summary, run.signals[-1]
-    mean, original = summary.mme or 0.0, summary.mme_original
-    sentence = f"The twin's largest error was {number(mean)} rad/s in the mean."
-    if original:
-        share = number(100 * mean / original, 2)
-        sentence = (
-            f"The twin leaves {share} % of the error of the model that never learns "
-            f"({number(mean)} of {number(original)} rad/s)."
-        )
-    alarms = _count(summary.positives, "alarm") if summary.positives else "no alarm"
+    mean = f"The mean of the experiments' largest errors was {number(summary.mme or 0.0)} rad/s."
+    sentence = summary.outcome or mean
+    alarms = counted(summary.positives, "alarm") if summary.positives else "no alarm"
     happened = f"There {'was' if summary.positives < 2 else 'were'} {alarms}"
-    took = "took over" if summary.adaptations else "was needed"
-    models = _count(summary.adaptations, "new model") if summary.adaptations else "no new model"
-    sentence += f" {happened}, and {models} {took}.{_unjudged(run)}"
+    models = counted(summary.adaptations, "new model") if summary.adaptations else "no new model"
+    sentence += f" {happened}, and {models} took over.{_unjudged(run)}"
     state = headline_state(last)
     asides = [f"since experiment {_since(run)}" if _since(run) != last.experiment else ""]
     beside = times_noise(last.adequacy)
@@ -106,7 +99,7 @@ def _unjudged(run: ReportedRun) -> str:
     count, all_of_them = run.summary.states["not_judged"], run.summary.experiments
     if count == all_of_them:
         return " Whether the model held was not judged."
-    return f" {_count(count, 'experiment')} of {all_of_them} not judged." if count else ""
+    return f" {counted(count, 'experiment')} of {all_of_them} not judged." if count else ""
 
 
 def sections(run: ReportedRun, compared: DetectorStatistic) -> list[Section]:
@@ -134,7 +127,8 @@ def _experiment(run: ReportedRun) -> Section:
         )
     bare = sum(step.packed is None for step in run.steps)
     if bare:
-        note += f" The {bare} experiments with the least error are without samples: no room."
+        few = counted(bare, "experiment")
+        note += f" There is no room for the samples of {few} with the least error."
     return Section("experiment", "One experiment", [_template("chooser.html", note=note)])
 
 
@@ -166,10 +160,6 @@ def _every(run: ReportedRun) -> Section:
 
 def _template(name: str, **values: object) -> Own:
     return Own(Markup(fill(f"report/templates/{name}", **values)))
-
-
-def _count(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def remarks(run: ReportedRun) -> list[Finding]:
@@ -258,7 +248,7 @@ def models(run: ReportedRun) -> list[Block]:
 def _folded(table: Table) -> Block:
     if len(table.rows) <= OPEN_ROWS:
         return table
-    return Folded(f"{table.caption} ({len(table.rows)} rows)", table)
+    return Folded(f"{table.caption} ({counted(len(table.rows), 'row')})", table)
 
 
 def _cause(model: ModelRecord) -> str:

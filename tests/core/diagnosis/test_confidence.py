@@ -9,7 +9,7 @@ import pytest
 from recorded_machines import MOTOR, record
 
 from ldt_core.base.result_files import write
-from ldt_core.diagnosis import effect_set_search
+from ldt_core.diagnosis import set_fits
 from ldt_core.diagnosis.attribution import covariance
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.confidence import GROUNDS, confidence, decades, table
@@ -68,7 +68,7 @@ def test_a_regression_finds_what_speaks_against_a_verdict(tmp_path):
 @pytest.mark.slow
 def test_a_search_ends_at_its_limit_of_work_and_answers(monkeypatch):
     """With hardly any work allowed the answer is still whole, and its grounds say why."""
-    monkeypatch.setattr(effect_set_search, "MOST_WORK", 1)
+    monkeypatch.setattr(set_fits, "MOST_WORK", 1)
     experiments = record(MOTOR, "coulomb_friction:torque=0.1", count=4)
     found = diagnose(MOTOR, experiments, workers=1)
     assert found.verdict.grounds["spent"] == 1.0

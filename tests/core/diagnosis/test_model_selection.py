@@ -24,7 +24,7 @@ LIMITS = THRESHOLDS
 FURTHER = LIMITS.further_effect_of_gap * GAP
 SMALL = LIMITS.small_effect_of_gap * GAP
 KIN = LIMITS.same_family_of_gap * GAP
-NO_CAUSE = LIMITS.unexplained_of_gap * GAP
+NO_CAUSE = LIMITS.departure_of_law * GAP
 
 
 def members(*names):
@@ -215,7 +215,7 @@ def test_a_simpler_set_may_leave_a_little_more_and_one_of_the_same_families_more
 def test_a_simpler_law_is_no_answer_where_it_leaves_what_would_be_unknown():
     """Coulomb's friction may stand for Stribeck's as long as it explains the gap."""
     best = fitted("stribeck_friction", left=0.01 * GAP)
-    for left, names in ((0.04, "coulomb_friction"), (0.06, "stribeck_friction")):
+    for left, names in ((0.02, "coulomb_friction"), (0.03, "stribeck_friction")):
         plain = fitted("coulomb_friction", left=left * GAP)
         assert plainest(Exact(Noiseless()), [best], [best, plain], GAP)[0].names == (names,)
 
@@ -226,7 +226,7 @@ def test_laws_of_one_family_that_hardly_differ_are_a_group():
     found = {}
     for static in (0.01, 0.2):
         law = f"stribeck_friction:torque=0.1,static={static},velocity=4"
-        machine = record(ROTOR, law, count=8, volts=(-8.0, 8.0), samples=600, hold=60)
+        machine = record(ROTOR, law, count=4, volts=(-8.0, 8.0), samples=600, hold=60)
         found[static] = diagnose(ROTOR, machine).verdict.acting
     assert found[0.2] == [["stribeck_friction"]]
     ((*group,),) = found[0.01]

@@ -73,6 +73,7 @@ def test_a_ripple_that_is_quick_against_the_samples_is_a_gap():
     assert cogging["torque"].value == pytest.approx(0.6, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_ripple_is_named_though_no_experiment_begins_at_the_same_angle():
     """From angle 0 a free run is worse with the right effect: it promises nothing, and says so."""
     angles = np.random.default_rng(1).uniform(0, 6, 6)

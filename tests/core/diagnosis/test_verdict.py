@@ -409,7 +409,7 @@ def test_a_closed_part_is_a_part():
 def test_what_acts_only_together_is_found():
     """A softer foundation shows nothing without unbalance, which alone explains nothing here."""
     effects = ("unbalance:e=0.004", "foundation_stiffness:x=0.5,y=0.6")
-    recording = {"count": 8, "samples": 2000, "volts": (3.0, 14.0), "hold": 100}
+    recording = {"count": 4, "samples": 2000, "volts": (3.0, 14.0), "hold": 100}
     found = diagnose(ROTOR, record(ROTOR, *effects, **recording), workers=1)
     assert set(found.verdict.effects) == {"unbalance", "foundation_stiffness"}
     assert found.gap.after.rmse < 1.1 * NOISE
@@ -430,7 +430,7 @@ def test_three_causes_are_named_though_other_pairs_fit_better():
 def test_a_small_cause_far_out_of_the_noise_is_named_beside_a_large_one():
     """It is a thousandth of the gap, and takes away all that the large one leaves."""
     effects = ("motor_constant:factor=0.8", "gravity_imbalance:torque=0.02")
-    found = diagnose(ROTOR, record(ROTOR, *effects, count=8, samples=1000), workers=1)
+    found = diagnose(ROTOR, record(ROTOR, *effects, count=4, samples=1000), workers=1)
     assert set(found.verdict.effects) == {"motor_constant", "gravity_imbalance"}
     assert found.gap.after.rmse < 1.1 * NOISE
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.result_files import write
-from ldt_core.base.sentences import number, spoken
+from ldt_core.base.sentences import counted, number, spoken
 from ldt_core.effects import EFFECTS
 from ldt_core.lab.challenge.score.answer import DIAGNOSIS
 from ldt_core.lab.challenge.score.judge import Judged
@@ -92,7 +92,7 @@ def markdown(score: ChallengeScore, picture: str = "") -> str:
     head, rows = side_by_side(score)
     lines = ["# Score of a challenge", ""]
     lines += [f"- SHA-256 of {file}: `{digest}`" for file, digest in score.keys.items()]
-    lines += [f"- {len(score.judged[DIAGNOSIS])} cases; answers by {versions}"]
+    lines += [f"- {counted(len(score.judged[DIAGNOSIS]), 'case')}; answers by {versions}"]
     lines += ["- in brackets 95 % intervals: Wilson's of shares, else by draws of cases"]
     lines += ["- amounts are those of truths named outright; score.json has every case"]
     lines += [*(f"- {note}" for note in score.notes), ""]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from operator import attrgetter
 
-from ldt_core.base.sentences import number
+from ldt_core.base.sentences import counted, number
 from ldt_core.lab.statistics import mean, proportion, rate
 from ldt_core.lab.study.claims.claim import Claim, ClaimPart, ClaimVerdict, Statement, percent
 from ldt_core.lab.study.drift_detection import delays, drifts_of
@@ -81,7 +81,8 @@ def precision(evidence: Evidence) -> Parts:
     yield _part(runs, "precision", low=PRECISION)
     if runs:
         alarms = sum(r.score.false_alarms for r in runs.values())
-        yield f"Outside all windows {alarms} positives in {len(runs)} streams."
+        positives, many = counted(alarms, "positive"), counted(len(runs), "stream")
+        yield f"Outside all windows {positives} in {many}."
 
 
 def false_alarms_as_stated(evidence: Evidence) -> Claim:
@@ -110,7 +111,7 @@ def false_alarms_as_stated(evidence: Evidence) -> Claim:
     found = rate(alarms, exposure / 1000)
     text = (
         f"{statement.measure}: {found.text()}, {alarms} in {exposure} experiments of "
-        f"{len(results)} streams; stated {number(stated)}."
+        f"{counted(len(results), 'stream')}; stated {number(stated)}."
     )
     verdict = ClaimVerdict.MET if found.low <= stated else ClaimVerdict.MISSED
     return Claim(statement.id, statement.text, statement.where, verdict, text)

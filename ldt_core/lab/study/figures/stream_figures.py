@@ -104,9 +104,11 @@ def staircase(evidence: Evidence) -> Drawing | None:
         "staircase",
         "How the machine wears over the stream",
         f"{quantity.name} rises from {quantity.text(min(shown.truth))} to "
-        f"{quantity.text(max(shown.truth))} in {len(drifts)} drifts; each level is held for "
-        f"{span}{counted(int(held.max()), 'experiment')} (seed {seed}). The twin never sees it.",
-        f"A staircase over {len(shown.number)} experiments, with steps of random length.",
+        f"{quantity.text(max(shown.truth))} in {counted(len(drifts), 'drift')}; each level is held "
+        f"for {span}{counted(int(held.max()), 'experiment')} (seed {seed}). The twin never sees "
+        "it.",
+        f"A staircase over {counted(len(shown.number), 'experiment')}, with steps of random "
+        "length.",
         draw,
     )
 

@@ -119,7 +119,7 @@ _LINEAR = _settings(model="linear")
 def _damped(times: int, end: float = ECCENTRICITY.end) -> PaperTrial:
     known = load_machine("rotor").parameters
     altered = _parameters(**{name: times * known[name] for name in ("R_x", "R_y")})
-    about = f"foundation damped {times} times as much, e up to {1000 * end:g} mm"
+    about = f"{times} times the damping of the foundation, e up to {1000 * end:g} mm"
     wear = replace(ECCENTRICITY, steps=PAPER_DRIFTS, end=end)
     return _elsewhere(about, altered=altered, wears=(wear,))
 
@@ -135,9 +135,9 @@ def _taught(about: str, *inputs: str) -> PaperTrial:
 
 
 PAPER_TRIALS: dict[str, PaperTrial] = {
-    "paper": _alike("the preset paper, 9 drifts"),
+    "paper": _alike("the preset “paper”, 9 drifts"),
     "linear": PaperTrial("the linear model, 9 drifts", _LINEAR, _stream()),
-    "drifts_12": _elsewhere("12 drifts, as the study's table", wears=(ECCENTRICITY,)),
+    "drifts_12": _elsewhere("12 drifts, as in the table of the study", wears=(ECCENTRICITY,)),
     # How it learns, and when.
     "plain": _alike("f_d by plain regression of one-step residuals", model=PlainHybrid),
     "threshold_1": _alike("threshold 1 rad/s", threshold=1.0, warning_threshold=0.5),
@@ -146,7 +146,7 @@ PAPER_TRIALS: dict[str, PaperTrial] = {
     "window": _alike("the detector window", detector="window", window=10),
     "gate": _alike("a worse model is refused", gate="holdout"),
     "evidence": _alike("it learns from all that is still valid", data="evidence"),
-    "no_warnings": _alike("it learns from the present experiment alone", warning_threshold=3.0),
+    "no_warnings": _alike("it learns from the current experiment only", warning_threshold=3.0),
     "inducing_1000": _alike("1000 inducing points", inducing=1000),
     "voltage_too": _alike("f_d of speed and voltage", gp_inputs=["speed", "voltage"]),
     "all_inputs": _alike("f_d of all inputs", gp_inputs=["speed", "voltage", "current"]),
@@ -163,7 +163,7 @@ PAPER_TRIALS: dict[str, PaperTrial] = {
         "each voltage held for 0.2 s", altered=_voltage(kind="steps", low=6, high=16, hold=0.2)
     ),
     "constant": _elsewhere(
-        "one voltage an experiment", altered=_voltage(kind="constant", low=6, high=16)
+        "one voltage per experiment", altered=_voltage(kind="constant", low=6, high=16)
     ),
     "chirp": _elsewhere("a chirp", altered=_voltage(kind="chirp", low=6, high=16)),
     "wide": _elsewhere(
@@ -181,11 +181,15 @@ PAPER_TRIALS: dict[str, PaperTrial] = {
     "damping_10": _damped(10),
     "damping_3_e_20": _damped(3, 0.02),
     "damping_3_linear": replace(
-        _damped(3), about="the linear model there, e up to 12 mm", settings=_LINEAR
+        _damped(3),
+        about="the linear model, 3 times the damping of the foundation, e up to 12 mm",
+        settings=_LINEAR,
     ),
     "inertia": _elsewhere("a tenth of the inertia", altered=_parameters(J=0.002)),
-    "soft": _elsewhere("foundation of a quarter", altered=_parameters(K_x=500, K_y=1500)),
-    "stiff": _elsewhere("foundation of fourfold", altered=_parameters(K_x=8000, K_y=24000)),
+    "soft": _elsewhere("a foundation a quarter as stiff", altered=_parameters(K_x=500, K_y=1500)),
+    "stiff": _elsewhere(
+        "a foundation four times as stiff", altered=_parameters(K_x=8000, K_y=24000)
+    ),
     "isotropic": _elsewhere("an isotropic foundation", altered=_parameters(K_y=2000, R_y=5)),
     # What such a function can do at best.
     "taught_speed": _taught("e = 8 mm throughout, f_d of speed", "speed"),

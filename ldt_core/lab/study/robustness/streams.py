@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.experiment import Experiment, Samples
+from ldt_core.base.sentences import spoken
 from ldt_core.lab.study.robustness.known_stream import KnownStream
 from ldt_core.lab.study.robustness.true_plant import (
     SIZE,
@@ -207,15 +208,15 @@ BESIDE: dict[str, tuple[str, StreamKind]] = {
     "foundation_5": ("foundation 5 % off", StreamKind("", (), UNKNOWN, off=0.05)),
     "foundation_10": ("foundation 10 % off", StreamKind("", (), Aim(), off=0.10)),
     "coulomb": (
-        "Coulomb friction of 0.05 N m beside",
+        "also Coulomb friction of 0.05 N m",
         StreamKind("", (), UNKNOWN, acts=(("coulomb_friction", "torque", 0.05),)),
     ),
     "drag": (
-        "quadratic drag of 2e-4 N m s^2 beside",
+        "also quadratic drag of 2e-4 N m s^2",
         StreamKind("", (), UNKNOWN, acts=(("quadratic_drag", "c", 2e-4),)),
     ),
     "resistance": (
-        "armature resistance 5 % up",
+        "armature resistance 5 % higher",
         StreamKind("", (), UNKNOWN, acts=(("armature_resistance", "factor", 1.05),)),
     ),
 }
@@ -254,12 +255,12 @@ STREAMS: dict[str, StreamKind] = {
     "staircase": replace(_staircase(40), aim=Aim(late=1.25, left=0.30)),
     "staircase_60": _staircase(60),
     "staircase_200": _staircase(200),
-    "noise_0.02": replace(_staircase(40), about="the same, a noise of 0.02 rad/s", noise=0.02),
-    "noise_0.5": replace(_staircase(40), about="the same, a noise of 0.5 rad/s", noise=0.5),
+    "noise_0.02": replace(_staircase(40), about="the same with a noise of 0.02 rad/s", noise=0.02),
+    "noise_0.5": replace(_staircase(40), about="the same with a noise of 0.5 rad/s", noise=0.5),
     "abrupt": _e("e jumps once", "abrupt"),
     "recurring": _e("e comes and goes", "recurring"),
     "recurring_fast": _e("e comes or goes about every second experiment", "recurring", every=2),
-    "repaired": _e("e grows and is mended", "repaired"),
+    "repaired": _e("e grows and is repaired", "repaired"),
     "ramp": _e("e grows in every experiment", "ramp"),
     "off_5mm": StreamKind(
         "e = 5 mm from the first experiment on",
@@ -277,7 +278,7 @@ STREAMS: dict[str, StreamKind] = {
         constant_until=30,
     ),
     **{
-        f"{name}_drifts": StreamKind(f"{wear.effect} grows in steps", (wear,), KNOWN)
+        f"{name}_drifts": StreamKind(f"{spoken(wear.effect)} grows in steps", (wear,), KNOWN)
         for name, wear in OTHERS.items()
     },
     "e_and_friction": StreamKind(
@@ -288,19 +289,19 @@ STREAMS: dict[str, StreamKind] = {
     ),
     **_beside(),
     "own_law": StreamKind(
-        "another simulator, a torque in a band of speeds grows, which the library lacks",
+        "another simulator, a law that the library lacks grows: a torque in a band of speeds",
         (Wear("resonance_band", SIZE, 0.0, 0.5),),
         Aim(),
         simulator=True,
     ),
     "own_hysteresis": StreamKind(
-        "another simulator, a hysteresis of the speed grows, which the library lacks",
+        "another simulator, a law that the library lacks grows: a hysteresis of the speed",
         (Wear("speed_hysteresis", SIZE, 0.0, 0.3),),
         Aim(),
         simulator=True,
     ),
     "other_engine_motor": StreamKind(
-        "another simulator, a motor's dry friction by bristles doubles",
+        "another simulator, a motor's dry friction (bristle model) doubles",
         (Wear("coulomb_friction", SIZE, 0.05, 0.1, "abrupt"),),
         Aim(),
         machine="dc_motor",

@@ -66,12 +66,18 @@ def _table(evidence: Evidence) -> Table | Text:
         head,
         rows,
         range(1, len(head)),
-        f"Ours: mean over {seeds} seeds, and the 95 % confidence interval of that mean. The paper "
-        "has one stream, does not say which detector its table is of, and prints no unit; its "
-        "rotor's parameters are not printed either, so that figures need not match. Nor is the "
-        "number of its drifts: its rows fit 9, of which 3 were found (3/9, 3/25, and 3/44 = 0.068, "
-        "printed truncated); our staircase has 12. Runs with 9: the group trials.",
+        f"Ours: {_mean_over(seeds)}. The paper has one stream. It does not say which detector was "
+        "used, and prints no unit. It does not print its rotor's parameters either, so the figures "
+        "need not match. Nor does it print the number of drifts: its rows fit 9, of which 3 were "
+        "found (3/9, 3/25, and 3/44 = 0.068, printed truncated). Our staircase has 12. The group "
+        "`trials` has runs with 9.",
     )
+
+
+def _mean_over(seeds: int) -> str:
+    if seeds == 1:
+        return "one seed, too few for an interval"
+    return f"mean over {seeds} seeds, and the 95 % confidence interval of that mean"
 
 
 def _variants(evidence: Evidence) -> Table | Text:

@@ -22,10 +22,7 @@ def summary(evidence: Evidence, drawings: Mapping[str, Drawing | None]) -> Secti
     """The head of the page: what was run, and every verdict."""
     section = Section("summary", "Summary")
     of_paper, of_ours = claims(evidence), aims(evidence)
-    section.blocks += [
-        Text(f"Claims of the paper: {_counted(of_paper)}. Aims beyond it: {_counted(of_ours)}."),
-        Pairs(what_was_run(evidence)),
-    ]
+    section.blocks.append(Pairs(what_was_run(evidence)))
     section.blocks += [Text(note, "missing") for note in evidence.study.notes]
     section.blocks += [
         Text("What the paper claims", "heading"),
@@ -39,6 +36,11 @@ def summary(evidence: Evidence, drawings: Mapping[str, Drawing | None]) -> Secti
         ),
     ]
     return section
+
+
+def verdicts(evidence: Evidence) -> str:
+    """How many claims and aims came to which verdict."""
+    return f"claims of the paper: {_counted(claims(evidence))}; aims: {_counted(aims(evidence))}"
 
 
 def what_was_run(evidence: Evidence) -> list[tuple[str, str]]:

@@ -1,0 +1,210 @@
+"""Fits of sets of effects: many on a few experiments, the best of them on all.
+
+The few are the scout's. Its fits rank the sets; the best of each size are fitted again on all
+experiments, and those compete to be the answer.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ldt_core.base.arrays import Array
+from ldt_core.base.threads import spread
+from ldt_core.diagnosis.candidate import Candidate
+from ldt_core.diagnosis.effect_fit import STEPS, EffectFit, fit
+from ldt_core.diagnosis.error_band import ErrorBand
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.law_departure import LawDepartures
+from ldt_core.diagnosis.model_selection import FittedSets, Names, plain_enough
+from ldt_core.diagnosis.nominal_prior import NominalPrior
+from ldt_core.diagnosis.responses import simulate_all
+from ldt_core.diagnosis.scouting import bearable, empty, scouted, told
+from ldt_core.diagnosis.start_states import StartStates
+from ldt_core.diagnosis.thresholds import THRESHOLDS
+
+# The scout: the fits on a few experiments.
+SCOUT_STEPS = 8  # least-squares steps of its fits: a ranking needs no more
+SCOUT_PRECISION = 1e-4  # of the loss, where its fits end
+AT_ONCE = 16  # fits between two looks at the work done: the same sets for any number of threads
+# Which sets are fitted on all experiments.
+COMPARED = 6  # sets of a size of which it is asked how far their laws may depart
+FINISHED = 2  # sets of each size; those that compete with the answer come at the end
+FINISHED_PLAINER = 1  # further sets of each size, with fewer parameters
+BEHIND = 1.5  # times the power that the best of a size leaves: a set further behind is not fitted
+MANY_PARAMETERS = 3  # with which a fit may end before its best
+UNFINISHED = 0.005  # of the gap: a fit with many parameters that leaves more goes on
+UNFINISHED_STEPS = 30  # least-squares steps for which it goes on
+MOST_WORK = 1_000_000_000  # integration steps, up to a minute: then no further set is sought
+FAR_OFF = 0.3  # of the loss: with more left, a set is far from any answer
+
+
+class TriedSet(NamedTuple):
+    """A set of effects, where its fit is to begin, and the start states that are nearly its own."""
+
+    members: Sequence[Candidate]
+    start: Sequence[Array]
+    known: StartStates | None = None
+
+
+class SetFits:
+    """Fits of sets of effects on one residuals.
+
+    Args:
+        prior: of the machine's own parameters that are not known for certain: they are fitted with
+            every set under it, and never named.
+    """
+
+    def __init__(
+        self,
+        residuals: FreeRunResiduals,
+        candidates: Sequence[Candidate],
+        tick: Callable[[str], None] = lambda doing: None,
+        prior: NominalPrior | None = None,
+    ) -> None:
+        self.residuals, self.candidates, self.tick = residuals, tuple(candidates), tick
+        #: Effect to those that this recording cannot tell from it, whatever the data are.
+        self.twins: dict[str, set[str]] = {}
+        # Its fits run side by side: over so few experiments each of them could not be spread well.
+        self.scout, self.workers = residuals.part(scouted(residuals), workers=1), residuals.workers
+        #: Coordinates of the prior that take part in the fits.
+        self.told = [] if prior is None else told(self.scout, prior, residuals.size)
+        part = prior.among(self.told) if prior and self.told else None
+        self.own: tuple[Candidate, ...] = () if part is None else (part.candidate(),)
+        zeros = [np.zeros(len(c)) for c in self.own]
+        count = len(self.own)
+        fitted = fit(self.scout, self.own, zeros, own=count) if count else None
+        self.responses = simulate_all(
+            self.scout, self.candidates, lambda: tick("simulating effects"), fitted, self.workers
+        )
+        alone = fit(residuals, self.own, fitted.z, own=count) if fitted else empty(residuals)
+        self.found = FittedSets(residuals, ErrorBand(residuals), alone.residual, self.responses)
+        # Without any effect: the machine's own parameters alone.
+        self.found.fits[frozenset()] = alone
+        self.found.scouted[frozenset()] = fitted or empty(self.scout)
+        self.band = ErrorBand(self.scout)
+        self.departures = LawDepartures(self.scout, self.responses.base)
+
+    @property
+    def spent(self) -> bool:
+        """Whether the search has done all the work that it may do."""
+        return self.residuals.work.steps > MOST_WORK
+
+    def _departs(self, fitted: EffectFit, enough: float) -> bool:
+        """Whether what a set leaves may be a departure of its laws alone, nearly all of it."""
+        left, taken = self.band.excess(fitted.residual), self.departures.taken(fitted)
+        return left - taken < enough or taken > THRESHOLDS.whole_remainder * left
+
+    def _scout(self, tries: Sequence[TriedSet], whatever: bool = False) -> list[EffectFit]:
+        """Fit sets on a few experiments, side by side; the best of each set so far.
+
+        Args:
+            whatever: work that costs.
+        """
+        none = self.found.scouted[frozenset()]
+        # Alone, the machine's own parameters went as far as they may; beside a cause they need not.
+        own = [np.zeros(len(c)) if c.steady else z for c, z in zip(self.own, none.z, strict=True)]
+
+        def work(first: int, k: int) -> EffectFit:
+            members, start, known = tries[first + k]
+            order = sorted(range(len(members)), key=lambda i: members[i].name)
+            begun = [*(members[i] for i in order), *self.own], [*(start[i] for i in order), *own]
+            steps, least, count = SCOUT_STEPS, SCOUT_PRECISION, len(self.own)
+            return fit(self.scout, *begun, steps=steps, precision=least, own=count, known=known)
+
+        names: list[Names] = []
+        while len(names) < len(tries) and (whatever or not (names and self.spent)):
+            part = functools.partial(work, len(names))
+            for tried in spread(part, min(AT_ONCE, len(tries) - len(names)), self.workers):
+                self.tick("fitting sets of effects")
+                names.append(frozenset(tried.names))
+                before = self.found.scouted.get(names[-1])
+                if before is None or tried.loss < before.loss:
+                    self.found.scouted[names[-1]] = tried
+                    if before and before.loss - tried.loss > THRESHOLDS.chance_gain:
+                        self.found.fits.pop(names[-1], None)  # it ended in a poor minimum
+        return [self.found.scouted[n] for n in names]
+
+    def _best(self, count: int) -> list[EffectFit]:
+        """Scouted sets of a size, the best first; those near the best once laws may depart."""
+        found = [f for names, f in self.found.scouted.items() if len(names) == count]
+        found = sorted(found, key=lambda f: f.loss)
+        near = [f for f in found[:COMPARED] if self._near(f, found[0])]
+        near = sorted(near, key=lambda f: f.loss - self.departures.taken(f))
+        return [*near, *(f for f in found if f not in near)]
+
+    def _finish(self, count: int) -> None:
+        """Fit the scout's best sets of a size on all experiments."""
+        best = self._best(count)
+        if not best:
+            return
+        near = [f for f in best if self._near(f, best[0])][:FINISHED]
+        plain = [f for f in best if f not in near and self._plainer(f, best[0])][:FINISHED_PLAINER]
+        for f in (*near, *plain):
+            self.finish(f)
+
+    def _near(self, scouted: EffectFit, best: EffectFit) -> bool:
+        return scouted.loss - best.loss <= self._reach(self.band, best)
+
+    @staticmethod
+    def _reach(band: ErrorBand, best: EffectFit) -> float:
+        """Loss up to which a set behind the best may still turn out to be the better one."""
+        return BEHIND * max(band.excess(best.residual), 0.0) + THRESHOLDS.chance_gain
+
+    def _plainer(self, scouted: EffectFit, best: EffectFit) -> bool:
+        """Whether a set with fewer parameters might be preferred to another one."""
+        gap = self.found.scouted[frozenset()].loss - best.loss
+        return plain_enough(scouted, best, scouted.loss - best.loss, gap)
+
+    def finish(self, scouted: EffectFit) -> EffectFit:
+        """The same set, fitted on all experiments."""
+        names = frozenset(scouted.names)
+        if names not in self.found.fits:
+            self.tick("fitting the best sets on all experiments")
+            if self.scout.size == self.residuals.size:
+                self.found.fits[names] = scouted
+            else:
+                steps = SCOUT_STEPS if self.spent else STEPS
+                begun = bearable(self.residuals, scouted, self.found.base)
+                self.found.fits[names] = fit(
+                    self.residuals, scouted.members, begun, steps=steps, own=len(self.own)
+                )
+            self._polish(names)
+        return self.found.fits[names]
+
+    def _polish(self, names: Names) -> None:
+        """Go on with a fit that may have ended before its many parameters were at their best.
+
+        Not with one that is far behind another of its size.
+        """
+        found, band = self.found.fits[names], self.found.band
+        left, whole = band.excess(found.residual), self.found.excess
+        best = min(self.found.of_size(len(names)), key=lambda f: f.loss, default=found)
+        behind = found.loss - best.loss > self._reach(band, best)
+        if (
+            found.free < MANY_PARAMETERS
+            or behind
+            or self.spent
+            or not UNFINISHED * whole < left < FAR_OFF * whole
+        ):
+            return
+        more = fit(
+            self.residuals,
+            found.members,
+            found.z,
+            steps=UNFINISHED_STEPS,
+            own=len(self.own),
+            known=found.starts,
+        )
+        self.found.fits[names] = min(found, more, key=lambda f: f.loss)
+
+    def subset(self, base: EffectFit, names: Sequence[str]) -> EffectFit:
+        """A part of a set, fitted on all experiments."""
+        wanted = frozenset(names)
+        if wanted not in self.found.scouted:
+            chosen = [i for i, m in enumerate(base.effects) if m.name in wanted]
+            self._scout([TriedSet([base.members[i] for i in chosen], [base.z[i] for i in chosen])])
+        return self.finish(self.found.scouted[wanted])
