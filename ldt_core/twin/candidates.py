@@ -14,6 +14,7 @@ from ldt_core.base.threads import cores, one_thread
 from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
+from ldt_core.models.hybrid import HybridModel
 from ldt_core.models.remainder import RemainderModel
 from ldt_core.twin.version_errors import errs_less, explains, rms_error, same
 
@@ -21,9 +22,10 @@ from ldt_core.twin.version_errors import errs_less, explains, rms_error, same
 POOL = 3
 #: The same, with those that the version in force has learned from.
 MOST = 2 * POOL
-#: The model that competes where no cause explains the machine. A linear one is no rival: without
-#: physics it errs without bound where the excitation is new.
-FLEXIBLE = "remainder"
+#: The models that compete where no cause explains the machine: one with a memory, and one of the
+#: speed alone, which needs less data. A linear one is no rival: without physics it errs without
+#: bound where the excitation is new.
+FLEXIBLE, SMOOTH = "remainder", "hybrid"
 #: Parts of an experiment, each of which is held back once from a model that learns from the others.
 PARTS = 2
 #: What learning can fail by.
@@ -126,9 +128,12 @@ class Candidates:
         """New models that have learned from these experiments: causes, and flexible ones."""
         causes = self.structures(start, pool)
         found: list[Model] = [*causes]
-        for physics in self._flexible(start, causes):
+        smooth = build_model(SMOOTH, start.machine, self._settings)
+        assert isinstance(smooth, HybridModel)
+        learners = [*self._flexible(start, causes), smooth, *map(smooth.on, causes)]
+        for learner in learners:
             with one_thread(), suppress(*UNLEARNABLE):
-                found.append(physics.fit(pool))
+                found.append(learner.fit(pool))
         return found
 
     def at_once(

@@ -5,8 +5,10 @@ from __future__ import annotations
 import gzip
 import json
 
+import numpy as np
 import pytest
 
+import ldt_core as ldt
 from ldt_core.cli import calibrate, diagnose, identify, import_file, invoke, predict
 from ldt_core.effects import EFFECTS
 
@@ -75,3 +77,33 @@ def test_the_rig_s_step_shows_a_lag(measured, tmp_path, capsys):
     before = error(capsys, bag, "--machine", machine, "--out", tmp_path / "before")
     with_it = ["--with", out / "diagnosis.json", "--out", tmp_path / "after"]
     assert error(capsys, bag, "--machine", machine, *with_it) < before / 3
+
+
+def test_the_default_learns_on_a_measured_motor(measured):
+    """A speed controller's record in pieces of two seconds, of a motor that no cause explains."""
+
+    def record(name):
+        table = np.genfromtxt(
+            measured / "rtl_dcmotor" / f"{name}.csv", delimiter=",", names=True, encoding="utf-8"
+        )
+        return table["time_s"], table["voltage_V"], table["speed_rpm"] * 2 * np.pi / 60
+
+    time, volts, speed = record("open_loop_5_15V")
+    period = float(np.median(np.diff(time)))
+    step = ldt.Experiment(1, 0.0, period, voltage=volts, speed=speed)
+    rig = ldt.calibrate([step], "dc_motor").machine
+    _, volts, speed = record("closed_loop_20_25_b")
+    length = round(2.0 / period)
+    whole = range(0, len(volts) - length + 1, length)
+    pieces = [
+        ldt.Experiment(
+            k, 10.0 * k, period, voltage=volts[i : i + length], speed=speed[i : i + length]
+        )
+        for k, i in enumerate(whole, start=1)
+    ]
+    last = ldt.run(pieces, rig).steps[-4:]
+    mine, original = (
+        sum(p.max_error(s.experiment) for s, p in both)
+        for both in ([(s, s.prediction) for s in last], [(s, s.original) for s in last])
+    )
+    assert mine < 0.5 * original
