@@ -275,7 +275,7 @@ ROWS: list[tuple[str, int, list[str]]] = [
     ("import {files}/good.csv --voltage u --speed n --out out", BAD, ["--time", "--sample-period"]),
     ("import {files}/good.csv " + CSV + " --length 0", BAD, ["--length", "seconds above 0", "0"]),
     ("import {files}/good.csv " + CSV + " --length 0.01", BAD, ["--length", "0.01"]),
-    ("import {files}/good " + CSV, BAD, ["--voltage", "/topic.field"]),
+    ("import {files}/good " + CSV, BAD, ["{files}/good", "needs no import", "ldt info"]),
     # calibration
     (f"calibrate {GOOD} --machine rotor --free mass --out out.yaml", BAD, ["mass"]),
     (f"calibrate {GOOD} --machine rotor --holdout 2 --out out.yaml", BAD, ["--holdout", "2"]),

@@ -70,7 +70,7 @@ def test_a_current_folder_that_was_deleted_is_named(tmp_path, monkeypatch, capsy
     """The system names no file where it does not know where it is."""
     monkeypatch.chdir(tmp_path)
     tmp_path.rmdir()
-    assert invoke(ldt, ["run", "--experiments", "1", "--no-bag"]) in (BAD, FAILED)
+    assert invoke(ldt, ["run", "--experiments", "1"]) in (BAD, FAILED)
     one_sentence(capsys.readouterr().err, "the current folder", "No such file")
 
 
