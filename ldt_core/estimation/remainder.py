@@ -27,6 +27,7 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.compiled import njit
 from ldt_core.base.errors import LdtError
+from ldt_core.estimation.motor_run import MotorRun
 from ldt_core.estimation.noise import correlation_time
 
 #: Nodes of a curve in the range seen, and of those as a part, beyond it on either side.
@@ -47,18 +48,6 @@ ROUGH_STEPS = 3
 CONVERGED = 1e-3
 #: Precision of a prior [s^4/rad^2]: of one of which nothing is known, and the limits.
 FIRST, LEAST, MOST = 1e-6, 1e-9, 1e9
-
-
-class DrivenMotor(NamedTuple):
-    """One experiment and the discrete motor behind it: `models.hybrid` says what each is."""
-
-    ad: Array
-    bd: Array
-    gd: Array
-    period: float
-    voltage: Array
-    speed: Array
-    current: float
 
 
 class CurveNodes(NamedTuple):
@@ -93,7 +82,7 @@ class RemainderShape:
         return self.speed.nodes + self.current.nodes + self.plays.size + self.lags.size
 
     @classmethod
-    def of(cls, runs: Sequence[DrivenMotor]) -> RemainderShape:
+    def of(cls, runs: Sequence[MotorRun]) -> RemainderShape:
         """What fits the ranges of these experiments.
 
         Raises:
@@ -162,7 +151,7 @@ def _block(size: int, part: slice, matrix: Array) -> Array:
 
 
 def free_run(
-    shape: RemainderShape, weights: Array, run: DrivenMotor, thin: int = 0, led: bool = False
+    shape: RemainderShape, weights: Array, run: MotorRun, thin: int = 0, led: bool = False
 ) -> tuple[Array, Array]:
     """Speed (L,) under an acceleration, and its derivatives by the weights.
 
@@ -265,7 +254,7 @@ def _run(
 class _Data:
     """Free runs over experiments, as the rows that a fit sees."""
 
-    def __init__(self, runs: Sequence[DrivenMotor], held: Sequence[slice]) -> None:
+    def __init__(self, runs: Sequence[MotorRun], held: Sequence[slice]) -> None:
         self.runs = runs
         self.thin = max(1, math.ceil(sum(r.speed.size for r in runs) / ROWS))
         kept = [np.ones(r.speed.size) for r in runs]
@@ -290,7 +279,7 @@ class _Data:
 
 
 def fit_remainder(
-    runs: Sequence[DrivenMotor], directions: int, held: Sequence[slice] = ()
+    runs: Sequence[MotorRun], directions: int, held: Sequence[slice] = ()
 ) -> LearnedRemainder:
     """The acceleration under which free runs are nearest to these experiments.
 

@@ -12,10 +12,10 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError, OptionError, did_you_mean
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.threads import one_thread
+from ldt_core.estimation.motor_run import MotorRun
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
 from ldt_core.models.gaussian_process.learn import LearnedAcceleration, learn, persistence
-from ldt_core.models.gaussian_process.observer import MotorRun
 from ldt_core.models.gaussian_process.sparse import Kernel, SparsePosterior
 from ldt_core.models.gaussian_process.speed_run import INPUTS, compile_run, spread
 from ldt_core.models.grey_box import GreyBoxModel

@@ -11,9 +11,9 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.threads import one_thread
+from ldt_core.estimation.motor_run import MotorRun
 from ldt_core.estimation.remainder import (
     CurveNodes,
-    DrivenMotor,
     LearnedRemainder,
     RemainderShape,
     fit_remainder,
@@ -102,11 +102,11 @@ class RemainderModel(Model):
         physics = {name: found.parameters[name] for name in ("machine", "effects")}
         return self.successor({**physics, "remainder": None}, ())
 
-    def _drive(self, experiment: Experiment, known: Array) -> DrivenMotor:
+    def _drive(self, experiment: Experiment, known: Array) -> MotorRun:
         matrices = self.base.motor(experiment.period)
         speed = experiment.speed - known
         current = float(self.base.start(experiment)[0])
-        return DrivenMotor(*matrices, experiment.period, experiment.voltage, speed, current)
+        return MotorRun(*matrices, experiment.period, experiment.voltage, speed, current)
 
 
 def _to_json(found: LearnedRemainder) -> dict[str, Any]:

@@ -10,8 +10,9 @@ from sklearn.gaussian_process.sparses import RBF, ConstantKernel, WhiteKernel
 from threadpoolctl import threadpool_limits
 
 from ldt_core.base.experiment import Experiment
+from ldt_core.estimation.motor_run import MotorRun
 from ldt_core.machine.machine_file import Machine, load_machine
-from ldt_core.models.gaussian_process.observer import MotorRun, one_step
+from ldt_core.models.gaussian_process.observer import one_step
 from ldt_core.models.hybrid import HybridModel
 from tests.benchmarks.row import Row, best_of
 

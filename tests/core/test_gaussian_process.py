@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ldt_core.base.errors import LdtError
+from ldt_core.estimation.motor_run import MotorRun
 from ldt_core.models.gaussian_process.observer import (
-    MotorRun,
     estimate_noise,
     filter_columns,
     filtered,

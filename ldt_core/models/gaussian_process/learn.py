@@ -18,8 +18,8 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.sentences import counted
 from ldt_core.base.threads import one_thread
+from ldt_core.estimation.motor_run import MotorRun
 from ldt_core.models.gaussian_process.observer import (
-    MotorRun,
     estimate_noise,
     filter_columns,
     filtered,

@@ -16,36 +16,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.compiled import njit
+from ldt_core.estimation.motor_run import MotorRun
 
 #: Ratios of process to sensor noise variance [per sample] that are tried: from a pure free run to
 #: pure one-step differences, three a decade.
 RATIOS = np.concatenate([[0.0], np.logspace(-6, 3, 28)])
-
-
-class MotorRun(NamedTuple):
-    """One measured experiment and the discrete motor behind it.
-
-    Args:
-        ad, bd, gd: (2, 2), (2,), (2,) over one sample period, states current [A] and speed [rad/s]:
-            itself, for the voltage, for an acceleration of the shaft.
-        period: T [s].
-        voltage, speed: (L,) [V], measured [rad/s].
-        current: at the first sample [A].
-    """
-
-    ad: Array
-    bd: Array
-    gd: Array
-    period: float
-    voltage: Array
-    speed: Array
-    current: float
 
 
 @dataclass(frozen=True, eq=False)
