@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +19,8 @@ from ldt_core.diagnosis.candidate import turning
 from ldt_core.diagnosis.diagnosis import ParameterAmount
 from ldt_core.diagnosis.effect_fit import EffectFit, by_member
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
+from ldt_core.diagnosis.nominal_prior import masses_leave_open
+from ldt_core.machine.machine_file import Machine
 
 DEVIATIONS = 1.96  # half width of a 95 % interval of a normal distribution
 REMAINDER_SHAPES = 3.0  # independent shapes that a remainder is taken to consist of
@@ -77,6 +81,23 @@ def amounts(fit: EffectFit, left: float, gap: float) -> dict[str, dict[str, Para
             own[p.name] = ParameterAmount(c.value(j, float(z[j])), p.unit, interval)
         found[c.name] = own
     return found
+
+
+def with_masses(
+    machine: Machine, found: Mapping[str, Mapping[str, ParameterAmount]]
+) -> dict[str, Mapping[str, ParameterAmount]]:
+    """Amounts of which an unbalance's e is as uncertain as the masses: only their product shows."""
+    open_by = masses_leave_open(machine).get("e")
+    amount = found.get("unbalance", {}).get("e")
+    if open_by is None or amount is None or amount.ci95 is None:
+        return dict(found)
+    more = DEVIATIONS * float(np.linalg.norm(open_by)) * amount.value
+    low, high = (
+        amount.value + s * math.hypot(end - amount.value, more)
+        for s, end in zip((-1, 1), amount.ci95, strict=True)
+    )
+    wide = replace(amount, ci95=(max(low, 0.0), high))
+    return {**found, "unbalance": {**found["unbalance"], "e": wide}}
 
 
 def shapley_shares(search: EffectSetSearch, fit: EffectFit) -> dict[str, float]:

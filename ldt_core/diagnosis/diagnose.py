@@ -12,7 +12,7 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.threads import one_thread
-from ldt_core.diagnosis.attribution import amounts, shapley_shares, share
+from ldt_core.diagnosis.attribution import amounts, shapley_shares, share, with_masses
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.confidence import all_grounds, confidence
 from ldt_core.diagnosis.diagnosis import (
@@ -187,7 +187,8 @@ class _Report:
         by = regimes(self.held, before, after, noise) if d.kind != "none" else []
         gap = Gap(noise, was, now, part, interval, by)
         where = self._where()
-        found = amounts(self.completed(self.named), d.left, d.excess) if self.named else {}
+        fitted = amounts(self.completed(self.named), d.left, d.excess) if self.named else {}
+        found = with_masses(self.machine, fitted)
         left = share(d.left / d.excess) if d.kind != "none" and d.excess > 0 else None
         acting = d.acting if self.named else []
         effects = list(dict.fromkeys(n for group in acting for n in group))
@@ -253,7 +254,7 @@ class _Report:
         """A set with all that is uncertain of the machine file, for the width of its intervals."""
         if self.prior is None:
             return fitted
-        return with_all(self.search.found.residuals, fitted, self.prior, self.search.told)
+        return with_all(self.search.found.residuals, fitted, self.prior)
 
     def _where(self) -> list[GapLocation]:
         """By what was named, free of noise, or else by all that is wrong."""
@@ -346,8 +347,9 @@ class _Report:
         if not refit or not self.alone.own:
             return []
         d, band = self.decision, self.search.found.band
-        told = self.prior.among(self.search.told) if self.prior else None
-        moved = told.factors(self.alone.z[-1]) if told else {}
+        moved = {}
+        if self.prior:
+            moved = self.prior.among(self.alone.own_columns).factors(self.alone.z[-1])
         amount = {name: ParameterAmount(factor, "", None) for name, factor in moved.items()}
         after = errors(
             self.held, [free_run(self.machine, e, self.alone.use) for e in self.held]

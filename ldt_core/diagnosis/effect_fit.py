@@ -12,6 +12,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.sentences import spoken
 from ldt_core.diagnosis.candidate import START_PHASES, Candidate, turning
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
+from ldt_core.diagnosis.nominal_prior import NominalCandidate
 from ldt_core.diagnosis.start_states import SEARCH_STEP, StartStates, turns
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.estimation.least_squares import ForwardDifferences, trust_region
@@ -48,6 +49,12 @@ class EffectFit:
     def effects(self) -> tuple[Candidate, ...]:
         """The set itself."""
         return self.members[: len(self.members) - self.own]
+
+    @property
+    def own_columns(self) -> tuple[int, ...]:
+        """Coordinates of the machine file's prior that were fitted along."""
+        kept = self.members[len(self.members) - self.own :]
+        return tuple(j for c in kept if isinstance(c, NominalCandidate) for j in c.columns)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -27,17 +27,12 @@ LEAST_PART = 0.01  # of a gap: what closes less has nothing to do with it
 RANK = 1e-9  # of the largest singular value: a direction with less is none
 
 
-def with_all(
-    residuals: FreeRunResiduals, fitted: EffectFit, prior: NominalPrior, told: Sequence[int]
-) -> EffectFit:
-    """A fit with the coordinates of the prior that did not take part in it, at the file's values.
-
-    Args:
-        told: those that did.
-    """
+def with_all(residuals: FreeRunResiduals, fitted: EffectFit, prior: NominalPrior) -> EffectFit:
+    """A fit with all coordinates of the prior: those that took no part at the file's values."""
     whole = prior.candidate()
     own = np.zeros(len(whole))
-    if fitted.own:
+    told = fitted.own_columns
+    if told:
         own[list(told)] = fitted.z[-1]
     members, z = (*fitted.effects, whole), (*fitted.z[: len(fitted.effects)], own)
     known = sum(len(c) for c in fitted.effects)

@@ -51,7 +51,13 @@ LONGEST_DIFFERENCE = 0.1  # deviations, for those known very well
 
 @dataclass(frozen=True, eq=False)
 class NominalCandidate(Candidate):
-    """The numbers of a machine file that are not known for certain, as a candidate."""
+    """The numbers of a machine file that are not known for certain, as a candidate.
+
+    Attributes:
+        columns: coordinates of the prior that it consists of.
+    """
+
+    columns: tuple[int, ...] = ()
 
     @property
     def steady(self) -> bool:  # type: ignore[override]
@@ -77,12 +83,14 @@ class NominalPrior:
         names: parameters that are uncertain.
         root: (k, r) square root of the covariance: logarithms per coordinate.
         known: False where the file was fitted to this recording, and so knows nothing of its own.
+        columns: which coordinates of the whole prior these are; () for all.
     """
 
     machine: Machine
     names: tuple[str, ...]
     root: Array
     known: bool = True
+    columns: tuple[int, ...] = ()
 
     @property
     def deviations(self) -> dict[str, float]:
@@ -103,7 +111,7 @@ class NominalPrior:
 
     def among(self, columns: Sequence[int]) -> NominalPrior:
         """With some of the coordinates only: the others stay at the file's values."""
-        return replace(self, root=self.root[:, list(columns)])
+        return replace(self, root=self.root[:, list(columns)], columns=tuple(columns))
 
     def candidate(self) -> NominalCandidate:
         """It, as a member of every set."""
@@ -124,7 +132,7 @@ class NominalPrior:
             ),
             on_parameters=changed,
         )
-        return NominalCandidate(effect, 1.0)
+        return NominalCandidate(effect, 1.0, columns=self.columns or tuple(range(len(sizes))))
 
 
 def nominal_prior(
@@ -151,16 +159,50 @@ def nominal_prior(
     else:
         names = _uncertain(machine)
     names = [n for n in known if n in names and machine.parameters[n] != 0]
-    if not names:
-        return None
     if refit is None and _fitted_to(machine, recordings):
         return NominalPrior(machine, tuple(names), UNKNOWN * np.eye(len(names)), known=False)
     if refit is None and (together := _posterior(machine)) is not None:
-        return together
+        return _with_masses(together)
     tolerances = machine.tolerances
     names = [n for n in names if tolerances.get(n, 0.0) > 0]
-    sizes = np.array([tolerances[n] for n in names])
-    return NominalPrior(machine, tuple(names), np.diag(sizes)) if names else None
+    found = NominalPrior(machine, tuple(names), np.diag([tolerances[n] for n in names]))
+    found = found if refit is not None else _with_masses(found)
+    return found if found.names else None
+
+
+def _with_masses(prior: NominalPrior) -> NominalPrior:
+    """The same, with what the tolerances of a foundation's and a rotor's mass leave open.
+
+    A speed shows only K / (M + m), R / (M + m) and (m e)^2 / (M + m), as the equations of the
+    foundation say once they are divided by its whole mass and their two forces are multiplied. So a
+    mass that is off is a stiffness, a damping and an e that are off together.
+    """
+    open_by = masses_leave_open(prior.machine)
+    moved = [n for n in open_by if prior.machine.parameters.get(n)]
+    if not moved:
+        return prior
+    names = [*prior.names, *(n for n in moved if n not in prior.names)]
+    columns = np.zeros((len(names), len(open_by[moved[0]])))
+    for name in moved:
+        columns[names.index(name)] = open_by[name]
+    root = np.zeros((len(names), prior.root.shape[1]))
+    root[: len(prior.names)] = prior.root
+    return replace(prior, names=tuple(names), root=np.hstack([root, columns]))
+
+
+def masses_leave_open(machine: Machine) -> dict[str, Array]:
+    """(2,) by how much one deviation of m, and of M, moves the logarithm of what stands for them.
+
+    See `_with_masses`. Empty where the file states no deviation of either mass: they are exact.
+    """
+    masses, values = ("m", "M"), machine.parameters
+    if not any(n in machine.deviations for n in masses) or "e" not in values:
+        return {}
+    sizes = np.array([values[n] for n in masses])
+    spread = np.array([machine.deviations.get(n, 0.0) for n in masses]) / sizes
+    part = sizes / sizes.sum()
+    moved = {n: -part * spread for n in ("K_x", "K_y", "R_x", "R_y")}
+    return {**moved, "e": (np.array([1.0, 0.0]) - part / 2) * spread}
 
 
 def _uncertain(machine: Machine) -> list[str]:

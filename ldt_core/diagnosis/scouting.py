@@ -8,7 +8,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.effect_fit import EffectFit, used
-from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
 from ldt_core.diagnosis.model_selection import Names
 from ldt_core.diagnosis.nominal_prior import NominalPrior
 
@@ -26,18 +26,31 @@ def of_each_kind(fits: Sequence[EffectFit]) -> list[EffectFit]:
     return list(first.values())
 
 
-def told(residuals: FreeRunResiduals, prior: NominalPrior, size: int) -> list[int]:
+def told(
+    residuals: FreeRunResiduals,
+    prior: NominalPrior,
+    size: int,
+    beside: Sequence[Used] = (),
+    among: Sequence[int] | None = None,
+) -> list[int]:
     """Coordinates of a prior of which a recording of so many residuals tells more than the prior.
 
     The others would only be moved by what the laws leave, at the price of a simulation each.
+
+    Args:
+        beside: effects that act: without unbalance, no speed tells of a foundation.
+        among: coordinates to ask about; None takes all.
     """
-    whole, base = prior.candidate(), residuals.of()
-    found = []
-    for j, unit in enumerate(np.eye(len(whole))):
-        moved = residuals.of([(whole.effect, whole.given(unit))]) - base
-        if float(moved @ moved) * size / residuals.size > 1.0:
-            found.append(j)
-    return found
+    whole = prior.candidate()
+    asked = range(len(whole)) if among is None else among
+    if not asked:
+        return []
+    units = np.eye(len(whole))[list(asked)]
+    base, *moved = residuals.of_all(
+        [[*beside], *([*beside, (whole.effect, whole.given(u))] for u in units)]
+    )
+    enough = residuals.size / size
+    return [j for j, m in zip(asked, moved, strict=True) if float(np.sum((m - base) ** 2)) > enough]
 
 
 def empty(residuals: FreeRunResiduals) -> EffectFit:

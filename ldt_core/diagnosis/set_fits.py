@@ -20,7 +20,7 @@ from ldt_core.diagnosis.error_band import ErrorBand
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.law_departure import LawDepartures
 from ldt_core.diagnosis.model_selection import FittedSets, Names, plain_enough
-from ldt_core.diagnosis.nominal_prior import NominalPrior
+from ldt_core.diagnosis.nominal_prior import NominalCandidate, NominalPrior
 from ldt_core.diagnosis.responses import simulate_all
 from ldt_core.diagnosis.scouting import bearable, empty, scouted, told
 from ldt_core.diagnosis.start_states import StartStates
@@ -70,23 +70,57 @@ class SetFits:
         self.twins: dict[str, set[str]] = {}
         # Its fits run side by side: over so few experiments each of them could not be spread well.
         self.scout, self.workers = residuals.part(scouted(residuals), workers=1), residuals.workers
-        #: Coordinates of the prior that take part in the fits.
-        self.told = [] if prior is None else told(self.scout, prior, residuals.size)
-        part = prior.among(self.told) if prior and self.told else None
-        self.own: tuple[Candidate, ...] = () if part is None else (part.candidate(),)
-        zeros = [np.zeros(len(c)) for c in self.own]
-        count = len(self.own)
-        fitted = fit(self.scout, self.own, zeros, own=count) if count else None
+        self.prior = prior
+        self._told = self._told_beside()
+        own = self.own(())
+        zeros = [np.zeros(len(c)) for c in own]
+        count = len(own)
+        fitted = fit(self.scout, own, zeros, own=count) if count else None
         self.responses = simulate_all(
             self.scout, self.candidates, lambda: tick("simulating effects"), fitted, self.workers
         )
-        alone = fit(residuals, self.own, fitted.z, own=count) if fitted else empty(residuals)
+        alone = fit(residuals, own, fitted.z, own=count) if fitted else empty(residuals)
         self.found = FittedSets(residuals, ErrorBand(residuals), alone.residual, self.responses)
         # Without any effect: the machine's own parameters alone.
         self.found.fits[frozenset()] = alone
         self.found.scouted[frozenset()] = fitted or empty(self.scout)
         self.band = ErrorBand(self.scout)
         self.departures = LawDepartures(self.scout, self.responses.base)
+
+    def _told_beside(self) -> dict[str, frozenset[int]]:
+        """Coordinates of the prior that this recording tells of: of "", and beside each effect."""
+        if self.prior is None:
+            return {"": frozenset()}
+        asked, size = len(self.prior.candidate()), self.residuals.size
+        found = {"": frozenset(told(self.scout, self.prior, size))}
+        silent = [j for j in range(asked) if j not in found[""]]
+        for c in self.candidates if silent else ():
+            use = [(c.effect, c.typical)]
+            found[c.name] = frozenset(told(self.scout, self.prior, size, use, silent))
+        return found
+
+    def own(self, members: Sequence[Candidate]) -> tuple[NominalCandidate, ...]:
+        """The machine's own parameters that are fitted with a set, as one candidate or none."""
+        names = ["", *(c.name for c in members)]
+        columns = frozenset().union(*(self._told.get(n, frozenset()) for n in names))
+        if self.prior is None or not columns:
+            return ()
+        return (self.prior.among(sorted(columns)).candidate(),)
+
+    def _own_start(self, own: Sequence[NominalCandidate]) -> list[Array]:
+        """Where their fit begins: at the file's values, or as they were fitted without effects.
+
+        Alone, those that are known well went as far as they may; beside a cause they need not.
+        """
+        none = self.found.scouted[frozenset()]
+        found = []
+        for c in own:
+            z = np.zeros(len(c))
+            if none.own and not c.steady:
+                alone = dict(zip(none.own_columns, none.z[-1], strict=True))
+                z = np.array([alone.get(j, 0.0) for j in c.columns])
+            found.append(z)
+        return found
 
     @property
     def spent(self) -> bool:
@@ -104,15 +138,16 @@ class SetFits:
         Args:
             whatever: work that costs.
         """
-        none = self.found.scouted[frozenset()]
-        # Alone, the machine's own parameters went as far as they may; beside a cause they need not.
-        own = [np.zeros(len(c)) if c.steady else z for c, z in zip(self.own, none.z, strict=True)]
 
         def work(first: int, k: int) -> EffectFit:
             members, start, known = tries[first + k]
             order = sorted(range(len(members)), key=lambda i: members[i].name)
-            begun = [*(members[i] for i in order), *self.own], [*(start[i] for i in order), *own]
-            steps, least, count = SCOUT_STEPS, SCOUT_PRECISION, len(self.own)
+            own = self.own(members)
+            begun = (
+                [*(members[i] for i in order), *own],
+                [*(start[i] for i in order), *self._own_start(own)],
+            )
+            steps, least, count = SCOUT_STEPS, SCOUT_PRECISION, len(own)
             return fit(self.scout, *begun, steps=steps, precision=least, own=count, known=known)
 
         names: list[Names] = []
@@ -170,7 +205,7 @@ class SetFits:
                 steps = SCOUT_STEPS if self.spent else STEPS
                 begun = bearable(self.residuals, scouted, self.found.base)
                 self.found.fits[names] = fit(
-                    self.residuals, scouted.members, begun, steps=steps, own=len(self.own)
+                    self.residuals, scouted.members, begun, steps=steps, own=scouted.own
                 )
             self._polish(names)
         return self.found.fits[names]
@@ -196,7 +231,7 @@ class SetFits:
             found.members,
             found.z,
             steps=UNFINISHED_STEPS,
-            own=len(self.own),
+            own=found.own,
             known=found.starts,
         )
         self.found.fits[names] = min(found, more, key=lambda f: f.loss)

@@ -16,10 +16,10 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
 from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.effect_fit import EffectFit
-from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.holdout import errors, free_run
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
+from ldt_core.diagnosis.holdout import errors
 from ldt_core.diagnosis.sentence import not_all_alike
-from ldt_core.diagnosis.start_states import ANGLE_TOLERANCE
+from ldt_core.diagnosis.start_states import ANGLE_TOLERANCE, StartStates
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.linear import LinearModel
@@ -96,12 +96,13 @@ def unlike(
     """
     if not {e.number for e in held}.isdisjoint(e.number for e in fitted):
         return ""
-    runs = [free_run(machine, e, alone.use) for e in held]
-    begun = begun_errors(machine, alone, held)
-    left = (begun[1] if begun else errors(held, runs)).rmse
+    residuals = FreeRunResiduals(machine, held)
+    # What no experiment shows beforehand, its first current and angle, is no gap either.
+    begun = _speeds(residuals, alone.use, residuals.start_states(alone.use, free=True))
+    single = [_errors([speed]).rmse for speed in begun]
+    left = _errors(begun).rmse
     if left**2 <= THRESHOLDS.plainly_structured * noise**2:
         return ""
-    single = [errors([e], [run]).rmse for e, run in zip(held, runs, strict=True)]
     return not_all_alike(left, held[int(np.argmax(single))].number, noise)
 
 
@@ -117,14 +118,22 @@ def begun_errors(
         return None
     residuals = FreeRunResiduals(machine, held)
     starts = residuals.start_states(best.use, free=True)
-    found = []
-    for rows in residuals.of_all([()]) + residuals.of_all([best.use], starts=starts):
-        speeds = [rows[p.rows][: len(p.experiment)] * residuals.noise[0] for p in residuals.pieces]
-        error = FreeRunError()
-        for speed in speeds:
-            error.add(speed)
-        found.append(HeldOutErrors(error.rmse, error.mean_max_error))
-    return found[0], found[1]
+    return _errors(_speeds(residuals, ())), _errors(_speeds(residuals, best.use, starts))
+
+
+def _speeds(
+    residuals: FreeRunResiduals, use: Sequence[Used], starts: StartStates | None = None
+) -> list[Array]:
+    """(L,) errors of the speed in each experiment [rad/s]."""
+    rows = residuals.of(use, starts=starts)
+    return [rows[p.rows][: len(p.experiment)] * residuals.noise[0] for p in residuals.pieces]
+
+
+def _errors(speeds: Sequence[Array]) -> HeldOutErrors:
+    error = FreeRunError()
+    for speed in speeds:
+        error.add(speed)
+    return HeldOutErrors(error.rmse, error.mean_max_error)
 
 
 def _linear(

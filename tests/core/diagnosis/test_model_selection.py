@@ -45,6 +45,14 @@ def test_every_family_has_at_least_two_effects():
     assert all(families.count(f) > 1 for f in families if f)
 
 
+def test_what_no_law_is_exact_to_earns_no_name_though_the_noise_alone_is_left():
+    """A load that grows by a thousandth got a viscous friction beside it."""
+    one, two = members("constant_load"), members("constant_load", "viscous_friction")
+    least = LIMITS.law_error**2 * GAP
+    assert not earned(one, two, 0.9 * least, 0.0, GAP, whole=True)
+    assert earned(one, two, 1.1 * least, 0.0, GAP, whole=True)
+
+
 def test_a_large_part_of_the_gap_and_of_what_is_left_earns_a_name():
     """Neither alone is enough."""
     one, two = members("inertia"), members("inertia", "coulomb_friction")

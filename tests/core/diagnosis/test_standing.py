@@ -172,3 +172,15 @@ def test_a_speed_without_any_noise_is_diagnosed(speed):
     ]
     found = diagnose(MOTOR, experiments, effects=[get_effect("coulomb_friction")])
     assert found.verdict.kind != "none"
+
+
+def test_pieces_of_one_record_of_a_sound_machine_are_no_gap():
+    """Each begins with a current that nobody has measured."""
+    slow = replace(MOTOR, parameters={**MOTOR.parameters, "L": 0.5})
+    spread = {n: 0.05 * abs(v) for n, v in slow.parameters.items()}
+    pieces = []
+    for at in range(6):  # one record, cut where the voltage has just been reversed
+        (piece,) = record(slow, count=1, samples=100, lead=301, hold=301, seed=at)
+        pieces.append(replace(piece, number=at + 1, start=3.0 * at))
+    file = replace(slow, parameters={**slow.parameters, "J": 1.03 * slow.parameters["J"]})
+    assert diagnose(file.with_deviations(spread), pieces, workers=1).verdict.kind == "none"

@@ -418,6 +418,25 @@ def test_what_acts_only_together_is_found():
 
 
 @pytest.mark.slow
+def test_a_foundation_that_is_known_roughly_gets_no_name_beside_the_unbalance():
+    """Its numbers show only once there is an unbalance, and are off as the file says they may be.
+
+    A mass shows as the stiffness, damping and e that stand for it, so e is as uncertain as it is.
+    """
+    off = {"m": 1.05, "M": 0.95, "K_x": 1.05, "K_y": 0.95, "R_x": 1.2, "R_y": 0.8}
+    spread = {n: abs(f - 1) * ROTOR.parameters[n] for n, f in off.items()}
+    own = replace(ROTOR, parameters={n: v * off.get(n, 1) for n, v in ROTOR.parameters.items()})
+    recording = record(own, "unbalance:e=0.006", count=5, samples=2000, volts=(6, 16), hold=100)
+    found = diagnose(ROTOR.with_deviations(spread), recording, workers=1)
+    assert found.verdict.acting == [["unbalance"]]
+    assert found.gap.after.rmse < 1.1 * NOISE
+    (amount,) = (c.parameters["e"] for c in found.candidates if c.effect == "unbalance")
+    low, high = amount.ci95
+    assert low < 0.006 < high
+    assert high - low < 0.002
+
+
+@pytest.mark.slow
 def test_three_causes_are_named_though_other_pairs_fit_better():
     """The best pair holds but one of them; its members are exchanged."""
     effects = ("motor_constant:factor=0.9", "coulomb_friction:torque=0.1", "input_delay:delay=0.03")
