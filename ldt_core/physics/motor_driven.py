@@ -41,6 +41,8 @@ from ldt_core.physics.zero_order_hold import zero_order_hold
 if TYPE_CHECKING:
     from ldt_core.physics.terms import Terms
 
+#: Explicit steps for one by collocation: eight runs side by side take so many in the same time.
+WORTH_SHORTER = 20
 DISCRETISATIONS_REMEMBERED = 256  # machines at a sample period; each is some 100 numbers
 SAME_LENGTH = 1e-9  # of a step, the rounding of its ends: sample times are sums
 #: Of the largest speed, what a step may get wrong where a term bends; a search is content with a
@@ -259,7 +261,8 @@ class MotorDriven(Physics):
         if fast:
             halvings = math.ceil(math.log2(step / finest) - STEP_SHARE)
             blind = all(e.torque is not None and "current" not in e.reads for e, _ in terms)
-            explicit = blind and steepest * step <= MAX_STEP_RATE + STEP_SHARE
+            explicit = blind and steepest * step <= WORTH_SHORTER * MAX_STEP_RATE + STEP_SHARE
+            step = min(step, MAX_STEP_RATE / steepest) if explicit else step
         if end / step > MAX_STEPS:
             raise BadInput(
                 "machine parameters",

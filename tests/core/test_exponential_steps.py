@@ -108,7 +108,8 @@ def collocated(monkeypatch, effect, time_constant, **how):
         ("gravity_imbalance", False),
         ("brush_drop", True),  # a voltage bends with the current
         ("load_friction", True),  # a torque reads the current
-        ("coulomb_friction", True),  # steeper than a search's steps
+        ("coulomb_friction", False),  # steeper than a search's steps: shorter ones cost less
+        ("coulomb_friction:torque=5", True),  # too steep for those as well
     ],
 )
 def test_what_knows_the_current_or_is_steep_is_solved_for(monkeypatch, effect, expected):
