@@ -71,7 +71,8 @@ class FreeRunResiduals:
 
     Args:
         noise: standard deviations of speed [rad/s] and current [A]; None takes the white part of
-            the measured signals.
+            the measured signals, or of their residuals where that is less: a voltage that moves at
+            every sample makes the signals themselves rough.
         tolerance: part of each channel's gap, as root mean square, that counts as noise as well: no
             law is exactly a machine's, and a channel measured very well must not count for more.
     """
@@ -86,7 +87,7 @@ class FreeRunResiduals:
     ) -> None:
         self.machine, self.experiments = machine, list(experiments)
         self.physics, self.values = machine.model, dict(machine.parameters)
-        self.noise = noise or channel_noise(self.experiments)
+        self.noise = noise or self._white()
         #: Noise of each channel in the deviations by which residuals are divided.
         self.level = (1.0, 1.0)
         #: Of these, what the noise is sample by sample: less where steps of a sensor repeat.
@@ -123,6 +124,27 @@ class FreeRunResiduals:
             self._repeat()
         if tolerance > 0:
             self._tolerate(tolerance)
+
+    def _white(self) -> tuple[float, float]:
+        seen, found = channel_noise(self.experiments), noise_floor(self.experiments)
+        rest: tuple[list[Array], list[Array]] = ([], [])
+        for e in self.experiments:
+            known = None if e.current is None else float(e.current[0])
+            start = self.physics.initial_state(self.values, float(e.speed[0]), known)
+            with contextlib.suppress(LdtError):
+                states = self.physics.simulate(self.values, e.voltage, e.period, start)
+                rest[0].append(e.speed - self.physics.measure(states, e.period, ()))
+                rest[1].extend(() if e.current is None else [e.current - states[:, CURRENT]])
+        signals = [e.speed for e in self.experiments], [
+            e.current for e in self.experiments if e.current is not None
+        ]
+        speed, current = (
+            min(as_seen, max(white_noise(left), ROUNDING * sensor_step(signal), least))
+            if left
+            else as_seen
+            for as_seen, least, left, signal in zip(seen, found, rest, signals, strict=True)
+        )
+        return speed, current
 
     def _repeat(self) -> None:
         """Take the noise for as large as white noise that tells as little as repeated steps."""

@@ -87,6 +87,15 @@ def test_the_noise_is_found_from_the_signals():
     assert current == pytest.approx(0.02, rel=0.1)
 
 
+def test_a_voltage_that_moves_at_every_sample_is_no_noise():
+    """The speed's own roughness was told as nine times the sensor's noise."""
+    experiments = record(MOTOR, samples=500, hold=1, noise=0.02, current=True)
+    speed, current = FreeRunResiduals(MOTOR, experiments).noise
+    assert channel_noise(experiments)[0] > 3 * 0.02
+    assert speed == pytest.approx(0.02, rel=0.1)
+    assert current == pytest.approx(0.02, rel=0.1)
+
+
 def test_a_free_run_and_a_followed_one_agree_for_a_linear_machine():
     """A linear machine's corrections come back out whole, also where the effect is wrong."""
     experiments = record(ROTOR, "inertia:factor=1.3")
