@@ -25,6 +25,9 @@ from ldt_core.machine.machine_file import Machine
 DEVIATIONS = 1.96  # half width of a 95 % interval of a normal distribution
 REMAINDER_SHAPES = 3.0  # independent shapes that a remainder is taken to consist of
 TRACELESS_ERROR = 0.005  # of the gap's power, by which a law may be off and leave no remainder
+#: Of that variance, what amounts show of it: those of 60 sealed cases were off by 0.37 deviations
+#: with all of it (root mean square of 54, 0.92 at most), and by 0.75 with a quarter.
+SHOWN = 0.25
 UNDETERMINED = 3.0  # standard deviation, in coordinates, from which a parameter has no interval
 
 
@@ -47,7 +50,8 @@ def covariance(fit: EffectFit, left: float, gap: float) -> Array:
     Arguments as of `law_variance`.
     """
     # What is known beforehand does not get wider with what the laws leave.
-    rows = np.vstack([fit.jacobian / math.sqrt(law_variance(left, gap)), fit.prior_rows])
+    variance = 1 + SHOWN * (law_variance(left, gap) - 1)
+    rows = np.vstack([fit.jacobian / math.sqrt(variance), fit.prior_rows])
     size = np.linalg.norm(rows, axis=0)
     seen = np.flatnonzero(size > 1e-9)
     found = np.diag(np.full(size.size, math.inf))

@@ -2,68 +2,31 @@
 
 from __future__ import annotations
 
-import math
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.threads import one_thread
-from ldt_core.diagnosis.attribution import amounts, shapley_shares, share, with_masses
 from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.confidence import all_grounds, confidence
-from ldt_core.diagnosis.diagnosis import (
-    Diagnosis,
-    DrawnExperiment,
-    Gap,
-    GapLocation,
-    NextExperiment,
-    ParameterAmount,
-    RankedCandidate,
-    Refit,
-    Remainder,
-    Verdict,
-)
-from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.gap_location import places, steady_places
-from ldt_core.diagnosis.holdout import (
-    FEWEST_EXPERIMENTS,
-    HOLDOUT,
-    closed,
-    errors,
-    free_run,
-    noise_there,
-    regimes,
-    split,
-)
+from ldt_core.diagnosis.holdout import HOLDOUT, split
 from ldt_core.diagnosis.isolability import isolability
 from ldt_core.diagnosis.library import library
-from ldt_core.diagnosis.next_experiment import next_experiment
-from ldt_core.diagnosis.nominal import at_the_end, beyond, enough, refits, said, with_all
-from ldt_core.diagnosis.nominal_prior import NOMINAL, NominalPrior, merged, nominal_prior
-from ldt_core.diagnosis.recorded_times import without_repeats, wrong_clock
-from ldt_core.diagnosis.residual_torque import (
-    TorqueEstimator,
-    added_torque,
-    depends_on,
-    residual_torque,
-)
-from ldt_core.diagnosis.sentence import not_measured, not_seen, not_standing, sentence
-from ldt_core.diagnosis.standing import begun_errors, objection, unlike
+from ldt_core.diagnosis.nominal_prior import nominal_prior
+from ldt_core.diagnosis.recorded_times import without_repeats
 from ldt_core.diagnosis.thresholds import THRESHOLDS
-from ldt_core.diagnosis.verdict import Decision, decide
+from ldt_core.diagnosis.verdict import decide
+from ldt_core.diagnosis.verdict_report import VerdictReport
 from ldt_core.machine.machine_file import Machine
-from ldt_core.machine.sensor_check import doubt, sound
+from ldt_core.machine.sensor_check import sound
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.machine_sizes import machine_scales
 
 NO_VOLTAGE = 1e-9  # of the machine's limit: it has no sizes to look for effects in, as at 0 V
-LEAST_SCORE = 0.01  # of the gap: an effect that explains less is said to explain nothing
 
 
 def diagnose(
@@ -120,283 +83,7 @@ def diagnose(
             n: {o for g in groups if n in g for o in g} - {n} for g in groups for n in g
         }
         decision = decide(search, seed, bool(fault) and only)
-        report = _Report(
+        report = VerdictReport(
             machine, search, decision, fitted, held, recordings, seed, tick, fault, prior, repeated
         )
         return report.diagnosis(silent, groups)
-
-
-def _unsimulated(name: str) -> RankedCandidate:
-    return RankedCandidate(name, {}, None, None, None, None, "could not be simulated")
-
-
-@dataclass(eq=False)
-class _Report:
-    """Puts the diagnosis together from what was decided."""
-
-    machine: Machine
-    search: EffectSetSearch
-    decision: Decision
-    fitted: Sequence[Experiment]
-    held: Sequence[Experiment]
-    recordings: Sequence[str]
-    seed: int
-    tick: Callable[[str], None]
-    fault: str
-    prior: NominalPrior | None
-    repeated: str
-
-    def __post_init__(self) -> None:
-        d = self.decision
-        #: Whether nothing was sought, for no experiment can be trusted.
-        self.faulty = bool(self.fault) and d.kind == "unknown" and d.best is None
-        self.residuals = d.residuals
-        #: The machine without any effect.
-        self.alone = self.search.found.fits[frozenset()]
-        self.named = d.best if d.kind in ("effect", "ambiguous") else None
-        self.use = self.named.use if self.named else []
-        #: Why what fitted best is not the answer after all.
-        self.objection = ""
-
-    def diagnosis(self, silent: list[str], groups: list[list[str]]) -> Diagnosis:
-        """All of it."""
-        d = self.decision
-        self.tick("measuring what is left")
-        before = [free_run(self.machine, e) for e in self.held]
-        after = [free_run(self.machine, e, self.use) for e in self.held] if self.use else before
-        band = self.search.found.band.limit
-        noise = noise_there(self.held, after, self.residuals.noise[0], band)
-        was, now = errors(self.held, before), errors(self.held, after)
-        begun = begun_errors(self.machine, self.named, self.held) if self.named else None
-        if self.named:
-            self.objection = objection(
-                self.machine, self.named, self.fitted, self.held, *(begun or (was, now)), noise
-            )
-        if self.objection:
-            d = self.decision = replace(d, kind="unknown")
-            self.named, self.use, after, now = None, [], before, was
-        still = float(np.sqrt(np.mean(np.concatenate([e.speed for e in self.held]) ** 2)))
-        blind = d.kind == "none" and was.rmse >= still
-        off = d.kind == "none" and unlike(self.machine, self.alone, self.fitted, self.held, noise)
-        if blind or off:  # no better than a shaft that stands still, or not with all experiments
-            d = self.decision = replace(d, kind="unknown")
-        part, interval = closed(self.held, before, after, noise, self.seed)
-        angles = begun if self.named and now.rmse >= was.rmse else None
-        if d.kind == "none" or angles:  # no gap, or no free run that could promise anything
-            part, interval = None, None
-        by = regimes(self.held, before, after, noise) if d.kind != "none" else []
-        gap = Gap(noise, was, now, part, interval, by)
-        where = self._where()
-        fitted = amounts(self.completed(self.named), d.left, d.excess) if self.named else {}
-        found = with_masses(self.machine, fitted)
-        left = share(d.left / d.excess) if d.kind != "none" and d.excess > 0 else None
-        acting = d.acting if self.named else []
-        effects = list(dict.fromkeys(n for group in acting for n in group))
-        words = sentence(self.machine.name, d.kind, acting, found, gap, where, left, angles)
-        if self.objection and d.best:
-            words = not_standing(d.best.names, gap, where, self.objection)
-        words = not_seen(gap, still) if blind else off or words
-        refit = self._refit(before, noise)
-        if d.kind == "none":
-            words = enough(refit, was.rmse) or words
-        sure = self.named is not None or d.kind == "none"
-        moved = beyond(self.prior, self.completed(self.named or self.alone), d.left, d.excess)
-        far = said(self.machine, refit, moved, was.rmse) if refit and sure else ""
-        words = " ".join(w for w in (words, far) if w)
-        if self.fault:
-            words = not_measured(self.fault, "" if self.faulty else words)
-        over = (begun[1] if begun and self.named else now).rmse / noise
-        grounds = all_grounds(d.grounds, acting, over, bool(self.objection))
-        best = d.best.use if d.best else []
-        sought = d.kind != "none" and not self.faulty
-        clock = wrong_clock(self.machine, self.held, was, noise) if sought else ""
-        depends = []
-        if d.structured:
-            torque = residual_torque(self.residuals, best, d.best.starts if d.best else None)
-            depends = depends_on(self.residuals, torque)
-        return Diagnosis(
-            machine=self.machine.name,
-            recordings=list(self.recordings),
-            experiments={
-                "fit": sorted({e.number for e in self.fitted}),
-                "held_out": sorted({e.number for e in self.held}),
-            },
-            verdict=Verdict(d.kind, effects, acting, confidence(d.kind, grounds), words, grounds),
-            gap=gap,
-            where=where,
-            candidates=[*self._ranked(found, before, noise), *self._nominal_row(refit, before)],
-            remainder=Remainder(left, d.structured, depends),
-            undetectable=silent,
-            ambiguities=self._all_groups(groups, acting),
-            next_experiment=self._next(),
-            refit=refit,
-            notes=self._notes(clock),
-            effects=[
-                {"effect": effect.name, "parameters": dict(given)}
-                for effect, given in merged(self.machine, self.use)
-            ],
-            shown=self._shown(before, after),
-            machine_file=self.machine.source,
-        )
-
-    def _refit(self, before: Sequence[Array], noise: float) -> list[Refit]:
-        """The machine's own parameters, as the set in force has them; alone without one."""
-        if self.prior is None or self.faulty:
-            return []
-        after = [free_run(self.machine, e, self.alone.use) for e in self.held]
-        part, _ = closed(self.held, before, after, noise)
-        d = self.decision
-        # Of an unknown cause no set is in force: what one that was rejected moved says nothing.
-        best = self.completed(self.named or self.alone)
-        return refits(self.prior, best, d.left, d.excess, part)
-
-    def completed(self, fitted: EffectFit) -> EffectFit:
-        """A set with all that is uncertain of the machine file, for the width of its intervals."""
-        if self.prior is None:
-            return fitted
-        return with_all(self.search.found.residuals, fitted, self.prior)
-
-    def _where(self) -> list[GapLocation]:
-        """By what was named, free of noise, or else by all that is wrong."""
-        if self.decision.kind == "none" or self.faulty:
-            return []
-        none = self.alone.use
-        if self.named is None:
-            return places(residual_torque(self.residuals, none))
-        found = added_torque(self.residuals, none, self.use, self.named.starts)
-        return [*places(found), *steady_places(found, self.use)]
-
-    def _notes(self, clock: str) -> list[str]:
-        cut = {e.number for e in self.fitted} & {e.number for e in self.held}
-        few = f"fewer than {FEWEST_EXPERIMENTS} experiments: each was cut into parts, some of them"
-        odd = ((e.number, doubt(self.machine, e)) for e in [*self.fitted, *self.held])
-        first = next((f"experiment {n}: sensor or machine? {w}" for n, w in odd if w), "")
-        ended = self.named is not None and at_the_end(self.named)
-        last = "the machine file's numbers moved as far as it lets them: something else is missing"
-        same = "held out: of other voltages than theirs nothing is promised"
-        told = (f"{few} {same}" if cut else "", self.repeated, clock, first, last if ended else "")
-        return [note for note in told if note]
-
-    def _all_groups(
-        self, computed: Sequence[Sequence[str]], acting: Sequence[Sequence[str]]
-    ) -> list[list[str]]:
-        found = [sorted(group) for group in acting if len(group) > 1]
-        return found + [list(g) for g in computed if not any(set(g) <= set(f) for f in found)]
-
-    def _next(self) -> NextExperiment | None:
-        if len(self.decision.alike) < 2:
-            return None
-        self.tick("looking for the experiment that settles it")
-        return next_experiment(self.residuals, self.decision.alike, self.seed)
-
-    def _ranked(
-        self,
-        found: Mapping[str, Mapping[str, ParameterAmount]],
-        before: Sequence[Array],
-        noise: float,
-    ) -> list[RankedCandidate]:
-        d, explained = self.decision, self.search.found
-        shares = shapley_shares(self.search, self.named) if self.named else {}
-        ranked = []
-        for c in self.search.candidates:
-            only = frozenset([c.name])
-            alone = explained.fits.get(only) or explained.scouted.get(only)
-            rmse = part = score = None
-            parameters = found.get(c.name, {})
-            if alone is not None:
-                after = [free_run(self.machine, e, alone.use) for e in self.held]
-                part, _ = closed(self.held, before, after, noise)
-                rmse = errors(self.held, after).rmse
-                if not math.isfinite(rmse):
-                    ranked.append(_unsimulated(c.name))
-                    continue
-                whole = alone.residual.size == self.residuals.size
-                base = explained.base if whole else explained.responses.base
-                band = explained.band if whole else self.search.band
-                power = max(band.excess(base), float(base @ base) - alone.loss)
-                score = share(1 - band.excess(alone.residual) / power) if power > 0 else None
-                if not parameters:
-                    left = max(band.excess(alone.residual), 0.0)
-                    parameters = amounts(alone, left, max(power, 0.0))[c.name]
-            elif not self.residuals.can_simulate([(c.effect, c.typical)]):
-                ranked.append(_unsimulated(c.name))
-                continue
-            ranked.append(
-                RankedCandidate(
-                    c.name,
-                    parameters,
-                    rmse,
-                    None if d.kind == "none" else part,
-                    share(shares[c.name]) if c.name in shares else None,
-                    score,
-                    self._why_not(c.name, score),
-                )
-            )
-        effects = [n for group in (d.acting if self.named else []) for n in group]
-
-        def order(r: RankedCandidate) -> tuple[int, float]:
-            place = effects.index(r.effect) if r.effect in effects else len(effects)
-            return place, -(r.score if r.score is not None else -np.inf)
-
-        return sorted(ranked, key=order)
-
-    def _nominal_row(
-        self, refit: Sequence[Refit], before: Sequence[Array]
-    ) -> list[RankedCandidate]:
-        """What the machine file's own numbers close by themselves, as one candidate."""
-        if not refit or not self.alone.own:
-            return []
-        d, band = self.decision, self.search.found.band
-        moved = {}
-        if self.prior:
-            moved = self.prior.among(self.alone.own_columns).factors(self.alone.z[-1])
-        amount = {name: ParameterAmount(factor, "", None) for name, factor in moved.items()}
-        after = errors(
-            self.held, [free_run(self.machine, e, self.alone.use) for e in self.held]
-        ).rmse
-        file = band.excess(self.search.found.residuals.of())
-        score = share(1 - band.excess(self.alone.residual) / file) if file > 0 else None
-        reason = None if d.kind == "none" else "leaves more than the noise within the tolerances"
-        part = refit[0].closed_fraction
-        return [RankedCandidate(NOMINAL, amount, after, part, None, score, reason)]
-
-    def _why_not(self, name: str, score: float | None) -> str | None:
-        d = self.decision
-        if d.kind == "none":
-            return "there is no gap to explain"
-        if self.named and any(name in group for group in d.acting):
-            return None
-        if self.faulty:
-            return "not tried: the sensor is faulty"
-        if self.objection and d.best and name in d.best.names:
-            return self.objection
-        if score is None or score < LEAST_SCORE:
-            return "explains nothing of the gap"
-        if d.kind == "unknown":
-            return f"leaves {1 - score:.0%} of the fitted gap"
-        best = " and ".join(d.best.names) if d.best else ""
-        return f"leaves {1 - score:.1%} of the fitted gap, {best} {share(d.left / d.excess):.1%}"
-
-    def _shown(self, before: Sequence[Array], after: Sequence[Array]) -> list[DrawnExperiment]:
-        """All experiments for the page, from the free runs of those held out."""
-        was = [free_run(self.machine, e) for e in self.fitted]
-        now = [free_run(self.machine, e, self.use) for e in self.fitted] if self.use else was
-        held = zip(self.held, before, after, strict=True)
-        fitted = zip(self.fitted, was, now, strict=True)
-        return [
-            *(self._drawn(e, True, a, b) for e, a, b in held),
-            *(self._drawn(e, False, a, b) for e, a, b in fitted),
-        ]
-
-    def _drawn(self, e: Experiment, held_out: bool, before: Array, after: Array) -> DrawnExperiment:
-        turn = TorqueEstimator(self.residuals.values["J"], self.residuals.memory, e.period, len(e))
-        return DrawnExperiment(
-            e,
-            held_out,
-            before,
-            after,
-            turn.of(np.nan_to_num(e.speed - before)),
-            turn.of(np.nan_to_num(e.speed - after)),
-            turn.smooth(e.speed),
-            turn.smooth(e.speed, 1),
-        )

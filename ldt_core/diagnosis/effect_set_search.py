@@ -6,6 +6,8 @@ fits them.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
+
 import numpy as np
 
 from ldt_core.base.arrays import Array
@@ -135,7 +137,8 @@ class EffectSetSearch(SetFits):
 
     def _build_on(self, count: int, bases: int) -> None:
         tries = []
-        for k, base in enumerate(of_each_kind(self._best(count))[: 0 if self.spent else bases]):
+        kinds = of_each_kind(self._best(count), self._near)[: 0 if self.spent else bases]
+        for k, base in enumerate(fitted for kind in kinds for fitted in kind):
             more = [*self.additions(base, ADDED), *self.additions(base, 2 * ADDED, ADDED_CLOSE)]
             if k == 0 or count == 1:
                 more += self.additions(base, ADDED, about=self._about(base))
@@ -224,18 +227,41 @@ class EffectSetSearch(SetFits):
         known = None if turned else base.starts
         return TriedSet(members, [*base.z[: len(base.effects)], start], known)
 
+    def _in_place(self, base: EffectFit, of: Mapping[str, Collection[str]]) -> list[TriedSet]:
+        """Sets with another effect in the place of a member, by the member's name."""
+        tries = []
+        for leave, member in enumerate(base.effects):
+            names = set(of.get(member.name, ())) - set(base.names)
+            rest = self._without(base, leave) if names else base
+            ranked = self.responses.promised_beside(rest) if names else ()
+            tries += [self._with(rest, c, z) for c, z, _ in ranked if c.name in names]
+        return tries
+
+    def _with_plainer_laws(self, base: EffectFit) -> list[EffectFit]:
+        """Sets with a relative of fewer parameters in the place of a member."""
+        fewer = {
+            m.name: [
+                c.name
+                for c in self.candidates
+                if m.effect.family and c.effect.family == m.effect.family and len(c) < len(m)
+            ]
+            for m in base.effects
+        }
+        return self._scout(self._in_place(base, fewer))
+
     def alternatives(self, base: EffectFit) -> list[EffectFit]:
         """Sets that differ from a set in one member, the most promising, fitted on all."""
         tries = []
         for leave in range(len(base.effects)):
             rest = self._without(base, leave)
-            # What no recording tells from a member is tried whatever it costs.
-            twins = self.twins.get(base.effects[leave].name, ())
             tried = [] if self.spent else self.additions(rest, RIVALS + 1, RIVAL_CLOSE)
-            tried += [(c, z) for c, z, _ in self.responses.promised_beside(rest) if c.name in twins]
-            for candidate, start in tried:
-                if candidate.name not in base.names:
-                    tries.append(self._with(rest, candidate, start))
-        found, scouted = self._scout(tries), self.found.scouted.get(frozenset(base.names), base)
+            tries += [self._with(rest, c, z) for c, z in tried if c.name not in base.names]
+        # A law of fewer parameters, and what no recording tells from a member, whatever it costs.
+        plain = self._with_plainer_laws(base)
+        tries += [t for b in (base, *plain) for t in self._in_place(b, self.twins)]
+        found, scouted = (
+            [*plain, *self._scout(tries)],
+            self.found.scouted.get(frozenset(base.names), base),
+        )
         close = [f for f in found if self._near(f, scouted) or self._plainer(f, scouted)]
         return [self.finish(f) for f in sorted(close, key=lambda f: f.loss)[:FINISHED_RIVALS]]

@@ -14,12 +14,14 @@ import numpy as np
 from scipy.special import betaincinv
 
 from ldt_core.base.arrays import Array
-from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, noise_floor
+from ldt_core.diagnosis.channel_noise import noise_floor
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.estimation.smoothing import cosine_taper
 
 TAPER = 0.2  # share of an experiment, both ends together: keeps strong low frequencies from leaking
 MEDIAN_VARIANCE = 2.1  # variance of the median of exponential powers over that of their mean
+DIFFERENCE_VARIANCE = 4.6  # of a power by third differences' median over that of the mean square
 
 
 class ErrorBand:
@@ -157,7 +159,8 @@ class ErrorBand:
         return self._limit(chance, self.free[0] * self.level[0] ** 2, self.free[0])
 
     def _limit(self, chance: float, noise: float, free: float) -> float:
-        above = self.above / MEDIAN_VARIANCE if self.above else free
+        # Without a frequency above the band, noise is as uncertain as third differences tell it.
+        above = self.above / MEDIAN_VARIANCE if self.above else free / DIFFERENCE_VARIANCE
         # The ratio of such powers that is exceeded by this chance (Fisher's distribution).
         part = float(betaincinv(above / 2, free / 2, chance))
         return noise * (above * (1 - part) / (free * part) - 1)

@@ -22,6 +22,7 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
+from ldt_core.diagnosis.channel_noise import residual_noise
 from ldt_core.diagnosis.start_states import (
     NO_OFFSET,
     SEARCH_STEP,
@@ -30,7 +31,7 @@ from ldt_core.diagnosis.start_states import (
     searched_start_states,
     start_states_for,
 )
-from ldt_core.estimation.noise import ROUNDING, rounding_correlation, sensor_step, white_noise
+from ldt_core.estimation.noise import ROUNDING, rounding_correlation, sensor_step
 from ldt_core.estimation.variable_projection import basis_of, project_out
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE, CURRENT, MAX_STEP, NOT_TRACKED, SPEED, FreeRun, Work
@@ -46,7 +47,6 @@ Use = Sequence[Used]
 
 DIVERGED_SPEED = 1e4  # rad/s, in place of a free run that grows for ever
 AT_REST = 4.0  # noise deviations: a first sample nearer to 0 is that of a machine at rest
-NOISE_FLOOR = 1e-4  # of a channel's size: a simulation without noise must not divide by 0
 ANGLE_SHOWS = 1e-3  # noise deviations by which an effect that depends on the angle shows it
 TERMINAL_PRICE = 4  # of a torque's steps that one of a voltage at the terminals takes: 34 and 8 ns
 SHORTEST_STEP = 0.5e-3  # s, of the integration, whatever a fit tries: bounds the time it takes
@@ -87,7 +87,7 @@ class FreeRunResiduals:
     ) -> None:
         self.machine, self.experiments = machine, list(experiments)
         self.physics, self.values = machine.model, dict(machine.parameters)
-        self.noise = noise or self._white()
+        self.noise = noise or residual_noise(self.machine, self.experiments)
         #: Noise of each channel in the deviations by which residuals are divided.
         self.level = (1.0, 1.0)
         #: Of these, what the noise is sample by sample: less where steps of a sensor repeat.
@@ -124,27 +124,6 @@ class FreeRunResiduals:
             self._repeat()
         if tolerance > 0:
             self._tolerate(tolerance)
-
-    def _white(self) -> tuple[float, float]:
-        seen, found = channel_noise(self.experiments), noise_floor(self.experiments)
-        rest: tuple[list[Array], list[Array]] = ([], [])
-        for e in self.experiments:
-            known = None if e.current is None else float(e.current[0])
-            start = self.physics.initial_state(self.values, float(e.speed[0]), known)
-            with contextlib.suppress(LdtError):
-                states = self.physics.simulate(self.values, e.voltage, e.period, start)
-                rest[0].append(e.speed - self.physics.measure(states, e.period, ()))
-                rest[1].extend(() if e.current is None else [e.current - states[:, CURRENT]])
-        signals = [e.speed for e in self.experiments], [
-            e.current for e in self.experiments if e.current is not None
-        ]
-        speed, current = (
-            min(as_seen, max(white_noise(left), ROUNDING * sensor_step(signal), least))
-            if left
-            else as_seen
-            for as_seen, least, left, signal in zip(seen, found, rest, signals, strict=True)
-        )
-        return speed, current
 
     def _repeat(self) -> None:
         """Take the noise for as large as white noise that tells as little as repeated steps."""
@@ -389,21 +368,3 @@ class FreeRunResiduals:
                 column = np.concatenate([column, moved[:, CURRENT] / self.noise[1]])
             columns.append(column)
         return np.column_stack(columns)
-
-
-def channel_noise(experiments: Sequence[Experiment]) -> tuple[float, float]:
-    """Deviations of the white noise on speed [rad/s] and current [A], as measured."""
-    speed, current = noise_floor(experiments)
-    speed = max(white_noise(e.speed for e in experiments), speed)
-    measured = [e.current for e in experiments if e.current is not None]
-    return speed, max(white_noise(measured), current) if measured else current
-
-
-def noise_floor(experiments: Sequence[Experiment]) -> tuple[float, float]:
-    """The least deviations of noise on speed [rad/s] and current [A] that are believed."""
-    speed = np.concatenate([e.speed for e in experiments])
-    floor = NOISE_FLOOR * max(float(np.abs(speed).max()), 1e-6)
-    current = [e.current for e in experiments if e.current is not None]
-    if not current:
-        return floor, 1.0
-    return floor, NOISE_FLOOR * max(float(np.abs(np.concatenate(current)).max()), 1e-6)

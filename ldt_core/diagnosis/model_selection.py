@@ -69,9 +69,9 @@ def earned(
     if gain > further and gain > limits.further_effect_of_remainder * left:
         return True
     # What takes away nearly all that was left does not mend another law; down to the noise, it may
-    # be as small as what no law is exact to.
-    least = limits.law_error**2 if whole else limits.small_effect_of_gap
-    return gain > least * added * gap and gain > limits.whole_remainder * left
+    # be as small as it likes.
+    small = whole or gain > limits.small_effect_of_gap * added * gap
+    return small and gain > limits.whole_remainder * left
 
 
 @dataclass(eq=False)

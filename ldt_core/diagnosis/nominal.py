@@ -24,6 +24,7 @@ from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
 
 LEAST_PART = 0.01  # of a gap: what closes less has nothing to do with it
+STRAINED = "Unknown: only machine numbers beyond their tolerances close the gap."
 RANK = 1e-9  # of the largest singular value: a direction with less is none
 
 
@@ -153,6 +154,22 @@ def enough(found: Sequence[Refit], before: float) -> str:
     return (
         f"No effect is needed: nominal parameters that were fitted along ({what}) close "
         f"{found[0].closed_fraction:.0%} of the gap of {before:.3g} rad/s."
+    )
+
+
+def as_calibrated(machine: Machine, before: float) -> str:
+    """The sentence where the file left as much when it was calibrated; "" where it left less.
+
+    Args:
+        before: the file's error on held-out experiments [rad/s].
+    """
+    told = machine.calibration.get("held_out")
+    left = told.get("rmse_after") if isinstance(told, dict) else None
+    if not isinstance(left, float) or not before <= THRESHOLDS.noise_level_change * left:
+        return ""
+    return (
+        f"The file left {left:.3g} rad/s on experiments held out of its calibration, so the "
+        "machine need not have changed since."
     )
 
 

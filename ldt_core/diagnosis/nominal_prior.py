@@ -36,6 +36,8 @@ CHANGED_BY = {
     "R_y": "foundation_damping",
     "e": "unbalance",
 }
+MOTOR = ("J", "K_t", "L", "R", "b")  # the numbers of a motor
+RIDGE_STEP = 1e-4  # of a move, for the slope at its start
 EQUIVALENT = ("J", "K_t", "L")  # of an identified motor; its R and b are convention
 NONE = "none"
 NOMINAL = "nominal_parameters"  # name of the candidate
@@ -84,6 +86,8 @@ class NominalPrior:
         root: (k, r) square root of the covariance: logarithms per coordinate.
         known: False where the file was fitted to this recording, and so knows nothing of its own.
         columns: which coordinates of the whole prior these are; () for all.
+        curved: whether what the file knows best is the motor's transfer function, which keeps its
+            own law while the others move; see `_motor_along`.
     """
 
     machine: Machine
@@ -91,6 +95,7 @@ class NominalPrior:
     root: Array
     known: bool = True
     columns: tuple[int, ...] = ()
+    curved: bool = False
 
     @property
     def deviations(self) -> dict[str, float]:
@@ -105,9 +110,11 @@ class NominalPrior:
 
     def factors(self, coordinates: Array) -> dict[str, float]:
         """What the parameters are multiplied by at (r,) coordinates."""
-        with np.errstate(over="ignore"):  # infinite: a machine that is then not simulated
-            ratios = np.exp(self.root @ coordinates)
-        return dict(zip(self.names, ratios.tolist(), strict=True))
+        moved = dict(zip(self.names, (self.root @ coordinates).tolist(), strict=True))
+        with np.errstate(over="ignore", invalid="ignore"):  # a machine that is then not simulated
+            if self.curved:
+                moved.update(_motor_along(self.machine.parameters, moved))
+            return {n: float(np.exp(by)) for n, by in moved.items()}
 
     def among(self, columns: Sequence[int]) -> NominalPrior:
         """With some of the coordinates only: the others stay at the file's values."""
@@ -229,7 +236,7 @@ def _posterior(machine: Machine) -> NominalPrior | None:
     parameters = machine.parameters
     if not set(names) <= {n for n in CHANGED_BY if parameters.get(n)}:
         return None
-    found = NominalPrior(machine, names, root)
+    found = NominalPrior(machine, names, root, curved=set(MOTOR) <= set(names))
     same = all(
         math.isclose(parameters[n], v, rel_tol=SAME)
         and math.isclose(
@@ -238,6 +245,45 @@ def _posterior(machine: Machine) -> NominalPrior | None:
         for n, v in values.items()
     )
     return found if same and root.size else None
+
+
+def _motor_along(values: Mapping[str, float], moved: Mapping[str, float]) -> dict[str, float]:
+    """Logarithms of what J, K_t and L are multiplied by, where the motor's numbers move far.
+
+    A recording of voltage and speed determines the coefficients of
+
+        speed / voltage = K_t / (L J s^2 + (L b + R J) s + K_t^2 + R b)
+
+    far better than the numbers in them. A move that is straight in the numbers' logarithms leaves
+    that valley, since it is curved. So the coefficients move straight, by their slopes along
+    `moved`; R and b move as they are told to, and the other three follow from all of these.
+
+    Args:
+        values: of the file.
+        moved: name to the change of its logarithm.
+    """
+    logs = np.log([values[n] for n in MOTOR])
+    by = np.array([moved[n] for n in MOTOR])
+    slope = (_coefficients(logs + RIDGE_STEP * by) - _coefficients(logs - RIDGE_STEP * by)) / 2
+    gain, first, second = np.exp(_coefficients(logs) + slope / RIDGE_STEP)
+    r, b = np.exp((logs + by)[3:])
+    j, k, inductance = np.exp(logs[:3])
+    # Two motors have such a gain, and two such a lag: the one that is like the file's is meant.
+    root = np.sqrt(max(1 - 4 * gain**2 * r * b, 0.0))
+    k = (1 + math.copysign(root, k * k - values["R"] * values["b"])) / (2 * gain)
+    whole = k * k + r * b
+    root = np.sqrt(max((first * whole) ** 2 - 4 * r * b * second * whole, 0.0))
+    slow = values["R"] * j - inductance * values["b"]
+    j = (first * whole + math.copysign(root, slow)) / (2 * r)
+    found = np.log([j, k, second * whole / j]) - logs[:3]
+    return dict(zip(MOTOR[:3], found.tolist(), strict=True))
+
+
+def _coefficients(logs: Array) -> Array:
+    """(3,) logarithms of a motor's gain, and of what its speed's slopes are multiplied by."""
+    j, k, inductance, r, b = np.exp(logs)
+    whole = k * k + r * b
+    return np.log([k / whole, (inductance * b + r * j) / whole, inductance * j / whole])
 
 
 def _fitted_to(machine: Machine, recordings: Sequence[str]) -> bool:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.effect_fit import EffectFit, used
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
-from ldt_core.diagnosis.model_selection import Names
 from ldt_core.diagnosis.nominal_prior import NominalPrior
 
 SCOUT_SAMPLES = 6_000  # in the scout's experiments together, about: bounds the time of a fit
@@ -18,12 +17,23 @@ WILD = 10.0  # times the loss without effects: a fit that begins with more may n
 WEAKENINGS = 6  # halvings of a wild set's effects, down to a 64th
 
 
-def of_each_kind(fits: Sequence[EffectFit]) -> list[EffectFit]:
-    """The first of those sets that consist of effects of the same families."""
-    first: dict[Names, EffectFit] = {}
+def of_each_kind(
+    fits: Sequence[EffectFit], near: Callable[[EffectFit, EffectFit], bool]
+) -> list[list[EffectFit]]:
+    """Of the sets whose effects are of the same families the first, and a plainer one near it.
+
+    A law that can follow more may stand beside what is missing where a plainer one points to it.
+
+    Args:
+        fits: the best first.
+        near: whether a set is near the best of its kind.
+    """
+    kinds: dict[tuple[str, ...], list[EffectFit]] = {}
     for f in fits:
-        first.setdefault(frozenset(c.effect.family or c.name for c in f.effects), f)
-    return list(first.values())
+        kind = kinds.setdefault(tuple(sorted(c.effect.family or c.name for c in f.effects)), [])
+        if not kind or (f.free < min(k.free for k in kind) and near(f, kind[0])):
+            kind.append(f)
+    return [[kind[0], *kind[1:][-1:]] for kind in kinds.values()]
 
 
 def told(

@@ -248,6 +248,8 @@ def _worth_more(found: FittedSets, smaller: EffectFit, larger: EffectFit, gap: f
         smaller.residual
     )
     whole = found.left(larger) <= limit and not departs
+    if not gain > THRESHOLDS.least_gap * band.samples:
+        return False  # what matters to no prediction
     if earned(smaller.effects, larger.effects, gain, left, gap, whole):
         return True
     # Exact laws that leave the noise alone are believed before laws that depart from the machine's.
@@ -255,7 +257,7 @@ def _worth_more(found: FittedSets, smaller: EffectFit, larger: EffectFit, gap: f
         return False
     gain = band.speed_gain(smaller.residual, larger.residual)
     left = max(band.speed_excess(smaller.residual), 0.0)
-    return earned(smaller.effects, larger.effects, gain, left, gap)
+    return earned(smaller.effects, larger.effects, gain, left, gap, whole=True)
 
 
 def _largest_worth_its_parts(

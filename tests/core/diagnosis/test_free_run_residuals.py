@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from recorded_machines import MOTOR, NOISE, PERIOD, ROTOR, candidates, record, uses
 from scipy.stats import chi2
 
+from ldt_core.diagnosis.channel_noise import channel_noise
 from ldt_core.diagnosis.effect_fit import fit
-from ldt_core.diagnosis.free_run_residuals import AT_REST, FreeRunResiduals, channel_noise
+from ldt_core.diagnosis.free_run_residuals import AT_REST, FreeRunResiduals
 
 FASTER = (6.0, 16.0)  # V: through the resonance of the foundation
 UNBALANCED = ROTOR.with_parameters(e=0.006)

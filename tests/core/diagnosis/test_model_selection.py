@@ -45,14 +45,6 @@ def test_every_family_has_at_least_two_effects():
     assert all(families.count(f) > 1 for f in families if f)
 
 
-def test_what_no_law_is_exact_to_earns_no_name_though_the_noise_alone_is_left():
-    """A load that grows by a thousandth got a viscous friction beside it."""
-    one, two = members("constant_load"), members("constant_load", "viscous_friction")
-    least = LIMITS.law_error**2 * GAP
-    assert not earned(one, two, 0.9 * least, 0.0, GAP, whole=True)
-    assert earned(one, two, 1.1 * least, 0.0, GAP, whole=True)
-
-
 def test_a_large_part_of_the_gap_and_of_what_is_left_earns_a_name():
     """Neither alone is enough."""
     one, two = members("inertia"), members("inertia", "coulomb_friction")
@@ -262,6 +254,7 @@ class SpeedBand(Noiseless):
     """The same of the speed alone, in which one deviation is noise."""
 
     speed_excess = Noiseless.excess
+    samples = 1000
 
     def speed_gain(self, before, after):
         return self.excess(before) - self.excess(after)
@@ -283,3 +276,14 @@ def test_what_mends_little_and_has_no_size_is_no_further_effect(at_limit):
     little = power / (0.9 * LIMITS.further_effect_of_gap)
     assert _worth_more(Exact(SpeedBand()), smaller, larger, little) is not at_limit
     assert _worth_more(Exact(SpeedBand()), smaller, larger, little / 2)
+
+
+def test_what_matters_to_no_prediction_earns_no_name():
+    """A load that grew by a thousandth got a viscous friction beside it."""
+    band = SpeedBand()
+    band.samples = 1.1 * 2 * THRESHOLDS.chance_gain / THRESHOLDS.least_gap
+    smaller = fitted("constant_load", left=2 * THRESHOLDS.chance_gain)
+    larger = fitted("constant_load", "viscous_friction")
+    assert not _worth_more(Exact(band), smaller, larger, 1e6)
+    band.samples /= 1.2
+    assert _worth_more(Exact(band), smaller, larger, 1e6)

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.candidate import Candidate
+from ldt_core.diagnosis.channel_noise import channel_noise
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
-from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, channel_noise
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.holdout import HOLDOUT, closed, free_run, split
 from ldt_core.diagnosis.responses import SHRINK, STRETCH, best_alone, rank_pairs, simulate_all
 from ldt_core.machine.machine_file import Machine
