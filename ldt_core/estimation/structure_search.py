@@ -238,8 +238,8 @@ class StructureSearch:
     ) -> tuple[bool, list[Present]]:
         """The best structure under an observer of this gain, and the rival of its last effect.
 
-        And whether the best leaves noise. A stronger observer than the weakest is not asked where it leaves noise without any effect:
-        the cause is one that it hides.
+        And whether the best leaves noise. A stronger observer than the weakest is not asked where
+        it leaves noise without any effect: the cause is one that it hides.
         """
         found: list[Present] = []
         led = False
@@ -281,9 +281,7 @@ class StructureSearch:
             present = found[0]
         return led, found
 
-    def _hopeless(
-        self, present: Present, before: Screened, ranked: Sequence[Screened]
-    ) -> bool:
+    def _hopeless(self, present: Present, before: Screened, ranked: Sequence[Screened]) -> bool:
         """Whether further effects cannot be hoped to gain what is missing.
 
         Beside a first one each is hoped to gain what that did: an unbalance that captures the shaft
