@@ -44,20 +44,24 @@ class Adequacy(Detector):
     | `holds` | the model explains the experiment down to the noise | negative |
     | `changed` | it does not any more | positive |
     | `inadequate` | it does not, learning was tried and no better model was found | warning |
-    | `new_range` | it does not, but only where the voltage is as it never was before | negative |
+    | `new_range` | it does not, but only where it never was right | negative, then positive |
 
     In the state `inadequate` learning is tried again, positive, after 1, 2, 4, 8 ... experiments,
     and at once where the residuals are no longer like those since the first trial, or `NEWS` times
     as large as any that learning was tried on. So it is in the state `learning`, where the residual
-    is no noise. A range is new to a model that has learned if neither what it learned from nor what
-    it explained since lies there (`excited_range`). A failure there is negative where the machine
-    was never seen before, otherwise positive and `inadequate`, not `changed`. Nothing is learned as
-    usual from experiments that the model has not explained.
+    is no noise. Nothing is learned as usual from experiments that the model has not explained.
+
+    A change of the machine is one of p(speed | voltage): it shows against what was seen of the same
+    voltage before, and nowhere else. So a failure is `changed` only if the model also fails where
+    it was right (`excited_range`): in what it learned from or has explained since. Elsewhere it is
+    `new_range`: negative the first time that the machine is seen there, then positive. A model that
+    has never been right has no such range; its failure is `changed`.
 
     **Guarantee.** While the model in force is the machine's, the mean number of experiments to a
     false positive is at least `false_alarm_every`, if the noise is symmetric about zero and
     independent from sample to sample and of the voltage before. Its law and its scale may be any,
-    and differ from sample to sample; experiments may have any length and any excitation. Proof:
+    and differ from sample to sample; experiments may have any length and any excitation. (Where a
+    prediction begins at a measured sample, its noise must not exceed all others'.) Proof:
     given the past, an experiment's e-value e_n has mean 1 or less (`estimation.misfit`; what the
     model claims comes from the past). A positive needs M_n = e_n max(M_(n-1), 1) >= A =
     `false_alarm_every`. M is an e-detector of the CUSUM type: M_n <= e_n (M_(n-1) + 1) <= S_n for
@@ -108,8 +112,8 @@ class Adequacy(Detector):
         #: How often it was learned from in the state `learning`, experiments to wait before more,
         #: and the error over the noise in the last one that was.
         self.lessons, self.pause, self.heard = 0, 0, 0.0
-        #: Ranges of excitation: what the model in force has explained, empty of one that has not
-        #: learned, which then is everywhere; what the machine was ever seen in; and the last one.
+        #: Ranges of excitation: what the model in force was right in, empty of one that never was;
+        #: what the machine was ever seen in; and the last one.
         self.explained: Hull = []
         self.seen: Hull = []
         self.last: Hull = []
@@ -152,10 +156,11 @@ class Adequacy(Detector):
             voltage = np.zeros(residual.size)  # of nothing else is known that it differs
         if speed is not None and speed.size != residual.size:
             speed = None
+        predicted = None if speed is None else speed - residual
         if speed is not None and np.abs(residual).max() <= ROUNDING * np.abs(speed).max():
             residual = np.zeros_like(residual)
         self.step = self.step if speed is None else sensor_step([speed]) or self.step
-        self._under = setting(voltage, speed, self.step)
+        self._under = setting(voltage, speed, self.step, predicted)
         level = self._judged(residual, deviation, voltage)
         self._saw(hull(voltage))
         return level
@@ -207,8 +212,8 @@ class Adequacy(Detector):
         """Take note of the range of the last experiment, of which the state is known."""
         self.last = last
         self.seen = joined(self.seen, last) if self.seen else last
-        if self.explained and self.model_state == "holds":
-            self.explained = joined(self.explained, last)
+        if self.model_state == "holds":
+            self.explained = joined(self.explained, last) if self.explained else last
 
     def _judged(self, residual: Samples, deviation: Samples | None, voltage: Samples) -> Level:
         if residual.size < LEAST_SAMPLES:
@@ -257,11 +262,9 @@ class Adequacy(Detector):
     def _beyond(self, residual: Samples, deviation: Samples | None, voltage: Samples) -> Level:
         """The model fails, but not where it has been right: only the excitation is another."""
         self.unexplained, self.misfit = 0.0, 0.0
-        if self._fails_within(self.seen, residual, deviation, voltage):
-            self.model_state = "inadequate"
-            return Level.POSITIVE
         self.model_state = "new_range"
-        return Level.NEGATIVE
+        again = self._fails_within(self.seen, residual, deviation, voltage)
+        return Level.POSITIVE if again else Level.NEGATIVE
 
     def _inadequate(self, residual: Samples, deviation: Samples | None, voltage: Samples) -> Level:
         self.wait -= 1

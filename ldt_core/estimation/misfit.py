@@ -47,6 +47,8 @@ NOISY = math.sqrt(0.25 + ROUNDED**2)
 ROUNDING = 1e-9
 #: Mean square [(rad/s)^2] of a residual that vanishes altogether; a division by it is a number.
 LEAST_SQUARE = 1e-200
+#: Part of an error in the first sample below which what is left of it tells nothing.
+LEAST_LEFT = 1e-3
 LEAST_MOVE = 1e-150  # V; what follows less would be told in numbers beyond floating point
 #: Largest logarithm of an e-value: sums and products of two are still numbers.
 MOST_LOG = 300.0
@@ -92,17 +94,25 @@ class Setting:
             steps. Row k holds what has acted before sample k: its noise can have come into no
             voltage there, of a closed loop neither.
         slack: (L,) how far a coarse sensor alone may take a sample [rad/s].
+        start: (L,) what is left of an error in the first sample, as a part of it; 0 where a
+            prediction does not begin there.
     """
 
     moves: Array
     slack: Array
+    start: Array
 
     def part(self, which: NDArray[np.bool_] | slice, unit: float = 1.0) -> Setting:
         """That of some samples, in a unit of the speed [rad/s]."""
-        return Setting(self.moves[which], self.slack[which] / unit)
+        return Setting(self.moves[which], self.slack[which] / unit, self.start[which])
 
 
-def setting(voltage: Array, speed: Array | None = None, step: float = 0.0) -> Setting:
+def setting(
+    voltage: Array,
+    speed: Array | None = None,
+    step: float = 0.0,
+    predicted: Array | None = None,
+) -> Setting:
     """What the samples of an experiment were measured under.
 
     Rounding is white where the signal passes a step, or noise carries it over half of one, from
@@ -113,6 +123,7 @@ def setting(voltage: Array, speed: Array | None = None, step: float = 0.0) -> Se
         voltage: (L,) [V], each held from its sample to the next.
         speed: (L,) as measured [rad/s]; None where it is not known.
         step: of the sensor [rad/s], where this speed shows none; 0 where it is not known.
+        predicted: (L,) [rad/s] from the first measured sample on; None where that is not known.
     """
     before = np.concatenate([np.zeros(3), voltage])[:-1]
     before[:3] = voltage[0]
@@ -125,7 +136,39 @@ def setting(voltage: Array, speed: Array | None = None, step: float = 0.0) -> Se
         again = np.diff(speed) == 0
         slack[1:][again] = step / 2
         slack[:-1][again] = step / 2
-    return Setting(moves, slack)
+    start = np.zeros(voltage.size) if predicted is None else _left_of_start(voltage, predicted)
+    return Setting(moves, slack, start)
+
+
+def _left_of_start(voltage: Array, predicted: Array) -> Array:
+    """(L,) what the machine of a prediction remembers of its first speed, as a part of it.
+
+    A prediction has no noise: how it follows the voltage shows what it forgets from one sample to
+    the next, to first order.
+    """
+    before = np.column_stack([predicted, voltage, np.ones(voltage.size)])[:-1]
+    if predicted.size <= 2 * before.shape[1] or not np.ptp(predicted) > 0:
+        return np.zeros(predicted.size)
+    kept = float(np.linalg.lstsq(before, predicted[1:], rcond=None)[0][0])
+    return np.asarray(min(max(kept, 0.0), 1.0) ** np.arange(predicted.size))
+
+
+def _without_start(residual: Array, start: Array) -> Array:
+    """What noise in the first sample has not made of a residual (L,), in its unit.
+
+    The least absolute deviation, which outliers do not move, no larger than the other samples'
+    noise: the first one's is exchangeable with theirs, and larger than all of it one time in L.
+    """
+    told = start > LEAST_LEFT
+    if np.count_nonzero(told) < 4:
+        return residual
+    alone = np.abs(np.diff(residual[1:]))
+    most = float(np.max(np.minimum(alone[1:], alone[:-1])))  # one step there, and one back
+    each = residual[told] / start[told]
+    order = np.argsort(each)
+    weight = np.cumsum(start[told][order])
+    offset = float(each[order][np.searchsorted(weight, weight[-1] / 2)])
+    return np.asarray(residual - min(max(offset, -most), most) * start)
 
 
 def noise_in(residual: Array, under: Setting | None) -> float:
@@ -158,13 +201,16 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
     the machine: prod(1 + b s_k), s_k that product in parts of its largest. Given all sizes, of
     which the median is the unit, the signs are fair, and each factor has the mean 1. It is divided
     by what the tolerated misfit would win. What follows the movements does not count as noise. What
-    a coarse sensor may have rounded off is taken off beforehand.
+    a coarse sensor may have rounded off is taken off beforehand, and what noise in the first sample
+    may have made of a prediction that begins there: one unknown, fitted, no larger than the noise.
 
     Args:
         residual: (L,) measured minus predicted, L >= 2.
         deviation: (L,) the model's predictive standard deviation; its least is the noise's.
         under: its setting; None where nothing of it is known.
     """
+    if under is not None:
+        residual = _without_start(residual, under.start)
     floor = ROUNDING * float(np.abs(residual).max())
     noise = max(noise_in(residual, under) ** 2, floor**2, LEAST_SQUARE)
     scaled = residual / math.sqrt(noise)

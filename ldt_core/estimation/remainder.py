@@ -190,14 +190,16 @@ def _run(
     loose, late, free = np.full(p, w), np.full(q, w), len(lead) == 0
     at_w, at_i = w, i
     di, dw, df = np.zeros(n), np.zeros(n), np.zeros(n)
-    dloose, dlate = np.zeros((p, n)), np.zeros((q, n))
+    touching, dloose, dlate = np.zeros(p, np.bool_), np.zeros((p, n)), np.zeros((q, n))
+    before = np.zeros(n)  # dw a sample ago
     for k in range(samples):
         speed[k] = w
         if thin:
-            row = k // thin
-            slopes[row] += dw / min(thin, samples - row * thin)
+            row, part = k // thin, 1.0 / min(thin, samples - k // thin * thin)
+            for m in range(n):
+                slopes[row, m] += part * dw[m]
+                df[m] = 0.0
         force, by_w, by_i = 0.0, 0.0, 0.0
-        df[:] = 0.0
         if free:
             at_w, at_i = w, i
         else:
@@ -216,32 +218,39 @@ def _run(
                 by_i += slope
         for j in range(p):
             weight, width = weights[first_play + j], plays[j]
-            if abs(at_w - loose[j]) > width:
+            touches = abs(at_w - loose[j]) > width
+            if touches:
                 loose[j] = at_w - width if at_w > loose[j] else at_w + width
-                dloose[j] = dw
             ahead = (at_w - loose[j]) / width
             force += weight * ahead
-            df[first_play + j] = ahead
+            df[first_play + j] += ahead
             if thin and free:
-                by_w += weight / width
-                df -= weight / width * dloose[j]
+                if touching[j] and not touches:
+                    dloose[j] = before
+                if not touches:  # one that touches is as far ahead whatever the speed
+                    by_w += weight / width
+                    for m in range(n):
+                        df[m] -= weight / width * dloose[j, m]
+            touching[j] = touches
         for j in range(q):
             weight = weights[first_play + p + j]
             late[j] += rates[j] * (at_w - late[j])
             ahead = min(max((at_w - late[j]) / span, -1.0), 1.0)
             force += weight * ahead
-            df[first_play + p + j] = ahead
+            df[first_play + p + j] += ahead
             if thin and free:
-                dlate[j] += rates[j] * (dw - dlate[j])
-                if abs(ahead) < 1.0:
-                    by_w += weight / span
-                    df -= weight / span * dlate[j]
+                moving = weight / span if abs(ahead) < 1.0 else 0.0
+                by_w += moving
+                for m in range(n):
+                    dlate[j, m] += rates[j] * (dw[m] - dlate[j, m])
+                    df[m] -= moving * dlate[j, m]
         if thin:
-            if free:
-                df += by_w * dw + by_i * di
-            ahead_i = ad[0, 0] * di + ad[0, 1] * dw + gd[0] * df
-            dw = ad[1, 0] * di + ad[1, 1] * dw + gd[1] * df
-            di = ahead_i
+            for m in range(n):
+                dforce = df[m] + (by_w * dw[m] + by_i * di[m] if free else 0.0)
+                ahead_i = ad[0, 0] * di[m] + ad[0, 1] * dw[m] + gd[0] * dforce
+                before[m] = dw[m]
+                dw[m] = ad[1, 0] * di[m] + ad[1, 1] * dw[m] + gd[1] * dforce
+                di[m] = ahead_i
         if not free:
             at_i = ad[0, 0] * at_i + ad[0, 1] * at_w + bd[0] * voltage[k]
         i, w = (

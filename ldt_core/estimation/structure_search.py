@@ -42,6 +42,7 @@ SCREENING_STEPS = 4
 #: fitting finds what first order does not; under the weak observer, whose squared error has more
 #: minima, it is the last resort.
 SCREENINGS = ((1.0, True), (0.1, False), (0.1, True))
+WEAKEST = min(gain for gain, _ in SCREENINGS)
 #: Structures of each screening that are fitted whole, the best and its rival.
 FINALISTS = 2
 #: Effects of a structure: of what few experiments tell, more are rarely told apart.
@@ -52,6 +53,9 @@ SURPRISING = 3.0
 #: Part of the squared error that the best structure removes under the observer: one that leaves
 #: more than this of it is not fitted whole.
 SERIOUS = 0.5
+#: Times what an effect gains by itself, that it is hoped to gain beside others. What acts side by
+#: side does not gain more together than the sum, but to first order only.
+HOPED = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +155,13 @@ class StructureSearch:
         self.machine, self.tolerances = machine, tolerances
         self.experiments, self.noise, self.workers = list(experiments), noise, workers
         self._samples = sum(len(e) for e in experiments)
+        # Squared error, values and innovations of what was screened with the machine eliminated.
+        self._known: dict[tuple[float, str, tuple[str, ...]], tuple[float, Array, Array]] = {}
+
+    @property
+    def _most_noise(self) -> float:
+        """Squared residuals in noise deviations that noise alone hardly ever has."""
+        return self._samples + SURPRISING * math.sqrt(2 * self._samples)
 
     def fitted(
         self,
@@ -194,9 +205,14 @@ class StructureSearch:
             if gain == screened and not self._machine_slopes(present, gain)[1].any():
                 continue  # it would be the same again
             screened = gain
-            for grown in self._grown(present, library, gain, jointly):
-                if all(set(grown.effects) != set(other.box.effects) for other in found):
-                    found.append(self.fitted(grown, grown.effects))
+            led, grown = self._grown(present, library, gain, jointly)
+            for new in grown:
+                if all(set(new.effects) != set(other.box.effects) for other in found):
+                    # What an observer cannot lead to noise hardly explains: its size will do, and
+                    # there is no need of a rival.
+                    found.append(self.fitted(new, new.effects, sized=led))
+                if not led and not found[-1].explains:
+                    break
             if any(structure.explains for structure in found):
                 break
         found = sorted(found, key=lambda s: s.score)
@@ -219,9 +235,14 @@ class StructureSearch:
 
     def _grown(
         self, present: Present, library: Sequence[Effect], gain: float, jointly: bool
-    ) -> list[Present]:
-        """The best structure under an observer of this gain, and the rival of its last effect."""
+    ) -> tuple[bool, list[Present]]:
+        """The best structure under an observer of this gain, and the rival of its last effect.
+
+        And whether the best leaves noise. A stronger observer than the weakest is not asked where
+        it leaves noise without any effect: the cause is one that it hides.
+        """
         found: list[Present] = []
+        led = False
         while len(present.effects) < MOST_EFFECTS:
             here = {e.name for e in present.effects}
             tried = [(*present.effects, e) for e in library if e.name not in here]
@@ -230,6 +251,8 @@ class StructureSearch:
             basis, silent = self._machine_slopes(present, gain)
             silent &= jointly
             before = self._screened(present, present.effects, basis, gain, silent)
+            if not found and before.explains and gain > WEAKEST:
+                break
 
             def screen(
                 i: int,
@@ -252,10 +275,22 @@ class StructureSearch:
                 for i in order[:FINALISTS]
                 if results[i].cost <= limit
             ]
-            present = found[0]
-            if best.explains:
+            led = best.explains
+            if led or self._hopeless(present, before, [results[i] for i in order]):
                 break
-        return found
+            present = found[0]
+        return led, found
+
+    def _hopeless(self, present: Present, before: Screened, ranked: Sequence[Screened]) -> bool:
+        """Whether further effects cannot be hoped to gain what is missing.
+
+        Beside a first one each is hoped to gain what that did: an unbalance that captures the shaft
+        hides what else acts. Beside more, what it would have gained in the place of the last one.
+        """
+        left = MOST_EFFECTS - len(present.effects) - 1
+        others = ranked[1 : 1 + left] if present.effects else [ranked[0]] * left
+        gains = sum(before.cost - other.cost for other in others)
+        return ranked[0].cost - HOPED * gains > self._most_noise
 
     def _problem(self, box: GreyBox, prior: Prior, workers: int | None = None) -> GreyBoxProblem:
         count = self.workers if workers is None else workers
@@ -295,6 +330,32 @@ class StructureSearch:
         """
         box = GreyBox(self.machine, effects, self.tolerances)
         problem = self._problem(box, present.prior, workers=1)
+        k = len(box.uncertain)
+        asked = gain, repr(present.given), tuple(e.name for e in effects)
+        if asked not in self._known:
+            self._known[asked] = self._eliminated(present, problem, basis, gain)
+        best, q, rows = self._known[asked]
+        if silent.any():
+            x = problem.point(np.concatenate([present.prior.mean, q]))
+            woken = x.copy()
+            woken[:k][silent] += DIFFERENCE
+            asleep, awake = problem.rows([x, woken], gain, COARSE_STEP)
+            if np.any(awake != asleep):
+                joint, cost, _ = problem.descend(x, gain, COARSE_STEP, FIRST_ROUNDS)
+                if cost < best:
+                    best, q = cost, joint[k : box.size]
+                    rows = problem.rows([joint], gain, COARSE_STEP)[0]
+        given = {e.name: values for e, values in box.values(np.concatenate([np.zeros(k), q]))[1]}
+        ends = np.cumsum([int(kept.sum()) for kept in problem.keep])
+        parts = np.split(rows[: ends[-1]], ends[:-1])
+        explains = problem.noise_alone(parts, problem.noise)
+        return Screened(best + q.size * math.log(self._samples), given, explains)
+
+    def _eliminated(
+        self, present: Present, problem: GreyBoxProblem, basis: Array, gain: float
+    ) -> tuple[float, Array, Array]:
+        """Squared error, effects' coordinates, and rows, the machine's parameters eliminated."""
+        box = problem.box
         k, below = len(box.uncertain), basis.shape[0]
 
         def projected(rows: Array) -> Array:
@@ -328,18 +389,4 @@ class StructureSearch:
             if not float(better @ better) < best:
                 break
             best, q, rows = float(better @ better), tried, better
-        if silent.any():
-            x = problem.point(np.concatenate([present.prior.mean, q]))
-            woken = x.copy()
-            woken[:k][silent] += DIFFERENCE
-            asleep, awake = problem.rows([x, woken], gain, COARSE_STEP)
-            if np.any(awake != asleep):
-                joint, cost, _ = problem.descend(x, gain, COARSE_STEP, FIRST_ROUNDS)
-                if cost < best:
-                    best, q = cost, joint[k : box.size]
-                    rows = problem.rows([joint], gain, COARSE_STEP)[0]
-        given = {e.name: values for e, values in box.values(np.concatenate([np.zeros(k), q]))[1]}
-        ends = np.cumsum([int(kept.sum()) for kept in problem.keep])
-        parts = np.split(rows[: ends[-1]], ends[:-1])
-        explains = problem.noise_alone(parts, problem.noise)
-        return Screened(best + q.size * math.log(self._samples), given, explains)
+        return best, q, rows

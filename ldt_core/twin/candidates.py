@@ -148,8 +148,12 @@ class Candidates:
         """
         causes = [start] if isinstance(start, GreyBoxModel) and start.given else []
         present = [m for m in rivals[:1] if isinstance(m, RemainderModel)]
+        tried: list[RemainderModel] = []  # a fit begins anew, and depends on the physics alone
+        for learner in [*present, *self._flexible(start, causes)]:
+            if not any(learner.base.parameters == other.base.parameters for other in tried):
+                tried.append(learner)
         least, best = float("inf"), None
-        for physics in [*present, *self._flexible(start, causes)]:
+        for physics in tried:
             with one_thread(), suppress(*UNLEARNABLE):
                 left, known = _held_back(physics, rivals, pool)
                 error = sum(rms(row) ** 2 for row in left)

@@ -71,10 +71,8 @@ class ContestAdaptor(Adaptor):
         self.chain = ConditionChain()
         #: The version that explains the present experiment.
         self._explaining: Model | None = None
-        # Whether the present model claims that it does not know enough.
-        self._learning = False
-        # Whether it fails only where it has not been tried.
-        self._elsewhere = False
+        # Whether the present model claims not to know enough, and fails where it was never right.
+        self._learning = self._elsewhere = False
         #: Experiments that the present version has learned from, as far as they are known.
         self.learned_from: list[Experiment] = []
         #: Experiments to learn from, by what competes at the next one.
@@ -92,7 +90,7 @@ class ContestAdaptor(Adaptor):
             return super()._dealt(experiment, signal)
         self._explain(experiment)
         self._learning = signal.state == "learning"
-        self._elsewhere = signal.state == "inadequate"
+        self._elsewhere = signal.state in ("inadequate", "new_range")
         before, recent = self.model, self.memory.recent
         done = self._contested(pool, experiment, signal) or super()._dealt(experiment, signal)
         self._took(before, [*recent, experiment], signal)
@@ -105,7 +103,8 @@ class ContestAdaptor(Adaptor):
         """What comes into force without learning from this experiment."""
         found, details = self._trained(pool, experiment, signal), {}
         long = self.watch.worse and not alike(self.model, self.original)
-        if found is None and (long or (signal.state == "new_range" and self.watch.worse_now)):
+        seen = signal.level is not Level.NEGATIVE or signal.state != "new_range"
+        if found is None and (long or (not seen and self.watch.worse_now)):
             where = "erred less over ten experiments" if long else "errs less in this new range"
             found, details[ORIGINAL] = (self.original, f"is the original again, which {where}"), 1.0
             self.watch = OriginalWatch()

@@ -66,7 +66,7 @@ def explains(model: Model, experiment: Experiment) -> bool:
 
 
 def _is_explained(prediction: Prediction, experiment: Experiment) -> bool:
-    under = setting(experiment.voltage, experiment.speed)
+    under = setting(experiment.voltage, experiment.speed, predicted=prediction.speed)
     return misfit(prediction.residual(experiment), prediction.speed_std, under).explained
 
 

@@ -81,6 +81,11 @@ def drag(speed: float) -> float:
     return 1e-6 * speed * abs(speed)
 
 
+def faint(speed: float) -> float:
+    """Of the speed's square, of which a slow motor shows nothing [N m]."""
+    return 1e-7 * speed * abs(speed)
+
+
 def simulated(
     voltage: np.ndarray, law: Callable[[float], float], motor: Motor = MOTOR
 ) -> np.ndarray:
@@ -165,6 +170,23 @@ def test_what_changed_is_learned_and_never_called_right_while_grossly_wrong(
             left.append((error, float(np.abs(original.predict(e).speed - true).max())))
     twin_error, original_error = np.mean(left, axis=0)
     assert twin_error <= MOST_LEFT * original_error
+
+
+def test_a_law_that_only_a_higher_voltage_shows_is_a_new_range(machine):
+    """It is learned, and the machine has not changed before it fails where the file was right."""
+    random, twin = np.random.default_rng(5), Twin(machine)
+
+    def state(number: int, most: float, law: Callable[[float], float]) -> str:
+        voltage = np.repeat(random.uniform(most / 3, most, SAMPLES // HOLD), HOLD)
+        speed = normal(simulated(voltage, law), random)
+        step = twin.step(Experiment(number, 5.0 * number, PERIOD, voltage=voltage, speed=speed))
+        return step.signal.state
+
+    weak = [state(number, 0.6, faint) for number in (1, 2, 3)]
+    strong = [state(number, 24.0, faint) for number in (4, 5, 6, 7)]
+    assert (weak, strong[:2]) == (["holds"] * 3, ["new_range"] * 2)
+    assert (strong[2:], state(8, 0.6, faint)) == (["holds"] * 2, "holds")
+    assert state(9, 0.6, coulomb) == "changed"
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import pytest
 import ldt_core as ldt
 from ldt_core.base.errors import LdtError, ModelError
 from ldt_core.base.experiment import ModelRecord
+from ldt_core.estimation.remainder import RemainderShape, free_run
 from ldt_core.lab.study.robustness.streams import STREAMS
 from ldt_core.models.remainder import RemainderModel
 from ldt_core.twin.loop import Twin
@@ -58,6 +59,22 @@ def test_a_law_that_the_physics_lacks_is_learned_from_one_experiment(law):
         np.mean([m.predict(e).max_error(e) for e in others]) for m in (physics, learned)
     )
     assert after < 0.15 * before
+
+
+@pytest.mark.parametrize("led", [False, True])
+def test_the_derivatives_are_those_of_the_free_run(led):
+    """By every weight, plays and lags that act on each other included: against differences."""
+    random, first = np.random.default_rng(1), driven(play, 1)
+    p, nothing = MOTOR.parameters, np.zeros(len(first))
+    run = RemainderModel(MOTOR)._drive(first, nothing)
+    shape = RemainderShape.of([run])
+    weights = random.normal(0, p["K_t"] / p["J"] / 10, shape.size)
+    _, slopes = free_run(shape, weights, run, 1, led)
+    size, found = 1e-6, np.empty_like(slopes)
+    for j, step in enumerate(size * np.eye(shape.size)):
+        up, down = (free_run(shape, weights + s, run, 0, led)[0] for s in (step, -step))
+        found[:, j] = (up - down) / (2 * size)
+    assert np.abs(slopes - found).max() < 1e-4 * np.abs(found).max()
 
 
 def test_where_nothing_is_lacking_nothing_is_learned():
