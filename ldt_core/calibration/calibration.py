@@ -169,6 +169,15 @@ def widened(low: float, high: float) -> tuple[float, float]:
     )
 
 
+def limits_note(machine: Machine) -> str:
+    """What is said of the limits of a file for which nobody gave any."""
+    low, high = machine.voltage_limits
+    return (
+        f"The file permits {low:g} to {high:g} V: the recorded range and a fifth more. Give the "
+        "machine's own limits with --limits before you follow advice."
+    )
+
+
 def free_run_error(machine: Machine, experiments: Sequence[Experiment]) -> FreeRunError:
     """Error of the machine's free runs from the first measured samples."""
     model, error = PhysicsModel(machine), FreeRunError()

@@ -40,6 +40,10 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "bare.csv").write_text(rows)
     (folder / "german.csv").write_text(f"Zeit,Spannung,Drehzahl\n{rows}")
     (folder / "excel.csv").write_bytes(b"\xef\xbb\xbfZeit;U\r\n0;1\r\n")
+    (folder / "preamble.csv").write_text("Messung 12;;\nt;u;n\n0;1;2\n1;1;2\n")
+    (folder / "points.csv").write_text("t;u;n\n0,5;1;2,5\n1,0;1;1.002,5\n")
+    (folder / "book.xlsx").write_bytes(b"PK\x03\x04\x00\x00")
+    (folder / "found.json").write_text('{"verdict": {"kind": "none"}}')
     with BagWriter(folder / "nameless") as writer:
         writer.write("experiment", Experiment(1, 1e9, 0.01, still + 10.0, still), 1e9)
     (folder / "done").mkdir()
@@ -112,6 +116,24 @@ WRONG = {
     "import {files}/foreign --voltage u --speed n --out out": "ldt info lists the topics",
     "diagnose {files}/excel.csv --machine rotor --out out": "ldt info says how to import a table",
     "predict {files}/motor --machine dc_motor --with {files}/log.csv -o out": "diagnose writes",
+    "advise": "a run's recording, or a machine: --machine",
+    "advise --machine rotor --reach 0": "--reach: expected a finite speed above 0 rad/s",
+    "advise --machine rotor --reach 900": "a speed that 24 V can hold",
+    "diagnose {files}/motor --machine {files}/found.json -o out": "a diagnosis follows --with",
+    "simulate --effect 'unbalance e=5mm' -o out": "NAME:param=value, as in unbalance:e=0.008",
+    "simulate --effect unbalance=5mm -o out": "NAME:param=value, as in unbalance:e=0.008",
+    "simulate --effect unbalance:e=0,005 -o out": "with decimal points, got '005'",
+    "import {files}/book.xlsx --voltage u --speed n --time t -o out": "export it as CSV",
+    "info {files}/book.xlsx": "export it as CSV",
+    "import {files}/points.csv --voltage u --speed n --time t -o out": "no thousands separators",
+    "import {files}/preamble.csv --voltage u --speed n --time t -o out": (
+        "delete the lines above the row of names"
+    ),
+    "import {files}/preamble.csv -o out": "delete the lines above the row of names",
+    "learning of": "expected one of 'on', 'off', got 'of'",
+    "watch {files}/motor --port 99999": "--port: expected 0 to 65535, got 99999",
+    "import {files}/log.csv --voltage u --speed rpm:Umdrehungen --time time_ms:ms -o out": "'rpm'",
+    "predict {files}/motor --machine dc_motor --with dc_motor -o out": "diagnose writes",
 }
 
 
