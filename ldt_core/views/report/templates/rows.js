@@ -123,11 +123,11 @@ function experimentRows(samples) {
   if (samples.deviation) {
     const edge = (sign) => samples.predicted.map((v, i) => v + sign * 2 * samples.deviation[i]);
     speed.push([
-      "95 % band, from",
+      "95 % band, lower edge",
       edge(-1),
       { color: "blue", width: 0.8, dash: "dashed", band: true },
     ]);
-    speed.push(["to", edge(1), { color: "blue", width: 0.8, dash: "dashed" }]);
+    speed.push(["upper edge", edge(1), { color: "blue", width: 0.8, dash: "dashed" }]);
   }
   speed.push(["measured", samples.measured, { color: "ink", width: 1.1 }]);
   const residual = samples.predicted && samples.measured.map((v, i) => v - samples.predicted[i]);
