@@ -147,14 +147,6 @@ def test_an_index_would_take_both(wheel, sdist):
     )
 
 
-def test_versions_agree():
-    """Of the package, ROS's package file, the citation and the changelog."""
-    version = re.search(r'version="([\d.]+)"', (REPOSITORY / "setup.py").read_text())[1]
-    assert f"<version>{version}</version>" in (REPOSITORY / "package.xml").read_text()
-    assert f"version: {version}\n" in (REPOSITORY / "CITATION.cff").read_text()
-    assert f"## [{version}] - " in (REPOSITORY / "CHANGELOG.md").read_text()
-
-
 def test_the_constraints_keep_to_what_is_asked():
     """Each library that LDT and its tests ask for is pinned, to a version that is let in."""
     pins = dict(

@@ -236,7 +236,7 @@ def _print(found: Diagnosis, folder: Path) -> None:
     console = Console()
     console.print(found.verdict.sentence)
     if found.verdict.kind != "none":
-        table = Table(title="what was tried, one by one, and how much of the held-out gap it explains")
+        table = Table(title="what was tried, and what it explains alone of the gap held out")
         for column in ("effect", "explains", "amount", "verdict"):
             table.add_column(column, justify="right" if column == "explains" else "left")
         for c in found.candidates[:MAX_CANDIDATES]:

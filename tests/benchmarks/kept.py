@@ -72,7 +72,8 @@ def table(rows: Iterable[Kept]) -> str:
 
 def times(ratio: float, word: str) -> str:
     """So many times faster or slower, with three digits and no exponent."""
-    return f"{float(f'{ratio:.3g}'):,g} times {word}" if ratio < 1e6 else f"{ratio:.1e} times {word}"
+    told = f"{float(f'{ratio:.3g}'):,g}" if ratio < 1e6 else f"{ratio:.1e}"
+    return f"{told} times {word}"
 
 
 def aimed(told: str) -> str:

@@ -72,13 +72,13 @@ def _rivals(found: Tuning) -> Iterator[str]:
 def _alarms(found: Tuning) -> Iterator[str]:
     control, best = found.control, found.choice.chosen
     if control is None:
-        yield "no experiments are known in which nothing changes: the rate of false alarms is unknown"
+        yield "no experiments without a change are known: the rate of false alarms is unknown"
         return
     size = len(control.numbers)
     source = "as given" if control.given else "as the adequacy detector judges"
     yield (
-        f"unchanged machine: {count(size, 'experiment')} ({control.text}, {source}); they alone can show "
-        f"at most one false alarm in {1 / most(0.0, size):.3g}"
+        f"unchanged machine: {count(size, 'experiment')} ({control.text}, {source}); they can "
+        f"only show at most one false alarm in {1 / most(0.0, size):.3g}"
     )
     if best is not None and best.false_alarms is not None:
         alarms, every = best.false_alarms, found.budget.every
