@@ -164,8 +164,8 @@ def _experiment(axes: Axes, shown: ShownStep) -> None:
         f"experiment {experiment.number}: {shown_state(signal).words}"
         f"{f', error {beside}' if beside else ''}\n({', '.join(said)})"
     )
-    low, high = axes.get_ylim()
-    axes.set_ylim(low - LEGEND * (high - low), high)
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(bottom - LEGEND * (top - bottom), top)
     axes.legend(loc="lower left", ncols=4, frameon=False)
 
 
