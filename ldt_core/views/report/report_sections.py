@@ -246,7 +246,7 @@ def models(run: ReportedRun) -> list[Block]:
         "kind",
         "learned from experiments",
         "used in experiments",
-        "mean error [rad/s]",
+        "mean max error [rad/s]",
         "cause, in SI units",
     )
     if not any(row[-1] for row in rows):
@@ -279,7 +279,7 @@ def _settings(run: ReportedRun, compared: DetectorStatistic) -> list[Block]:
     assert extent is not None  # of a run with a step
     pairs = [
         ("machine", run.bag.machine or "not recorded"),
-        ("topics", run.bag.namespace or "of no namespace"),
+        ("namespace", run.bag.namespace or "none"),
         ("recording", f"{run.name}, {_period(extent.begin, extent.end)}"),
         ("experiments", f"{len(numbers)}, numbers {numbers[0]} to {numbers[-1]}"),
         ("samples", f"{_span(list(extent.samples))} in an experiment"),

@@ -5,7 +5,7 @@ const DONE = {
   kept: "no new model needed",
   stored: "experiment stored to learn from",
   adapted: "new model",
-  refused: "new model refused",
+  refused: "no better model",
 };
 // State of machine and model: what people are told, and in which colour.
 const stateOf = (i) => RUN.states[RUN.state[i]] || RUN.states[""];
