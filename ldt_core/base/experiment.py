@@ -24,8 +24,6 @@ Scalar = float | int | str | bool | None
 AMOUNT_PREFIX = "amount."
 #: Relative difference of two sample periods that is rounding, of clocks and of text files.
 PERIOD_TOLERANCE = 1e-6
-#: Seconds after 1970-01-01 before which a time counts from a start, and is no date.
-NO_DATE = 86400 * 365.0
 
 
 def _samples(where: str, values: ArrayLike, length: int | None = None) -> Samples:

@@ -179,7 +179,7 @@ def _ended(health: Health) -> str:
 def _when(begin: float, end: float) -> str:
     import time
 
-    from ldt_core.base.experiment import NO_DATE
+    from ldt_core.recording.health import NO_DATE
 
     if begin < NO_DATE:
         return f"without a date, over {end - begin:.4g} s"

@@ -229,3 +229,6 @@ def test_a_machine_that_changed_meanwhile_is_told_as_one(tmp_path, capsys):
     assert f"find what changed, and when: ldt run --play {bag} --machine {out} --diagnose" in said
     assert found.name == "press"
     assert found.simulation["noise"] == pytest.approx(0.1, rel=0.1)
+    assert "the recorded range and a fifth more" in said
+    assert call(bag, "--out", out, "--limits=-24,24", "--force") == 0
+    assert "a fifth more" not in capsys.readouterr().out

@@ -188,6 +188,35 @@ def test_what_was_there_comes_back_where_nothing_new_was_made(tmp_path):
     assert (aside / "metadata.yaml").read_text() == "before"
 
 
+def test_a_diagnosis_that_names_nothing_is_said_to_add_nothing(tmp_path, capsys):
+    """The prediction is that of the machine file alone."""
+    none = tmp_path / "none.json"
+    none.write_text('{"verdict": {"kind": "unknown"}, "effects": []}')
+    beside = ["--with", str(none), "--out", str(tmp_path / "out")]
+    assert invoke(ldt, ["predict", str(RUN), *beside]) == 0
+    assert f"{none} names no effect, so nothing is added" in capsys.readouterr().err
+
+
+def test_the_way_to_a_speed_of_a_motor_is_drawn(tmp_path):
+    """Which has no eccentricity to stand in the title."""
+    picture = tmp_path / "way.svg"
+    asked = ["--machine", "dc_motor", "--reach", "100", "--out", str(picture)]
+    assert invoke(ldt, ["advise", *asked]) == 0
+    assert picture.stat().st_size > 10_000
+
+
+def test_one_long_experiment_is_told_how_to_become_some(tmp_path, capsys):
+    """As a twin learns between experiments; not where it was asked for."""
+    table = tmp_path / "long.csv"
+    table.write_text("t,u,n\n" + "".join(f"{t / 10},{t % 7},{t % 5}\n" for t in range(300)))
+    fields = ["--voltage", "u:V", "--speed", "n:rad/s", "--time", "t:s"]
+    assert invoke(ldt, ["import", str(table), *fields, "--out", str(tmp_path / "one")]) == 0
+    assert "--length 10 cuts this one" in capsys.readouterr().out
+    asked = ["--length", "29", "--out", str(tmp_path / "asked")]
+    assert invoke(ldt, ["import", str(table), *fields, *asked]) == 0
+    assert "cuts this one" not in capsys.readouterr().out
+
+
 def test_a_recording_says_what_is_in_it(capsys):
     """Machine, number, length, channels, models, signals, and how it ended."""
     assert invoke(ldt, ["info", str(RUN)]) == 0

@@ -9,12 +9,13 @@ from pathlib import PurePath
 from markupsafe import Markup
 
 import msgs_config
-from ldt_core.base.experiment import NO_DATE, Action, ModelRecord, Signal
+from ldt_core.base.experiment import Action, ModelRecord, Signal
 from ldt_core.base.model_state import headline_state, shown_state, times_noise
 from ldt_core.base.sentences import counted, listed, number, ranges, spans, spoken
 from ldt_core.base.settings import UNSET, as_options
 from ldt_core.doctor.check import Finding, Grade
 from ldt_core.doctor.recording_checks import findings
+from ldt_core.recording.health import NO_DATE
 from ldt_core.recording.run_settings import Setting
 from ldt_core.views.page.blocks import (
     Answer,
