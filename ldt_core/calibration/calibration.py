@@ -214,7 +214,7 @@ def notes(calibration: Calibration, seen: Identifiability, white: float, same: f
     if left > MOST_NOISE_RATIO * white:
         said.append(
             f"What is left ({left:.3g} rad/s) is smooth, not noise (about {white:.2g} rad/s). "
-            "The machine has something that the physics lacks, and the calibrated values imitate it."
+            "The machine has something that the physics lacks; the calibrated values imitate it."
         )
     if calibration.lacking:
         shown = calibration.lacking[:MOST_NAMED]
