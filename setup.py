@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -111,6 +112,14 @@ def run(*command: str) -> None:
     os.execve(program, [str(program), *command[1:]], clean_environment())
 
 
+def description() -> str:
+    """The README for a package index, which has neither its pictures nor the pages it links to."""
+    text = re.sub(r"<!--.*?-->\n", "", (HERE / "README.md").read_text(encoding="utf-8"), flags=re.S)
+    blocks = (block for block in text.split("\n\n") if not block.startswith("!["))  # with captions
+    lines = (line for line in "\n\n".join(blocks).split("\n") if not line.startswith("| !["))
+    return re.sub(r"\[([^][]+)\]\((?!https?:)[^()]+\)", r"\1", "\n".join(lines))
+
+
 def build() -> None:
     """What pip and colcon ask for."""
     from setuptools import find_packages, setup
@@ -119,7 +128,7 @@ def build() -> None:
         name="ldt",
         version="0.2.0",
         description="A digital twin that runs next to a machine, notices changes and learns again",
-        long_description=(HERE / "README.md").read_text(encoding="utf-8"),
+        long_description=description(),
         long_description_content_type="text/markdown",
         license="Apache-2.0",
         maintainer="LDT developers",

@@ -154,7 +154,8 @@ def picture(found: Mapping[str, Any], folder: Path) -> None:
             at, value = statistics.fmean(c["confidence"] for c in inside), right.value or 0.0
             ends = [[value - right.low], [right.high - value]]
             axes.errorbar([at], [value], yerr=ends, fmt="o", color=style.INK)
-            axes.annotate(str(len(inside)), (at, value), (4, -10), textcoords="offset points")
+            beside = (4, -10 if value > 0.1 else 4)  # above the axis
+            axes.annotate(str(len(inside)), (at, value), beside, textcoords="offset points")
         axes.set_xlabel("confidence stated (mean of a bin)")
         axes.set_ylabel("share that was right")
         axes.set_xlim(0, 1.02)

@@ -1,7 +1,7 @@
 """Draw the README's pictures anew, by the commands that they show: `python -m tests.pictures`.
 
 Names after it draw these alone: `python -m tests.pictures watch.png`. Chromium, which Playwright
-drives, photographs the two pages. Not here: pictures of a study, of the sealed cases and of
+drives, photographs the three pages. Not here: pictures of a study, of the sealed cases and of
 measured machines, which take hours or data that are not part of LDT; `ldt docs` has their commands.
 """
 
@@ -16,10 +16,15 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from playwright.sync_api import ViewportSize
 
 FIGURES = Path(__file__).resolve().parents[1] / "bags" / "figures"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-SIZE = {"width": 1280, "height": 900}  # the history stands beside the experiment
+WIDE = {"width": 1280, "height": 900}  # the history stands beside the experiment
+TILE = {"width": 900, "height": 860}  # can be read in half a page's width
 PATIENCE = 60_000  # ms
 RUN = ("--experiments", "40", "--seed", "3", "--out", "my_run")  # the README's first command
 
@@ -40,7 +45,7 @@ def report() -> None:
     """The page of the same run."""
     ldt("up", *RUN)
     ldt("report", "my_run", "-o", "my_run.html")
-    photograph(Path("my_run.html").resolve().as_uri(), "run_report.png", "canvas")
+    photograph(Path("my_run.html").resolve().as_uri(), "run_report.png", "canvas", TILE)
 
 
 def says_why() -> None:
@@ -49,6 +54,14 @@ def says_why() -> None:
     ldt("simulate", "--machine", "rotor", "--experiments", "12", *effect, "--out", "unbalanced")
     diagnosis = ("--out", "diagnosis", "--figure", "diagnosis.png")
     ldt("diagnose", "unbalanced", "--machine", "rotor", *diagnosis)
+
+
+def answers() -> None:
+    """The first view of the same diagnosis' page."""
+    if not Path("diagnosis").exists():
+        says_why()
+    page = Path("diagnosis/diagnosis.html").resolve().as_uri()
+    photograph(page, "diagnosis_page.png", "footer", TILE)
 
 
 def advises() -> None:
@@ -61,7 +74,7 @@ def watches() -> None:
     """The same run, played back in the browser to its end."""
     ldt("up", *RUN)
     with served("my_run") as address:
-        photograph(address, "watch.png", "body[data-drawn^='40:']")
+        photograph(address, "watch.png", "body[data-drawn^='40:']", WIDE)
 
 
 @contextmanager
@@ -75,14 +88,14 @@ def served(bag: str) -> Iterator[str]:
             process.terminate()
 
 
-def photograph(address: str, picture: str, ready: str) -> None:
+def photograph(address: str, picture: str, ready: str, size: ViewportSize) -> None:
     """A page's first view, once an element that it ends with is there."""
     from playwright.sync_api import sync_playwright
 
     program = next(b for b in map(shutil.which, BROWSERS) if b)
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        page = browser.new_page(viewport=SIZE, color_scheme="light")
+        page = browser.new_page(viewport=size, color_scheme="light")
         page.goto(address)
         page.wait_for_selector(ready, timeout=PATIENCE)
         page.wait_for_timeout(1000)  # ms; what is drawn last
@@ -94,6 +107,7 @@ PICTURES: dict[str, Callable[[], None]] = {
     "rotor_run.png": learns,
     "run_report.png": report,
     "diagnosis.png": says_why,
+    "diagnosis_page.png": answers,
     "advice.png": advises,
     "watch.png": watches,
 }

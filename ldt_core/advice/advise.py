@@ -140,10 +140,7 @@ def about_next(design: DesignedExperiment | None, asked: str) -> str:
         return f"Next, as the diagnosis asks: {asked}."
     if design is None:
         return ""
-    return (
-        f"Most would be learned from {design.name}: {design.bits:.2g} bits, on "
-        f"{design.sharpens} above all."
-    )
+    return f"Most would be learned from {design.name}, about {design.sharpens} above all."
 
 
 def band_values(bands: Sequence[CaptureBand]) -> Mapping[str, float]:

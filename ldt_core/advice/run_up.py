@@ -75,19 +75,19 @@ def plan_run_up(machine: Machine, values: Mapping[str, float], speed: float) -> 
     """
     limit = machine.voltage_limits[1]
     if not 0 < speed < math.inf:
-        raise OptionError("speed", "a finite one above 0 rad/s", f"{speed:g}")
+        raise OptionError("--reach", "a finite speed above 0 rad/s", f"{speed:g}")
     voltage = values["K_t"] * speed  # against no torque at all
     if voltage <= limit:
         voltage = float(steady_voltage(values, speed))
     if voltage > limit:
         got = f"{speed:g}, which takes {voltage:.3g} V or more"
-        raise OptionError("speed", f"one that at most {limit:g} V hold", got)
+        raise OptionError("--reach", f"a speed that {limit:g} V can hold", got)
     bands = voltage_bands(values, limit)
     for band in bands:
         if band.held[0] <= speed <= band.free[0]:
             beside = f"below {band.held[0]:.3g} or above {band.free[0]:.3g} rad/s"
             got = f"{speed:g}, where the foundation takes the motor's power"
-            raise OptionError("speed", beside, got)
+            raise OptionError("--reach", beside, got)
     doubtful = [s for s in uncertain_bands(values, limit) if in_bands(np.array([voltage]), [s])[0]]
     if not doubtful:
         return RunUp(speed, voltage)
@@ -97,7 +97,7 @@ def plan_run_up(machine: Machine, values: Mapping[str, float], speed: float) -> 
         if run_up is not None:
             return run_up
     got = f"{speed:g}, beyond a resonance"
-    raise OptionError("speed", f"one to which at most {limit:g} V lead for certain", got)
+    raise OptionError("--reach", f"a speed to which {limit:g} V lead for certain", got)
 
 
 def _tried(

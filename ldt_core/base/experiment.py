@@ -135,7 +135,7 @@ class Experiment:
         return math.isclose(self.period, other.period, rel_tol=PERIOD_TOLERANCE)
 
     def part(self, begin: int, stop: int) -> Experiment:
-        """Samples begin to stop as an experiment of the same number, starting where they start."""
+        """An experiment of the same number with the samples from `begin` up to `stop`."""
         cut = slice(begin, stop)
         return Experiment(
             self.number,

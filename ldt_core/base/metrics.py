@@ -248,19 +248,21 @@ class Summary:
 
     def rows(self) -> list[tuple[str, str]]:
         """(label, figure) for a table, in the order in which to show them."""
+        seldom = {
+            "alarms without a new model": self.refusals,
+            "warnings": self.warnings,
+            "experiments rejected": self.rejected,
+            "experiments repeated": self.repeated,
+        }
         return [
             ("experiments", str(self.experiments)),
-            ("MME of the learning twin [rad/s]", _figure(self.mme)),
-            ("MME of the original model [rad/s]", _figure(self.mme_original)),
+            ("mean maximum error: twin [rad/s]", _figure(self.mme)),
+            ("mean maximum error: original model [rad/s]", _figure(self.mme_original)),
             ("error, in % of the original's", _percent(self.left)),
             *self._state_rows(),
-            ("signals: negative", str(self.negatives)),
-            ("signals: warning", str(self.warnings)),
-            ("signals: positive", str(self.positives)),
-            ("adaptations", str(self.adaptations)),
-            ("re-trained models refused", str(self.refusals)),
-            ("experiments rejected", str(self.rejected)),
-            *([("experiments repeated", str(self.repeated))] if self.repeated else []),
+            ("alarms", str(self.positives)),
+            ("new models", str(self.adaptations)),
+            *((label, str(count)) for label, count in seldom.items() if count),
         ]
 
     def _state_rows(self) -> Iterator[tuple[str, str]]:

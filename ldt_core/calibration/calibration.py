@@ -169,6 +169,15 @@ def widened(low: float, high: float) -> tuple[float, float]:
     )
 
 
+def limits_note(machine: Machine) -> str:
+    """What is said of the limits of a file for which nobody gave any."""
+    low, high = machine.voltage_limits
+    return (
+        f"The file permits {low:g} to {high:g} V: the recorded range and a fifth more. Give the "
+        "machine's own limits with --limits before you follow advice."
+    )
+
+
 def free_run_error(machine: Machine, experiments: Sequence[Experiment]) -> FreeRunError:
     """Error of the machine's free runs from the first measured samples."""
     model, error = PhysicsModel(machine), FreeRunError()
@@ -183,20 +192,18 @@ def notes(calibration: Calibration, seen: Identifiability, white: float, same: f
     values = calibration.nominal.parameters
     units = {p.name: p.unit for p in calibration.nominal.model.parameters}
     for name, exponents in seen.groups.items():
-        moves = ", ".join(f"{n} {c:+.2g} %" for n, c in exponents.items())
+        moves = listed(f"{n} changes by {c:+.2g} %" for n, c in exponents.items())
         said.append(
-            f"{listed([name, *exponents])} cannot all be told apart: {name} was kept at "
-            f"{values[name]:.4g} {units[name]}; for each per cent it is larger in truth: {moves}."
+            f"The recordings cannot separate {listed([name, *exponents])}. {name} was kept at "
+            f"{values[name]:.4g} {units[name]}; if it is 1 % larger in truth, {moves}."
         )
     if seen.products:
-        said.append(f"What is determined: {', '.join(seen.products)}.")
+        said.append(f"They do determine {listed(seen.products)}.")
     if seen.groups and not any(e.ci95 is None for e in calibration.estimates):
         said.append("The intervals hold if what was kept is right within its tolerance.")
-    if seen.silent:
-        said.append(
-            f"{listed(seen.silent)} {'do' if len(seen.silent) > 1 else 'does'} not show in these "
-            f"recordings and {'keep their values' if len(seen.silent) > 1 else 'keeps its value'}."
-        )
+    for name in seen.silent:
+        kept = "it was kept" if name in calibration.fixed else "the fitted value means nothing"
+        said.append(f"{name} does not show in these recordings: {kept}.")
     for name, reason in calibration.fixed.items():
         if reason == Reason.VAGUE:
             said.append(
@@ -206,21 +213,20 @@ def notes(calibration: Calibration, seen: Identifiability, white: float, same: f
     left = calibration.noise["speed"]
     if left > MOST_NOISE_RATIO * white:
         said.append(
-            f"What is left ({left:.3g} rad/s) is smooth, not noise (about {white:.2g} rad/s): the "
-            "machine has something that the physics lacks, and the calibrated values imitate it as "
-            "well as they can."
+            f"What is left ({left:.3g} rad/s) is smooth, not noise (about {white:.2g} rad/s). "
+            "The machine has something that the physics lacks; the calibrated values imitate it."
         )
     if calibration.lacking:
         shown = calibration.lacking[:MOST_NAMED]
         more = " or another" if len(calibration.lacking) > MOST_NAMED else ""
         said.append(
             f"What is left looks like {listed([spoken(n) for n in shown], 'or')}{more}, which the "
-            "machine file lacks: the calibrated values imitate it."
+            "machine file lacks."
         )
     if calibration.lacking != []:
         said.append(
-            "So no interval is given. `ldt diagnose` looks for the cause, `ldt calibrate --with` "
-            "takes it into the file."
+            "So no interval is given. `ldt diagnose` looks for the cause; `ldt calibrate --with` "
+            "adds it to the file."
         )
     for part, (before, after) in calibration.errors.items():
         where = {"fit": "fitted", "held_out": "held out"}[part]

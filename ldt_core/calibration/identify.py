@@ -27,6 +27,7 @@ from ldt_core.base.threads import one_thread
 from ldt_core.calibration.calibration import (
     MOST_NOISE_RATIO,
     free_run_error,
+    limits_note,
     rounded,
     widened,
 )
@@ -164,7 +165,7 @@ def identify_machine(
             errors[part] = free_run_error(machine, some)
             linear_errors[part] = _linear_error(linear, some)
             numbers[part] = [e.number for e in some]
-    notes = _notes(form, linear, kept)
+    notes = _notes(form, linear, kept) + ([limits_note(machine)] if limits is None else [])
     changed = ""
     if sensor_noise(form, kept) < form.noise_std:
         changed = _differing(form, linear, kept)
@@ -289,8 +290,8 @@ def _linear_error(linear: Identified, experiments: Sequence[Experiment]) -> Free
 
 def _notes(form: MotorResponse, linear: Identified, experiments: list[Experiment]) -> list[str]:
     notes = [
-        f"Equivalent motor: R = {RESISTANCE:g} Ohm and b = {FRICTION:g} by convention; torques and "
-        "currents are equivalents, of which only ratios mean something."
+        f"Equivalent motor: R = {RESISTANCE:g} Ohm and b = {FRICTION:g} by convention. Torques and "
+        "currents are on the scale of this motor, not of the machine; only their ratios count."
     ]
     if form.order == 1:
         notes.append(
@@ -324,8 +325,8 @@ def _notes(form: MotorResponse, linear: Identified, experiments: list[Experiment
         )
     if words:
         notes.append(
-            f"This is no motor alone{words}. Or keep this file, and let `ldt diagnose` say "
-            "what it lacks."
+            f"This is more than a motor{words}. Or keep this file, and let `ldt diagnose` say what "
+            "it lacks."
         )
     if any(e.current is not None for e in experiments):
         notes.append(

@@ -81,8 +81,8 @@ def equivalent_text(found: EquivalentMotor) -> str:
         f"Measured are its gain, {form.gain:.5g} rad/s per V, and "
         f"{'its time constant' if form.order == 1 else 'tau_m and tau_e'}, "
         f"{' and '.join(f'{t:.4g}' for t in (form.tau_m, form.tau_e)[: form.order])} s.",
-        "R and b are convention, so torques and currents are equivalents: only ratios of them mean",
-        "something. SI units.",
+        "R and b are convention: torques and currents are on the scale of this motor, not of the",
+        "machine, and only their ratios count. SI units.",
     ]
     comments = {
         "J": "kg m^2, tau_m K_t^2 / R",

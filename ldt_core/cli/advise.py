@@ -6,6 +6,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from ldt_core.cli.options import diagnosis_option, json_option, namespace_option, parameters
 from ldt_core.cli.outputs import check_file, force_option
@@ -70,6 +71,9 @@ def command(
     from ldt_core.recording.bag import read_bag
     from ldt_core.twin.advisor import RECENT_EXPERIMENTS
 
+    machine_given = click.get_current_context().get_parameter_source("machine")
+    if not (recording or diagnosis or given) and machine_given is not ParameterSource.COMMANDLINE:
+        raise OptionError("ldt advise", "a run's recording, or a machine: --machine", "neither")
     if out and speed is None:
         raise OptionError("--out", "--reach SPEED as well, whose way it draws", "none")
     if out:

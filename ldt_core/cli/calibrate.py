@@ -16,6 +16,7 @@ from ldt_core.cli.options import (
     namespace_option,
     new_file_option,
     parameters,
+    warn_of_nothing,
 )
 from ldt_core.cli.outputs import check_file, force_option
 from ldt_core.cli.progress import status
@@ -87,6 +88,7 @@ def command(
         from ldt_core.diagnosis.diagnosis import read_effects
 
         acting = read_effects(diagnosis, machine)
+        warn_of_nothing(diagnosis, acting)
     check_names(machine.with_effects(acting), free, fixed)
     check_file(out, force)
     if figure:

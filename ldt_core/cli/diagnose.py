@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
     from ldt_core.runs.each_recording import Options, RecordingAnswer
 
 MAX_CANDIDATES = 8  # candidates in the table of the terminal; the page has all
+EQUIVALENT = (
+    "The machine file is an equivalent motor (R = 1 Ohm by convention): torques, inertias and "
+    "resistances are on its scale, not on the machine's"
+)
 
 
 @click.command("diagnose", short_help="Where the gap lies, and which effect causes it.")
@@ -140,7 +145,7 @@ def command(
             folder.mkdir(parents=True, exist_ok=True)
             return _each(recordings, machine, folder, options, (jobs, scheduler), as_json)
     experiments = read_recordings(recordings, namespace, machine)
-    with no_empty_folder(folder), status("{}: {}") as tick:
+    with no_empty_folder(folder), status("{}: step {}") as tick:
         folder.mkdir(parents=True, exist_ok=True)
         found = diagnose(
             machine,
@@ -152,6 +157,8 @@ def command(
             seed=seed,
             tick=tick,
         )
+        if machine.calibration.get("equivalent"):
+            found = replace(found, notes=(*found.notes, EQUIVALENT))
         tick("drawing the page")
         write_files(found, folder)
         if figure:
@@ -229,7 +236,7 @@ def _print(found: Diagnosis, folder: Path) -> None:
     console = Console()
     console.print(found.verdict.sentence)
     if found.verdict.kind != "none":
-        table = Table(title="what was tried, each alone, and what it explains of the gap held out")
+        table = Table(title="what was tried, and what it explains alone of the gap held out")
         for column in ("effect", "explains", "amount", "verdict"):
             table.add_column(column, justify="right" if column == "explains" else "left")
         for c in found.candidates[:MAX_CANDIDATES]:

@@ -67,7 +67,7 @@ def _range(
     "--limits",
     callback=_range,
     metavar="LOWEST,HIGHEST",
-    help="Permitted voltage [V]; by default the recorded range, slightly wider.",
+    help="Permitted voltage [V]; by default the recorded range and a fifth more.",
 )
 @click.option(
     "--effects",
@@ -141,7 +141,7 @@ def command(
         _print(found, out, bags)
         if found.changed:
             play = f"ldt run --play {shlex.quote(recordings[0])} --machine {shlex.quote(out)}"
-            _next(f"{play} --diagnose --out played", ", what changed when")
+            _next(f"{play} --diagnose --out played", ", find what changed, and when")
             return
         _next(
             f"ldt diagnose {bags} --machine {shlex.quote(out)} --out why", ", what the motor lacks"
@@ -172,7 +172,7 @@ def _with_effects(
 
     from ldt_core.base import result_files
     from ldt_core.base.experiment import rms
-    from ldt_core.calibration.calibration import free_run_error
+    from ldt_core.calibration.calibration import free_run_error, limits_note
     from ldt_core.calibration.torque_balance import balanced_machine
     from ldt_core.recording.messages import dump
 
@@ -190,6 +190,8 @@ def _with_effects(
             f"- Beware: a constant speed leaves less, {still:.4g} rad/s. This is hardly the "
             "machine; look at its figures before you continue with `ldt calibrate`."
         )
+    if limits is None:
+        echo(f"- {limits_note(machine)}")
     echo(f"machine file: {out}")
 
 

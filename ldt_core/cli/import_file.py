@@ -111,10 +111,13 @@ def command(
     }
     sizes = sorted({len(e) for e in imported.experiments})
     samples = " to ".join(str(size) for size in dict.fromkeys((sizes[0], sizes[-1])))
+    alone = len(imported.experiments) == 1 and length is None
+    cut_it = "A twin learns from one experiment to the next: --length 10 cuts this one every 10 s"
     echo_result(
         as_json,
         record,
         *map(one_line, imported.notes),
+        *([cut_it] if alone else []),
         f"{counted(len(imported.experiments), 'experiment')} of {samples} samples at "
         f"{1 / first.period:.6g} Hz: {out}",
         one_line(f"Next, a machine file: ldt identify {shlex.quote(out)} --out FILE.yaml"),
@@ -164,6 +167,8 @@ def proposed_import(file: str) -> tuple[str, str]:
     options = " ".join(f"--{name} {shlex.quote(field)}" for name, field in fields.items())
     more = ", ..." if len(table.names) > MOST_COLUMNS else ""
     numbered = "" if table.headed else " (by number, as no header line names them)"
+    if "" in shown:
+        numbered = " (some have no name: delete the lines above the row of names)"
     return (
         ", ".join(columns) + more + numbered,
         f"ldt import {shlex.quote(file)} {options} --length 10 --out imported",

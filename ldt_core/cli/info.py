@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from ldt_core.recording.health import Health
     from ldt_core.recording.storage import Storage
 
-NO_DATE = 86400 * 365.0  # s after 1970-01-01: before it is a time that counts from a start
 NO_TABLES = (".yaml", ".yml", ".json", ".html")  # a machine file, settings, a page
 MOST_TOPICS = 12  # of a foreign recording that are listed; a robot has hundreds
 CHANNELS = ("voltage [V]", "speed [rad/s]")
@@ -179,6 +178,8 @@ def _ended(health: Health) -> str:
 
 def _when(begin: float, end: float) -> str:
     import time
+
+    from ldt_core.recording.health import NO_DATE
 
     if begin < NO_DATE:
         return f"without a date, over {end - begin:.4g} s"

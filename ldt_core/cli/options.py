@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import click
@@ -18,7 +18,7 @@ from ldt_core.cli.completion import among, known
 from ldt_core.cli.idle_options import refuse_idle
 from ldt_core.cli.outputs import present_spelling
 from ldt_core.cli.recorded_machine import machine_of
-from ldt_core.cli.terminal import echo
+from ldt_core.cli.terminal import echo, warn
 
 _TYPES = {"integer": click.INT, "double": click.FLOAT, "string": click.STRING}
 # Headings in --help by the parameters' groups; those of other groups come first, under Options.
@@ -184,6 +184,12 @@ def compute_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def diagnosis_option(text: str) -> Callable[..., Any]:
     """Decorator: the option of a diagnosis' file, with a help of the command's own."""
     return click.option("--with", "diagnosis", default="", metavar="FILE", help=text)
+
+
+def warn_of_nothing(diagnosis: str, acting: Sequence[object]) -> None:
+    """Say on standard error that a diagnosis adds nothing, where it names no effect."""
+    if not acting:
+        warn(f"{diagnosis} names no effect, so nothing is added to the machine file")
 
 
 def parameters(*groups: str) -> Callable[..., Any]:

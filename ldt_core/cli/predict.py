@@ -13,6 +13,7 @@ from ldt_core.cli.options import (
     namespace_option,
     out_option,
     parameters,
+    warn_of_nothing,
 )
 from ldt_core.cli.outputs import force_option, replacing
 from ldt_core.cli.terminal import echo_result, warn
@@ -66,6 +67,7 @@ def command(
         acting = read_effects(diagnosis, machine, [get_effect(name) for name in own])
         for effect, _ in acting:
             effect.require(machine.model)
+        warn_of_nothing(diagnosis, acting)
     model = PhysicsModel(machine, effects=acting)
     error = FreeRunError()
     played = read_bag(recording, namespace)

@@ -219,7 +219,7 @@ def show_compiling(ready: int) -> None:
     """Say once that code is compiled, then now and then how many functions are ready."""
     lines = _compiling_lines()
     if ready == 1:
-        warn("compiling LDT's numerical code: once on this computer, up to a minute")
+        warn("compiling numerical code that is new on this computer: up to a minute")
     lines.tell(lambda: f"compiling: {ready} functions are ready")
 
 

@@ -52,7 +52,11 @@ def command() -> None:
     help="ROS domain in which it is valid; by default ROS_DOMAIN_ID, or 0.",
 )
 @click.option(
-    "--days", type=click.IntRange(1, 36500), default=3650, show_default=True, help="Of validity."
+    "--days",
+    type=click.IntRange(1, 36500),
+    default=3650,
+    show_default=True,
+    help="Days of validity.",
 )
 @json_option
 def init(

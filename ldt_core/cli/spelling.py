@@ -76,6 +76,15 @@ def unusable(error: click.ClickException) -> str:
             if error.message.endswith(ending):
                 got = error.message.removesuffix(ending)
                 return f"{error.param.opts[-1]}: expected {kind}, without a unit, got {got}"
+        name = error.param.opts[-1]
+        if isinstance(error.param, click.Argument):
+            name = f"{context.command_path} {error.param.human_readable_name}"
+        got, between, allowed = error.message.rstrip(".").partition(" is not one of ")
+        if between:
+            return f"{name}: expected one of {allowed}, got {got}"
+        got, between, allowed = error.message.rstrip(".").partition(" is not in the range ")
+        if between:
+            return f"{name}: expected {_range(allowed)}, got {got}"
     if said.startswith("Got unexpected extra argument"):
         value = said[said.index("(") + 1 : -1]
         options = {name for p in context.command.params for name in p.opts}
@@ -84,6 +93,16 @@ def unusable(error: click.ClickException) -> str:
             way = f"; a machine file follows --machine, as in: --machine {value}"
         return f"{context.command_path}: too many arguments, {value}{way} (--help lists all)"
     return said
+
+
+def _range(allowed: str) -> str:
+    """Click's range in words.
+
+    >>> _range("0<=x<=65535"), _range("x>=1")
+    ('0 to 65535', 'x>=1')
+    """
+    low, between, high = allowed.partition("<=x<=")
+    return f"{low} to {high}" if between else allowed
 
 
 class SuggestingGroup(click.Group):

@@ -30,7 +30,7 @@ DETECTORS = ("threshold", "lddm", "window", "adequacy")
 @click.option(
     "--false-alarms-every",
     type=click.FloatRange(2.0, 1e9),
-    help="Budget: at most one false alarm in so many experiments in control.",
+    help="Budget: at most one false alarm in so many experiments of the unchanged machine.",
 )
 @click.option(
     "--in-control",

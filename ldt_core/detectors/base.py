@@ -21,15 +21,15 @@ from ldt_core.base.settings import check
 class Detector(abc.ABC):
     """A drift detector that is updated once per experiment (paper, eq. 4).
 
-    To write one: the constructor stores its arguments under their own names, checks them, and calls
-    `reset`; `reset` calls the base's and sets all that changes, in JSON types (what is derived from
-    it goes under a leading underscore); `judge` answers to one experiment. Then
-    `ldt_core.checks.check_detector` tells whether it keeps the promises of this class.
+    To write one, define two methods besides `judge`, which answers for one experiment. The
+    constructor stores its arguments under their own names, checks them, and calls `reset`. `reset`
+    calls the base's and sets all that changes, in JSON types; what is derived from it has a leading
+    underscore. `ldt_core.checks.check_detector` tests whether it keeps the promises of this class.
 
     As in river, `update` returns nothing, and `drift_detected` and `warning_detected` are about the
-    last update. A detector that detected a drift restarts by itself at the next update. One that
-    learns what is usual does not restart if no new model resulted (`answered`): what it raised the
-    alarm for would become usual.
+    last update. After a drift, a detector restarts by itself at the next update. One that learns
+    what is usual does not restart if no new model resulted (`answered`). Otherwise it would take
+    the changed machine for usual.
     """
 
     name: ClassVar[str]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 from ldt_core.base.errors import OptionError, did_you_mean
@@ -78,6 +79,9 @@ def parse_effect(text: str) -> tuple[Effect, dict[str, float]]:
     """
     split = text.find(".py:") + len(".py:") if ".py:" in text else 0
     name, colon, rest = text[split:].partition(":")
+    bare = re.split(r"[\s=(]", name.strip(), maxsplit=1)[0]
+    if bare != name.strip() and bare in EFFECTS.names():
+        raise OptionError("effect", f"NAME:param=value, as in {_example(bare)}", repr(text))
     effect = get_effect(text[:split] + name.strip())
     if not colon:
         return effect, effect.check(effect.typical)
@@ -87,7 +91,10 @@ def parse_effect(text: str) -> tuple[Effect, dict[str, float]]:
         parameter, equals, value = (part.strip() for part in entry.partition("="))
         where = f"effect {effect.name}"
         if not equals:
-            raise OptionError(where, "param=value[,param=value...] behind the colon", repr(entry))
+            expected = "param=value[,param=value...] behind the colon"
+            if entry.strip().isdigit() and given:
+                expected += ", with decimal points"
+            raise OptionError(where, expected, repr(entry))
         if parameter not in names:
             raise OptionError(where, did_you_mean(parameter, names), repr(parameter))
         if parameter in given:
@@ -100,6 +107,12 @@ def parse_effect(text: str) -> tuple[Effect, dict[str, float]]:
             expected = f"at most {p.meant:g} {unit} ({size:g}m{unit} is {size / 1000:g} {unit})"
             raise OptionError(f"effect {effect.name}, {p.name}", expected, f"{size:g} {unit}")
     return effect, effect.check(given)
+
+
+def _example(name: str) -> str:
+    """An effect with a value, as it is written on a command line."""
+    parameter, value = next(iter(get_effect(name).typical.items()))
+    return f"{name}:{parameter}={value:g}"
 
 
 def _amount(where: str, text: str, parameter: Parameter) -> float:

@@ -293,6 +293,9 @@ def parse_machine(text: str, source: str) -> Machine:
 def machine_from_dict(data: Any, source: str) -> Machine:
     """A machine from the keys of a machine file."""
     top = mapping_of(source, data)
+    if "verdict" in top:
+        expected = "a machine file; a diagnosis follows --with"
+        raise MachineFileError(source, expected, "the result of a diagnosis")
     check_keys(source, top, REQUIRED, OPTIONAL)
     name = top["name"]
     if not isinstance(name, str) or not name:

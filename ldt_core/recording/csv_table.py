@@ -96,6 +96,8 @@ class CsvTable:
         if name.isdecimal() and 1 <= int(name) <= len(self.names):
             return int(name) - 1
         expected = f"{did_you_mean(name, self.names)}, or a number from 1 to {len(self.names)}"
+        if "" in self.names:
+            expected += " (delete the lines above the row of names)"
         raise RecordingError(f"{self.path}, column", expected, repr(name))
 
     def read(
@@ -173,7 +175,7 @@ class CsvTable:
                         encoding = "utf-16"
                     elif count == 0 and b"\0" in piece[:4096]:
                         raise RecordingError(
-                            self.path, "text (CSV) or a recording", "a binary file"
+                            self.path, "a recording, or text: export it as CSV", "a binary file"
                         )
                     count += len(piece)
                     if count > most:
@@ -312,7 +314,7 @@ class _Column:
         """
         if self._comma and self._point is not None:
             line, cell = self._point
-            expected = "decimal commas as elsewhere in this column"
+            expected = "decimal commas as elsewhere in this column, and no thousands separators"
             raise RecordingError(f"{path}, line {line}, {self._where}", expected, quoted(cell))
         if self._bad is not None:
             line, cell = self._bad

@@ -26,6 +26,7 @@ ANSWERS = ("prediction", "signal", "adaptation")  # what each experiment of a ru
 MAX_PAUSES = 5  # pauses that are kept one by one
 MAX_MATCHED = 1000  # experiments with their prediction; a repetition comes soon after, if at all
 PAUSE_SHARE = 1.0  # of an experiment's duration; a longer wait for the next is told
+NO_DATE = 86400 * 365.0  # s after 1970-01-01: before it is a time that counts from a start
 
 
 @dataclass

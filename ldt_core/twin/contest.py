@@ -202,7 +202,7 @@ class ContestAdaptor(Adaptor):
         if self._learning:
             more, why = self._learned_more(experiment)
             if more is not None:
-                return self._learned_by(more, "re-estimated", experiment, {})
+                return self._learned_by(more, "estimates its causes anew", experiment, {})
             if version is before and why:
                 return Action.REFUSED, f"{why}; version {before.version} stays", {}
         if version is not None and version is not before:
@@ -265,7 +265,7 @@ class ContestAdaptor(Adaptor):
             best = self._searched([experiment])
         if best is None:
             return None
-        return best, "re-estimated" if best is alone else "with another cause"
+        return best, "estimates its causes anew" if best is alone else "has a new cause"
 
     def _searched(self, pool: Sequence[Experiment]) -> GreyBoxModel | None:
         """What a search finds that explains all of these, unless searches have to wait."""

@@ -36,7 +36,7 @@ ACTION_WORDS = {
     Action.KEPT: "no new model needed",
     Action.STORED: "experiment stored to learn from",
     Action.ADAPTED: "new model",
-    Action.REFUSED: "new model refused",
+    Action.REFUSED: "no better model",
 }
 
 LIMITS = ("warning_limit", "drift_limit")

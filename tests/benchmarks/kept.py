@@ -9,6 +9,7 @@ table anew. Without `--keep` nothing is touched.
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
@@ -20,7 +21,7 @@ from tests.benchmarks.row import Row
 from tests.page_table import write_table
 
 KEPT = Path(__file__).parents[2] / "bags" / "benchmarks.json"
-HEAD = "| work | LDT | peer | peer / LDT | details |"
+HEAD = "| work | LDT | peer | LDT is | details |"
 NO_AIM = ("", "-")
 Kept = Mapping[str, Any]
 
@@ -56,17 +57,35 @@ def table(rows: Iterable[Kept]) -> str:
     lines = [HEAD, "|---" * HEAD.count(" | ") + "|---|"]
     for r in kept:
         ratio = r["peer_s"] / r["ours_s"]
-        aim = f" (aim: {r['aim']})" if r["aim"] not in NO_AIM else ""
+        aim = f" (aim: {aimed(r['aim'])})" if r["aim"] not in NO_AIM else ""
         stamped = f"{r['day']}, {r['commit']}, {letters[r['processor']]}"
         cells = (
             *(r["name"], span(r["ours_s"]), f"{span(r['peer_s'])}: {r['peer']}"),
-            (f"{ratio:.3g}" if ratio >= 1 else f"1/{1 / ratio:.3g}") + aim,
+            (times(ratio, "faster") if ratio >= 1 else times(1 / ratio, "slower")) + aim,
             f"{r['note']}; {stamped}" if r["note"] else stamped,
         )
         lines.append("| " + " | ".join(cells) + " |")
     told = "; ".join(f"{letter}: {p}" for p, letter in letters.items())
     ends = "Details end with the date, the commit that added the row, and the processor."
     return "\n".join([*lines, "", f"{ends} {told}.", ""])
+
+
+def times(ratio: float, word: str) -> str:
+    """So many times faster or slower, with three digits and no exponent."""
+    told = f"{float(f'{ratio:.3g}'):,g}" if ratio < 1e6 else f"{ratio:.1e}"
+    return f"{told} times {word}"
+
+
+def aimed(told: str) -> str:
+    """An aim as it is kept, in words.
+
+    >>> aimed("at least 1/3"), aimed("5000"), aimed("20×"), aimed("under 30 s")
+    ('at most 3 times slower', '5,000 times faster', '20 times faster', 'under 30 s')
+    """
+    if slower := re.fullmatch(r"(?:at least |above )1/([\d.]+)", told):
+        return f"at most {times(float(slower[1]), 'slower')}"
+    faster = re.fullmatch(r"([\d.]+)[x×]?", told)
+    return times(float(faster[1]), "faster") if faster else told
 
 
 def keep(measured: Iterable[Row], processor: str) -> None:

@@ -104,7 +104,7 @@ def test_the_file_says_what_its_values_are(tmp_path):
     _, out, machine = identified(tmp_path)
     assert machine.name == "unknown"
     text = out.read_text()
-    assert "equivalents: only ratios" in text
+    assert "only their ratios count" in text
     assert "by convention" in text
     assert machine.voltage_limits[0] < 0
     assert 12 < machine.voltage_limits[1] < 20
@@ -226,6 +226,9 @@ def test_a_machine_that_changed_meanwhile_is_told_as_one(tmp_path, capsys):
     assert call(bag, "--out", out) == 0
     said, found = capsys.readouterr().out, load_machine(out)
     assert "The machine may have changed: a motor of the first half alone leaves" in said
-    assert f"what changed when: ldt run --play {bag} --machine {out} --diagnose" in said
+    assert f"find what changed, and when: ldt run --play {bag} --machine {out} --diagnose" in said
     assert found.name == "press"
     assert found.simulation["noise"] == pytest.approx(0.1, rel=0.1)
+    assert "the recorded range and a fifth more" in said
+    assert call(bag, "--out", out, "--limits=-24,24", "--force") == 0
+    assert "a fifth more" not in capsys.readouterr().out

@@ -35,7 +35,7 @@ def test_a_terminal_of_five_columns_shows_the_figures(monkeypatch, capsys):
     """A table without room would be empty."""
     monkeypatch.setenv("COLUMNS", "5")
     assert invoke(ldt, RUN) == 0
-    assert "adaptations" in capsys.readouterr().out
+    assert "new models" in capsys.readouterr().out
 
 
 def test_a_recording_s_name_that_is_no_utf_8_is_refused(tmp_path, capsys):

@@ -40,6 +40,10 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "bare.csv").write_text(rows)
     (folder / "german.csv").write_text(f"Zeit,Spannung,Drehzahl\n{rows}")
     (folder / "excel.csv").write_bytes(b"\xef\xbb\xbfZeit;U\r\n0;1\r\n")
+    (folder / "preamble.csv").write_text("Messung 12;;\nt;u;n\n0;1;2\n1;1;2\n")
+    (folder / "points.csv").write_text("t;u;n\n0,5;1;2,5\n1,0;1;1.002,5\n")
+    (folder / "book.xlsx").write_bytes(b"PK\x03\x04\x00\x00")
+    (folder / "found.json").write_text('{"verdict": {"kind": "none"}}')
     with BagWriter(folder / "nameless") as writer:
         writer.write("experiment", Experiment(1, 1e9, 0.01, still + 10.0, still), 1e9)
     (folder / "done").mkdir()
@@ -112,6 +116,24 @@ WRONG = {
     "import {files}/foreign --voltage u --speed n --out out": "ldt info lists the topics",
     "diagnose {files}/excel.csv --machine rotor --out out": "ldt info says how to import a table",
     "predict {files}/motor --machine dc_motor --with {files}/log.csv -o out": "diagnose writes",
+    "advise": "a run's recording, or a machine: --machine",
+    "advise --machine rotor --reach 0": "--reach: expected a finite speed above 0 rad/s",
+    "advise --machine rotor --reach 900": "a speed that 24 V can hold",
+    "diagnose {files}/motor --machine {files}/found.json -o out": "a diagnosis follows --with",
+    "simulate --effect 'unbalance e=5mm' -o out": "NAME:param=value, as in unbalance:e=0.008",
+    "simulate --effect unbalance=5mm -o out": "NAME:param=value, as in unbalance:e=0.008",
+    "simulate --effect unbalance:e=0,005 -o out": "with decimal points, got '005'",
+    "import {files}/book.xlsx --voltage u --speed n --time t -o out": "export it as CSV",
+    "info {files}/book.xlsx": "export it as CSV",
+    "import {files}/points.csv --voltage u --speed n --time t -o out": "no thousands separators",
+    "import {files}/preamble.csv --voltage u --speed n --time t -o out": (
+        "delete the lines above the row of names"
+    ),
+    "import {files}/preamble.csv -o out": "delete the lines above the row of names",
+    "learning of": "expected one of 'on', 'off', got 'of'",
+    "watch {files}/motor --port 99999": "--port: expected 0 to 65535, got 99999",
+    "import {files}/log.csv --voltage u --speed rpm:Umdrehungen --time time_ms:ms -o out": "'rpm'",
+    "predict {files}/motor --machine dc_motor --with dc_motor -o out": "diagnose writes",
 }
 
 
@@ -164,6 +186,35 @@ def test_what_was_there_comes_back_where_nothing_new_was_made(tmp_path):
         fail("half")
     (aside,) = tmp_path.glob(".run.*.before")
     assert (aside / "metadata.yaml").read_text() == "before"
+
+
+def test_a_diagnosis_that_names_nothing_is_said_to_add_nothing(tmp_path, capsys):
+    """The prediction is that of the machine file alone."""
+    none = tmp_path / "none.json"
+    none.write_text('{"verdict": {"kind": "unknown"}, "effects": []}')
+    beside = ["--with", str(none), "--out", str(tmp_path / "out")]
+    assert invoke(ldt, ["predict", str(RUN), *beside]) == 0
+    assert f"{none} names no effect, so nothing is added" in capsys.readouterr().err
+
+
+def test_the_way_to_a_speed_of_a_motor_is_drawn(tmp_path):
+    """Which has no eccentricity to stand in the title."""
+    picture = tmp_path / "way.svg"
+    asked = ["--machine", "dc_motor", "--reach", "100", "--out", str(picture)]
+    assert invoke(ldt, ["advise", *asked]) == 0
+    assert picture.stat().st_size > 10_000
+
+
+def test_one_long_experiment_is_told_how_to_become_some(tmp_path, capsys):
+    """As a twin learns between experiments; not where it was asked for."""
+    table = tmp_path / "long.csv"
+    table.write_text("t,u,n\n" + "".join(f"{t / 10},{t % 7},{t % 5}\n" for t in range(300)))
+    fields = ["--voltage", "u:V", "--speed", "n:rad/s", "--time", "t:s"]
+    assert invoke(ldt, ["import", str(table), *fields, "--out", str(tmp_path / "one")]) == 0
+    assert "--length 10 cuts this one" in capsys.readouterr().out
+    asked = ["--length", "29", "--out", str(tmp_path / "asked")]
+    assert invoke(ldt, ["import", str(table), *fields, *asked]) == 0
+    assert "cuts this one" not in capsys.readouterr().out
 
 
 def test_a_recording_says_what_is_in_it(capsys):

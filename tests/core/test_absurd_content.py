@@ -188,7 +188,7 @@ def test_an_experiment_without_an_answer_is_the_exit_code(monkeypatch, capsys):
 def test_a_seed_that_is_none_is_refused(seed, capsys):
     """As by all other commands, and from Python."""
     assert invoke(ldt, ["diagnose", str(SAMPLE), "--seed", str(seed), "--out", "none"]) == 2
-    assert capsys.readouterr().err.startswith("ldt: Invalid value for '--seed'")
+    assert capsys.readouterr().err.startswith("ldt: --seed: expected 0 to 4294967295")
 
 
 def test_a_pace_beyond_all_clocks_waits():

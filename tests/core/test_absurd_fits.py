@@ -116,7 +116,7 @@ def test_numbers_that_cannot_be_computed_with_are_refused(key, value, words):
 def test_a_speed_that_is_none_is_not_planned_for(speed):
     """Told as what it is, without a warning of numpy's."""
     machine = load_machine("rotor")
-    with np.errstate(all="raise"), pytest.raises(OptionError, match="speed: expected"):
+    with np.errstate(all="raise"), pytest.raises(OptionError, match="--reach: expected"):
         plan_run_up(machine, machine.parameters, speed)
 
 

@@ -171,9 +171,9 @@ def test_where_nothing_can_happen_the_voltage_is_set_at_once():
     ("e", "speed", "words"),
     [
         (0.01, 30.0, "below 27.4 or above 31.6 rad/s"),
-        (0.01, 200.0, "one that at most 24 V hold"),
-        (0.014, 50.0, "one to which at most 24 V lead for certain"),
-        (0.01, -1.0, "a finite one above 0 rad/s"),
+        (0.01, 200.0, "a speed that 24 V can hold"),
+        (0.014, 50.0, "a speed to which 24 V lead for certain"),
+        (0.01, -1.0, "a finite speed above 0 rad/s"),
     ],
 )
 def test_a_speed_that_cannot_be_held_or_reached_is_refused(e, speed, words):

@@ -100,5 +100,5 @@ def test_the_first_run_on_a_computer_says_what_it_waits_for(tmp_path: Path) -> N
         )
         told.append(ran.stderr.splitlines())
     assert len(told[0]) == 1
-    assert told[0][0].startswith("compiling LDT's numerical code: once on this computer")
+    assert told[0][0].startswith("compiling numerical code that is new on this computer")
     assert told[1] == []

@@ -177,7 +177,7 @@ def test_a_speed_in_a_name_is_not_taken_for_seconds():
 
 @pytest.mark.parametrize(
     ("said", "ways"),
-    [("[rpm]", "n:rpm or n:rad/s"), ("U/min", "n:U/min or n:rad/s"), ("Upm", "n:rad/s, since")],
+    [("[rpm]", "n:rpm or n:rad/s"), ("Upm", "n:Upm or n:rad/s"), ("Umdr", "n:rad/s, since")],
 )
 def test_a_unit_below_a_name_is_not_taken_for_si(tmp_path, said, ways):
     """As one in the name: asked for, known or not; a unit that is given is believed."""

@@ -132,6 +132,8 @@ def test_the_worst_comes_first(tmp_path):
         f"The worst was experiment {worst[0]}, with an error of {max(data['error']):.1f} rad/s"
         in text
     )
+    assert "The last diagnosis, at experiment 6, names unbalance." in text
+    assert "diagnosis, at" not in page(read_run(SAMPLE))
 
 
 def test_the_figures_are_the_recording_s(sample):

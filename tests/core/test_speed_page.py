@@ -32,8 +32,8 @@ def test_what_is_measured_anew_takes_its_row_s_place():
     assert (merged[0]["ours_s"], merged[0]["processor"]) == (0.5, "a processor")
     assert merged[1:-1] == rows[1:]
     shown = table(merged)
-    assert f"| {first['name']} | 500 ms | 2 s: {first['peer']} | 4 | quiet; " in shown
-    assert "| 1 ns: somebody else | 1/5e+08 | " in shown
+    assert f"| {first['name']} | 500 ms | 2 s: {first['peer']} | 4 times faster | quiet; " in shown
+    assert "| 1 ns: somebody else | 5.0e+08 times slower | " in shown
 
 
 @pytest.mark.parametrize("name", load_measured())

@@ -178,7 +178,7 @@ def test_an_experiment_is_drawn_as_it_arrives(page, served):
     assert "not judged yet" in text(page, "#told")
     assert "predicted" not in text(page, "[data-key=speed]")
     served.fleet.feed("/a", "prediction", predicted(new, 7.0))
-    until(page, "document.querySelector('[data-key=speed]').textContent.includes('band from')")
+    until(page, "document.querySelector('[data-key=speed]').textContent.includes('95 % band')")
     known = {"state": "inadequate", "adequacy": 4.0}
     feed(served.fleet, "/a", 14, 7.0, Level.WARNING, length=LENGTH, **known)
     drawn(page, 14)

@@ -104,7 +104,7 @@ def test_the_table_names_the_figures_and_the_recording(start, tmp_path):
     """Without --json a table; as a Python script as well; a recording is made without --bag."""
     code, output, errors = finish(start("--experiments", "2", module=True))
     assert (code, errors) == (0, "")
-    for words in ("MME of the learning twin", "MME of the original model", "adaptations"):
+    for words in ("mean maximum error: twin", "error: original model", "new models"):
         assert words in output
     recording = output.split("recording: ")[1].splitlines()[0]
     assert (tmp_path / recording / "metadata.yaml").is_file()

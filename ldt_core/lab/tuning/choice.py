@@ -66,7 +66,7 @@ class Budget:
         if self.adaptations is not None:
             parts.append(f"at most {count(self.adaptations, 'adaptation')}")
         if self.every is not None:
-            parts.append(f"at most one false alarm in {self.every:g} experiments in control")
+            parts.append(f"at most one false alarm in {self.every:g} experiments")
         return " and ".join(parts)
 
 

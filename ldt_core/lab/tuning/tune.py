@@ -139,7 +139,7 @@ def tune(
     numbers = tuple(e.number for e in usable)
     indices = chosen(wanted, numbers) if wanted else judged(rows)
     if not indices and budget.every is not None:
-        expected = f"{LEAST_IN_CONTROL} experiments in control, for a rate of false alarms"
+        expected = f"{LEAST_IN_CONTROL} experiments without a change, for a rate of false alarms"
         got = "no stretch of so many in which nothing changes (--in-control 1:20 says which)"
         raise OptionError("in-control", expected, got)
     known = control(usable, rows, indices, model, bool(wanted)) if indices else None

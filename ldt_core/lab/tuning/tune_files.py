@@ -72,13 +72,13 @@ def _rivals(found: Tuning) -> Iterator[str]:
 def _alarms(found: Tuning) -> Iterator[str]:
     control, best = found.control, found.choice.chosen
     if control is None:
-        yield "no experiments are known to be in control: the rate of false alarms is unknown"
+        yield "no experiments without a change are known: the rate of false alarms is unknown"
         return
     size = len(control.numbers)
     source = "as given" if control.given else "as the adequacy detector judges"
     yield (
-        f"in control: {count(size, 'experiment')} ({control.text}, {source}); they alone can show "
-        f"at most one false alarm in {1 / most(0.0, size):.3g}"
+        f"unchanged machine: {count(size, 'experiment')} ({control.text}, {source}); they can "
+        f"only show at most one false alarm in {1 / most(0.0, size):.3g}"
     )
     if best is not None and best.false_alarms is not None:
         alarms, every = best.false_alarms, found.budget.every
@@ -108,7 +108,7 @@ def _value(tried: Tried) -> str:
 def _rate(tried: Tried) -> str:
     if tried.false_alarms is None:
         return ""
-    return f", false alarms in control {_per(tried.false_alarms.rate)}"
+    return f", false alarms {_per(tried.false_alarms.rate)}"
 
 
 def _per(rate: float) -> str:

@@ -87,7 +87,7 @@ def _tradeoff(axes: Axes, found: Tuning) -> None:
         alpha=0.35,
         solid_capstyle="round",
         zorder=1,
-        label="Pareto front",
+        label="least error reached",
     )
     axes.plot([0], [found.never.mme], **_point("never"))
     _mark(axes, found, adaptations, mme)
@@ -102,7 +102,7 @@ def _tradeoff(axes: Axes, found: Tuning) -> None:
 
 
 def _false_alarms(axes: Axes, found: Tuning, every: float) -> None:
-    axes.set_xlabel("false alarms in 100 experiments in control")
+    axes.set_xlabel("false alarms in 100 experiments of the unchanged machine")
     axes.set_title("error against false alarms (bars: 95 %)")
     _error_axis(axes, found)
     _crowded(axes, min(LINEAR_FALSE_ALARMS, 100 / every), 120)
@@ -154,7 +154,7 @@ def _error_axis(axes: Axes, found: Tuning) -> None:
     errors = [t.mme for t in found.tried]
     room = MARGIN * max(max(errors) - min(errors), 0.1 * max(errors))
     axes.set_ylim(max(0.0, min(errors) - room), max(errors) + room)
-    axes.set_ylabel("MME [rad/s]")
+    axes.set_ylabel("mean max error [rad/s]")
     axes.axhline(found.never.mme, color=style.GREY, lw=1, ls=":", label="no learning")
 
 

@@ -135,10 +135,10 @@ def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
         f"--with {shlex.quote(str(kept))} --out FILE.yaml"
     )
     return {
-        "effect": ("take what was found into the machine file", fitted),
+        "effect": ("add what was found to the machine file", fitted),
         "unknown": (
             (
-                "as the gap differs between experiments, let a twin say what changed when",
+                "as the gap differs between experiments, let a twin find what changed, and when",
                 f"{play} --diagnose",
             )
             if any(place.quantity == "experiment" for place in diagnosis.where)

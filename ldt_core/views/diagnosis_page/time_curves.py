@@ -84,7 +84,7 @@ def before_after(diagnosis: Diagnosis) -> Drawing | None:
         "curves",
         title,
         f"Free runs of experiments that were {kind}, {runs}. Root mean square error [rad/s]: "
-        f"{words}. Shaded: two standard deviations of the sensor noise.",
+        f"{words}. Shaded: 95 % band of the sensor noise.",
         "Speed over time as it was measured and as it is predicted, and the error of the "
         f"predictions below it. {words}.",
         found.alone,

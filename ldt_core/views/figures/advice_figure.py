@@ -24,6 +24,7 @@ HEIGHT = 6.2  # inches: as a picture of a run
 POINTS = 4000  # of the curve, so that its folds are sharp
 RAMP = 0.5  # share of the heedless run during which its voltage rises
 PERIOD = 0.01  # s, of the runs' samples
+STEADY = "Steady states"  # of a motor without an eccentric rotor
 
 
 def plot_advice(
@@ -72,7 +73,7 @@ def _curve(axes: Axes, machine: Machine, values: Mapping[str, float], way: RunUp
     axes.plot(way.voltage, way.speed, "*", ms=11, color=style.BLUE, label="speed wanted")
     axes.set_xlabel("voltage held [V]")
     axes.set_ylabel("steady speed [rad/s]")
-    axes.set_title(f"Steady states at e = {values['e'] * 1e3:.3g} mm")
+    axes.set_title(f"Steady states at e = {values['e'] * 1e3:.3g} mm" if "e" in values else STEADY)
     axes.set_xlim(0, max(volts.max(), way.through or 0) * 1.02)
     axes.set_ylim(0, speed[-1])
     axes.legend(loc="lower right")

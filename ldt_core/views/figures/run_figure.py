@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 HEIGHT = 7.8  # inches: three panels in the proportions of a README
 MOST_CELLS = 500  # a pixel or two each; of more, those of one state in a row are drawn as one
 STRIP = 0.05  # of an axes' height: the cells of the states
+LEGEND = 0.14  # of the span of the speeds: room below the curves, which a legend would hide
 #: Tone of a state → colour.
 PAINTS = {
     "good": style.GREEN,
@@ -152,9 +153,8 @@ def _experiment(axes: Axes, shown: ShownStep) -> None:
     if prediction.speed_std is not None:
         low = prediction.speed - 2 * prediction.speed_std
         high = prediction.speed + 2 * prediction.speed_std
-        axes.fill_between(
-            time, low, high, color=style.BLUE, alpha=0.2, lw=0, label="± 2 deviations"
-        )
+        label = "the twin's 95 % band"
+        axes.fill_between(time, low, high, color=style.BLUE, alpha=0.2, lw=0, label=label)
     axes.plot(time, experiment.speed, color=style.INK, lw=0.8, label="measured")
     axes.set_ylabel("speed [rad/s]")
     axes.tick_params(labelbottom=False)
@@ -164,7 +164,9 @@ def _experiment(axes: Axes, shown: ShownStep) -> None:
         f"experiment {experiment.number}: {shown_state(signal).words}"
         f"{f', error {beside}' if beside else ''}\n({', '.join(said)})"
     )
-    axes.legend(loc="lower right", ncols=2, frameon=True, framealpha=0.9)
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(bottom - LEGEND * (top - bottom), top)
+    axes.legend(loc="lower left", ncols=4, frameon=False)
 
 
 def _residual(axes: Axes, shown: ShownStep) -> None:
@@ -176,7 +178,7 @@ def _residual(axes: Axes, shown: ShownStep) -> None:
         look: dict[str, Any] = {"color": style.SHADE, "lw": 0, "zorder": 0}
         axes.axhspan(-2 * noise, 2 * noise, **look)
     axes.plot(experiment.time, residual, color=style.BLUE, lw=0.7)
-    shaded = "; shaded: two deviations of the noise" if signal.adequacy else ""
+    shaded = "; shaded: the noise, 95 % band" if signal.adequacy else ""
     axes.set_title(f"measured − twin{shaded}")
     axes.set_xlabel("time [s]")
     axes.set_ylabel("error [rad/s]")

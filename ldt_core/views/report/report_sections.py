@@ -11,10 +11,11 @@ from markupsafe import Markup
 import msgs_config
 from ldt_core.base.experiment import Action, ModelRecord, Signal
 from ldt_core.base.model_state import headline_state, shown_state, times_noise
-from ldt_core.base.sentences import counted, number, ranges, spans, spoken
+from ldt_core.base.sentences import counted, listed, number, ranges, spans, spoken
 from ldt_core.base.settings import UNSET, as_options
 from ldt_core.doctor.check import Finding, Grade
 from ldt_core.doctor.recording_checks import findings
+from ldt_core.recording.health import NO_DATE
 from ldt_core.recording.run_settings import Setting
 from ldt_core.views.page.blocks import (
     Answer,
@@ -75,7 +76,7 @@ def answer(run: ReportedRun) -> Answer:
     alarms = counted(summary.positives, "alarm") if summary.positives else "no alarm"
     happened = f"There {'was' if summary.positives < 2 else 'were'} {alarms}"
     models = counted(summary.adaptations, "new model") if summary.adaptations else "no new model"
-    sentence += f" {happened}, and {models} took over.{_unjudged(run)}"
+    sentence += f" {happened}, and {models} took over.{_blamed(run)}{_unjudged(run)}"
     state = headline_state(last)
     asides = [f"since experiment {_since(run)}" if _since(run) != last.experiment else ""]
     beside = times_noise(last.adequacy)
@@ -92,6 +93,15 @@ def _since(run: ReportedRun) -> int:
             break
         first = signal.experiment
     return first
+
+
+def _blamed(run: ReportedRun) -> str:
+    """What the last diagnosis names."""
+    last = run.diagnoses[-1] if run.diagnoses else None
+    if last is None or not last.effects:
+        return ""
+    names = listed(map(spoken, last.effects), "or" if last.kind == "ambiguous" else "and")
+    return f" The last diagnosis, at experiment {last.experiment}, names {names}."
 
 
 def _unjudged(run: ReportedRun) -> str:
@@ -237,7 +247,7 @@ def models(run: ReportedRun) -> list[Block]:
         "kind",
         "learned from experiments",
         "used in experiments",
-        "mean error [rad/s]",
+        "mean max error [rad/s]",
         "cause, in SI units",
     )
     if not any(row[-1] for row in rows):
@@ -268,11 +278,10 @@ def _settings(run: ReportedRun, compared: DetectorStatistic) -> list[Block]:
     """Machine, experiments, model and detector."""
     extent, numbers = run.extent, [step.number for step in run.steps]
     assert extent is not None  # of a run with a step
-    begin, end = _moment(extent.begin), _moment(extent.end)
     pairs = [
         ("machine", run.bag.machine or "not recorded"),
-        ("topics", run.bag.namespace or "of no namespace"),
-        ("recording", f"{run.name}, from {begin} to {end}"),
+        ("namespace", run.bag.namespace or "none"),
+        ("recording", f"{run.name}, {_period(extent.begin, extent.end)}"),
         ("experiments", f"{len(numbers)}, numbers {numbers[0]} to {numbers[-1]}"),
         ("samples", f"{_span(list(extent.samples))} in an experiment"),
         ("sample period", f"{_span([1e3 * p for p in extent.period])} ms"),
@@ -342,6 +351,12 @@ def _bare(name: str, value: Setting) -> Setting:
 
 def _value(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, int | float) else str(value)
+
+
+def _period(begin: float, end: float) -> str:
+    if begin < NO_DATE:
+        return f"without a date, over {end - begin:.4g} s"
+    return f"from {_moment(begin)} to {_moment(end)}"
 
 
 def _moment(seconds: float) -> str:

@@ -5,7 +5,7 @@ const DONE = {
   kept: "no new model needed",
   stored: "experiment stored to learn from",
   adapted: "new model",
-  refused: "new model refused",
+  refused: "no better model",
 };
 // State of machine and model: what people are told, and in which colour.
 const stateOf = (i) => RUN.states[RUN.state[i]] || RUN.states[""];
@@ -123,11 +123,11 @@ function experimentRows(samples) {
   if (samples.deviation) {
     const edge = (sign) => samples.predicted.map((v, i) => v + sign * 2 * samples.deviation[i]);
     speed.push([
-      "band from −2 σ",
+      "95 % band, lower edge",
       edge(-1),
       { color: "blue", width: 0.8, dash: "dashed", band: true },
     ]);
-    speed.push(["to +2 σ", edge(1), { color: "blue", width: 0.8, dash: "dashed" }]);
+    speed.push(["upper edge", edge(1), { color: "blue", width: 0.8, dash: "dashed" }]);
   }
   speed.push(["measured", samples.measured, { color: "ink", width: 1.1 }]);
   const residual = samples.predicted && samples.measured.map((v, i) => v - samples.predicted[i]);
