@@ -11,6 +11,7 @@ import pytest
 import ldt_core as ldt
 from ldt_core.base.errors import LdtError, ModelError
 from ldt_core.base.experiment import ModelRecord
+from ldt_core.estimation.remainder import RemainderShape, free_run
 from ldt_core.lab.study.robustness.streams import STREAMS
 from ldt_core.models.remainder import RemainderModel
 from ldt_core.twin.loop import Twin
@@ -58,6 +59,19 @@ def test_a_law_that_the_physics_lacks_is_learned_from_one_experiment(law):
         np.mean([m.predict(e).max_error(e) for e in others]) for m in (physics, learned)
     )
     assert after < 0.15 * before
+
+
+@pytest.mark.parametrize("led", [False, True])
+def test_the_slopes_are_what_differences_give(led):
+    """Those of plays and lags were up to a tenth off: each overwrote what those before it did."""
+    first = driven(play, 1, 300)
+    run = RemainderModel(MOTOR)._drive(first, np.zeros(len(first)))
+    shape = RemainderShape.of([run])
+    weights = np.random.default_rng(3).normal(size=shape.size)
+    slopes = free_run(shape, weights, run, 1, led)[1]
+    for at, step in enumerate(1e-6 * np.eye(shape.size)):
+        up, down = (free_run(shape, weights + s, run, 0, led)[0] for s in (step, -step))
+        assert (up - down) / 2e-6 == pytest.approx(slopes[:, at], abs=1e-5 * np.ptp(slopes))
 
 
 def test_where_nothing_is_lacking_nothing_is_learned():
