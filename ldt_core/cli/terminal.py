@@ -38,7 +38,12 @@ def echo(message: Any = "", err: bool = False, nl: bool = True) -> None:
 
 def echo_json(record: Any, indent: int | None = None) -> None:
     """Print it as JSON to standard output; ValueError for a number that is not finite."""
-    click.echo(json.dumps(record, allow_nan=False, indent=indent), file=_results)
+    echo_json_text(json.dumps(record, allow_nan=False, indent=indent) + "\n")
+
+
+def echo_json_text(text: str) -> None:
+    """Print what is JSON already."""
+    click.echo(text, file=_results, nl=False)
 
 
 def echo_result(as_json: bool, record: Any, *lines: str) -> None:
@@ -55,4 +60,7 @@ def warn(*sentences: str) -> None:
         echo(one_line(sentence), err=True)
 
 
-__all__ = ["echo", "echo_json", "echo_result", "one_line", "printable", "results_alone", "warn"]
+__all__ = [
+    *("echo", "echo_json", "echo_json_text", "echo_result"),
+    *("one_line", "printable", "results_alone", "warn"),
+]
