@@ -141,9 +141,7 @@ def test_files_together_unpack_to_a_limit(tmp_path, monkeypatch):
             rows = np.full((2, 50_000), 6.0)
             writer.write("experiment", Experiment(1, 1e9 * (1 + at), 0.01, *rows), 1e9)
     assert len(read_recordings(folders[:1], "")) == 1
-    with pytest.raises(
-        RecordingError, match=r"samples of at most 1048576 bytes in files of"
-    ):
+    with pytest.raises(RecordingError, match=r"samples of at most 1048576 bytes in files of"):
         read_recordings(folders, "")
 
 
