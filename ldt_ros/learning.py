@@ -5,7 +5,6 @@ rclpy is imported where it is used: after `prepare`, and not for a recording.
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from typing import TYPE_CHECKING, Any
@@ -14,7 +13,7 @@ import click
 
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.cli.options import json_option, namespace_option
-from ldt_core.cli.terminal import echo
+from ldt_core.cli.terminal import echo_result
 from ldt_core.restart.learning_switch import LearningSwitch
 from ldt_core.security.permissions import OPERATOR, check_namespace, enclave_name
 from ldt_ros.graph.environment import prepare, require_ros, spun_nodes
@@ -48,7 +47,7 @@ def command(wanted: str | None, bag: str, namespace: str, as_json: bool) -> None
     Example: ldt learning off
     """
     found = _of_recording(bag, wanted) if bag else _of_graph(namespace, wanted)
-    echo(json.dumps({"learning": found}) if as_json else f"learning is {found}")
+    echo_result(as_json, {"learning": found}, f"learning is {found}")
 
 
 def _of_recording(bag: str, wanted: str | None) -> str:

@@ -28,6 +28,8 @@ PERIOD_TOLERANCE = 1e-6
 
 def _samples(where: str, values: ArrayLike, length: int | None = None) -> Samples:
     try:
+        if np.iscomplexobj(values):  # of which numpy would drop the half
+            raise TypeError
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise ExperimentError(where, "a row of numbers", described(values)) from None
@@ -200,11 +202,8 @@ class Prediction:
             ExperimentError: when the two do not belong together.
         """
         if (self.number, len(self)) != (experiment.number, len(experiment)):
-            raise ExperimentError(
-                f"prediction {self.number}",
-                f"experiment {experiment.number} with {len(experiment)} samples",
-                f"{len(self)} samples",
-            )
+            wanted = f"experiment {experiment.number} with {len(experiment)} samples"
+            raise ExperimentError(f"prediction {self.number}", wanted, f"{len(self)} samples")
         return experiment.speed - self.speed
 
     def max_error(self, experiment: Experiment) -> float:

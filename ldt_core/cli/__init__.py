@@ -20,7 +20,7 @@ from ldt_core.base.registry import entry_points
 from ldt_core.base.stopping import EXIT_CODE, Interrupted
 from ldt_core.cli.completion import VARIABLE, register
 from ldt_core.cli.spelling import SuggestingGroup, missing, unknown_option, unusable
-from ldt_core.cli.terminal import echo
+from ldt_core.cli.terminal import echo, results_alone
 
 GROUP = "ldt.command"
 LONGEST_PLACE = 300  # characters of a file's name in a sentence
@@ -107,8 +107,10 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
     _open_streams()
     if VARIABLE in os.environ:  # a shell asks what can follow
         register()
+    given = sys.argv[1:] if arguments is None else arguments
     try:
-        result = command.main(arguments, prog_name=_name(command), standalone_mode=False)
+        with results_alone("--json" in given):
+            result = command.main(arguments, prog_name=_name(command), standalone_mode=False)
         return result if isinstance(result, int) else 0
     except click.exceptions.Exit as stop:
         return stop.exit_code
@@ -120,7 +122,7 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
         echo(error.format_message(), err=True)
         return 2
     except click.NoSuchOption as error:
-        return _say(unknown_option(error, sys.argv[1:] if arguments is None else arguments), 2)
+        return _say(unknown_option(error, given), 2)
     except click.MissingParameter as error:
         return _say(missing(error), 2)
     except click.ClickException as error:

@@ -15,7 +15,7 @@ from ldt_core.cli.console import Console
 from ldt_core.cli.options import compute_options, namespace_option, parameters
 from ldt_core.cli.outputs import check_file, check_results, force_option, no_empty_folder
 from ldt_core.cli.progress import ResumableProgress, status
-from ldt_core.cli.terminal import echo, echo_json, one_line, warn
+from ldt_core.cli.terminal import echo_json, echo_json_text, one_line, warn
 
 if TYPE_CHECKING:
     from ldt_core.diagnosis.diagnosis import Diagnosis
@@ -164,7 +164,7 @@ def command(
         if figure:
             picture(found, figure)
     if as_json:
-        echo(in_json(found), nl=False)
+        echo_json_text(in_json(found))
     else:
         _print(found, folder)
     return 0

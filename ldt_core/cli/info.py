@@ -214,7 +214,7 @@ def _what_to_fill_in(proposed: str) -> str:
 
 def _tell_foreign(storage: Storage, as_json: bool) -> None:
     """Topics of a recording that is not LDT's, and how to import it."""
-    counts = Counter(raw.topic for raw in storage.messages())
+    counts = storage.counts()
     topics = {
         topic: {"type": kind, "messages": counts[topic]}
         for topic, kind in sorted(storage.topics.items())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from threading import Event
 from typing import TYPE_CHECKING, Any
@@ -13,7 +14,9 @@ from ldt_core.cli.outputs import force_option, refuse_force, replacing
 from ldt_core.cli.progress import RunProgress, interrupted_run, print_summaries
 
 if TYPE_CHECKING:
+    from ldt_core.base.experiment import Experiment
     from ldt_core.base.metrics import Summary
+    from ldt_core.machine import Plant
 
 
 @click.command(
@@ -55,6 +58,11 @@ def command(settings: dict[str, Any], force: bool, no_bag: bool, as_json: bool) 
         raise interrupted_run(runs, settings)
 
 
+def _simulated(plant: Plant, count: int, after: int) -> Iterator[Experiment]:
+    """The plant's experiments behind a number."""
+    return map(plant.experiment, range(after + 1, count + 1))
+
+
 def _conduct(settings: dict[str, Any], no_bag: bool, stop: Event) -> list[tuple[str, Summary, str]]:
     """Run machine after machine: (name, what happened, where the recording is) of each."""
     from ldt_core.base.metrics import Summary
@@ -78,6 +86,7 @@ def _conduct(settings: dict[str, Any], no_bag: bool, stop: Event) -> list[tuple[
             if own["resume"] and not member.bag.exists():  # interrupted before this one's turn
                 own = {**own, "resume": ""}
             summary = Summary()
+            experiments: Iterable[Experiment] | Callable[[int], Iterable[Experiment]]
             if own["play"]:
                 played = read_bag(own["play"], own["play_namespace"])
                 experiments = played.experiments(refused=summary.reject)
@@ -85,7 +94,7 @@ def _conduct(settings: dict[str, Any], no_bag: bool, stop: Event) -> list[tuple[
                 begin = own["start_time"]
                 begin = begin_of(own["bag"], begin) if own["resume"] else begin
                 plant = Plant.from_settings(machine, {**own, "start_time": begin})
-                experiments = map(plant.experiment, range(1, own["experiments"] + 1))
+                experiments = partial(_simulated, plant, own["experiments"])
             offline.run(
                 machine,
                 own,

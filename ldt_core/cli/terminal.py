@@ -2,12 +2,33 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from typing import Any
+import sys
+from collections.abc import Iterator
+from typing import IO, Any
 
 import click
 
 from ldt_core.base.printable import one_line, printable
+
+#: Where results go that are for programs; None for standard output.
+_results: IO[str] | None = None
+
+
+@contextlib.contextmanager
+def results_alone(wanted: bool) -> Iterator[None]:
+    """Nothing but JSON gets to standard output: what parts of the user's own print goes beside."""
+    global _results
+    if not wanted:
+        yield
+        return
+    before, _results = _results, sys.stdout
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _results = before
 
 
 def echo(message: Any = "", err: bool = False, nl: bool = True) -> None:
@@ -17,7 +38,12 @@ def echo(message: Any = "", err: bool = False, nl: bool = True) -> None:
 
 def echo_json(record: Any, indent: int | None = None) -> None:
     """Print it as JSON to standard output; ValueError for a number that is not finite."""
-    click.echo(json.dumps(record, allow_nan=False, indent=indent))
+    echo_json_text(json.dumps(record, allow_nan=False, indent=indent) + "\n")
+
+
+def echo_json_text(text: str) -> None:
+    """Print what is JSON already."""
+    click.echo(text, file=_results, nl=False)
 
 
 def echo_result(as_json: bool, record: Any, *lines: str) -> None:
@@ -34,4 +60,7 @@ def warn(*sentences: str) -> None:
         echo(one_line(sentence), err=True)
 
 
-__all__ = ["echo", "echo_json", "echo_result", "one_line", "printable", "warn"]
+__all__ = [
+    *("echo", "echo_json", "echo_json_text", "echo_result"),
+    *("one_line", "printable", "results_alone", "warn"),
+]

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 import msgs_config
-from ldt_core.base.errors import ArgumentTypeError, BadInput, OptionError, described, did_you_mean
+from ldt_core.base.errors import (
+    FAULTS,
+    ArgumentTypeError,
+    BadInput,
+    OptionError,
+    described,
+    did_you_mean,
+    reason_of,
+)
 from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.base.registry import Registry
 
@@ -85,6 +93,8 @@ def build_detector(name: str | type[Detector], settings: Mapping[str, Any]) -> D
     except (TypeError, ValueError) as error:
         got = f"{arguments} ({error})"
         raise OptionError(f"detector {name}", "arguments that it takes", got) from error
+    except FAULTS as error:  # of a detector of the user's own
+        raise OptionError(f"detector {name}", "one that can be made", reason_of(error)) from error
 
 
 def _parse(entry: str) -> tuple[str, Any]:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Experiment, Level, Samples, Signal
 from ldt_core.detectors.base import Detector, declared
-from ldt_core.detectors.excited_range import Hull, hull, inside, joined, within
+from ldt_core.detectors.excited_range import Hull, hull, inside, is_hull, joined, within
 from ldt_core.estimation.misfit import MOST_LOG, STRETCH, Misfit, Setting, misfit, setting
 from ldt_core.estimation.noise import sensor_step
 
@@ -122,6 +125,14 @@ class Adequacy(Detector):
         self._voltage: Samples | None = None
         self._speed: Samples | None = None
         self._clear()
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """As `Detector.restore`; ranges must be some, and errors numbers."""
+        super().restore(state)
+        ranges = all(is_hull(r) for r in (self.explained, self.seen, self.last))
+        if not (ranges and all(type(e) in (int, float) for e in self.errors)):
+            self.reset()
+            raise OptionError(f"state of detector {self.name}", "ranges and errors", "others")
 
     def _clear(self) -> None:
         #: The e-detectors of misfit: beyond the noise, and beyond what the model claims as well.

@@ -29,6 +29,18 @@ def hull(voltage: Array) -> Hull:
     return [seen.min(axis=0).tolist(), seen.max(axis=0).tolist()]
 
 
+def is_hull(value: object) -> bool:
+    """Whether a value in JSON types is one, or the empty one of what was seen nowhere."""
+    if value == []:
+        return True
+    try:
+        low, high = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return False
+    whole = np.isfinite(low).all() and np.isfinite(high).all()
+    return bool(low.shape == (1 + len(MEMORIES),) and whole and (low <= high).all())
+
+
 def joined(one: Hull, other: Hull) -> Hull:
     """The hull of two, neither empty."""
     return [np.minimum(one[0], other[0]).tolist(), np.maximum(one[1], other[1]).tolist()]

@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from ldt_core.base.errors import OptionError
+from ldt_core.base.errors import FAULTS, LdtError, OptionError, reason_of
 from ldt_core.base.registry import Registry
 
 if TYPE_CHECKING:
@@ -42,14 +42,19 @@ def build_model(
         settings: those that the model's constructor names are taken.
 
     Raises:
-        OptionError: an unknown model, or something that is none.
+        OptionError: an unknown model, something that is none, or one that fails when it is made.
     """
     from ldt_core.models.base import Model
 
     if isinstance(model, Model):
         return model
     kind = _kind(model)
-    return kind(machine, **_own(kind, settings))
+    try:
+        return kind(machine, **_own(kind, settings))
+    except LdtError:
+        raise
+    except FAULTS as error:  # of a model of the user's own
+        raise OptionError(f"model {model}", "one that can be made", reason_of(error)) from error
 
 
 def learns_by_diagnosis(settings: Mapping[str, Any]) -> bool:

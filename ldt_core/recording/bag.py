@@ -200,9 +200,7 @@ class Bag:
                 elif refused is not None:
                     refused(error)
                     left_out[raw.topic] += 1
-                    if left_out[raw.topic] > MOST_UNUSABLE:
-                        few = f"at most {MOST_UNUSABLE} messages that are no such record"
-                        raise RecordingError(f"{self._place}, {raw.topic}", few, "more") from None
+                    refuse_more_unusable(left_out[raw.topic], f"{self._place}, {raw.topic}")
                 else:
                     raise
                 continue
@@ -349,6 +347,17 @@ def namespaces(topics: dict[str, str]) -> list[str]:
     ]
     measured = [t for t in ours if t.endswith("/experiment")]
     return sorted({t.rpartition("/")[0] for t in measured or ours})
+
+
+def refuse_more_unusable(count: int, where: str) -> None:
+    """Refuse a recording of a machine alone with more messages that are none than are read.
+
+    Raises:
+        RecordingError: more than MOST_UNUSABLE.
+    """
+    if count > MOST_UNUSABLE:
+        few = f"at most {MOST_UNUSABLE} messages that are no such record"
+        raise RecordingError(where, few, "more") from None
 
 
 def _because(storage: Storage) -> str:

@@ -11,7 +11,7 @@ from ldt_core.base.bounded import forget_oldest
 from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.base.experiment import Adaptation, Experiment, ModelRecord, Prediction, Signal
 from ldt_core.base.sentences import Span
-from ldt_core.recording.bag import Bag
+from ldt_core.recording.bag import Bag, refuse_more_unusable
 from ldt_core.recording.codec import DECODERS, Record, decode_cdr
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.lock import is_written
@@ -103,7 +103,8 @@ def inspect(bag: Bag, seen: Callable[[str, Record], object] | None = None) -> He
             read the recording once more for them.
 
     Raises:
-        RecordingError: a file of it cannot be read any more.
+        RecordingError: a file of it cannot be read any more, or a machine's recording holds more
+            than MOST_UNUSABLE messages that are none.
     """
     metadata = bag.storage.metadata
     health = Health(bag.path, bag.machine, judged=bag.judged, writing=is_written(bag.path))
@@ -162,6 +163,8 @@ class _Reading:
         except LdtError as error:
             count, why = health.unreadable.get(raw.topic, (0, str(error)))
             health.unreadable[raw.topic] = (count + 1, why)
+            if not health.judged:
+                refuse_more_unusable(count + 1, f"{health.path}, {raw.topic}")
 
     def predicted(self) -> ExperimentNumbers:
         """Numbers of the experiments of which no recorded one lacks its prediction."""

@@ -12,6 +12,7 @@ import itertools
 import re
 import sqlite3
 from codecs import BOM_UTF8
+from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
@@ -114,17 +115,18 @@ class Storage:
         for file in self.files:
             yield from self.read(file, topics, picked=True)
 
-    def count(self, topic: str) -> int:
-        """Messages of a topic, by the files' indexes; a file without one is read."""
-        total = 0
+    def counts(self, topics: Collection[str] | None = None) -> Counter[str]:
+        """Messages of each topic, of all when None, by the files' indexes; without one, by all."""
+        found: Counter[str] = Counter()
         for file in self.files:
             about = self.mcap(file).summary(places=False) if is_mcap(file) else None
             if about is None or about.statistics is None:
-                total += sum(1 for _ in self.read(file, [topic]))
+                found.update(raw.topic for raw in self.read(file, topics))
                 continue
             counts = about.statistics.channel_message_counts
-            total += sum(counts.get(n, 0) for n, d in about.channels.items() if d[0].topic == topic)
-        return total
+            for number, (channel, _) in about.channels.items():
+                found[channel.topic] += counts.get(number, 0)
+        return found
 
     def last(self, topics: Collection[str], most: int) -> list[RawMessage]:
         """The last messages of topics that are rare, so many at least where there are as many."""

@@ -28,7 +28,7 @@ LOOK_AHEAD = 1000
 def run(
     machine: Machine,
     settings: Mapping[str, Any],
-    experiments: Iterable[Experiment],
+    experiments: Iterable[Experiment] | Callable[[int], Iterable[Experiment]],
     bag: Path | str | None,
     on_step: Callable[[Step], None] = lambda step: None,
     namespace: str = "",
@@ -40,6 +40,8 @@ def run(
     Args:
         settings: parameters of the groups model, detector, adaptor, diagnosis and advice; with a
             `resume` that is not empty the run goes on where the recording in `bag` ends.
+        experiments: all of the run, or those that follow a number (0: all of them), of a source
+            that need not make those before once more.
         bag: folder of the recording, which must not exist unless the run goes on; None records
             nothing.
         namespace: of the machine's topics in the recording.
@@ -53,7 +55,8 @@ def run(
     twin = Twin.from_settings(machine, settings)
     summary = summary or Summary()
     if bag is None:
-        return run_unrecorded(twin, pace(experiments), on_step, summary)
+        all_of_them = experiments(0) if callable(experiments) else experiments
+        return run_unrecorded(twin, pace(all_of_them), on_step, summary)
     untrained = twin.model.record()
     goes_on = bool(settings.get("resume"))
     if goes_on:
@@ -71,8 +74,11 @@ def run(
     ) as writer:
         restart = TwinRestart(twin, RecordedRun(bag, namespace, machine), summary.note)
         done = restart.resume() if goes_on else 0
-        ahead = pace(restart.following(experiments, summary.reject))
-        for index, step in enumerate(twin.steps(ahead, summary.reject)):
+        if callable(experiments):
+            ahead = experiments(done)
+        else:
+            ahead = restart.following(experiments, summary.reject)
+        for index, step in enumerate(twin.steps(pace(ahead), summary.reject)):
             if index == 0 and not done:
                 writer.write("model", untrained, step.experiment.start)
             write_step(writer, step)

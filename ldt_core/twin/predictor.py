@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ldt_core.base.errors import FAULTS, ModelError, UnansweredExperiment, reason_of
+from ldt_core.base.errors import (
+    FAULTS,
+    ExperimentError,
+    ModelError,
+    UnansweredExperiment,
+    reason_of,
+)
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
@@ -80,7 +86,12 @@ class Predictor:
     def _free_run(self, model: Model, experiment: Experiment) -> Prediction:
         try:
             prediction = model.predict(experiment)
-            prediction.residual(experiment)  # raises where it is not of this experiment
+            gap = prediction.residual(experiment)  # raises where it is not of this experiment
+            with np.errstate(over="ignore"):
+                if not np.isfinite(gap @ gap):  # nobody could judge it
+                    where = f"prediction {experiment.number}, speed"
+                    most = f"{np.abs(prediction.speed).max():g}"
+                    raise ExperimentError(where, "samples whose squares can be summed", most)
         except FAULTS as error:  # of a model of the user's own, for one
             raise UnansweredExperiment(experiment.number, reason_of(error)) from error
         return prediction

@@ -27,8 +27,6 @@ SETTLE = 3.0  # s that an interrupted run waits for the experiment under way
 SPIN = 0.05  # s between two looks at the processes
 RIVAL_WATCH = 5.0  # s after the first step; a rival that comes later ends no long run
 RIVAL_REST = 20.0  # times as long as looking for rivals took, this process does something else
-STARTUP = 60.0  # s until all nodes must have found each other
-STARTUP_EACH = 3.0  # s more for each machine; a core needs 1.5 s for one and is not alone
 ANOTHER_PLACE = "(use another ROS_DOMAIN_ID or --namespace)"
 
 OnStep = Callable[[str, Signal, Adaptation], None]
@@ -79,7 +77,7 @@ class Graph:
         children = {host.name: respawner.start(host) for host in hosts}
         recorders = [children[host.name] for host in hosts if host.records]
         began = time.monotonic()
-        patience = STARTUP + STARTUP_EACH * len(self.runs)
+        patience = respawner.patience
         while not (stopped() or self._finished()):
             self._listen(SPIN)
             respawner.look()

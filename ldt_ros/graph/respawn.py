@@ -21,6 +21,8 @@ MAX_LOOK_INTERVAL = 0.5
 OUTLIER_RATIO = 3.0
 #: Times as silent as is taken for hung, above which it is whatever the others do.
 CERTAIN_RATIO = 10.0
+STARTUP = 60.0  # s in which a process must have told something of itself
+STARTUP_EACH = 3.0  # s more for each machine; a core needs 1.5 s for one and is not alone
 
 
 class Silence:
@@ -66,12 +68,14 @@ class Crashes:
         in_a_row: of those without an experiment dealt with in between.
         hung: of those that were killed since nothing came of them any more.
         told: how often it had told something of itself before the last one.
+        hang: why it is killed, "" where it was not.
     """
 
     count: int = 0
     in_a_row: int = 0
     hung: int = 0
     told: int = 0
+    hang: str = ""
     _step: int = -1
 
     def add(self, step: int) -> None:
@@ -94,6 +98,8 @@ class Respawner:
         self._hosts: dict[str, HostProcess] = {}  # by the name of a child
         self._crashes: dict[str, Crashes] = {}
         self._silence = Silence()
+        #: Longest time that a start may take [s].
+        self.patience = STARTUP + STARTUP_EACH * len(monitors)
         #: When a process was started again last [s of the steady clock].
         self.restarted_at = -math.inf
 
@@ -117,9 +123,9 @@ class Respawner:
                 _, _, sentence = told.partition(": ")
                 raise _Refused(sentence or told)
             if not child.crashed or not self._start_again(child):
-                raise LdtError(
-                    f"{child.name} ended with code {code}: {told} (all output: {child.log.parent})"
-                )
+                hang = self._crashes.get(child.name, Crashes()).hang
+                why = hang or f"ended with code {code}: {told}"
+                raise LdtError(f"{child.name} {why} (all output: {child.log.parent})")
 
     def note(self) -> None:
         """Note in the summaries of the machines what crashed and hung."""
@@ -132,15 +138,18 @@ class Respawner:
                     run.summary.note(f"{name} hung {_times(hung)}, was killed and started again")
 
     def _kill_hung(self) -> None:
-        """Kill whoever has told nothing of itself for too long, once it had begun to."""
+        """Kill whoever has told nothing of itself for too long; to begin with takes longer."""
         running = [c for c in self.supervisor.children if c.running]
         self._silence.look({c.name: self._statements(c) for c in running})
         for child in running:
             after = self._hosts[child.name].runs[0].settings["hung_after"]
-            before = self._crashes.get(child.name, Crashes()).told
-            heard = self._silence.told(child.name) > before
-            if heard and after and self._silence.hung(child.name, after):
-                self._crashes.setdefault(child.name, Crashes()).hung += 1
+            crashes = self._crashes.setdefault(child.name, Crashes())
+            heard = self._silence.told(child.name) > crashes.told
+            allowed = after if heard else max(after, self.patience)
+            if after and self._silence.hung(child.name, allowed):
+                crashes.hung += 1
+                since = "any more" if heard else f"within {allowed:g} s of its start"
+                crashes.hang = f"hung: it told nothing of itself {since}"
                 self._silence.forgive(child.name)
                 child.send(signal.SIGKILL)  # it is found dead a moment later
 
@@ -152,6 +161,7 @@ class Respawner:
         crashes.told = self._silence.told(child.name)
         if crashes.in_a_row > host.runs[0].settings["restarts"]:
             return False
+        crashes.hang = ""
         self.restarted_at = time.monotonic()
         for run in host.runs:
             write_parameters(run, self.supervisor.folder, resume=str(run.bag))

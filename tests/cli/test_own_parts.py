@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -68,3 +69,20 @@ def test_the_page_s_effect_is_checked_and_acts(tmp_path, monkeypatch, capsys):
     dragged = machine.model.simulate(*about, [(effect, given)])[:, 1]
     np.testing.assert_allclose(experiment.speed, dragged, atol=1e-9)
     assert np.abs(experiment.speed - machine.model.simulate(*about)[:, 1]).max() > 0.1
+
+
+def test_what_a_part_prints_is_not_among_the_results(tmp_path, monkeypatch, capsys):
+    """With --json, standard output is for programs."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text(
+        "from ldt_core.detectors.threshold import Threshold\n"
+        "class Mine(Threshold):\n"
+        "    def judge(self, residual, deviation):\n"
+        "        print('judged')\n"
+        "        return super().judge(residual, deviation)\n"
+    )
+    given = ["--experiments", "2", "--model", "physics", "--detector", "own.py:Mine", "--no-bag"]
+    assert invoke(ldt, ["run", *given, "--json"]) == 0
+    printed, beside = capsys.readouterr()
+    assert json.loads(printed)["runs"][0]["experiments"] == 2
+    assert beside.count("judged") == 2

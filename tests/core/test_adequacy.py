@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
+from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Level
 from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.detectors.excited_range import AFTER, hull, within
@@ -331,3 +332,16 @@ def test_what_follows_a_voltage_outside_the_range_is_outside_too(length):
     assert not known[length // 3 : length // 3 + wide].any()
     assert not known[length // 2 : length // 2 + wide].any()
     assert known[length // 2 + wide + memory :].all()
+
+
+@pytest.mark.parametrize("name", ["explained", "seen", "last"])
+@pytest.mark.parametrize("value", [[1.0], [[1.0], []], [["a"] * 4] * 2, [[2.0] * 4, [1.0] * 4]])
+def test_a_state_of_no_ranges_is_refused(name, value):
+    """It was taken from a checkpoint, and a run could not be resumed; so it is with errors."""
+    detector = Adequacy()
+    good = detector.state()
+    with pytest.raises(OptionError, match="expected ranges and errors"):
+        detector.restore({**good, name: value})
+    with pytest.raises(OptionError, match="expected ranges and errors"):
+        detector.restore({**good, name: [[0.0] * 4, [1.0] * 4], "errors": ["x"]})
+    assert detector.state() == good

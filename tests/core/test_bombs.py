@@ -8,6 +8,7 @@ import tracemalloc
 from collections.abc import Callable
 
 import lz4.frame
+import numpy as np
 import pytest
 import yaml
 import zstandard
@@ -15,13 +16,18 @@ from mcap.writer import CompressionType, Writer
 
 import msgs_config
 from ldt_core.base.errors import BadInput, LdtError, MachineFileError, RecordingError, described
+from ldt_core.base.experiment import Experiment
 from ldt_core.base.plain_yaml import load_yaml
+from ldt_core.cli import invoke, ldt
+from ldt_core.cli.recordings import read_recordings
 from ldt_core.machine.machine_file import load_machine, machine_from_dict
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.codec import MULTI_ARRAY
 from ldt_core.recording.csv_table import CsvTable
+from ldt_core.recording.health import inspect
 from ldt_core.recording.mcap_reader import TolerantMcapReader
 from ldt_core.recording.mcap_records import decompress
+from ldt_core.recording.writer import BagWriter
 
 SENTENCE = 1500  # characters of the longest sentence about a file
 MEGABYTE = 2**20
@@ -122,6 +128,29 @@ def test_messages_that_are_none_are_read_to_a_limit_alone(tmp_path, monkeypatch)
     with pytest.raises(RecordingError, match="at most 9 messages that are no such record, got mor"):
         play()
     assert len(told) == 10
+    with pytest.raises(RecordingError, match="at most 9 messages that are no such record, got mor"):
+        inspect(read_bag(tmp_path / "a.mcap"))  # as info and doctor do
+
+
+def test_files_together_unpack_to_a_limit(tmp_path, monkeypatch):
+    """A recording of 164 kB took 4 GB: each of its experiments kept its own limit."""
+    monkeypatch.setattr("ldt_core.cli.recordings.FREE_BYTES", MEGABYTE)
+    folders = [str(tmp_path / name) for name in "ab"]
+    for at, folder in enumerate(folders):
+        with BagWriter(folder, "rotor") as writer:
+            rows = np.full((2, 50_000), 6.0)
+            writer.write("experiment", Experiment(1, 1e9 * (1 + at), 0.01, *rows), 1e9)
+    assert len(read_recordings(folders[:1], "")) == 1
+    with pytest.raises(RecordingError, match=r"samples of at most 1048576 bytes in files of"):
+        read_recordings(folders, "")
+
+
+def test_messages_of_a_foreign_bag_are_counted_by_its_index(tmp_path, capsys, monkeypatch):
+    """Two million were read one after the other to be counted."""
+    bomb(tmp_path / "a.mcap", 100 * 31)
+    monkeypatch.setattr(TolerantMcapReader, "messages", pytest.fail)
+    assert invoke(ldt, ["info", str(tmp_path / "a.mcap")]) == 0
+    assert "/x  x, 100 messages" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("method", ["zstd", "lz4"])

@@ -124,6 +124,32 @@ def test_a_model_that_nobody_could_be_told_of_is_not_adopted(name, tmp_path):
         assert step.model is None
 
 
+@pytest.mark.parametrize("kind", ["model", "detector"])
+def test_a_part_that_cannot_be_made_is_a_sentence(kind):
+    """It ended in a traceback, by whatever its constructor raised."""
+    bodies = {"model": (PhysicsModel, {"build": ends}), "detector": (Threshold, {"__init__": ends})}
+    base, body = bodies[kind]
+    with pytest.raises(OptionError, match="one that can be made, got SystemExit: 7"):
+        Twin(SHORT, **{kind: type("Mine", (base,), {"kind": "mine", **body})})
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [(1e300, "samples whose squares can be summed, got"), (1j, "a row of numbers")],
+)
+def test_a_prediction_that_is_none_leaves_its_experiment_unanswered(factor, words):
+    """Speeds of 1e300 printed warnings of numpy; of complex ones the half was dropped."""
+
+    def predict(self, experiment):
+        found = PhysicsModel(self.machine).predict(experiment)
+        return replace(found, speed=np.maximum(found.speed, 1.0) * factor)
+
+    model = type("Mine", (PhysicsModel,), {"kind": "mine", "predict": predict})
+    refused: list[LdtError] = []
+    assert not list(Twin(SHORT, model=model).steps(made(), refused.append))
+    assert [words in str(e) for e in refused] == [True] * COUNT
+
+
 def test_a_file_that_ends_the_program_is_refused(tmp_path):
     """As one that cannot be imported."""
     (tmp_path / "mine.py").write_text("raise SystemExit(5)")

@@ -17,8 +17,10 @@ pytest.importorskip("rclpy")
 
 from disturbed import differences, nodes, recorded
 
+from ldt_ros.graph import respawn
 from ldt_ros.nodes.detector_node import DetectorNode
 from ldt_ros.nodes.watchdog import alive
+from ldt_ros.up import launch
 
 LDT = str(Path(sys.executable).with_name("ldt"))
 PATIENCE = 240  # s
@@ -37,6 +39,31 @@ class Hangs(Threshold):
             time.sleep(1e6)
         return super().judge(residual, deviation)
 """
+#: A file of which the detector's process hangs at the import, once.
+HANGS_AT_ONCE = """
+import time
+from pathlib import Path
+from ldt_core.detectors.threshold import Threshold
+
+if b"--node detector" in Path("/proc/self/cmdline").read_bytes() and not Path("hung").exists():
+    Path("hung").touch()
+    time.sleep(1e6)
+
+class Hangs(Threshold):
+    pass
+"""
+
+
+def test_a_node_that_hangs_at_its_start_is_killed_and_started_again(domain, tmp_path, monkeypatch):
+    """All others waited for it for ever."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(respawn, "STARTUP", 10.0)
+    (tmp_path / "own.py").write_text(HANGS_AT_ONCE)
+    given = {"experiments": 2, "model": "physics", "detector": "own.py:Hangs", "bag": "run"}
+    begin = time.monotonic()
+    (run,) = launch(given, stopped=lambda: time.monotonic() - begin > PATIENCE)
+    assert run.summary.experiments == 2
+    assert "detector hung once, was killed and started again" in run.summary.notes
 
 
 def test_a_hung_node_is_killed_and_started_again(domain, programs, tmp_path):

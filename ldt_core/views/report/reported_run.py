@@ -101,7 +101,8 @@ def read_run(recording: str | Path, namespace: str = "") -> ReportedRun:
         ExperimentError, ModelError: a message in it that is no such record.
     """
     bag = read_twin_run(recording, namespace)
-    most, shown = room(max(1, bag.storage.count(bag.topic("signal") or "")), CHANNELS)
+    topic = bag.topic("signal") or ""
+    most, shown = room(max(1, bag.storage.counts([topic])[topic]), CHANNELS)
     collector = StepCollector(bag.topic("original_prediction") is not None)
     order = StepOrder()
     extent: Extent | None = None
