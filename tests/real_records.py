@@ -30,6 +30,7 @@ from ldt_core.twin.loop import Twin
 from tests.benchmarks.__main__ import machine as processor
 from tests.benchmarks.measured_table import MeasuredTable
 
+DISC = 25.0  # s of an experiment of the disc
 LIVE = 2.0  # s of an experiment that is played live
 RPM = 2 * np.pi / 60
 Row = tuple[str, str, float, float]
@@ -143,6 +144,19 @@ def unbalanced_disk(folder: Path) -> Iterator[Row]:
     whole = machine_of(found or balance(shown, ()), "disk", shown, limits)
     errors = (error(m, further) for m in (alone, whole))
     yield ("unbalanced disc, by accelerations", told(found), *errors)
+    # The file in free run, and what the second record says that it lacks still.
+    length = round(DISC / 0.025)
+    first, second = (pieces(e.voltage, e.speed, 0.025, length) for (e,) in (shown, further))
+    fitted = calibrate(whole, first).machine
+    yield (
+        "the same, second record",
+        "calibrated on the first",
+        error(whole, second),
+        error(fitted, second),
+    )
+    answered = diagnose(fitted, second, recordings=["second"])
+    gap = answered.gap
+    yield "the same, held out", answer(answered), gap.before.rmse, gap.after.rmse
 
 
 def torque_pendulum(folder: Path) -> Iterator[Row]:

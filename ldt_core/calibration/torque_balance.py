@@ -34,6 +34,7 @@ KINDS = {
     "gravity_imbalance": "a pendulum (gravity on an eccentric mass)",
     "coulomb_friction": "dry friction",
 }
+CHANCE = "the voltage explains no more of the speed's changes than chance would"
 #: Samples over which the speed's change is taken: single differences show noise, long ones nothing
 #: that is over by then. The span in which the effects tell most from a motor is taken.
 SPANS = (4, 8, 16, 32)
@@ -144,11 +145,13 @@ def guidance(experiments: Sequence[Experiment]) -> str:
         return ""
     left, motor = found.left, balance(experiments, (), found.span).left
     what = listed(KINDS[n] for n in found.effects)
-    return (
+    fits = (
         f"; a motor with {what} fits the changes of its speed ({left:.2g} rad/s left of them, "
-        f"{motor:.2g} without): ldt identify RECORDING --effects {','.join(found.effects)} "
-        "--out FILE"
+        f"{motor:.2g} without)"
     )
+    if _by_chance(_over_the_best_span(experiments, found.effects), experiments):
+        return f"{fits}, but {CHANCE}: record experiments that the voltage drives"
+    return f"{fits}: ldt identify RECORDING --effects {','.join(found.effects)} --out FILE"
 
 
 def balanced_machine(
@@ -173,17 +176,27 @@ def balanced_machine(
     if not _enough(experiments, effects, SPANS[0]):
         needed, samples = SAMPLES_PER_UNKNOWN * unknowns * SPANS[0], sum(map(len, experiments))
         raise LdtError(f"{samples} samples cannot determine {what}: about {needed} are needed")
-    found = balance(experiments, effects)
-    apart = sum(len(e) for e in experiments) / found.span - unknowns  # changes, none in another
-    gained, left = found.without_voltage**2 - found.left**2, found.left**2 / max(apart, 1.0)
-    if gained < LEAST_F * left:
-        raise LdtError(
-            f"the recording cannot determine {what}: the voltage explains no more of the speed's "
-            "changes than chance would"
-        )
+    found = _over_the_best_span(experiments, effects)
+    if _by_chance(found, experiments):
+        raise LdtError(f"the recording cannot determine {what}: {CHANCE}")
     low = min(float(e.voltage.min()) for e in experiments)
     high = max(float(e.voltage.max()) for e in experiments)
     return machine_of(found, name, experiments, limits or widened(low, high))
+
+
+def _over_the_best_span(experiments: Sequence[Experiment], effects: Sequence[str]) -> Balance:
+    """The balance in the span in which `fitting` would take it."""
+    tried = [balance(experiments, effects, n) for n in SPANS if _enough(experiments, effects, n)]
+    rising = [b for b in tried if b.gain > 0]
+    return min(rising or tried, key=lambda b: b.left / balance(experiments, (), b.span).left)
+
+
+def _by_chance(found: Balance, experiments: Sequence[Experiment]) -> bool:
+    """Whether the voltage explains no more of the speed's changes than noise would."""
+    unknowns = _unknowns(experiments, found.effects)
+    apart = sum(len(e) for e in experiments) / found.span - unknowns  # changes, none in another
+    gained = found.without_voltage**2 - found.left**2
+    return gained < LEAST_F * found.left**2 / max(apart, 1.0)
 
 
 def _unknowns(experiments: Sequence[Experiment], effects: Sequence[str]) -> int:

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
 
-from ldt_core.base.errors import OptionError
+from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.experiment import Experiment
-from ldt_core.calibration.torque_balance import balance, check_names, fitting, guidance, machine_of
+from ldt_core.calibration.torque_balance import (
+    balance,
+    balanced_machine,
+    check_names,
+    fitting,
+    guidance,
+    machine_of,
+)
 from ldt_core.cli.identify import command
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.models.physics import PhysicsModel
@@ -96,6 +105,16 @@ def test_identify_says_the_command_and_the_command_works(tmp_path):
     assert done.exit_code == 0, done.output
     assert load_machine(out).acting == ("gravity_imbalance",)
     assert yaml.safe_load(out.read_text())["effects"][0]["parameters"]["torque"] > 0
+
+
+def test_no_command_is_proposed_that_would_be_refused():
+    """A pendulum that swings by itself: nothing tells what a volt does."""
+    e = swung(noise=0.1)
+    free = replace(e, voltage=np.random.default_rng(2).permutation(e.voltage))
+    assert "ldt identify" not in guidance([free])
+    assert "record experiments that the voltage drives" in guidance([free])
+    with pytest.raises(LdtError, match="no more of the speed's changes than chance"):
+        balanced_machine([free], ["gravity_imbalance"], "pendulum")
 
 
 def test_an_unknown_effect_is_refused():
