@@ -257,7 +257,7 @@ def _worth_more(found: FittedSets, smaller: EffectFit, larger: EffectFit, gap: f
         return False
     gain = band.speed_gain(smaller.residual, larger.residual)
     left = max(band.speed_excess(smaller.residual), 0.0)
-    return earned(smaller.effects, larger.effects, gain, left, gap, whole=True)
+    return earned(smaller.effects, larger.effects, gain, left, gap)
 
 
 def _largest_worth_its_parts(
