@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.effects.base import Effect, factor_of
 from ldt_core.physics.parameter import Parameter
-
-Array = NDArray[np.float64]
 
 
 def _lagging(speed: Array, period: float, time_constant: float) -> Array:

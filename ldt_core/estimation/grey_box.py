@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.machine.machine_file import Machine
@@ -26,7 +26,6 @@ from ldt_core.physics.effect import Effect
 from ldt_core.physics.machine_sizes import LIMITS, in_own_sizes, limits_voltage, machine_scales
 from ldt_core.physics.parameter import Parameter
 
-Array = NDArray[np.float64]
 Use = list[tuple[Effect, dict[str, float]]]
 
 #: Longest integration step [s] of the first, coarse fits, and of the last one. The speed of the

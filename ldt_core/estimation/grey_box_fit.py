@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
 from ldt_core.estimation.effect.start_angle import FoundAngle
 from ldt_core.estimation.grey_box import (
@@ -27,7 +28,6 @@ from ldt_core.estimation.grey_box import (
     CURRENT,
     FINE_STEP,
     SPEED,
-    Array,
     Case,
     GreyBox,
     Prior,
@@ -192,7 +192,7 @@ class GreyBoxProblem:
 
     def descend(
         self, x: Array, gain: float, step: float, rounds: int
-    ) -> tuple[Array, float, NDArray[np.float64]]:
+    ) -> tuple[Array, float, Array]:
         """(coordinates, cost, information) of the minimum next to these coordinates.
 
         Levenberg-Marquardt with the scaling of Marquardt; coordinates at a bound stay there while

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.threads import spread
 from ldt_core.estimation.grey_box import COARSE_STEP, GreyBox, Prior
@@ -31,8 +32,6 @@ from ldt_core.estimation.grey_box_fit import (
 )
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
-
-Array = NDArray[np.float64]
 
 #: Gauss-Newton steps of the screening; under the observer an effect is found in two or three.
 SCREENING_STEPS = 4

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.sentences import number
 
 CONFIDENCE = 0.95
@@ -145,7 +145,7 @@ def rank_correlation(x: Sequence[float], y: Sequence[float | None]) -> float | N
 
 def resampled(
     cases: Sequence[Sequence[float]],
-    statistic: Callable[[NDArray[np.float64]], float],
+    statistic: Callable[[Array], float],
     seed: int = 0,
 ) -> Interval:
     """A statistic of all values, with the percentile interval of draws of whole cases.

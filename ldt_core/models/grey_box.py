@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.sentences import listed, spoken
@@ -19,8 +19,6 @@ from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, Case, GreyBox, Pri
 from ldt_core.estimation.misfit import misfit, noise_in, setting
 from ldt_core.estimation.structure_search import FittedStructure, Present, StructureSearch
 from ldt_core.models.base import Model
-
-Array = NDArray[np.float64]
 
 #: Directions in which the parameters are least known, along which a prediction is spread out.
 DIRECTIONS = 3

@@ -13,8 +13,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.lab.challenge.law import Law
 from ldt_core.lab.challenge.rig import PROBES, Acting, CaseBench
 from ldt_core.lab.challenge.simulation import Unsteady
@@ -71,8 +71,6 @@ def size_for(
         raise Unsteady(f"no size of {law.name} makes a machine that runs")
     return best[1], best[2]
 
-
-Array = NDArray[np.float64]
 
 FIT_STEPS = 2
 #: Experiments that are not fitted, and count in what is explained all the same.

@@ -8,15 +8,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment, rms
 from ldt_core.lab.challenge.case_plant import ideal
 from ldt_core.lab.challenge.law import Law
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
 from ldt_core.lab.challenge.simulation import Drive, Motion, free_run, simulate
-
-Array = NDArray[np.float64]
 
 #: Kinds of excitation; those that turn the machine both ways.
 KINDS = (

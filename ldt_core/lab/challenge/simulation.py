@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.lab.challenge.case_plant import STATES, TOLERANCES
 from ldt_core.lab.challenge.dormand_prince import TOLERANCE, integrate
 
-Array = NDArray[np.float64]
 WALK_PERIOD = 0.01  # s, in which a wandering supply takes a step
 WALK_MEMORY = 4.0  # s, after which it has forgotten where it was
 MISSED_BURST = 0.3  # s, mean length of a time in which pulses are missed

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.candidate import Candidate
@@ -26,8 +26,6 @@ from ldt_core.diagnosis.holdout import HOLDOUT, closed, free_run, split
 from ldt_core.diagnosis.responses import SHRINK, STRETCH, best_alone, rank_pairs, simulate_all
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
-
-Array = NDArray[np.float64]
 
 ROUGH_EXPERIMENTS = 4  # experiments to which every set is fitted, evenly spread
 ROUGH_PRECISION = 1e-4  # of the sum of squares: fits to the few end there

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.lab.challenge.comparators.compare import ComparatorAnswer, Data
@@ -34,7 +34,7 @@ def gaussian_process(data: Data) -> ComparatorAnswer:
         raise why or LdtError("the Gaussian process predicts no held-out experiment")
     model = best[1]
 
-    def predict(e: Experiment) -> NDArray[np.float64]:
+    def predict(e: Experiment) -> Array:
         try:
             return model.predict(e).speed
         except LdtError:

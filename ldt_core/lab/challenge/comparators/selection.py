@@ -14,14 +14,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.holdout import free_run
 from ldt_core.lab.challenge.comparators.compare import ComparatorAnswer, Data, EffectFits
-
-Array = NDArray[np.float64]
 
 BLOCKS = 5  # of an experiment, among which an improvement's scatter is judged
 DIVERGED = 1e12  # (rad/s)^2, in place of the error of a free run that grows for ever

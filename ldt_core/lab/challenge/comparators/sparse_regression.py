@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
@@ -26,7 +26,6 @@ from ldt_core.machine.machine_file import Machine
 from ldt_core.models.hybrid import HybridModel
 from ldt_core.physics.motor_rates import memory
 
-Array = NDArray[np.float64]
 Signals = Mapping[str, Array]
 
 SIGN_SPEED = 0.5  # rad/s, over which a sign turns

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.result_files import write
 from ldt_core.base.sentences import counted, number, spoken
 from ldt_core.effects import EFFECTS
@@ -192,7 +192,7 @@ def write_picture(judged: Sequence[Judged], folder: Path) -> str:
 
 def confusion(
     judged: Sequence[Judged],
-) -> tuple[list[str], list[str], NDArray[np.float64], list[int]]:
+) -> tuple[list[str], list[str], Array, list[int]]:
     """(truths, answers, shares of each truth's cases, cases of each truth).
 
     An answer counts once: shared evenly among the effects that are said to act, and each of these

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.code_version import code_version
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.experiment import Experiment
@@ -109,9 +109,6 @@ def check_entries(found: Mapping[str, Any], entries: Mapping[str, Any], folder: 
     for name in entries:
         if name not in found:
             raise BadInput(f"{folder}, {name}", "the case that a key names", "none")
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.lab.study.study_case import RunResult
 from ldt_core.machine.machine_file import load_machine
@@ -35,7 +35,7 @@ class WearQuantity:
         unit = f" [{self.unit}]" if self.unit else ""
         return f"{self.name[0].lower()}{self.name[1:]} {self.symbol}".rstrip() + unit
 
-    def scaled(self, values: Sequence[float]) -> NDArray[np.float64]:
+    def scaled(self, values: Sequence[float]) -> Array:
         """In `unit`."""
         return np.asarray(values, dtype=np.float64) * self.scale
 

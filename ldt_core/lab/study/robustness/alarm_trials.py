@@ -21,14 +21,14 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.settings import resolve
 from ldt_core.detectors import build_detector
 from ldt_core.detectors.base import Detector
 
-Rows = NDArray[np.float64]
+Rows = Array
 #: Samples of an experiment, and experiments of a stream.
 SAMPLES, EXPERIMENTS = 500, 5000
 #: Experiments of the row that goes on behind its positives.
