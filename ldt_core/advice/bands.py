@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,12 +21,11 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import brentq, minimize_scalar
 
 from ldt_core.base.arrays import Array
+from ldt_core.physics.parameter import Values
 from ldt_core.physics.steady_state import folds, has_foundation, steady_voltage, unbalance_torque
 
 if TYPE_CHECKING:
     from ldt_core.base.experiment import Experiment
-
-Values = Mapping[str, float]
 
 #: How well e is known, relative: a voltage that an e within it puts into a band counts as in it.
 E_UNCERTAINTY = 0.05

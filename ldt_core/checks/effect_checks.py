@@ -11,13 +11,12 @@ import numpy as np
 
 from ldt_core.base.errors import BadInput, OptionError
 from ldt_core.checks.physics_checks import trial_speed
-from ldt_core.effects.base import Values
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.physics.base import MAX_STEP
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import MAX_STEP_RATE
 from ldt_core.physics.motor_driven import MotorDriven
-from ldt_core.physics.parameter import Parameter
+from ldt_core.physics.parameter import Parameter, Values
 
 # rad/s, for a neutral effect: an effect on the equations takes the integrator where the machine
 # alone may be solved exactly, and the two agree to 1e-7 here.

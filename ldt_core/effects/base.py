@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.parameter import Parameter
+from ldt_core.physics.parameter import Parameter, Values
 
 __all__ = ["SMALL_VOLTAGE", "Effect", "factor_of", "scaled"]
-
-Values = Mapping[str, float]
 
 # What depends on the direction of the current turns over the one that this voltage [V] drives
 # through the winding: small next to what turns a motor, and mild enough for the step.

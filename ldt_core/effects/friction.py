@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from ldt_core.effects.base import SMALL_VOLTAGE, Effect, Values
-from ldt_core.physics.parameter import Parameter
+from ldt_core.effects.base import SMALL_VOLTAGE, Effect
+from ldt_core.physics.parameter import Parameter, Values
 
 # Speed over which dry friction turns its sign [rad/s]. A jump at 0 would break the integrator's
 # order. A shaft that sticks creeps at a fraction of this instead, far below any sensor's noise.

@@ -21,10 +21,10 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.machine.machine_file import Machine
-from ldt_core.physics.base import NOT_TRACKED, FreeRun, Values
+from ldt_core.physics.base import NOT_TRACKED, FreeRun
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.machine_sizes import LIMITS, in_own_sizes, limits_voltage, machine_scales
-from ldt_core.physics.parameter import Parameter
+from ldt_core.physics.parameter import Parameter, Values
 
 Use = list[tuple[Effect, dict[str, float]]]
 

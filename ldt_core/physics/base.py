@@ -17,12 +17,11 @@ from numpy.typing import ArrayLike
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
-from ldt_core.physics.parameter import Parameter
+from ldt_core.physics.parameter import Parameter, Values
 
 if TYPE_CHECKING:
     from ldt_core.physics.effect import Effect
 
-Values = Mapping[str, float]
 #: Speeds to follow (L,) [rad/s] or none (0,), and the part of the difference taken at a sample.
 Tracked = tuple[Array, float]
 NOT_TRACKED: Tracked = (np.zeros(0), 0.0)

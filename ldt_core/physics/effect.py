@@ -39,10 +39,8 @@ from ldt_core.base.errors import (
     did_you_mean,
     reason_of,
 )
-from ldt_core.physics.parameter import LARGEST, SMALLEST, Parameter, own_name
+from ldt_core.physics.parameter import LARGEST, SMALLEST, Parameter, Values, own_name
 from ldt_core.physics.terms import Terms, compile_term
-
-Values = Mapping[str, float]
 
 
 class HasParameters(Protocol):

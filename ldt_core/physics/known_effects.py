@@ -24,9 +24,8 @@ from ldt_core.physics.base import (
     FreeRun,
     Physics,
     Tracked,
-    Values,
 )
-from ldt_core.physics.parameter import own_name
+from ldt_core.physics.parameter import Values, own_name
 
 if TYPE_CHECKING:
     from ldt_core.physics.effect import Effect

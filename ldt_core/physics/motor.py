@@ -11,10 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from ldt_core.base.arrays import Array
-from ldt_core.physics.base import Values
 from ldt_core.physics.motor_driven import MotorDriven
 from ldt_core.physics.motor_rates import inductance, motor_rate
-from ldt_core.physics.parameter import Parameter
+from ldt_core.physics.parameter import Parameter, Values
 from ldt_core.physics.run_plan import Constants
 
 #: Relative standard deviation of what a data sheet states: makers of small motors promise 10 %,

@@ -22,10 +22,10 @@ from ldt_core.physics.base import (
     FreeRun,
     Physics,
     Tracked,
-    Values,
     Work,
 )
 from ldt_core.physics.motor_rates import inductance, memory, motor_rate
+from ldt_core.physics.parameter import Values
 from ldt_core.physics.run_plan import (
     STEP_SHARE,
     BegunRun,

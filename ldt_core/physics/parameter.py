@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+
+#: Parameters of a machine or an effect by name, in the units that they declare.
+Values = Mapping[str, float]
 
 #: Size of a number, at most, and of one that must not be 0, at least: products of a few of them
 #: and their squares stay in the range of floating point. No motor comes near, in whatever unit.

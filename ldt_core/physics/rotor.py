@@ -16,7 +16,6 @@ from __future__ import annotations
 import cmath
 
 from ldt_core.base.arrays import Array
-from ldt_core.physics.base import Values
 from ldt_core.physics.motor import (
     GUESSED,
     MOTOR_PARAMETERS,
@@ -26,7 +25,7 @@ from ldt_core.physics.motor import (
 )
 from ldt_core.physics.motor_driven import MotorDriven
 from ldt_core.physics.motor_rates import fastest_root, inductance, motor_rate
-from ldt_core.physics.parameter import Parameter
+from ldt_core.physics.parameter import Parameter, Values
 from ldt_core.physics.run_plan import Constants
 
 STEPS_PER_RADIAN = 4  # the unbalance force turns with the shaft: 25 steps a turn, error below 1e-4

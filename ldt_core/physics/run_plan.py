@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
-from ldt_core.physics.base import Effects, FreeRun, Tracked, Values, Work
+from ldt_core.physics.base import Effects, FreeRun, Tracked, Work
+from ldt_core.physics.parameter import Values
 
 GRIDS_REMEMBERED = 8  # sample times: experiments of one stream mostly share theirs
 STEP_SHARE = 1e-9  # of a step by which rounding may make it longer

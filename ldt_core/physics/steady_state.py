@@ -10,7 +10,6 @@ Limited Power Supply", 1969).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -18,12 +17,11 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from ldt_core.base.arrays import Array
+from ldt_core.physics.parameter import Values
 
 GRID = 20_000  # speeds at which the sign of dV/domega is looked at, before each fold is polished
 FINE_GRID = 1000  # the same between two of these where two folds lie
 DERIVATIVE_STEP = 1e-6  # of the speed, for dV/domega: a central difference is good to 1e-10
-
-Values = Mapping[str, float]
 
 
 class Fold(NamedTuple):
