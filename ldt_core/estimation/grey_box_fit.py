@@ -49,6 +49,11 @@ FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-9, 1e6
 #: Most steps under the strongest observer. It has to converge there, since all else follows from
 #: where it ends: one parameter three tolerances away takes a dozen steps of at most one each.
 FIRST_ROUNDS = 25
+#: Guesses, the best by their cost under the observer, that are descended from at most, until the
+#: residuals are noise.
+TRIES = 2
+#: Most steps at each further gain.
+ROUNDS = 8
 #: Steps at each further gain where even the strongest observer leaves more than noise: such a
 #: structure cannot explain the machine, and only its size is of interest.
 HOPELESS = 2
@@ -289,8 +294,6 @@ class GreyBoxProblem:
 def fit_grey_box(
     problem: GreyBoxProblem,
     guesses: Sequence[Array],
-    tries: int = 2,
-    rounds: int = 8,
     near: Array | None = None,
     sized: bool = True,
 ) -> GreyBoxFit:
@@ -299,9 +302,6 @@ def fit_grey_box(
     Args:
         problem: what to fit.
         guesses: (n,) coordinates of the grey box each.
-        tries: how many of them, the best by their cost under the observer, are descended from at
-            most, until the residuals are noise.
-        rounds: most Levenberg-Marquardt steps at each gain but the first.
         near: (n,) coordinates of what has explained other experiments of the same machine. Where
             the minimum next to them explains these too, nothing else is asked; without guesses,
             where it does not either.
@@ -311,7 +311,7 @@ def fit_grey_box(
     problem = problem.turned(guesses if near is None else [near])
     if near is not None:
         x = problem.with_angles([near], GAINS[0])[0]
-        known = _ended(problem, _released(problem, x, rounds))
+        known = _ended(problem, _released(problem, x, ROUNDS))
         if known.explained or not len(guesses):
             return known
         problem = problem.turned(guesses)
@@ -319,14 +319,14 @@ def fit_grey_box(
     costs = problem.costs(points, GAINS[0], COARSE_STEP)
     best: GreyBoxFit | None = None
     led: list[Array] = []
-    for i in np.argsort(costs, kind="stable")[:tries]:
+    for i in np.argsort(costs, kind="stable")[:TRIES]:
         x, _, information = problem.descend(points[i], GAINS[0], COARSE_STEP, FIRST_ROUNDS)
         # What the experiments cannot tell from where another guess has led goes the same way.
         apart = [float((x - other) @ information @ (x - other)) for other in led]
         if not sized and min(apart, default=math.inf) < 1.0:
             continue
         led.append(x)
-        found = _ended(problem, _homotopy(problem, x, rounds, sized))
+        found = _ended(problem, _homotopy(problem, x, sized))
         if best is None or found.cost < best.cost:
             best = found
         if best.explained:
@@ -363,14 +363,11 @@ def of_first(information: Array, count: int) -> Array:
     return np.asarray(inner - cross @ behind @ cross.T)
 
 
-def _homotopy(
-    problem: GreyBoxProblem, x: Array, rounds: int, sized: bool
-) -> tuple[Array, float, Array]:
+def _homotopy(problem: GreyBoxProblem, x: Array, sized: bool) -> tuple[Array, float, Array]:
     """(coordinates, cost, information) of the free run, from a minimum under the observer."""
     gain = GAINS[0]
     led = problem.explains(x, gain, COARSE_STEP)
-    if not led:
-        rounds = min(rounds, HOPELESS)
+    rounds = ROUNDS if led else HOPELESS
     for gain in GAINS[1:-1]:
         if not sized and not led:
             return problem.descend(x, 0.0, COARSE_STEP, HOPELESS)

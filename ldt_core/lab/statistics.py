@@ -24,6 +24,7 @@ from ldt_core.base.sentences import number
 
 CONFIDENCE = 0.95
 DRAWS = 2000  # of cases, with replacement, for a bootstrap
+SEED = 0  # of the draws: any, and the same in every table
 MOST_LOG = 700.0  # math.exp overflows above 709
 
 
@@ -146,14 +147,12 @@ def rank_correlation(x: Sequence[float], y: Sequence[float | None]) -> float | N
 def resampled(
     cases: Sequence[Sequence[float]],
     statistic: Callable[[Array], float],
-    seed: int = 0,
 ) -> Interval:
     """A statistic of all values, with the percentile interval of draws of whole cases.
 
     Args:
         cases: values of each case; those without any are left out.
         statistic: of (n,) values.
-        seed: of the draws.
     """
     known = [np.asarray(values, dtype=np.float64) for values in cases if len(values)]
     if not known:
@@ -161,7 +160,7 @@ def resampled(
     value, count = float(statistic(np.concatenate(known))), len(known)
     if count == 1:
         return Interval(value, -math.inf, math.inf, 1)
-    picks = np.random.default_rng(seed).integers(0, count, (DRAWS, count))
+    picks = np.random.default_rng(SEED).integers(0, count, (DRAWS, count))
     if all(v.size == 1 for v in known):
         flat = np.concatenate(known)
         drawn = [float(statistic(flat[pick])) for pick in picks]

@@ -85,15 +85,6 @@ class StepSearch:
         """An address before the adaptation that brought this model version into force."""
         return self._before(version, lambda anchor: anchor.version)
 
-    def near_end(self) -> FoundStep | None:
-        """One of the last steps, None where there is none."""
-        back = SEARCH_BYTES
-        while True:
-            found = self.next(max(self.end - back, 0))
-            if found is not None or back >= self.end:
-                return found
-            back *= 4
-
     def next(self, address: int) -> FoundStep | None:
         """The first adaptation in the chunks that begin at an address or later.
 

@@ -94,34 +94,31 @@ class Nearest(NamedTuple):
     explained: float
 
 
-def nearest(bench: CaseBench, acting: Sequence[Acting], numbers: Sequence[int] = PROBES) -> Nearest:
+def nearest(bench: CaseBench, acting: Sequence[Acting]) -> Nearest:
     """Fit the library's forms to the true motion.
 
     Args:
         bench: of the case.
         acting: the laws that act.
-        numbers: experiments to fit.
 
     Raises:
         Unsteady: numbers that make no machine.
     """
-    true, gap = bench.speeds(acting, numbers), bench.gap(acting, numbers)
+    true, gap = bench.speeds(acting, PROBES), bench.gap(acting, PROBES)
     plain = [replace(a, odd=0.0) for a in acting]
     free = [(k, n) for k, a in enumerate(plain) for n in a.law.units if n not in a.law.kept]
-    best, error = plain, true - bench.speeds(plain, numbers)
+    best, error = plain, true - bench.speeds(plain, PROBES)
     for _ in range(FIT_STEPS):
         scales = np.array([_scale(best[k], n) for k, n in free])
         columns = []
         for (k, name), scale in zip(free, scales, strict=True):
             moved = _moved(best, [(k, name)], np.array([DIFFERENCE_STEP * scale]))
-            columns.append(
-                ((true - bench.speeds(moved, numbers)) - error).ravel() / DIFFERENCE_STEP
-            )
+            columns.append(((true - bench.speeds(moved, PROBES)) - error).ravel() / DIFFERENCE_STEP)
         step = np.linalg.lstsq(np.array(columns).T, -error.ravel(), rcond=LEAST_SINGULAR_VALUE)[0]
         step *= min(1.0, LARGEST_STEP / max(np.abs(step).max(), 1e-12))
         tried = _moved(best, free, step * scales)
         try:
-            new = true - bench.speeds(tried, numbers)
+            new = true - bench.speeds(tried, PROBES)
         except Unsteady:
             break
         gain = 1.0 - float(np.mean(new**2)) / max(float(np.mean(error**2)), 1e-30)

@@ -39,25 +39,22 @@ class Detection:
         return self.revealing / self.positives if self.positives else None
 
 
-def detection(
-    drifts: Iterable[int], positives: Iterable[int], window: int = DETECTION_WINDOW
-) -> Detection:
+def detection(drifts: Iterable[int], positives: Iterable[int]) -> Detection:
     """Match positives with drifts.
 
-    A drift at i is detected by a positive in i, …, i + window - 1. The first of these reveals it;
-    a later one tells nothing new and counts as an alarm like any other, so that a detector cannot
-    buy precision by repeating itself. Windows that overlap may share a positive.
+    A drift at i is detected by a positive in i, …, i + `DETECTION_WINDOW` - 1. The first of these
+    reveals it; a later one tells nothing new and counts as an alarm like any other, so that a
+    detector cannot buy precision by repeating itself. Windows that overlap may share a positive.
 
     Args:
         drifts: numbers of the experiments that are the first with a new value (`drifts_of`).
         positives: numbers of the experiments whose signal was positive.
-        window: experiments, the drift's own included.
 
     >>> detection(drifts=[10, 50], positives=[14, 30, 55])
     Detection(drifts=2, detected=1, positives=3, revealing=1)
     """
     true, alarms = set(drifts), set(positives)
-    found = delays(true, alarms, window)
+    found = delays(true, alarms)
     revealing = {drift + delay for drift, delay in found.items()}
     return Detection(len(true), len(found), len(alarms), len(revealing))
 

@@ -204,15 +204,15 @@ def free_run(plant: Plant, experiment: Experiment, effects: Sequence[EffectUse])
 
 
 @functools.lru_cache(maxsize=64)
-def energy_needed(samples: int, false_alarm: float = FALSE_ALARM, power: float = POWER) -> float:
+def energy_needed(samples: int) -> float:
     """|Dy|^2 / sigma^2 from which the energy test finds a change in an experiment of `samples`.
 
     >>> round(energy_needed(2000))
     293
     """
-    limit = stats.chi2.isf(false_alarm, samples)
+    limit = stats.chi2.isf(FALSE_ALARM, samples)
     return float(
-        optimize.brentq(lambda nc: stats.ncx2.sf(limit, samples, nc) - power, 1e-6, 100 * limit)
+        optimize.brentq(lambda nc: stats.ncx2.sf(limit, samples, nc) - POWER, 1e-6, 100 * limit)
     )
 
 

@@ -127,19 +127,17 @@ def score(result: RunResult, facts: Facts | None = None) -> RunScore:
     )
 
 
-def in_windows(
-    drifts: Iterable[int], numbers: Iterable[int], window: int = DETECTION_WINDOW
-) -> set[int]:
+def in_windows(drifts: Iterable[int], numbers: Iterable[int]) -> set[int]:
     """Those of the experiments that lie in some drift's window.
 
-    >>> sorted(in_windows([3, 9], range(1, 11), window=2))
-    [3, 4, 9, 10]
+    >>> sorted(in_windows([3, 9], range(1, 11)))
+    [3, 4, 5, 6, 7, 9, 10]
     """
-    return {n for d in drifts for n in range(d, d + window)}.intersection(numbers)
+    return {n for d in drifts for n in range(d, d + DETECTION_WINDOW)}.intersection(numbers)
 
 
 def chance(
-    drifts: Sequence[int], alarms: int, numbers: Sequence[int], window: int = DETECTION_WINDOW
+    drifts: Sequence[int], alarms: int, numbers: Sequence[int]
 ) -> tuple[float | None, float | None]:
     """Expected (recall, precision) of so many alarms in experiments drawn at random.
 
@@ -154,10 +152,10 @@ def chance(
     true, count = sorted(set(drifts)), len(numbers)
     recall = precision = None
     if true:
-        sizes = [len(in_windows([d], numbers, window)) for d in true]
+        sizes = [len(in_windows([d], numbers)) for d in true]
         recall = float(np.mean([1 - _all_outside(w, alarms, count) for w in sizes]))
     if alarms:
-        gaps = [n - max(d for d in true if d <= n) for n in in_windows(true, numbers, window)]
+        gaps = [n - max(d for d in true if d <= n) for n in in_windows(true, numbers)]
         precision = math.fsum(_all_outside(g, alarms - 1, count - 1) for g in gaps) / count
     return recall, precision
 

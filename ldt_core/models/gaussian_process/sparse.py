@@ -215,12 +215,11 @@ def _posterior(
     return SparsePosterior(kernel, inducing, weights, (explained + explained.T) / 2)
 
 
-def cells(x: Array, y: Array, most: int = MOST_CELLS) -> tuple[Array, Array, Array, Array]:
+def cells(x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
     """Means over cells: the neighbourhoods of centres chosen farthest first (Gonzalez, 1985).
 
     Args:
         x, y: inputs (n, d) and targets (n,).
-        most: upper bound of the number of cells.
 
     Returns:
         inputs (c, d), targets (c,), noise variance of each target (c,), mean width of a cell (d,).
@@ -242,7 +241,7 @@ def cells(x: Array, y: Array, most: int = MOST_CELLS) -> tuple[Array, Array, Arr
     scaled = x / span
     nearest, member = np.full(n, np.inf), np.zeros(n, dtype=np.int64)
     centre = int(np.argmin(x[:, 0]))
-    for cell in range(max(min(most, n // POINTS_PER_CELL), 1)):
+    for cell in range(max(min(MOST_CELLS, n // POINTS_PER_CELL), 1)):
         distance = np.sum((scaled - scaled[centre]) ** 2, axis=1)
         closer = distance < nearest
         nearest[closer], member[closer] = distance[closer], cell

@@ -18,6 +18,7 @@ from ldt_core.base.result_files import keep, recall
 
 FORMAT = "ldt-score-1"
 DIAGNOSIS = "diagnosis"
+LEAST_GAP = 0.005  # of a gap's power to the noise's: below, the part closed is chance
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,6 @@ def realised(
     further: Sequence[Further],
     noise: float,
     fell: Mapping[int, float] | None = None,
-    least: float = 0.005,
 ) -> float | None:
     """Closed fraction of the gap on further experiments; None where there is too little of it.
 
@@ -94,11 +94,10 @@ def realised(
         noise: deviation of the measured speed [rad/s].
         fell: root mean square of the noise as it fell out, by number of the experiment [rad/s]:
             where a gap is smaller than the noise, its chance would be more than the gap.
-        least: gap's power over the noise's, below which its part closed says nothing.
     """
     floor = sum(f.samples * (fell or {}).get(f.number, noise) ** 2 for f in further)
     gap = sum(f.before for f in further) - floor
-    if not further or not math.isfinite(gap) or not gap > least * floor:
+    if not further or not math.isfinite(gap) or not gap > LEAST_GAP * floor:
         return None
     return (sum(f.before for f in further) - sum(f.after for f in further)) / gap
 
