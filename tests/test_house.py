@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import doctest
+import importlib
 import re
 import shutil
 import subprocess
@@ -65,6 +67,17 @@ def test_no_file_is_too_long():
     """A file is about one thing: 400 lines at most."""
     lengths = {path: len(text.splitlines()) for path, text in sources().items()}
     assert {path: n for path, n in lengths.items() if n > 400} == {}
+
+
+@pytest.mark.parametrize("path", [p for p, text in sources().items() if ">>> " in text])
+def test_the_examples_in_docstrings_are_true(path):
+    """They run as printed."""
+    if "river" in path:
+        pytest.importorskip("river")
+    module = importlib.import_module(path.removesuffix(".py").replace("/", "."))
+    done = doctest.testmod(module)
+    assert done.attempted > 0
+    assert done.failed == 0
 
 
 def test_a_public_class_name_stands_for_one_thing():

@@ -127,7 +127,7 @@ def as_options(settings: Mapping[str, Any]) -> str:
 
     Those at their defaults, and those that change nothing, are left out.
 
-    >>> as_options({"model": "hybrid", "seed": 3, "offset": False, "effect": ["unbalance:e=0.005"]})
+    >>> as_options({"model": "auto", "seed": 3, "offset": False, "effect": ["unbalance:e=0.005"]})
     '--seed 3 --no-offset --effect unbalance:e=0.005'
     """
     declared = msgs_config.parameters()

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import doctest
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.base import model_state
 from ldt_core.base.experiment import Level, Signal
 from ldt_core.base.model_state import DOUBTED, NOT_JUDGED, STATES, shown_state, times_noise
 
@@ -43,9 +40,3 @@ def test_only_a_model_that_holds_is_green():
     assert len({s.words for s in STATES.values()}) == len(STATES) == 5
     assert STATES["inadequate"].words == "model inadequate: the best known, not good"
     assert [times_noise(a) for a in (float("inf"), 1200.4)] == ["", "1200 times the noise"]
-
-
-def test_examples_are_true():
-    """The docstrings' examples run as printed."""
-    assert doctest.testmod(model_state).attempted > 3
-    assert doctest.testmod(model_state).failed == 0

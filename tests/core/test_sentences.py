@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-import doctest
-
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.base import sentences
 from ldt_core.base.sentences import gaps, ranges, spans
-
-
-def test_the_examples_in_its_docstrings_hold():
-    """As written."""
-    result = doctest.testmod(sentences)
-    assert result.attempted
-    assert not result.failed
 
 
 @given(st.sets(st.integers(1, 60)))

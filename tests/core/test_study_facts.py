@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import doctest
 import json
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from ldt_core.lab.study import facts
 from ldt_core.lab.study.facts import Facts, energy_needed, examine, facts_of, stream_key
 from ldt_core.lab.study.study_case import StudyCase
 from ldt_core.machine import Plant
@@ -108,9 +106,3 @@ def test_the_energy_test_keeps_its_promise(samples):
     for shape in (np.ones(samples), np.eye(samples)[0]):
         change = shape * np.sqrt(energy_needed(samples) / (shape @ shape))
         assert np.mean(((noise + change) ** 2).sum(axis=1) > limit) == pytest.approx(0.9, abs=0.02)
-
-
-def test_examples_are_true():
-    """The docstrings' examples run as printed."""
-    result = doctest.testmod(facts)
-    assert (result.attempted > 0, result.failed) == (True, 0)

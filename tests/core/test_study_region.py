@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import doctest
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.lab.study import stream
 from ldt_core.lab.study.stream import in_region, intervals, region_rmse, speed_bands
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics.steady_state import bands, folds, steady_voltage
@@ -104,9 +101,3 @@ def test_the_error_in_the_region_by_hand():
     residual, mask = np.array([9.0, 3.0, 4.0]), np.array([False, True, True])
     assert region_rmse(residual, mask) == pytest.approx(np.sqrt(12.5))
     assert region_rmse(residual, np.zeros(3, dtype=bool)) is None
-
-
-def test_examples_are_true():
-    """The docstrings' examples run as printed."""
-    result = doctest.testmod(stream)
-    assert (result.attempted > 0, result.failed) == (True, 0)

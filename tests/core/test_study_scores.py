@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 import itertools
 
 import numpy as np
@@ -11,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from study_results import made_up
 
-from ldt_core.lab.study import scores
 from ldt_core.lab.study.drift_detection import delays, detection
 from ldt_core.lab.study.facts import Drift, Facts
 from ldt_core.lab.study.scores import chance, in_windows, score
@@ -95,9 +93,3 @@ def test_the_papers_figures_are_below_chance():
     drifts = range(20, 200, 20)
     assert chance(drifts, 25, range(1, 201)) == pytest.approx((0.49, 0.18), abs=0.006)
     assert chance(drifts, 44, range(1, 201)) == pytest.approx((0.71, 0.15), abs=0.006)
-
-
-def test_examples_are_true():
-    """The docstrings' examples run as printed."""
-    result = doctest.testmod(scores)
-    assert (result.attempted > 0, result.failed) == (True, 0)

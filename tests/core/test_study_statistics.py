@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import doctest
 import math
 
 import numpy as np
 import pytest
 
 from ldt_core.base.sentences import number
-from ldt_core.lab import statistics
 from ldt_core.lab.statistics import (
     UNKNOWN,
     geometric_mean,
@@ -98,9 +96,3 @@ def test_trends_by_hand():
 def test_numbers_for_people(value, text):
     """Three significant digits, no exponent."""
     assert number(value) == text
-
-
-def test_examples_are_true():
-    """The docstrings' examples run as printed."""
-    result = doctest.testmod(statistics)
-    assert (result.attempted > 0, result.failed) == (True, 0)

@@ -117,7 +117,7 @@ def _per(rate: float) -> str:
     >>> _per(0.0), _per(0.001), _per(1.0)
     ('none', 'one in 1000', 'one in 1')
     """
-    return f"one in {1 / rate:.3g}" if rate > 0 else "none"
+    return f"one in {1 / rate:.0f}" if rate > 0 else "none"
 
 
 FILE, TABLE = "tune.json", "tune.csv"

@@ -90,7 +90,7 @@ def view_file(name: str) -> str:
 
 
 def escaped_json(data: Any) -> str:
-    """JSON that can stand in a script element: nothing in it can end the element.
+    r"""JSON that can stand in a script element: nothing in it can end the element.
 
     >>> escaped_json({"a": "</script><!--"})
     '{"a":"\\u003c/script\\u003e\\u003c!--"}'
