@@ -33,13 +33,12 @@ from ldt_core.calibration.calibration import (
 )
 from ldt_core.calibration.equivalent_motor import MotorResponse, fit_response
 from ldt_core.calibration.held_out import split
-from ldt_core.calibration.torque_balance import guidance
+from ldt_core.calibration.torque_balance import RESISTANCE, guidance
 from ldt_core.estimation.linear import Identified, identify
 from ldt_core.estimation.noise import white_noise
 from ldt_core.machine.machine_file import Machine, machine_from_dict
 
 PHYSICS = "dc_motor"
-RESISTANCE = 1.0  # Ohm, by convention: speed and voltage say nothing of it
 FRICTION = 0.0  # N m s, by convention, likewise
 SLOWEST_MOTION = 3.0  # longest experiments: of a slower one any gain fits the beginning
 LEAST_FIT_PERCENT = 90.0  # of the speed: a motor that explains less may be refused

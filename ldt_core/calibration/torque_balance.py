@@ -42,7 +42,7 @@ SHORTEST = 2  # samples, of which one change of speed comes: shorter ones say no
 #: Part of the squared remainder that a kind must take away: what a motor leaves of any excitation
 #: has a little of every column in it.
 LEAST_GAIN = 0.1
-RESISTANCE = 1.0  # Ohm, by convention, as of every identified motor
+RESISTANCE = 1.0  # Ohm, by convention: speed and voltage say nothing of it
 FAST = 1e-3  # L / R over the sample period: no inductance shows
 LOOSE = 0.3  # relative deviation of what the balance says: enough for a fit in free run to go on
 

@@ -20,6 +20,7 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
+from ldt_core.estimation.effect.cause import AT_REST
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import NOT_TRACKED, FreeRun
 from ldt_core.physics.effect import Effect
@@ -34,9 +35,6 @@ COARSE_STEP, FINE_STEP = 2e-3, 5e-4
 #: Part of the longest step, or of a shorter sample period, that the shortest one is. No fit follows
 #: what is faster, which no sample shows, and the time that a candidate takes has a bound.
 SHORTEST = 0.25
-#: A first sample nearer to 0 than so many noise deviations is a machine at rest: one sample of
-#: normal noise in 16,000 is farther.
-AT_REST = 4.0
 #: Speed [rad/s] that stands for a simulation without bound; no fit accepts it.
 DIVERGED = 1e6
 #: Machine coordinates stay within so many tolerances; beyond, the file is of another machine.

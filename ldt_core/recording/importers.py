@@ -18,6 +18,7 @@ from ldt_core.recording.message_fields import parse_field_path, read_fields
 from ldt_core.recording.storage import Storage
 from ldt_core.recording.units import UNITS, Field, parse_field, propose_fields
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
+from ldt_core.segmenter.cut_rules import LEAST_SAMPLES
 from ldt_core.segmenter.resampling import (
     GAP_PERIODS,
     Series,
@@ -29,7 +30,6 @@ from ldt_core.segmenter.resampling import (
 )
 
 LEAST_GAP = 1.5  # periods of the experiments; a stream far faster than they are may not pause less
-LEAST_SAMPLES = 2  # of an experiment: one sample has no dynamics
 ROUNDING = 1e-6  # of a period: what floating point loses in a length or an end time
 # What hardly any motor does, but a column in another unit seems to do.
 FAST = 1000.0  # rad/s, which is 9549 rpm

@@ -7,14 +7,13 @@ from typing import Any
 
 from ldt_core.base.errors import RecordingError
 from ldt_core.recording.codec import DECODERS
-from ldt_core.recording.flat_status import ENCAPSULATION, flat_status
+from ldt_core.recording.flat_status import ENCAPSULATION, WORD, flat_status
 from ldt_core.recording.messages import DIAGNOSTICS, MULTI_ARRAY, deserialize
 
 #: Number of an experiment, and a time [s since the epoch].
 Subject = tuple[int, float]
 
 EXACT_END = 2**53  # whole numbers up to here are exact in a float64
-WORD = struct.Struct("<I")
 STAMP = struct.Struct("<iI")  # seconds, nanoseconds
 HEAD = struct.Struct("<2d")  # number and start of an experiment or prediction
 #: Longest time by which two statements of one time may differ [s].

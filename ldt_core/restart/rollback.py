@@ -14,6 +14,7 @@ from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.base.experiment import Action, Adaptation, ModelRecord
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.recording.bag import Bag, read_bag
+from ldt_core.recording.health import ANSWERS
 from ldt_core.recording.messages import quoted
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.recorded_run import complete_steps, last_said
@@ -21,8 +22,6 @@ from ldt_core.restart.run_key import check_key
 from ldt_core.twin.adaptor import FAULTY, ROLLED_BACK
 from ldt_core.twin.stage import RecordedStep
 
-#: Topics that answer to an experiment.
-ANSWERS = ("prediction", "signal", "adaptation")
 #: A nanosecond [s].
 NANOSECOND = 1e-9
 

@@ -139,7 +139,6 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # ---- the table: command line, exit code, words of the sentence
 
 GOOD = "{files}/good"
-REPLAY = f"replay {GOOD} --model physics --out out"
 CSV = "--voltage u --speed n --time t --out out"
 
 ROWS: list[tuple[str, int, list[str]]] = [

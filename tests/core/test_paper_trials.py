@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from ldt_core.lab.study.robustness.conduct import trial_tasks
-from ldt_core.lab.study.robustness.paper_trials import PAPER_DRIFTS, PAPER_TRIALS, PlainHybrid
+from ldt_core.lab.study.robustness.paper_trials import PAPER_TRIALS, PlainHybrid
 from ldt_core.lab.study.robustness.robust_run import TRIAL, RobustTask, run_robust
 from ldt_core.lab.study.study import Study
 from ldt_core.lab.study.study_page import write_page
+from ldt_core.lab.study.study_plan import PAPER_DRIFTS
 from ldt_core.lab.study.study_tables import PAPER
 from ldt_core.machine.machine_file import load_machine
 

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 
 DIVERGED_SPEED = 1e6  # rad/s, that no fit accepts, in place of a free run that grows for ever
-AT_REST = 4.0  # noise deviations: a first sample nearer to 0 is that of a machine at rest
+#: A first sample nearer to 0 than so many noise deviations is that of a machine at rest: one sample
+#: of normal noise in 16,000 is farther.
+AT_REST = 4.0
 SENSOR_ROUNDS = 20  # of a fixed point for the speed behind a first sample; it converges in a few
 PROBE_DURATION = 2.0  # s, of the run that shows whether the start angle matters: several turns
 ROUNDING_SHARE = 1e-6  # of the largest speed: two free runs that differ by less are the same

@@ -13,6 +13,7 @@ from ldt_core.base.result_files import write
 from ldt_core.lab.study.robustness.robust_run import DEFAULT, score_run
 from ldt_core.lab.study.scores import score
 from ldt_core.lab.study.study import Evidence, Study
+from ldt_core.lab.study.study_plan import PAPER_DRIFTS
 
 TABLE = "table.csv"
 RUNS = "runs.csv"
@@ -28,9 +29,6 @@ SETTINGS = (
     *("gate", "data", "threshold", "warning_threshold", "error_threshold"),
     *("window", "degradation", "start"),
 )
-#: Its rows fit 9 drifts: 3 found of 9, 3 of 25 positives, and 3 of 44, 0.068, which is printed
-#: truncated. With the 12 of our staircase no whole number of hits gives them.
-PAPER_DRIFTS = 9
 PAPER_ORIGINAL = 10.09  # rad/s, MME of the original model in the paper
 #: Table 1 of the paper: one run of each model, under a detector that it does not name.
 PAPER: dict[str, dict[str, float]] = {

@@ -17,6 +17,7 @@ from ldt_core.detectors.base import Detector
 from ldt_core.detectors.never import Never
 from ldt_core.detectors.threshold import Threshold
 from ldt_core.detectors.window import Window
+from ldt_core.lab.statistics import CONFIDENCE
 from ldt_core.models.base import Model
 
 #: Fewer experiments in control tell nothing of how rare an alarm is.
@@ -189,7 +190,6 @@ def _trend(values: Sequence[float]) -> bool:
     )
 
 
-CONFIDENCE = 0.95
 #: Streams, each from another set of experiments that the machine might have made, and their length.
 STREAMS, LENGTH = 40, 100
 STREAM = (0, 5)  # of random numbers: the same for every detector, apart from the plant's

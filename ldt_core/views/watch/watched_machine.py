@@ -19,7 +19,7 @@ from ldt_core.base.experiment import (
     Prediction,
     Signal,
 )
-from ldt_core.recording.node_status import NodeStatus, node_statuses
+from ldt_core.recording.node_status import READY, NodeStatus, node_statuses
 from ldt_core.views.step_view import Row, StepView, belongs, rounded, statistic
 
 # What bounds the memory: messages may come for ever, and a foreign one may be of any size.
@@ -42,7 +42,6 @@ MARKED = (Action.ADAPTED, Action.REFUSED, Action.STORED)
 MOST_NODES = 30  # of one machine that are shown: a graph has fewer
 MOST_STATUS_CHARACTERS = 400  # of what one says, since a foreign message may be of any size
 SILENT_AFTER = 5.0  # s: a node tells of itself each second
-READY = "ready"  # key that every node of the graph tells; other drivers' statuses lack it
 
 
 @dataclass

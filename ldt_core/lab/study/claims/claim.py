@@ -181,7 +181,6 @@ def percent(value: float | None) -> str:
 ACTIVE = ("threshold", "lddm")
 PASSIVE = "window"
 PAPER_DETECTORS = (*ACTIVE, PASSIVE)
-PAPER_MODELS = ("linear", "hybrid")
 
 
 NO_TREND = 0.3  # a rank correlation within this is commonly called none or weak

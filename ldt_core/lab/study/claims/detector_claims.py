@@ -13,7 +13,6 @@ from ldt_core.lab.study.claims.claim import (
     ACTIVE,
     NO_TREND,
     PAPER_DETECTORS,
-    PAPER_MODELS,
     PASSIVE,
     ClaimPart,
     Examine,
@@ -26,6 +25,7 @@ from ldt_core.lab.study.claims.claim import (
     text_of,
 )
 from ldt_core.lab.study.study import Evidence, ScoredRun, difference, over, ratio, shares
+from ldt_core.lab.study.study_plan import PAPER_MODELS
 
 ERROR_FIGURE = "figure of MME against e"
 COUNT_FIGURE = "figure of adaptations against e"

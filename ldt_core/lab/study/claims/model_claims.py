@@ -13,7 +13,6 @@ from ldt_core.lab.statistics import mean
 from ldt_core.lab.study.claims.claim import (
     ACTIVE,
     PAPER_DETECTORS,
-    PAPER_MODELS,
     ClaimPart,
     Examine,
     ModelUnderDetector,
@@ -29,6 +28,7 @@ from ldt_core.lab.study.claims.claim import (
 from ldt_core.lab.study.drift_detection import delays
 from ldt_core.lab.study.facts import Drift
 from ldt_core.lab.study.study import Evidence, Figure, ScoredRun, difference, over, ratio, shares
+from ldt_core.lab.study.study_plan import PAPER_MODELS
 
 TABLE = "table 1"
 REGION_FIGURE = "figure of experiment 92"

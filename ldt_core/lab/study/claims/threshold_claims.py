@@ -12,13 +12,13 @@ from ldt_core.lab.statistics import geometric_mean, mean, trend
 from ldt_core.lab.study.claims.claim import (
     ACTIVE,
     NO_TREND,
-    PAPER_MODELS,
     ClaimPart,
     Statement,
     adaptations,
     mme,
 )
 from ldt_core.lab.study.study import BySeed, Evidence, ScoredRun, ratio
+from ldt_core.lab.study.study_plan import PAPER_MODELS
 
 FIGURE = "figure of the threshold"
 MUCH_LESS_SHARE = 0.5  # "much smaller": less than half

@@ -13,6 +13,7 @@ from ldt_core.lab.statistics import mean
 from ldt_core.lab.study.figures.wear import wear
 from ldt_core.lab.study.study import Evidence
 from ldt_core.lab.study.study_case import RunResult
+from ldt_core.lab.study.study_plan import PAPER_MODELS
 from ldt_core.views.page.style import Drawing, Layout, legend, look, panels
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 DETECTORS = ("window", "threshold", "lddm")
 #: Swept detector → its title, and the name of its threshold in the paper.
 SWEPT = {"threshold": ("threshold detector", r"$\theta_c$"), "lddm": ("LDDM", r"$\theta_d$")}
-MODELS = ("linear", "hybrid")
 TICKS = 8  # labels at most on a panel
 ROOM = 1.5  # times the largest mean, at most, is the end of an axis
 
@@ -105,7 +105,7 @@ def adaptations_by_level(evidence: Evidence) -> Drawing | None:
 def thresholds(evidence: Evidence) -> Drawing | None:
     """MME and adaptations against the threshold (paper, figure 9); None without the sweep."""
     sweeps: dict[tuple[str, str], tuple[SeedCurve, SeedCurve]] = {}
-    for model in MODELS:
+    for model in PAPER_MODELS:
         for detector in SWEPT:
             runs = evidence.sweep(model, detector)
             if len(runs) > 1:
@@ -126,7 +126,7 @@ def thresholds(evidence: Evidence) -> Drawing | None:
         for index, one in enumerate(axes):
             # Wide: a row a quantity, as in the paper. Narrow: the same order down the page.
             row, detector = index // len(detectors), detectors[index % len(detectors)]
-            shown = {m: sweeps[m, detector][row] for m in MODELS if (m, detector) in sweeps}
+            shown = {m: sweeps[m, detector][row] for m in PAPER_MODELS if (m, detector) in sweeps}
             for model, curve in shown.items():
                 _band(one, curve.x, curve, model)
             title, symbol = SWEPT[detector]

@@ -12,13 +12,12 @@ from ldt_core.lab.study.figures.wear import wear
 from ldt_core.lab.study.stream import in_region, intervals, region_rmse, speed_bands
 from ldt_core.lab.study.study import Evidence
 from ldt_core.lab.study.study_case import RunResult
+from ldt_core.lab.study.study_plan import PAPER_MODELS
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.views.page.style import SHADE, Drawing, Layout, legend, look, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-MODELS = ("linear", "hybrid")
 
 
 def sommerfeld(evidence: Evidence) -> Drawing | None:
@@ -31,7 +30,7 @@ def sommerfeld(evidence: Evidence) -> Drawing | None:
         if result.kept:
             models = by_detector.setdefault(result.case.detector, {})
             models.setdefault(result.case.model, result)
-    both = (m for m in by_detector.values() if set(MODELS) <= set(m))
+    both = (m for m in by_detector.values() if set(PAPER_MODELS) <= set(m))
     shown = next(both, None)
     if shown is None:
         return None
@@ -40,7 +39,7 @@ def sommerfeld(evidence: Evidence) -> Drawing | None:
     number = max(masks, key=lambda n: int(masks[n].sum()))
     kept, mask = hybrid.kept[number], masks[number]
     rows = {"measured": kept["speed"], "original": kept["original"]}
-    rows |= {name: shown[name].kept[number]["prediction"] for name in MODELS}
+    rows |= {name: shown[name].kept[number]["prediction"] for name in PAPER_MODELS}
     time = kept["time"]
 
     def draw(layout: Layout) -> Figure:
@@ -58,7 +57,7 @@ def sommerfeld(evidence: Evidence) -> Drawing | None:
         return figure
 
     errors = []
-    for name in ("original", *MODELS):
+    for name in ("original", *PAPER_MODELS):
         residual = np.subtract(rows[name], rows["measured"])
         inside, outside = (region_rmse(residual, m) or 0.0 for m in (mask, ~mask))
         errors.append(f"{name} {inside:.2f} and {outside:.2f}")

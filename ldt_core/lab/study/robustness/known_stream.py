@@ -13,12 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ldt_core.base.experiment import Experiment, Samples
+from ldt_core.estimation.grey_box import ANGLES
 from ldt_core.lab.study.robustness.true_plant import Condition, LibraryPlant, TruePlant
 from ldt_core.machine.machine_file import Machine
-
-#: Start angles over one turn, of whose runs a reference takes the median where the machine starts
-#: at any angle: as many as the twin's grey-box model takes.
-ANGLES = 8
 
 
 @dataclass(frozen=True)

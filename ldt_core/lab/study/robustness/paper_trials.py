@@ -17,12 +17,12 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import preset
 from ldt_core.estimation.motor_run import MotorRun
 from ldt_core.lab.study.robustness.streams import ECCENTRICITY, Aim, StreamKind
+from ldt_core.lab.study.study_plan import PAPER_DRIFTS
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.models.gaussian_process.observer import one_step
 from ldt_core.models.gaussian_process.sparse import Kernel, SparsePosterior
 from ldt_core.models.hybrid import HybridModel
 
-PAPER_DRIFTS = 9
 EXPERIMENTS = 200
 #: Samples that a plain regression learns from at most; with more than 2000 MATLAB's takes a part.
 PLAIN_SAMPLES = 250

@@ -10,11 +10,11 @@ from ldt_core.lab.statistics import Interval
 from ldt_core.lab.study import GROUPS, NAMED_ONLY
 from ldt_core.lab.study.study import Evidence, Study
 from ldt_core.lab.study.study_case import RunResult
+from ldt_core.lab.study.study_plan import PAPER_MODELS
 from ldt_core.lab.study.study_tables import PAPER
 from ldt_core.views.page.blocks import Cell, Item, Items, Links, Section, Table, Text, Value
 from ldt_core.views.page.style import Drawing, look, pair
 
-MODELS = ("linear", "hybrid")
 #: Row of table 1 → figure of `RunScore`.
 TABLE_1 = {
     "MME [rad/s]": "mme",
@@ -49,11 +49,11 @@ def reproduction(evidence: Evidence, drawings: Mapping[str, Drawing | None]) -> 
 
 def _table(evidence: Evidence) -> Table | Text:
     pairs = evidence.study.pairs("paper")
-    detectors = list(dict.fromkeys(d for m, d in pairs if m in MODELS))
+    detectors = list(dict.fromkeys(d for m, d in pairs if m in PAPER_MODELS))
     if not detectors:
         return Text(f"Table 1: {NO_RUNS.format('paper')}", "missing")
     rows: list[list[Value]] = []
-    for model in MODELS:
+    for model in PAPER_MODELS:
         rows.append([f"{model}: the paper", *(f"{PAPER[model][f]:g}" for f in TABLE_1.values())])
         for detector in detectors:
             if results := pairs.get((model, detector)):
