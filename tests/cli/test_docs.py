@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -75,6 +76,25 @@ def test_the_readme_links_to_every_page():
     """A newcomer finds them without the command."""
     readme = (REPOSITORY / "README.md").read_text()
     assert [n for n in docs.names() if f"(ldt_core/docs/{n}.md)" not in readme] == []
+
+
+def test_the_tests_that_a_page_names_are_there():
+    """A promise is worth what its command shows: `-k` selects something, in files that exist."""
+    commands = [
+        command
+        for name in docs.names()
+        for command in re.findall(r"`((?:pytest|python -m) tests[^`]+)`", docs.text(name))
+    ]
+    assert len(commands) > 40
+    for command in commands:
+        _, *words = shlex.split(command)
+        if words[0] == "-m":
+            assert (REPOSITORY / words[1].replace(".", "/")).with_suffix(".py").exists(), command
+            continue
+        files = [REPOSITORY / word for word in words if word.startswith("tests/")]
+        found = [n for f in files for n in re.findall(r"^def (test_\w+)", f.read_text(), re.M)]
+        wanted = words[words.index("-k") + 1].split(" or ") if "-k" in words else [""]
+        assert [w for w in wanted if not any(w in n for n in found)] == [], command
 
 
 def test_the_defaults_of_their_page_are_those_that_hold():
