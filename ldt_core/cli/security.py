@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from typing import Any
 
 import click
 
-from ldt_core.base.errors import BadInput
 from ldt_core.cli.options import json_option
 from ldt_core.cli.outputs import check_file, force_option
 from ldt_core.cli.spelling import SuggestingGroup
@@ -78,8 +76,9 @@ def init(
     Example: ldt security init --out keys --namespace press
     """
     from ldt_core.security.keystore import make_keystore
+    from ldt_core.security.permissions import domain_of_environment
 
-    number = _domain_of_environment() if domain is None else domain
+    number = domain_of_environment() if domain is None else domain
     made = make_keystore(out, list(namespaces), number, days, list(streams))
     if as_json:
         found: dict[str, Any] = {
@@ -128,10 +127,3 @@ def sbom(out: str, force: bool, as_json: bool) -> None:
 
 
 _OF_ALL = ("rt/rosout", "rt/parameter_events")
-
-
-def _domain_of_environment() -> int:
-    text = os.environ.get("ROS_DOMAIN_ID") or "0"
-    if not (text.isascii() and text.isdigit()):
-        raise BadInput("ROS_DOMAIN_ID", "a whole number from 0 to 232", repr(text[:20]))
-    return int(text)

@@ -8,6 +8,7 @@ names that ROS 2 gives them in DDS: `rt/` before a topic, `rq/` and `rr/` before
 from __future__ import annotations
 
 import datetime
+import os
 import re
 from dataclasses import dataclass
 from xml.etree import ElementTree as Xml
@@ -63,6 +64,18 @@ def listeners(topic: str) -> list[str]:
     """The roles that may hear a declared topic."""
     declared = msgs_config.topics()[topic]
     return [*declared["subscriber"], *declared.get("may_listen", ())]
+
+
+def domain_of_environment() -> int:
+    """ROS_DOMAIN_ID, or 0.
+
+    Raises:
+        BadInput: it cannot be a domain.
+    """
+    text = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not (text.isascii() and text.isdigit() and len(text) < 10 and int(text) in DOMAINS):
+        raise BadInput("ROS_DOMAIN_ID", f"a whole number from 0 to {DOMAINS[-1]}", repr(text[:20]))
+    return int(text)
 
 
 def check_namespace(namespace: str) -> str:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from ldt_core.base.errors import BadInput
-from ldt_core.security.permissions import DOMAINS
+from ldt_core.security.permissions import domain_of_environment
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -41,9 +41,7 @@ def require_ros() -> None:
             "ROS 2 Jazzy in this Python (pip install 'ldt[ros]', or source a ROS 2 workspace)",
             f"no module {missing[0]}; `ldt run` does the same without ROS",
         )
-    domain = os.environ.get("ROS_DOMAIN_ID", "")
-    if domain and not (domain.isascii() and domain.isdigit() and int(domain[:4]) in DOMAINS):
-        raise BadInput("ROS_DOMAIN_ID", "a whole number from 0 to 232", repr(domain[:20]))
+    domain_of_environment()
 
 
 def ros_message(error: Exception | str) -> str:

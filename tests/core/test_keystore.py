@@ -293,6 +293,13 @@ def test_the_command_says_what_it_made(tmp_path, capsys, monkeypatch):
     assert "ldt_keystore: expected a folder that does not exist" in capsys.readouterr().err
 
 
+def test_a_domain_of_the_environment_that_cannot_be_is_refused(tmp_path, capsys, monkeypatch):
+    """The sentence names the variable, as `ldt up` does."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", "233")
+    assert invoke(ldt, ["security", "init", "--out", str(tmp_path / "keys")]) == 2
+    assert "ROS_DOMAIN_ID: expected a whole number from 0 to 232" in capsys.readouterr().err
+
+
 # ---- looking at it before use
 
 
