@@ -23,6 +23,16 @@ def number(value: float, digits: int = 3) -> str:
     return f"{value:.{min(places, 6)}f}"
 
 
+def plain(value: float, digits: int = 3) -> str:
+    """The same without the zeros behind it.
+
+    >>> plain(20.0, 4), plain(12345.6, 4), plain(0.1)
+    ('20', '12346', '0.1')
+    """
+    text = number(value, digits)
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
 def listed(names: Iterable[str], last: str = "and") -> str:
     """All of them.
 

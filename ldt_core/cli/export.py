@@ -8,7 +8,7 @@ import click
 
 from ldt_core.base.errors import OptionError
 from ldt_core.base.result_files import whole
-from ldt_core.base.sentences import counted
+from ldt_core.base.sentences import counted, plain
 from ldt_core.cli.options import json_option, namespace_option
 from ldt_core.cli.outputs import check_file, force_option
 from ldt_core.cli.terminal import echo_result, warn
@@ -72,4 +72,4 @@ def command(recording: str, out: str, force: bool, namespace: str, as_json: bool
     warn(*bag.notes)
     size = file.stat().st_size
     record = {"out": out, "samples": count, "bytes": size}
-    echo_result(as_json, record, f"{counted(count, 'sample')}, {size / 1e6:.3g} MB: {out}")
+    echo_result(as_json, record, f"{counted(count, 'sample')}, {plain(size / 1e6)} MB: {out}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ldt_core.base.errors import RecordingError
-from ldt_core.base.sentences import counted, numbered, ranges
+from ldt_core.base.sentences import counted, numbered, plain, ranges
 from ldt_core.cli.import_file import proposed_import
 from ldt_core.cli.options import json_option, namespace_option
 from ldt_core.cli.terminal import echo_result, one_line, printable
@@ -122,8 +122,9 @@ def _described(bag: Bag, health: Health) -> tuple[dict[str, Any], dict[str, str]
     lines = {"recording": str(health.path), "machine": health.machine or "not recorded"}
     lines["experiments"] = _experiments(health)
     lines["length"] = ", ".join(
-        f"{item['samples'] * item['period']:.4g} s ({item['samples']} samples at "
-        f"{1 / item['period']:.4g} Hz)" + (f" of {item['experiments']}" if len(lengths) > 1 else "")
+        f"{plain(item['samples'] * item['period'], 4)} s ({item['samples']} samples at "
+        f"{plain(1 / item['period'], 4)} Hz)"
+        + (f" of {item['experiments']}" if len(lengths) > 1 else "")
         for item in lengths[:3]
     )
     lines["channels"] = ", ".join(channels)
@@ -136,7 +137,7 @@ def _described(bag: Bag, health: Health) -> tuple[dict[str, Any], dict[str, str]
         lines["adaptations"] = _counts(actions)
         lines["at the end"] = last
     lines["ended"] = ended
-    lines["size"] = f"{size / 1e6:.3g} MB in {counted(len(health.files), 'file')}"
+    lines["size"] = f"{plain(size / 1e6)} MB in {counted(len(health.files), 'file')}"
     for index, note in enumerate(health.notes):
         lines["notes" if index == 0 else " " * index] = note
     lines["next"] = f"ldt report {health.path} -o run.html" if health.judged else _next(bag, health)
@@ -182,9 +183,9 @@ def _when(begin: float, end: float) -> str:
     from ldt_core.recording.health import NO_DATE
 
     if begin < NO_DATE:
-        return f"without a date, over {end - begin:.4g} s"
+        return f"without a date, over {plain(end - begin, 4)} s"
     day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(begin))
-    return f"{day}, over {end - begin:.4g} s"
+    return f"{day}, over {plain(end - begin, 4)} s"
 
 
 def _counts(counter: dict[str, int]) -> str:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterable, Mapping
 
 from ldt_core.base.errors import BadInput
-from ldt_core.base.sentences import counted, numbered, spans
+from ldt_core.base.sentences import counted, numbered, plain, spans
 from ldt_core.base.settings import as_options
 from ldt_core.doctor.check import Finding, ok, problem, warning
 from ldt_core.recording.bag import namespaces, read_bag
@@ -143,7 +143,7 @@ def _pauses(health: Health) -> list[Finding]:
     if not health.pauses:
         return []
     longest = sorted(health.pauses.items(), key=lambda p: -p[1])
-    shown = ", ".join(f"{wait:.3g} s before number {number}" for number, wait in longest)
+    shown = ", ".join(f"{plain(wait)} s before number {number}" for number, wait in longest)
     count = health.paused
     told = f"{count} longer than an experiment, " + ("" if count == 1 else "the longest ") + shown
     remedy = "look whether the machine stood still then, or what it sent was not recorded"

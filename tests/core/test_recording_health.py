@@ -215,6 +215,13 @@ def test_a_pause_longer_than_an_experiment_is_told(tmp_path):
     assert (grade, told) == (WARNING, "1 longer than an experiment, 3.03 s before number 4")
 
 
+def test_a_pause_of_a_day_is_a_plain_number(tmp_path):
+    """It was 8.64e+04 s."""
+    bag = recorded(tmp_path / "run", experiment(1, 1e9), experiment(2, 1e9 + 86400.7))
+    ((_, told),) = found(bag, "pauses")
+    assert told == "1 longer than an experiment, 86400 s before number 2"
+
+
 @pytest.mark.parametrize("count", ["\N{SUPERSCRIPT TWO}", "1" * 5000, "-1", "", "many"])
 def test_a_count_that_is_none_counts_nothing(count):
     """A node's values are texts; anybody may publish there."""

@@ -78,7 +78,7 @@ def _alarms(found: Tuning) -> Iterator[str]:
     source = "as given" if control.given else "as the adequacy detector judges"
     yield (
         f"unchanged machine: {count(size, 'experiment')} ({control.text}, {source}); they can "
-        f"only show at most one false alarm in {1 / most(0.0, size):.3g}"
+        f"only show at most one false alarm in {1 / most(0.0, size):.0f}"
     )
     if best is not None and best.false_alarms is not None:
         alarms, every = best.false_alarms, found.budget.every

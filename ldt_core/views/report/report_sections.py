@@ -11,7 +11,7 @@ from markupsafe import Markup
 import msgs_config
 from ldt_core.base.experiment import Action, ModelRecord, Signal
 from ldt_core.base.model_state import headline_state, shown_state, times_noise
-from ldt_core.base.sentences import counted, listed, number, ranges, spans, spoken
+from ldt_core.base.sentences import counted, listed, number, plain, ranges, spans, spoken
 from ldt_core.base.settings import UNSET, as_options
 from ldt_core.doctor.check import Finding, Grade
 from ldt_core.doctor.recording_checks import findings
@@ -355,7 +355,7 @@ def _value(value: object) -> str:
 
 def _period(begin: float, end: float) -> str:
     if begin < NO_DATE:
-        return f"without a date, over {end - begin:.4g} s"
+        return f"without a date, over {plain(end - begin, 4)} s"
     return f"from {_moment(begin)} to {_moment(end)}"
 
 
@@ -368,7 +368,7 @@ def _moment(seconds: float) -> str:
 
 
 def _span(values: list[float]) -> str:
-    low, high = f"{min(values):.4g}", f"{max(values):.4g}"
+    low, high = plain(min(values), 4), plain(max(values), 4)
     return low if low == high else f"{low} to {high}"
 
 
