@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from ldt_core.base.printable import one_line
 from ldt_core.cli.options import diagnosis_option, json_option, namespace_option, parameters
 from ldt_core.cli.outputs import check_file, force_option
-from ldt_core.cli.terminal import echo_result, one_line
+from ldt_core.cli.terminal import echo_result
 
 if TYPE_CHECKING:
     from ldt_core.base.experiment import DiagnosisRecord, Experiment, ModelRecord

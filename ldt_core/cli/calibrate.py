@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.table import Table
 
+from ldt_core.base.printable import one_line
 from ldt_core.base.sentences import counted
 from ldt_core.cli.console import Console
 from ldt_core.cli.options import (
@@ -20,7 +21,7 @@ from ldt_core.cli.options import (
 )
 from ldt_core.cli.outputs import check_file, force_option
 from ldt_core.cli.progress import status
-from ldt_core.cli.terminal import echo_json, one_line
+from ldt_core.cli.terminal import echo_json
 
 if TYPE_CHECKING:
     from ldt_core.calibration import Calibration

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import click
 
+from ldt_core.base.printable import one_line
 from ldt_core.cli.options import json_option
 from ldt_core.cli.outputs import force_option, replacing
 from ldt_core.cli.progress import RunProgress
-from ldt_core.cli.terminal import echo_result, one_line
+from ldt_core.cli.terminal import echo_result
 
 RUN = {"experiments": 40, "seed": 3}  # those of the README's first command; 20 s of a processor
 

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.table import Table
 
+from ldt_core.base.printable import one_line
 from ldt_core.cli.completion import known
 from ldt_core.cli.console import Console
 from ldt_core.cli.options import compute_options, namespace_option, parameters
 from ldt_core.cli.outputs import check_file, check_results, force_option, no_empty_folder
 from ldt_core.cli.progress import ResumableProgress, status
-from ldt_core.cli.terminal import echo_json, echo_json_text, one_line, warn
+from ldt_core.cli.terminal import echo_json, echo_json_text, warn
 
 if TYPE_CHECKING:
     from ldt_core.diagnosis.diagnosis import Diagnosis

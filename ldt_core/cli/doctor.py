@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from ldt_core.base.errors import OptionError
+from ldt_core.base.printable import one_line
 from ldt_core.cli.options import json_option, namespace_option
-from ldt_core.cli.terminal import echo_json, one_line
+from ldt_core.cli.terminal import echo_json
 
 if TYPE_CHECKING:
     from ldt_core.doctor.check import Finding

@@ -11,6 +11,7 @@ import click
 from click.core import ParameterSource
 
 from ldt_core.base.errors import LdtError, OptionError
+from ldt_core.base.printable import one_line
 from ldt_core.cli.options import (
     json_option,
     judged_option,
@@ -19,7 +20,7 @@ from ldt_core.cli.options import (
 )
 from ldt_core.cli.outputs import check_file, force_option
 from ldt_core.cli.progress import status
-from ldt_core.cli.terminal import echo, echo_json, one_line
+from ldt_core.cli.terminal import echo, echo_json
 
 if TYPE_CHECKING:
     from ldt_core.base.experiment import Experiment

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ldt_core.base.errors import OptionError, RecordingError
+from ldt_core.base.printable import one_line
 from ldt_core.base.sentences import counted
 from ldt_core.cli.options import declared_option, json_option, out_option
 from ldt_core.cli.outputs import force_option, replacing
-from ldt_core.cli.terminal import echo_result, one_line
+from ldt_core.cli.terminal import echo_result
 
 if TYPE_CHECKING:
     from ldt_core.recording.csv_table import CsvTable

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ldt_core.base.errors import RecordingError
+from ldt_core.base.printable import one_line, printable
 from ldt_core.base.sentences import counted, numbered, plain, ranges
 from ldt_core.cli.import_file import proposed_import
 from ldt_core.cli.options import json_option, namespace_option
-from ldt_core.cli.terminal import echo_result, one_line, printable
+from ldt_core.cli.terminal import echo_result
 
 if TYPE_CHECKING:
     from ldt_core.recording.bag import Bag

@@ -28,9 +28,10 @@ from rich.progress import track as _track
 from rich.table import Table
 
 from ldt_core.base.errors import LdtError
+from ldt_core.base.printable import one_line
 from ldt_core.base.stopping import Interrupted
 from ldt_core.cli.console import Console
-from ldt_core.cli.terminal import echo, echo_json, one_line, warn
+from ldt_core.cli.terminal import echo, echo_json, warn
 
 if TYPE_CHECKING:  # with its arrays it takes longer to load than all of the help
     from ldt_core.base.experiment import Adaptation, Signal, Step

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ldt_core.base.printable import one_line
 from ldt_core.cli.options import json_option, namespace_option
-from ldt_core.cli.terminal import echo_result, one_line
+from ldt_core.cli.terminal import echo_result
 
 if TYPE_CHECKING:
     from ldt_core.restart.rollback import History

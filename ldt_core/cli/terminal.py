@@ -58,9 +58,3 @@ def warn(*sentences: str) -> None:
     """Print sentences to standard error, a line each."""
     for sentence in sentences:
         echo(one_line(sentence), err=True)
-
-
-__all__ = [
-    *("echo", "echo_json", "echo_json_text", "echo_result"),
-    *("one_line", "printable", "results_alone", "warn"),
-]

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import click
 
+from ldt_core.base.printable import printable
 from ldt_core.cli.options import (
     json_option,
     namespace_option,
     playback_rate_option,
     serving_options,
 )
-from ldt_core.cli.terminal import echo_result, printable
+from ldt_core.cli.terminal import echo_result
 
 PORT = 8766
 
