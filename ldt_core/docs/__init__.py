@@ -12,8 +12,8 @@ FOLDER = Path(__file__).parent
 def names() -> list[str]:
     """Names of all pages, in the order in which a newcomer needs them."""
     order = (
-        *("start", "watch", "python", "connect", "machine", "deploy", "real"),
-        *("diagnosis", "detector", "advice", "defaults", "effect", "physics"),
+        *("start", "watch", "python", "connect", "machine", "deploy", "network"),
+        *("real", "diagnosis", "detector", "advice", "defaults", "effect", "physics"),
         *("accuracy", "streams", "paper", "promises", "speed"),
     )
     found = {file.stem for file in FOLDER.glob("*.md")}

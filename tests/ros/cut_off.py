@@ -16,7 +16,7 @@ from network import HOSTS, parted
 from ldt_core import docs
 from ldt_core.recording.bag import read_bag
 
-PAGE = docs.text("deploy")
+PAGE = docs.text("network")
 PROFILE = re.search(r"```xml\n(.*?)```", PAGE, re.S)[1]  # type: ignore[index]
 SERVED = re.sub(r" *<initialPeersList>.*</initialPeersList>\n", "", PROFILE, flags=re.S)
 SERVER = re.search(r'python -c "(import os; os.exec.*)"', PAGE)[1]  # type: ignore[index]

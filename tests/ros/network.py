@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-HOSTS = ("192.168.7.1", "192.168.7.2")  # as on the page on deploying
+HOSTS = ("192.168.7.1", "192.168.7.2")  # as on the page on other hosts
 QUIET = "echo 1 > /proc/sys/net/ipv6/conf/all/disable_ipv6"  # it looks for neighbours by itself
 
 

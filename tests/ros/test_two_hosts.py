@@ -1,4 +1,4 @@
-"""What the page on deploying says of two hosts, between two network namespaces of this one."""
+"""What the pages on deploying and on other hosts say, between two network namespaces of this."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ import textwrap
 from pathlib import Path
 
 import pytest
-from cut_off import PAGE, PROFILE, SERVED, run_cut, server
+from cut_off import PROFILE, SERVED, run_cut, server
 from disturbed import differences
 from programs import Programs
 
+from ldt_core import docs
+
 pytest.importorskip("rclpy")
 
+PAGE = docs.text("deploy")
 PATIENCE = 20  # s
 TALK = f"""
     import sys, time
