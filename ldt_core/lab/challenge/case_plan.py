@@ -45,7 +45,10 @@ DEPARTURE_SCALES = (1.0, 0.5, 0.25, 0.12)  # of a law from the library's, tried 
 LEAST_EXPLAINED_SHARE = 0.97
 WINDING_LIMIT = 250.0  # K above the surroundings; a winding burns beyond
 LEAST_SPEED_RMS = 2.0  # rad/s, root mean square; a machine that is held still shows nothing
-ATTEMPTS = 60
+ATTEMPTS = 60  # of drawing a case that is fair; then it is an error
+MARGIN = 1.15  # times a least strength: sizes are met to within `SIZE_TOLERANCE`
+MARGIN_OF_SHARE = 1.3  # the same for the ratio of two
+MOST_OFF = 1.5  # factor between a strength that was asked for and the one that came out
 DIGITS = 6  # of the numbers in a key
 WINDING_STATE = 8  # state
 
@@ -182,7 +185,7 @@ def _plan(
         return None
     if strength is not None and len(own) == 1:
         off = abs(math.log(rms(own[0]) / setting.noise / strength))
-        if off > math.log(1.5):
+        if off > math.log(MOST_OFF):
             return None
     fitted, explained = tuple(acting), None
     if acting and kind != "outside":
@@ -213,13 +216,13 @@ def _strengths(
 ) -> tuple[float, ...]:
     """Wanted strength of each member's own gap."""
     most = min(STRENGTH_RANGE[1], LARGEST_GAP / noise)
-    low, high = (STRENGTH_RANGE[0], most) if count == 1 else (LEAST_MEMBER_STRENGTH * 1.15, most)
+    low, high = (STRENGTH_RANGE[0], most) if count == 1 else (LEAST_MEMBER_STRENGTH * MARGIN, most)
     if strength is not None:
         return (strength,) * count
     drawn: list[float] = []
     for _ in range(count):
-        least = max([low, *(LEAST_MEMBER_SHARE * 1.3 * s for s in drawn)])
-        most = min([high, *(s / LEAST_MEMBER_SHARE / 1.3 for s in drawn)])
+        least = max([low, *(LEAST_MEMBER_SHARE * MARGIN_OF_SHARE * s for s in drawn)])
+        most = min([high, *(s / LEAST_MEMBER_SHARE / MARGIN_OF_SHARE for s in drawn)])
         drawn.append(float(np.exp(random.uniform(math.log(least), math.log(most)))))
     return tuple(drawn)
 

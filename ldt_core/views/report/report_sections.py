@@ -40,10 +40,8 @@ FOOTER = (
 KINDS = {"none": "good", "effect": "found", "ambiguous": "vague", "unknown": "open"}
 GRADES = {Grade.WARNING: "open", Grade.PROBLEM: "bad"}
 
-#: Rows of a table that stands open; a longer one would bury what follows it.
-#: Of the table of experiments, 2 MB of the page; the plots have them all.
-MOST_ROWS = 5000
-OPEN_ROWS = 20
+MOST_ROWS = 5000  # of the table of experiments, 2 MB of the page; the plots have them all
+OPEN_ROWS = 20  # of a table that stands open; a longer one would bury what follows it
 MARKS = {
     Action.ADAPTED: Mark(ACTION_WORDS[Action.ADAPTED], "good"),
     Action.REFUSED: Mark(ACTION_WORDS[Action.REFUSED], "open"),

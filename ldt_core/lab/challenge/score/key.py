@@ -15,7 +15,7 @@ from ldt_core.base.errors import BadInput, did_you_mean
 from ldt_core.effects import EFFECTS
 from ldt_core.lab.challenge.case_plan import KINDS, MEMBERS
 
-MOST_BYTES = 100_000_000
+MOST_BYTES = 100_000_000  # of a key that is read: no challenge comes near
 ABOUT = ("physics", "current_noise", "file")  # of the setting, for checks and tables
 BEFOREHAND = ("case", "left_out")  # what of an entry may be read before the case is diagnosed
 
