@@ -25,9 +25,9 @@ from ldt_core.base.errors import BadInput
 from ldt_core.base.sentences import few
 from ldt_core.doctor.check import Finding, Probe, ok, problem, warning
 from ldt_ros.graph.environment import MODULES, require_ros, ros_message
-from ldt_ros.graph.leftovers import SHARED, leftovers, shared_memory_cleared
+from ldt_ros.graph.middleware_trials import trial
 from ldt_ros.graph.secure import has_security
-from ldt_ros.graph.trials import trial
+from ldt_ros.graph.shared_memory import SHARED, leftovers, shared_memory_cleared
 
 MIB = 1024**2
 DISTRIBUTION = "jazzy"
@@ -104,7 +104,7 @@ def profile() -> list[Finding]:
 
 
 def exchange(patience: float = EXCHANGE_TIMEOUT) -> dict[str, Any]:
-    """What the ear of two processes met (see `ldt_ros.graph.trials`).
+    """What the ear of two processes met (see `ldt_ros.graph.middleware_trials`).
 
     Raises:
         BadInput: they did not start or did not end; `got` says what happened.

@@ -22,8 +22,8 @@ from ldt_core.cli import invoke
 from ldt_core.cli.options import Command, json_option, parameters, preset_option
 from ldt_core.cli.outputs import force_option, refuse_force, replacing
 from ldt_ros.graph.environment import prepare, require_ros
-from ldt_ros.graph.leftovers import shared_memory_cleared
 from ldt_ros.graph.secure import secured
+from ldt_ros.graph.shared_memory import shared_memory_cleared
 from ldt_ros.graph.supervisor import Supervisor
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from ldt_core.base.errors import BadInput
 from ldt_core.security.keystore import check_keystore
 from ldt_core.security.permissions import enclave_name
 from ldt_ros.graph.environment import ros_message
-from ldt_ros.graph.trials import trial
+from ldt_ros.graph.middleware_trials import trial
 
 ENABLE, STRATEGY = "ROS_SECURITY_ENABLE", "ROS_SECURITY_STRATEGY"
 KEYSTORE, OVERRIDE = "ROS_SECURITY_KEYSTORE", "ROS_SECURITY_ENCLAVE_OVERRIDE"

@@ -17,11 +17,11 @@ from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.detectors.lddm import LDDM
 from ldt_core.detectors.threshold import Threshold
 from ldt_core.detectors.window import Window
-from ldt_core.lab.tuning import control as in_control
+from ldt_core.lab.tuning import in_control
 from ldt_core.lab.tuning import tune as tune_module
 from ldt_core.lab.tuning.candidates import NEVER, DetectorSetting, first_round, second_round
 from ldt_core.lab.tuning.choice import Budget, choose, pareto
-from ldt_core.lab.tuning.control import (
+from ldt_core.lab.tuning.in_control import (
     FalseAlarms,
     chosen,
     control,

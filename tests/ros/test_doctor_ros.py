@@ -13,7 +13,7 @@ import pytest
 
 from ldt_core.doctor.check import Grade
 from ldt_ros import doctor
-from ldt_ros.graph import leftovers
+from ldt_ros.graph import shared_memory
 
 OK, WARNING, PROBLEM = Grade.OK, Grade.WARNING, Grade.PROBLEM
 
@@ -28,14 +28,14 @@ def named(found) -> dict:
 def test_a_message_goes_across_in_a_domain_of_one_s_own(domain):
     """By the profile that `ldt up` uses, and nobody else is seen."""
     pytest.importorskip("rclpy")
-    before = leftovers.middleware_files()
+    before = shared_memory.middleware_files()
     found = named(doctor.ros())
     assert found["DDS"].grade is OK
     assert "rmw_fastrtps_cpp" in found["DDS"].message
     assert found["domain"].grade is OK
     assert f"ROS_DOMAIN_ID {domain}, nobody else" in found["domain"].message
     assert found["security"].grade is OK
-    assert leftovers.middleware_files() <= before
+    assert shared_memory.middleware_files() <= before
 
 
 def test_a_foreign_node_is_a_warning_and_a_graph_a_problem(stranger):
@@ -166,7 +166,7 @@ def test_leftovers_in_shared_memory_are_told_while_nobody_uses_them(
 ):
     """A file that a live process has mapped is its own; little room is told as well."""
     monkeypatch.setattr(doctor, "SHARED", tmp_path)
-    monkeypatch.setattr(leftovers, "SHARED", tmp_path)
+    monkeypatch.setattr(shared_memory, "SHARED", tmp_path)
     assert doctor.shared_memory()[0].grade is OK
     for name in ("fastrtps_1234", "fastrtps_5678", "somebody_else"):
         (tmp_path / name).write_bytes(b"x" * 5000)

@@ -20,10 +20,10 @@ from disturbed import PATIENCE, RUN, differences, finished, killed
 from ldt_core.recording.bag import read_bag
 from ldt_core.restart.recorded_run import LOOP
 from ldt_core.security.keystore import make_keystore
-from ldt_ros.graph import secure, trials
+from ldt_ros.graph import middleware_trials, secure
 
 pytestmark = pytest.mark.skipif(
-    not secure.has_security(trials.dds_library()),
+    not secure.has_security(middleware_trials.dds_library()),
     reason="this Fast DDS is built without DDS-Security",
 )
 

@@ -20,7 +20,7 @@ from ldt_core.security.keystore import make_keystore
 from ldt_core.security.permissions import NODES, enclaves
 from ldt_core.views.watch.fleet import Fleet
 from ldt_ros import doctor
-from ldt_ros.graph import secure, trials
+from ldt_ros.graph import middleware_trials, secure
 from ldt_ros.graph.environment import prepare
 from ldt_ros.graph.process import ROLES, node_class
 from ldt_ros.nodes.watch_node import WatchNode
@@ -99,7 +99,7 @@ def test_every_process_has_an_enclave():
 
 def test_what_cannot_be_secured_does_not_start(keystore, monkeypatch, capfd, tmp_path):
     """One sentence, exit code 2, nothing recorded, no process; the environment is as it was."""
-    if secure.has_security(trials.dds_library()):
+    if secure.has_security(middleware_trials.dds_library()):
         pytest.skip("this Fast DDS is built with DDS-Security")
     monkeypatch.setattr("ldt_ros.up.Supervisor", lambda *_: pytest.fail("it started"))
     before = dict(os.environ)

@@ -17,7 +17,7 @@ from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.experiment import Action, Experiment, Level
 from ldt_core.detectors import build_detector
 from ldt_core.lab.tuning.candidates import DetectorSetting
-from ldt_core.lab.tuning.control import FalseAlarms, Row, false_alarms
+from ldt_core.lab.tuning.in_control import FalseAlarms, Row, false_alarms
 from ldt_core.machine.machine_file import Machine
 from ldt_core.twin.loop import Twin, faultless
 

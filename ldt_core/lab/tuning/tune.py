@@ -32,7 +32,7 @@ from ldt_core.lab.tuning.candidates import (
     settings_of,
 )
 from ldt_core.lab.tuning.choice import Budget, TuningChoice, best_of, choose, count
-from ldt_core.lab.tuning.control import (
+from ldt_core.lab.tuning.in_control import (
     LEAST_IN_CONTROL,
     Control,
     Row,

@@ -14,7 +14,7 @@ from ldt_core.base.result_files import write
 from ldt_core.base.sentences import number
 from ldt_core.lab.tuning.candidates import NEVER
 from ldt_core.lab.tuning.choice import PARTS, SAME_ERROR, best_of, count, pareto
-from ldt_core.lab.tuning.control import most
+from ldt_core.lab.tuning.in_control import most
 from ldt_core.lab.tuning.trial import Tried
 from ldt_core.lab.tuning.tune import Tuning
 

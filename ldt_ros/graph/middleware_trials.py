@@ -1,6 +1,6 @@
 """Trials of the middleware, each in a process of its own, because the middleware can end it.
 
-`python -m ldt_ros.graph.trials NAME …` conducts one; what it found is one JSON object.
+`python -m ldt_ros.graph.middleware_trials NAME …` conducts one; what it found is one JSON object.
 """
 
 from __future__ import annotations
