@@ -14,6 +14,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
 from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.free_run_residuals import Use
+from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.physics import PhysicsModel
 
@@ -23,7 +24,6 @@ FEWEST_SAMPLES = 200  # of such a part: a shorter one shows little of the machin
 RESAMPLES = 2000  # bootstrap draws of experiments: the ends of a 95 % interval need fifty beyond
 REGIME_SAMPLES = 20  # of a regime, at least: the error of fewer is chance
 NOISE_DEVIATIONS = 3.0  # by which the noise here may differ from its average by chance
-LEAST_GAP = 0.005  # of the noise's power: a fraction of a smaller gap says nothing
 LEAST_REGIME_GAP = 0.1  # of the noise's power: the same for the few samples of a regime
 STEADY_SLOPE = 0.05  # of the largest acceleration: below, a speed counts as steady
 
@@ -119,7 +119,10 @@ def closed(
     )
     gap = was - size * noise**2
     # A run that diverged is no number: nothing is said of what it closes.
-    if not math.isfinite(float(now.sum())) or not gap.sum() > LEAST_GAP * noise**2 * size.sum():
+    if (
+        not math.isfinite(float(now.sum()))
+        or not gap.sum() > THRESHOLDS.least_gap * noise**2 * size.sum()
+    ):
         return None, None
     part = float(np.clip((was - now).sum() / gap.sum(), 0.0, 1.0))
     if len(experiments) < 2:

@@ -23,7 +23,6 @@ from ldt_core.diagnosis.nominal_prior import NominalPrior
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
 
-LEAST_PART = 0.01  # of a gap: what closes less has nothing to do with it
 STRAINED = "Unknown: only machine numbers beyond their tolerances close the gap."
 RANK = 1e-9  # of the largest singular value: a direction with less is none
 
@@ -148,7 +147,7 @@ def enough(found: Sequence[Refit], before: float) -> str:
     Args:
         before: the file's error on held-out experiments [rad/s].
     """
-    if not found or not (found[0].closed_fraction or 0.0) > LEAST_PART:
+    if not found or not (found[0].closed_fraction or 0.0) > THRESHOLDS.told_of_gap:
         return ""
     what = listed(f"{r.parameter} × {r.factor:.3g}" for r in found)
     return (

@@ -36,7 +36,7 @@ CHANGED_BY = {
     "R_y": "foundation_damping",
     "e": "unbalance",
 }
-MOTOR = ("J", "K_t", "L", "R", "b")  # the numbers of a motor
+MOTOR = ("J", "K_t", "L", "R", "b")  # the numbers of a motor, which shake no foundation
 RIDGE_STEP = 1e-4  # of a move, for the slope at its start
 EQUIVALENT = ("J", "K_t", "L")  # of an identified motor; its R and b are convention
 NONE = "none"

@@ -15,13 +15,13 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ldt_core.base.arrays import Array
+from ldt_core.diagnosis.nominal_prior import MOTOR
 from ldt_core.estimation.variable_projection import basis_of, least_squares_step, project_out
 from ldt_core.physics.base import ANGLE, CURRENT, Physics
 from ldt_core.physics.effect import Effect
 
 Use = Sequence[tuple[Effect, Mapping[str, float]]]
 
-MOTOR_NAMES = ("J", "K_t", "R", "L", "b")  # parameters that shake nothing
 NO_OFFSET = np.zeros(0)
 SEARCH_STEP = 5e-3  # s, longest integration step: its error is below a third of the noise
 GAUSS_NEWTON_STEPS = 4  # for a foundation in motion, whose start is not linear in the speed
@@ -104,7 +104,7 @@ def start_states_for(
     values = residuals.changed(use)
     if values is None:
         return residuals.starts
-    shaken = any(v != residuals.values[n] for n, v in values.items() if n not in MOTOR_NAMES)
+    shaken = any(v != residuals.values[n] for n, v in values.items() if n not in MOTOR)
     states = sum(len(e.states) for e, _ in use if e.torque is not None or e.terminal is not None)
     # The angles that a shaking machine is known by were sought without the effects.
     free = free or residuals.shaking

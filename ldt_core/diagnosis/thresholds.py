@@ -128,6 +128,9 @@ class Thresholds:
     trifle_of_gap: float = _limit(
         0.03, OF_GAP, CASES, "A library's law that is the right one leaves up to as much."
     )
+    told_of_gap: float = _limit(
+        0.01, OF_GAP, CHOSEN, "What closes less is said to have nothing to do with the gap."
+    )
     # What the recording and a further experiment can show
     visible_change: float = _limit(
         25.0, LOSS, FIVE_DEVIATIONS, "An effect that changes less could not have been seen."

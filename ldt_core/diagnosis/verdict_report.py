@@ -56,11 +56,10 @@ from ldt_core.diagnosis.residual_torque import (
 )
 from ldt_core.diagnosis.sentence import not_measured, not_seen, not_standing, sentence
 from ldt_core.diagnosis.standing import begun_errors, objection, unlike
+from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import Decision
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.sensor_check import doubt
-
-LEAST_SCORE = 0.01  # of the gap: an effect that explains less is said to explain nothing
 
 
 def _unsimulated(name: str) -> RankedCandidate:
@@ -312,7 +311,7 @@ class VerdictReport:
             return "not tried: the sensor is faulty"
         if self.objection and d.best and name in d.best.names:
             return self.objection
-        if score is None or score < LEAST_SCORE:
+        if score is None or score < THRESHOLDS.told_of_gap:
             return "explains nothing of the gap"
         if d.kind == "unknown":
             return f"leaves {1 - score:.0%} of the fitted gap"
