@@ -68,8 +68,8 @@ def command(
         for effect, _ in acting:
             effect.require(machine.model)
         warn_of_nothing(diagnosis, acting)
-    model = PhysicsModel(machine, effects=acting)
-    error = FreeRunError()
+    model, alone = PhysicsModel(machine, effects=acting), PhysicsModel(machine)
+    error, without = FreeRunError(), FreeRunError()
     played = read_bag(recording, namespace)
     with (
         stop_on_signals() as stop,
@@ -80,7 +80,15 @@ def command(
             prediction = model.predict(experiment)
             writer.write("prediction", prediction, experiment.end)
             error.add(prediction.residual(experiment))
+            if acting:
+                without.add(alone.predict(experiment).residual(experiment))
     warn(*played.notes)
+    if acting and error.rmse > without.rmse:
+        warn(
+            f"the diagnosed effects make this prediction worse: without them the root mean square "
+            f"error is {without.rmse:.4g} rad/s. What a recording cannot tell apart may differ in "
+            "another: diagnose this one as well"
+        )
     echo_result(
         as_json,
         {**error.as_dict(), "recording": out},

@@ -396,6 +396,15 @@ def test_predict_takes_an_effect_of_ones_own_only_when_it_is_given(own, tmp_path
     assert after == pytest.approx(case.found["gap"]["after"]["rmse"], rel=1e-9)
 
 
+def test_a_prediction_that_a_diagnosis_makes_worse_is_told_so(friction, nothing, tmp_path, capsys):
+    """Of a machine that never had the effect."""
+    given = ["--machine", "rotor", "--with", str(friction.out / "diagnosis.json")]
+    for case, worse in ((nothing, True), (friction, False)):
+        out = str(tmp_path / f"{worse}")
+        assert invoke(predict.command, [str(case.bag), *given, "--out", out]) == 0
+        assert ("make this prediction worse" in capsys.readouterr().err) is worse
+
+
 # ---- what is refused
 
 
