@@ -29,7 +29,7 @@ from ldt_core.recording.codec import Record, encode_cdr
 from ldt_core.recording.duplicate_filter import DuplicateFilter
 from ldt_core.recording.experiment_numbers import ExperimentNumbers, numbers_text
 from ldt_core.recording.lock import FolderLock
-from ldt_core.recording.mcap_writer import VANISHED, McapWriter, describe_channel
+from ldt_core.recording.mcap_writer import CUT, VANISHED, McapWriter, describe_channel
 from ldt_core.recording.message_subject import number_of
 from ldt_core.recording.messages import declaration, schema, serialize
 from ldt_core.recording.metadata import TopicInformation, bag_information, text_of, write_metadata
@@ -331,7 +331,8 @@ class BagWriter:
         full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
         reason = "the disk is full" if full else (getattr(error, "strerror", None) or str(error))
         written = sum(topic.count for topic in self._held.topics.values())
-        left = "which went with it" if reason == VANISHED else "those already on disk stay readable"
+        kept = "those already on disk stay readable"
+        left = {VANISHED: "which went with it", CUT: "less what was cut off"}.get(reason, kept)
         self.failure = LdtError(
             f"{self.path}: {reason}; recording stopped after {counted(written, 'message')}, {left}"
         )
