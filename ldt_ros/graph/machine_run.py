@@ -77,8 +77,9 @@ class MachineRun(Member):
                     summary.note(f"alarm: a {key}, {count}x as {role} saw it")
                 elif (key in NOTED_COUNTS or key.startswith(LEFT_OUT)) and count != "0":
                     summary.note(f"{role}, {key}: {count}")
-            for kind, times in told.rejected.items():
-                summary.note(f"{role} rejected {kind}: {times} ({told.last_rejection})")
+            if told.rejected:
+                kinds = ", ".join(f"{kind}: {times}" for kind, times in told.rejected.items())
+                summary.note(f"{role} rejected {kinds} ({told.last_rejection})")
         if twin := health.get("twin"):
             refused = _experiments_of(twin.rejected)
             failed = f"experiment: {UnansweredExperiment.__name__}"

@@ -411,6 +411,7 @@ def test_absurd_content_costs_its_experiment_alone(stranger):
                 lambda n=number: stranger.health("twin").get("refused experiment") == str(n)
             )
     assert stranger.numbers("adaptation") == [1, 4]
+    assert nodes[0].health()["missing"] == 0  # they came
     assert nodes[0].topics.rejected == {"experiment: ExperimentError": 2}
     assert not any(node.topics.rejected or node.failure for node in nodes[1:])
 
