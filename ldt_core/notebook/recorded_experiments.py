@@ -136,8 +136,8 @@ def read(path: str | os.PathLike[str], namespace: str | None = None) -> Recordin
         Its experiments, in recorded order, and the twin's steps where there was a twin.
 
     Raises:
-        RecordingError: no such file, no recording, several machines, no experiments, or a small file
-            that unpacks to gigabytes of them.
+        RecordingError: no such file, no recording, several machines, no experiments, or a
+            small file that unpacks to gigabytes of them.
         ExperimentError: a message that is not an experiment.
         ArgumentTypeError: not a path.
     """

@@ -109,7 +109,7 @@ class BagWriter:
         self._closed = threading.Event()
         wanted = [self._declare(self._absolute(t), self._kind(t)) for t in topics]
         self._made = self._make_folder(resume)
-        self._owner = FolderLock(self.path, PATIENCE if resume else 0.0)
+        self._owner = FolderLock(self._folder, PATIENCE if resume else 0.0)
         self._threads = [
             threading.Thread(target=self._flush_regularly, name="bag", daemon=True),
             threading.Thread(target=self._sync_regularly, name="bag_sync", daemon=True),
@@ -268,7 +268,9 @@ class BagWriter:
             raise RecordingError(self.path, "a name in UTF-8", "other bytes") from None
         made = not self.path.exists()
         try:
-            self.path.mkdir(parents=True, exist_ok=resume)
+            # Code of the user's may go into another folder meanwhile.
+            self._folder = self.path.absolute()
+            self._folder.mkdir(parents=True, exist_ok=resume)
         except FileExistsError:
             expected = "a folder" if resume else "a folder that does not exist yet"
             raise RecordingError(
@@ -299,11 +301,11 @@ class BagWriter:
             self._held.topics.setdefault(topic.name, topic)
         self._held.stem = self._held.stem or os.path.basename(os.path.realpath(self.path))
         if self._repeats is not None and self._held.files:
-            self._repeats = DuplicateFilter.of(self.path)
+            self._repeats = DuplicateFilter.of(self._folder)
 
     def _new_file(self) -> McapWriter:
         """Begin one, with all topics that are known so far."""
-        part = McapWriter(self.path / f"{self._held.stem}_{self._held.index}.mcap")
+        part = McapWriter(self._folder / f"{self._held.stem}_{self._held.index}.mcap")
         self._held.index += 1
         self._channels = {
             name: part.register(*describe_channel(name, topic.kind))
@@ -385,8 +387,8 @@ class BagWriter:
         """End the last file."""
         text = text_of(self._information())
         self._part.finish(text)
-        write_metadata(self.path, text)
+        write_metadata(self._folder, text)
 
     def _write_metadata(self) -> None:
-        write_metadata(self.path, text_of(self._information()))
+        write_metadata(self._folder, text_of(self._information()))
         self._unlisted = False

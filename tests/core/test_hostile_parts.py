@@ -290,6 +290,40 @@ def test_a_machine_that_takes_too_many_steps_is_not_simulated():
         Plant.from_settings(parse_machine(text, "mine.yaml"), unbalanced).experiment(1)
 
 
+OWN = """
+import os
+from ldt_core.detectors.threshold import Threshold
+os.chdir("/")
+
+class Leaves(Threshold):
+    def judge(self, *given):
+        os.chdir("/")
+        return super().judge(*given)
+
+class Raises(Threshold):
+    def judge(self, *given):
+        raise BaseException("on no account")
+"""
+
+
+def test_a_part_that_goes_into_another_folder_takes_nothing_with_it(tmp_path, monkeypatch):
+    """At its import or later; the recording went there, or was called deleted."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text(OWN)
+    run = ["run", "--experiments", "2", "--model", "physics", "--bag", "here"]
+    assert invoke(ldt, [*run, "--detector", "own.py:Leaves"]) == 0
+    assert len(list(read_bag(tmp_path / "here").records("signal"))) == 2
+
+
+def test_a_part_that_raises_what_is_no_exception_ends_the_run_in_a_sentence(tmp_path, capsys):
+    """A traceback came."""
+    (tmp_path / "own.py").write_text(OWN)
+    run = ["run", "--experiments", "2", "--model", "physics", "--bag", str(tmp_path / "a")]
+    assert invoke(ldt, [*run, "--detector", f"{tmp_path / 'own.py'}:Raises"]) == 1
+    words = "a part of your own raised what is no Exception: BaseException: on no account"
+    assert words in capsys.readouterr().err
+
+
 def test_what_is_too_long_to_learn_from_is_predicted_all_the_same():
     """The reason is recorded, and the next experiment is learned from."""
     period = SHORT.sample_period * 100

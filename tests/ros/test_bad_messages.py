@@ -416,7 +416,8 @@ def test_absurd_content_costs_its_experiment_alone(stranger):
     assert not any(node.topics.rejected or node.failure for node in nodes[1:])
 
 
-def test_whatever_a_node_raises_refuses_the_message_and_ends_nothing(stranger, monkeypatch):
+@pytest.mark.parametrize("error", [FloatingPointError, BaseException])
+def test_whatever_a_node_raises_refuses_the_message_and_ends_nothing(error, stranger, monkeypatch):
     """In a callback and on a worker's thread; counted by kind, with the reason."""
     node = stranger.start(DetectorNode)
     stranger.listen("signal", "/diagnostics")
@@ -424,7 +425,7 @@ def test_whatever_a_node_raises_refuses_the_message_and_ends_nothing(stranger, m
 
     def fail(experiment, prediction):
         if experiment.number == 1:
-            raise FloatingPointError("somewhere")
+            raise error("somewhere")
         return step(experiment, prediction)
 
     monkeypatch.setattr(node.detector, "step", fail)
@@ -433,7 +434,7 @@ def test_whatever_a_node_raises_refuses_the_message_and_ends_nothing(stranger, m
         stranger.send("prediction", prediction(number))
     stranger.until(lambda: stranger.numbers("signal") == [2])
     assert sum(node.topics.rejected.values()) == 1
-    assert node.topics.last_rejection.endswith("FloatingPointError: somewhere")
+    assert node.topics.last_rejection.endswith(f"{error.__name__}: somewhere")
     node.worker.deal(experiment(3), lambda: 1 / 0, long=True)
     stranger.until(lambda: not node.worker.busy)
     assert node.failure is None
