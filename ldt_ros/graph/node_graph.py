@@ -59,7 +59,15 @@ class Graph:
                 self.supervisor.wait = time.sleep
 
     def _make_monitors(self, context: Context) -> list[Monitor]:
-        monitors = [Monitor(r.namespace, self._recipient(r), context=context) for r in self.runs]
+        monitors = [
+            Monitor(
+                r.namespace,
+                self._recipient(r),
+                r.settings["adaptation_timeout"],
+                context=context,
+            )
+            for r in self.runs
+        ]
         # One ear for all machines: each hears all.
         hear(monitors[0], {m.get_namespace(): m.hear for m in monitors})
         return monitors
