@@ -246,6 +246,7 @@ def write_parameters(run: MachineRun, folder: Path, **others: str) -> str:
     The machine is what its file said at first: it may be edited while a run goes on, and a node
     that is started again would go on with another machine.
     """
+    folder.mkdir(mode=0o700, exist_ok=True)  # a cleaner of /tmp takes what is old
     defaults = {n: d["default"] for n, d in msgs_config.parameters().items()}
     values = {n: v for n, v in run.settings.items() if v != defaults[n]}
     if run.settings["machine"] not in msgs_config.machine_names():

@@ -50,8 +50,14 @@ def ends(*_, **__):
     raise SystemExit(7)
 
 
+def cancels(*_, **__):
+    """What is no Exception, as asyncio's own."""
+    raise BaseException("on no account")
+
+
 DETECTORS = {
     "that ends the program": {"judge": ends},
+    "that raises what is no exception": {"judge": cancels},
     "of figures that are none": {"statistics": property(lambda self: {"a": "x"})},
     "of figures without a name": {"statistics": property(lambda self: {3: 1.0})},
     "of a figure by a name in use": {"statistics": property(lambda self: {"experiment": 1.0})},
@@ -75,6 +81,7 @@ def test_a_hostile_detector_costs_its_signals(name, tmp_path):
 
 MODELS = {
     "that ends the program": (ends, "SystemExit: 7"),
+    "that raises what is no exception": (cancels, "BaseException: on no account"),
     "that says nothing": (lambda self, e: None, "AttributeError"),
     "of too few samples": (
         lambda self, e: PhysicsModel(self.machine).predict(e.part(0, 9)),
@@ -299,10 +306,6 @@ class Leaves(Threshold):
     def judge(self, *given):
         os.chdir("/")
         return super().judge(*given)
-
-class Raises(Threshold):
-    def judge(self, *given):
-        raise BaseException("on no account")
 """
 
 
@@ -315,11 +318,11 @@ def test_a_part_that_goes_into_another_folder_takes_nothing_with_it(tmp_path, mo
     assert len(list(read_bag(tmp_path / "here").records("signal"))) == 2
 
 
-def test_a_part_that_raises_what_is_no_exception_ends_the_run_in_a_sentence(tmp_path, capsys):
+def test_a_file_that_raises_what_is_no_exception_is_a_sentence(tmp_path, capsys):
     """A traceback came."""
-    (tmp_path / "own.py").write_text(OWN)
+    (tmp_path / "own.py").write_text("raise BaseException('on no account')")
     run = ["run", "--experiments", "2", "--model", "physics", "--bag", str(tmp_path / "a")]
-    assert invoke(ldt, [*run, "--detector", f"{tmp_path / 'own.py'}:Raises"]) == 1
+    assert invoke(ldt, [*run, "--detector", f"{tmp_path / 'own.py'}:Mine"]) == 1
     words = "a part of your own raised what is no Exception: BaseException: on no account"
     assert words in capsys.readouterr().err
 
