@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from ldt_core.base.errors import BadInput
 from ldt_core.security.permissions import DOMAINS
+from ldt_ros.graph.leftovers import require_room
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -32,7 +33,7 @@ def require_ros() -> None:
     """Refuse to go on where ROS 2 cannot be used.
 
     Raises:
-        BadInput: no ROS 2 in this Python, or a domain that cannot exist.
+        BadInput: no ROS 2 in this Python, a domain that cannot exist, or a full /dev/shm.
     """
     missing = [name for name in MODULES if importlib.util.find_spec(name) is None]
     if missing:
@@ -44,6 +45,7 @@ def require_ros() -> None:
     domain = os.environ.get("ROS_DOMAIN_ID", "")
     if domain and not (domain.isascii() and domain.isdigit() and int(domain[:4]) in DOMAINS):
         raise BadInput("ROS_DOMAIN_ID", "a whole number from 0 to 232", repr(domain[:20]))
+    require_room()
 
 
 def ros_message(error: Exception | str) -> str:
