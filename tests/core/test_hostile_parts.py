@@ -257,6 +257,7 @@ def test_a_machine_s_experiments_have_so_many_samples(name):
 
 EFFECTS = {
     "that fails": ({"on_measurement": ends}, "SystemExit: 7"),
+    "that raises what is no exception": ({"on_measurement": cancels}, "BaseException: on no acc"),
     "of another length": (
         {"on_measurement": lambda v, p, c: v[1:]},
         "200 measured speeds, got",

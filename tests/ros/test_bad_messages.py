@@ -441,6 +441,22 @@ def test_whatever_a_node_raises_refuses_the_message_and_ends_nothing(error, stra
     assert node.topics.last_rejection == "prediction: ZeroDivisionError: division by zero"
 
 
+@pytest.mark.parametrize("error", [ValueError, BaseException])
+def test_a_source_that_fails_ends_its_node_with_the_reason(error, stranger, tmp_path):
+    """As by an effect of the user's own; the run ended with 2 of 6 experiments and exit code 0."""
+
+    def fail():
+        raise error("somewhere")
+
+    stranger.listen("experiment")
+    node = stranger.start(PlayerNode, play=written(tmp_path / "bag", 1, 2))
+    node.source.fetch = fail
+    stranger.until(lambda: node.failure)
+    assert isinstance(node.failure, Exception)
+    assert "somewhere" in str(node.failure)
+    assert not node.topics.rejected
+
+
 def test_a_counter_that_begins_anew_is_followed_by_the_whole_graph(stranger):
     """One experiment is refused; a number out of nowhere costs itself alone."""
     nodes = [stranger.start(kind, **PHYSICS) for kind in (TwinNode, DetectorNode, AdaptorNode)]
