@@ -116,6 +116,8 @@ class Graph:
         respawner.note()
         for run, monitor in zip(self.runs, self.monitors, strict=True):
             run.note_health(monitor.health, monitor.answered)
+            if not (interrupted or monitor.source_finished):
+                run.summary.fail(f"the {run.source} was ended before its last experiment")
 
     def _sources(self) -> list[Child]:
         """Processes of their own that send the experiments."""
