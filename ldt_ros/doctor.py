@@ -38,6 +38,7 @@ MULTICAST_GROUP = "239.255.76.68"  # where our DDS profile lets peers meet
 MULTICAST_INTERFACE = "127.0.0.1"
 DATAGRAM_TIMEOUT = 1.0  # s for a datagram to come back
 LOW_SHARED_MEMORY = 16 * MIB  # tracing and numpy's workers take little
+MAKE_ROOM = f"remove what nobody uses in {SHARED} (docker run --shm-size=256m)"
 LOG_HEAD = re.compile(r"^(\[[\w.]+\] ?)+: ")  # level, time, and logger of a line of ROS's log
 MAX_LISTED = 4  # names that a line shows
 ANOTHER_DOMAIN = "if they are not yours, set ROS_DOMAIN_ID to another number from 0 to 101"
@@ -53,8 +54,10 @@ def ros() -> list[Finding]:
     try:
         require_ros()
     except BadInput as error:
-        remedy = "unset ROS_DOMAIN_ID, or set it to a number from 0 to 101"
-        return [*found, problem("domain", f"{error.where}: got {error.got}", remedy)]
+        name, remedy = "domain", "unset ROS_DOMAIN_ID, or set it to a number from 0 to 101"
+        if error.where == str(SHARED):
+            name, remedy = "DDS", MAKE_ROOM
+        return [*found, problem(name, f"{error.where}: got {error.got}", remedy)]
     try:
         met = exchange()
     except BadInput as error:
@@ -249,8 +252,7 @@ def shared_memory() -> list[Finding]:
     room = f"{free // MIB} MiB free in {SHARED}"
     found = []
     if free < LOW_SHARED_MEMORY:
-        remedy = f"remove what nobody uses in {SHARED} (docker run --shm-size=256m)"
-        found.append(warning(name, room, remedy))
+        found.append(warning(name, room, MAKE_ROOM))
     if left := sorted(leftovers()):
         told = f"{len(left)} file(s) left by ended processes ({few(left, MAX_LISTED)})"
         remedy = f"rm {' '.join(str(SHARED / n) for n in left[:MAX_LISTED])}"

@@ -7,6 +7,7 @@ second). A user's own come by entry point, group `ldt.model`, `ldt.detector` or 
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib
 import importlib.util
@@ -79,7 +80,8 @@ class Registry:
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         try:
-            spec.loader.exec_module(module)
+            with contextlib.chdir("."):  # which a file may leave; results are written there
+                spec.loader.exec_module(module)
         except FAULTS as error:  # whatever the user's file does
             got = f"{type(error).__name__}: {error}"
             raise OptionError(path, "a Python file that can be imported", got) from error

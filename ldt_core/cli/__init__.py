@@ -15,7 +15,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from ldt_core.base import first_compilation
-from ldt_core.base.errors import LdtError
+from ldt_core.base.errors import LdtError, reason_of
 from ldt_core.base.registry import entry_points
 from ldt_core.base.stopping import EXIT_CODE, Interrupted
 from ldt_core.cli.completion import VARIABLE, register
@@ -144,6 +144,10 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
         place = str(error.filename or _nameless())[:LONGEST_PLACE]
         code = 2 if error.errno in UNNAMEABLE else 1
         return _say(f"{place}: {error.strerror or error}", code)
+    except BaseException as error:
+        if isinstance(error, Exception | KeyboardInterrupt | SystemExit):
+            raise
+        return _say(f"a part of your own raised what is no Exception: {reason_of(error)}", 1)
 
 
 def _nameless() -> str:

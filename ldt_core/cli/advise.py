@@ -85,7 +85,7 @@ def command(
     found: DiagnosisRecord | None = None
     if recording:
         bag = read_bag(recording, namespace)
-        experiments = list(bag.experiments(machine))[-RECENT_EXPERIMENTS:]
+        experiments = list(deque(bag.experiments(machine), RECENT_EXPERIMENTS))
         model = next(iter(deque(bag.records("model"), 1)), None)
         found = next(iter(deque(bag.records("diagnosis"), 1)), None)
     acting = read_effects(diagnosis, machine) if diagnosis else []

@@ -8,16 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ldt_core.base.errors import RecordingError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import counted, listed
 from ldt_core.cli.terminal import warn
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import read_bag
-from ldt_core.recording.mcap_records import MOST_RATIO
+from ldt_core.recording.held_samples import HeldSamples
 
 SHOWN = 3  # experiments named in a sentence
-FREE_BYTES = 200_000_000  # of samples out of files of any size: three of the longest experiments
 
 
 def read_recordings(
@@ -40,16 +38,10 @@ def read_recordings(
     """
     found: list[Experiment] = []
     seen: dict[bytes, int] = {}
-    packed = held = 0  # bytes of the files, and of the samples in memory
+    held = HeldSamples()
     for recording in recordings:
         bag, again = read_bag(recording, namespace), []
-        packed += sum(file.stat().st_size for file in bag.storage.files)
-        most = max(FREE_BYTES, MOST_RATIO * packed)
-        for read in bag.experiments(machine):
-            held += read.voltage.nbytes + read.speed.nbytes
-            if held > most:
-                files = f"samples of at most {most} bytes in files of {packed}"
-                raise RecordingError(recording, files, "more")
+        for read in held.of(bag, machine):
             number = len(found) + 1 if len(recordings) > 1 else read.number
             first = seen.setdefault(_samples(read), number) if np.ptp(read.speed) else number
             if first == number:

@@ -94,6 +94,7 @@ def command(
     from ldt_core.lab.tuning.tuning_figure import write_figure
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.recording.bag import read_bag
+    from ldt_core.recording.held_samples import HeldSamples
     from ldt_core.views.page import style
 
     style.require()
@@ -108,7 +109,7 @@ def command(
         found = tune(
             load_machine(settings["machine"]),
             resolve(settings),
-            bag.experiments(),
+            HeldSamples().of(bag),
             budget,
             out,
             in_control=in_control,

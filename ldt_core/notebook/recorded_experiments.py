@@ -12,6 +12,7 @@ from ldt_core.base.errors import ArgumentTypeError, LdtError, described
 from ldt_core.base.experiment import Action, Experiment, Prediction, Step
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import Bag, read_bag
+from ldt_core.recording.held_samples import HeldSamples
 from ldt_core.twin.adaptor import ROLLED_BACK
 from ldt_core.twin.stage import RecordedStep
 
@@ -135,7 +136,8 @@ def read(path: str | os.PathLike[str], namespace: str | None = None) -> Recordin
         Its experiments, in recorded order, and the twin's steps where there was a twin.
 
     Raises:
-        RecordingError: no such file, no recording, several machines, or no experiments.
+        RecordingError: no such file, no recording, several machines, no experiments, or a
+            small file that unpacks to gigabytes of them.
         ExperimentError: a message that is not an experiment.
         ArgumentTypeError: not a path.
     """
@@ -144,7 +146,7 @@ def read(path: str | os.PathLike[str], namespace: str | None = None) -> Recordin
     if namespace is not None and not isinstance(namespace, str):
         raise ArgumentTypeError("namespace", "the name of one", described(namespace))
     bag = read_bag(Path(path), namespace)
-    return Recording(list(bag.experiments()), bag, os.fspath(path))
+    return Recording(list(HeldSamples().of(bag)), bag, os.fspath(path))
 
 
 def described_experiment(experiment: Experiment) -> dict[str, Any]:

@@ -32,7 +32,6 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import (
-    FAULTS,
     LdtError,
     OptionError,
     described,
@@ -222,9 +221,9 @@ class Effect:
         """What a function says, which may be the user's own and fail."""
         try:
             return function(*arguments, **given)
-        except LdtError:
+        except (LdtError, KeyboardInterrupt):
             raise
-        except FAULTS as error:
+        except BaseException as error:
             raise LdtError(f"effect {self.name}: {reason_of(error)}") from error
 
     def first_states(self, state: Array, given: Values) -> tuple[float, ...]:

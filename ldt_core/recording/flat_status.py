@@ -7,6 +7,7 @@ nothing: whoever asks decodes the message then, and learns what is wrong with it
 from __future__ import annotations
 
 import struct
+import sys
 from typing import NamedTuple
 
 ENCAPSULATION = b"\0\1\0\0"  # CDR, little end first
@@ -42,7 +43,10 @@ def flat_status(data: bytes) -> FlatStatus | None:
         return None
     if len(rest) != 2 * pairs or not at - 4 < len(data) <= at:
         return None
-    return FlatStatus(level, message, list(zip(rest[::2], rest[1::2], strict=True)))
+    # One text a key, however many records are held: a page holds 100,000.
+    return FlatStatus(
+        level, message, list(zip(map(sys.intern, rest[::2]), rest[1::2], strict=True))
+    )
 
 
 def _texts(data: bytes, at: int, count: int, found: list[bytes]) -> int:

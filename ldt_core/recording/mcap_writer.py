@@ -16,6 +16,7 @@ from ldt_core.recording.metadata import METADATA, FileInformation
 from ldt_core.recording.storage import PROFILE
 
 VANISHED = "the file or its folder was deleted or renamed while it was written"
+CUT = "somebody else cut the file short while it was written"
 
 
 def describe_channel(topic: str, kind: str) -> tuple[Channel, Schema]:
@@ -49,6 +50,7 @@ class McapWriter:
         self.chunks = 0
         #: Bytes written, without what is still collected for the next chunk.
         self.size = 0
+        self._flushed = 0  # bytes in the operating system's hands at least
         self._stream = file.open("xb")
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._writer = Writer(
@@ -65,7 +67,7 @@ class McapWriter:
             with contextlib.suppress(OSError):
                 file.unlink()  # it holds nothing
             raise
-        self.size = self._stream.tell()
+        self.size = self._flushed = self._stream.tell()
 
     def register(self, channel: Channel, described: Schema | None) -> int:
         """Describe a channel; its number in the file, from 1 in the order of these calls."""
@@ -87,6 +89,7 @@ class McapWriter:
         published_ns: int | None = None,
     ) -> None:
         """Write a message; it is in the file after the next `flush` at the latest."""
+        self._require_whole()
         sent = time_ns if published_ns is None else published_ns
         self._writer.add_message(channel, time_ns, data, sent, sequence)
         self.facts = self.facts.with_message(time_ns)
@@ -95,6 +98,7 @@ class McapWriter:
     def flush(self) -> None:
         """Hand all that was written to the operating system."""
         self._writer.flush()
+        self._flushed = self._stream.tell()
         self._measure()
 
     def require_place(self) -> None:
@@ -102,14 +106,22 @@ class McapWriter:
 
         Raises:
             FileNotFoundError: it, or its folder, was deleted, renamed or replaced.
+            OSError: it was cut short.
         """
-        own = os.fstat(self._stream.fileno())
+        own = self._require_whole()
         try:
             there = self.file.stat()
         except OSError:
             there = None
         if there is None or (there.st_dev, there.st_ino) != (own.st_dev, own.st_ino):
             raise FileNotFoundError(errno.ENOENT, VANISHED)
+
+    def _require_whole(self) -> os.stat_result:
+        """What follows would stand behind a hole, in a file without a beginning."""
+        own = os.fstat(self._stream.fileno())
+        if own.st_size < self._flushed:
+            raise OSError(errno.EIO, CUT)
+        return own
 
     def descriptor(self) -> int:
         """A descriptor of the file that is the caller's to close."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -149,11 +150,11 @@ def decode_signal(where: str, message: Any) -> Signal:
     return Signal(
         _whole(f"{where}, experiment", values["experiment"], 1),
         answer,
-        values["detector"],
+        sys.intern(values["detector"]),  # one text, however many are held
         _whole(f"{where}, model_version", values["model_version"], 0),
         _size(f"{where}, max_error", values["max_error"]),
         _numbers(values, (*SIGNAL_KEYS, *JUDGED_KEYS)),
-        values.get("state", ""),
+        sys.intern(values.get("state", "")),
         _size(f"{where}, adequacy", values["adequacy"]) if values.get("adequacy") else None,
     )
 

@@ -29,7 +29,7 @@ from ldt_core.recording.codec import Record, encode_cdr
 from ldt_core.recording.duplicate_filter import DuplicateFilter
 from ldt_core.recording.experiment_numbers import ExperimentNumbers, numbers_text
 from ldt_core.recording.lock import FolderLock
-from ldt_core.recording.mcap_writer import VANISHED, McapWriter, describe_channel
+from ldt_core.recording.mcap_writer import CUT, VANISHED, McapWriter, describe_channel
 from ldt_core.recording.message_subject import number_of
 from ldt_core.recording.messages import declaration, schema, serialize
 from ldt_core.recording.metadata import TopicInformation, bag_information, text_of, write_metadata
@@ -109,7 +109,7 @@ class BagWriter:
         self._closed = threading.Event()
         wanted = [self._declare(self._absolute(t), self._kind(t)) for t in topics]
         self._made = self._make_folder(resume)
-        self._owner = FolderLock(self.path, PATIENCE if resume else 0.0)
+        self._owner = FolderLock(self._folder, PATIENCE if resume else 0.0)
         self._threads = [
             threading.Thread(target=self._flush_regularly, name="bag", daemon=True),
             threading.Thread(target=self._sync_regularly, name="bag_sync", daemon=True),
@@ -268,7 +268,9 @@ class BagWriter:
             raise RecordingError(self.path, "a name in UTF-8", "other bytes") from None
         made = not self.path.exists()
         try:
-            self.path.mkdir(parents=True, exist_ok=resume)
+            # Code of the user's may go into another folder meanwhile.
+            self._folder = self.path.absolute()
+            self._folder.mkdir(parents=True, exist_ok=resume)
         except FileExistsError:
             expected = "a folder" if resume else "a folder that does not exist yet"
             raise RecordingError(
@@ -299,11 +301,11 @@ class BagWriter:
             self._held.topics.setdefault(topic.name, topic)
         self._held.stem = self._held.stem or os.path.basename(os.path.realpath(self.path))
         if self._repeats is not None and self._held.files:
-            self._repeats = DuplicateFilter.of(self.path)
+            self._repeats = DuplicateFilter.of(self._folder)
 
     def _new_file(self) -> McapWriter:
         """Begin one, with all topics that are known so far."""
-        part = McapWriter(self.path / f"{self._held.stem}_{self._held.index}.mcap")
+        part = McapWriter(self._folder / f"{self._held.stem}_{self._held.index}.mcap")
         self._held.index += 1
         self._channels = {
             name: part.register(*describe_channel(name, topic.kind))
@@ -331,7 +333,8 @@ class BagWriter:
         full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
         reason = "the disk is full" if full else (getattr(error, "strerror", None) or str(error))
         written = sum(topic.count for topic in self._held.topics.values())
-        left = "which went with it" if reason == VANISHED else "those already on disk stay readable"
+        kept = "those already on disk stay readable"
+        left = {VANISHED: "which went with it", CUT: "less what was cut off"}.get(reason, kept)
         self.failure = LdtError(
             f"{self.path}: {reason}; recording stopped after {counted(written, 'message')}, {left}"
         )
@@ -384,8 +387,8 @@ class BagWriter:
         """End the last file."""
         text = text_of(self._information())
         self._part.finish(text)
-        write_metadata(self.path, text)
+        write_metadata(self._folder, text)
 
     def _write_metadata(self) -> None:
-        write_metadata(self.path, text_of(self._information()))
+        write_metadata(self._folder, text_of(self._information()))
         self._unlisted = False

@@ -25,7 +25,9 @@ from ldt_core.recording.bag import Bag
 from ldt_core.recording.step_search import ANCHOR, StepSearch
 from ldt_core.twin.stage import WINDOW, RecordedStep
 
-FORMAT = "ldt-checkpoint-1"
+FORMAT = "ldt-checkpoint-2"
+#: Enough that no two experiments of all that there are share it.
+FINGERPRINT_DIGITS = 16
 #: Files of a stage, which are written in turn: what is recorded may end before the newest.
 SLOTS = 2
 #: Largest file [bytes]; a detector that has seen much takes 10 kB.
@@ -45,11 +47,18 @@ class Checkpoint(NamedTuple):
     Args:
         experiment: number of the last experiment that the stage has dealt with.
         start: when that began [s since the epoch].
+        speed: fingerprint of what was measured in it: simulated runs may begin at the same time.
     """
 
     experiment: int
     start: float
+    speed: str
     state: dict[str, Any]
+
+
+def fingerprint(experiment: Experiment) -> str:
+    """Of the measured speed."""
+    return hashlib.sha256(experiment.speed.tobytes()).hexdigest()[:FINGERPRINT_DIGITS]
 
 
 class CheckpointFiles:
@@ -106,12 +115,12 @@ class CheckpointFiles:
             raise ValueError("it is damaged")
         if content.get("format") != FORMAT or content.get("key") != self._key:
             raise ValueError("it is of another run, or of another version")
-        number, start, state = (content[name] for name in Checkpoint._fields)
+        number, start, speed, state = (content[name] for name in Checkpoint._fields)
         if type(number) is not int or not 0 < number < LARGEST_NUMBER:
             raise ValueError("its experiment is no number")
         if type(start) is not float or not math.isfinite(start) or not isinstance(state, dict):
             raise ValueError("its start or its state is none")
-        return Checkpoint(number, start, state)
+        return Checkpoint(number, start, speed, state)
 
 
 def digest(content: Any) -> str:

@@ -10,7 +10,7 @@ import msgs_config
 from ldt_core.base.errors import ExperimentError, LdtError, RecordingError
 from ldt_core.base.experiment import Experiment
 from ldt_core.recording.message_subject import Subject
-from ldt_core.restart.checkpoint import Checkpoint, CheckpointFiles, Lookup
+from ldt_core.restart.checkpoint import Checkpoint, CheckpointFiles, Lookup, fingerprint
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.run_key import key_text
 from ldt_core.twin.adaptor import ROLLED_BACK
@@ -102,7 +102,8 @@ class StageRestart:
             self._every = 0
             return
         try:
-            self.files.write(Checkpoint(experiment.number, experiment.start, state))
+            speed = fingerprint(experiment)
+            self.files.write(Checkpoint(experiment.number, experiment.start, speed, state))
         except (OSError, TypeError, ValueError) as error:
             self._every = 0
             self._log(f"no checkpoints of the {self.role} are kept: {error}")
@@ -118,7 +119,8 @@ class StageRestart:
         else:
             raise RecordingError(path, f"step {number} at {checkpoint.start}, complete", "none")
         bag = self.run.bag(listed=True)
-        if bag is None or ROLLED_BACK in before[-1].adaptation.details:
+        other = fingerprint(before[-1].experiment) != checkpoint.speed
+        if bag is None or other or ROLLED_BACK in before[-1].adaptation.details:
             raise RecordingError(path, f"the same step {number}", "another")
         return Lookup(bag, self.run.machine, self.settings, before)
 

@@ -147,6 +147,7 @@ def _diagnosed(task: RecordingTask) -> DiagnosisTexts:
     from ldt_core.diagnosis.diagnose import diagnose
     from ldt_core.diagnosis.library import library
     from ldt_core.recording.bag import read_bag
+    from ldt_core.recording.held_samples import HeldSamples
     from ldt_core.views.diagnosis_page.diagnosis_page import page
 
     options, machine = task.options, task.machine
@@ -154,7 +155,7 @@ def _diagnosed(task: RecordingTask) -> DiagnosisTexts:
     bag = read_bag(task.recording, options.namespace)
     found = diagnose(
         machine,
-        list(bag.experiments(machine)),
+        list(HeldSamples().of(bag, machine)),
         recordings=[task.recording],
         effects=effects,
         refit=options.refit,

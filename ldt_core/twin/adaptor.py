@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ldt_core.base.errors import FAULTS, LdtError, RecordingError, reason_of
+from ldt_core.base.errors import LdtError, RecordingError, reason_of
 from ldt_core.base.experiment import (
     DOUBTFUL,
     FAILED,
@@ -139,7 +139,9 @@ class Adaptor:
                 told = f"model version {self.model.version}"
                 parse_model(told, model_text(self.model.record()))  # what nobody could use raises
             return dealt
-        except FAULTS as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             self.model, self.earlier = before
             return self._failed(experiment, reason_of(error)), self.model
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ldt_core.base.errors import FAULTS, ExperimentError, OptionError, RecordingError, reason_of
+from ldt_core.base.errors import ExperimentError, OptionError, RecordingError, reason_of
 from ldt_core.base.experiment import FAILED, Experiment, Level, Prediction, Samples, Signal
 from ldt_core.detectors import as_detector, build_detector
 from ldt_core.detectors.adequacy import Adequacy
@@ -150,9 +150,9 @@ class DetectorStage:
         try:
             self._update(experiment, prediction, said)
             self._statistics = _plain(self.detector.statistics)
-        except ExperimentError:
+        except (ExperimentError, KeyboardInterrupt):
             raise
-        except FAULTS as error:  # of a detector of the user's own, for one
+        except BaseException as error:  # of a detector of the user's own, for one
             self.trouble = f"experiment {experiment.number}: {reason_of(error)}"
             return False
         self.trouble = ""

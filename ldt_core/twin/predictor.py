@@ -92,7 +92,9 @@ class Predictor:
                     where = f"prediction {experiment.number}, speed"
                     most = f"{np.abs(prediction.speed).max():g}"
                     raise ExperimentError(where, "samples whose squares can be summed", most)
-        except FAULTS as error:  # of a model of the user's own, for one
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # of a model of the user's own, for one
             raise UnansweredExperiment(experiment.number, reason_of(error)) from error
         return prediction
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ldt_core.base.experiment import (
+    DOUBTFUL,
+    FAILED,
+    PAUSED,
     Action,
     Adaptation,
     Experiment,
@@ -21,6 +24,8 @@ from ldt_core.recording.bag import Bag
 from ldt_core.recording.codec import Record
 from ldt_core.views.packed_samples import PackedSamples, pack
 
+MARKS = (PAUSED, DOUBTFUL, FAILED)  # details of an adaptation that a summary tells of
+UNMARKED: dict[str, float] = {}  # no other is kept: a run has 100,000 adaptations
 DIGITS = 6  # of figures that are drawn; a screen shows four
 
 Row = dict[str, Any]
@@ -135,7 +140,8 @@ class StepCollector:
             if isinstance(record, Signal):
                 step.signal = record
             else:
-                step.adaptation = record
+                marks = {m: record.details[m] for m in MARKS if m in record.details}
+                step.adaptation = replace(record, details=marks or UNMARKED)
                 return None
         else:
             if step is None:
@@ -227,22 +233,21 @@ def statistic(signals: list[Signal]) -> DetectorStatistic:
     error.
     """
     detector = signals[-1].detector
-    own = [n for s in signals for n in s.statistics if n not in LIMITS]
     key, name, unit = KNOWN.get(detector, ("", "", ""))
-    if not key and own:
-        key = own[0]
+    own = (n for s in signals for n in s.statistics if n not in LIMITS)
+    if not key and (key := next(own, "")):
         name = spoken(key)
     elif not key:
         key, name, unit = KNOWN["threshold"]
-    rows = [{**_judged(s), "max_error": s.max_error, **s.statistics} for s in signals]
     # What is over the noise has no limits: those recorded are of what that is as evidence.
     limits = ("", "") if key == "adequacy" else LIMITS
-    columns = [[_finite(row.get(column)) for row in rows] for column in (key, *limits)]
+    columns = [[_finite(_figure(s, column)) for s in signals] for column in (key, *limits)]
     return DetectorStatistic(name, unit, *columns)
 
 
-def _judged(signal: Signal) -> dict[str, float]:
-    return {} if signal.adequacy is None else {"adequacy": signal.adequacy}
+def _figure(signal: Signal, name: str) -> float | None:
+    own = {"max_error": signal.max_error, "adequacy": signal.adequacy}.get(name)
+    return signal.statistics.get(name, own)
 
 
 def _finite(value: float | None) -> float | None:

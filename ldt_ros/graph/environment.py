@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from ldt_core.base.errors import BadInput
 from ldt_core.security.permissions import domain_of_environment
+from ldt_ros.graph.shared_memory import require_room
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -32,7 +33,7 @@ def require_ros() -> None:
     """Refuse to go on where ROS 2 cannot be used.
 
     Raises:
-        BadInput: no ROS 2 in this Python, or a domain that cannot exist.
+        BadInput: no ROS 2 in this Python, a domain that cannot exist, or a full /dev/shm.
     """
     missing = [name for name in MODULES if importlib.util.find_spec(name) is None]
     if missing:
@@ -42,6 +43,7 @@ def require_ros() -> None:
             f"no module {missing[0]}; `ldt run` does the same without ROS",
         )
     domain_of_environment()
+    require_room()
 
 
 def ros_message(error: Exception | str) -> str:

@@ -77,8 +77,9 @@ class MachineRun(Member):
                     summary.note(f"alarm: a {key}, {count}x as {role} saw it")
                 elif (key in NOTED_COUNTS or key.startswith(LEFT_OUT)) and count != "0":
                     summary.note(f"{role}, {key}: {count}")
-            for kind, times in told.rejected.items():
-                summary.note(f"{role} rejected {kind}: {times} ({told.last_rejection})")
+            if told.rejected:
+                kinds = ", ".join(f"{kind}: {times}" for kind, times in told.rejected.items())
+                summary.note(f"{role} rejected {kinds} ({told.last_rejection})")
         if twin := health.get("twin"):
             refused = _experiments_of(twin.rejected)
             failed = f"experiment: {UnansweredExperiment.__name__}"
@@ -245,6 +246,7 @@ def write_parameters(run: MachineRun, folder: Path, **others: str) -> str:
     The machine is what its file said at first: it may be edited while a run goes on, and a node
     that is started again would go on with another machine.
     """
+    folder.mkdir(mode=0o700, exist_ok=True)  # a cleaner of /tmp takes what is old
     defaults = {n: d["default"] for n, d in msgs_config.parameters().items()}
     values = {n: v for n, v in run.settings.items() if v != defaults[n]}
     if run.settings["machine"] not in msgs_config.machine_names():

@@ -7,6 +7,7 @@ recording, and two cores have better to do than to decode them once more.
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -30,6 +31,8 @@ from ldt_ros.nodes.interfaces import (
 
 #: Signals that wait for their adaptation; what is older has lost it.
 CAPACITY = 200
+#: Beyond the twin's longest wait, time for the step that it then makes [s]: all cores may be busy.
+WAITED = 10.0
 
 
 class Monitor(Node):
@@ -39,6 +42,7 @@ class Monitor(Node):
         self,
         namespace: str,
         on_step: Callable[[Signal, Adaptation], None],
+        longest_wait: float = math.inf,
         **node_arguments: Any,
     ) -> None:
         alone = {"start_parameter_services": False, **node_arguments}
@@ -48,12 +52,15 @@ class Monitor(Node):
         self.health: dict[str, NodeStatus] = {}
         #: How often each has, since this node began.
         self.statements: Counter[str] = Counter()
+        #: Of the twin for an adaptation [s].
+        self.longest_wait = longest_wait
         self.last_experiment = 0
         self.last_step = 0
         self.last_signal = 0
         #: Experiments of which an adaptation came.
         self.answered = ExperimentNumbers()
         self.first_step_at: float | None = None
+        self._last_step_at = time.monotonic()
         self._signals: dict[int, Signal] = {}
         self._adapted: dict[tuple[int, float | None], None] = {}  # the last ones, with stamps
         for topic, callback in (("signal", self._on_signal), ("adaptation", self._on_adaptation)):
@@ -84,11 +91,17 @@ class Monitor(Node):
 
     @property
     def busy(self) -> bool:
-        """Whether a node has told that it works on experiments that have not gone all the way."""
+        """Whether a node has told that it works on experiments that have not gone all the way.
+
+        A twin that waits for an adaptation goes on without it after a while; if the next is not
+        answered either, the others lack what it has, as after a flood, and it would take hours.
+        """
         diagnosing = self._told("diagnoser", "diagnosing") == "true"
         advising = self._told("advisor", "advising") == "true"
         training = self._told("adaptor", "training") == "true"
-        return diagnosing or advising or training or self._told("twin", "waiting") not in ("", "0")
+        waiting = self._told("twin", "waiting") not in ("", "0")
+        unanswered = time.monotonic() - self._last_step_at > self.longest_wait + WAITED
+        return diagnosing or advising or training or (waiting and not unanswered)
 
     def _told(self, role: str, key: str) -> str:
         """What a node told last under a key, "" when it did not."""
@@ -120,7 +133,8 @@ class Monitor(Node):
                 return  # an adaptor that was started again says once more what it said
             self._adapted[about] = None
             forget_oldest(self._adapted, CAPACITY)
-            self.first_step_at = self.first_step_at or time.monotonic()
+            self._last_step_at = time.monotonic()
+            self.first_step_at = self.first_step_at or self._last_step_at
             self.last_step = adaptation.experiment
             signal = self._signals.pop(adaptation.experiment, None)
             if signal is not None:

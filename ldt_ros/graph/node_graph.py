@@ -59,7 +59,15 @@ class Graph:
                 self.supervisor.wait = time.sleep
 
     def _make_monitors(self, context: Context) -> list[Monitor]:
-        monitors = [Monitor(r.namespace, self._recipient(r), context=context) for r in self.runs]
+        monitors = [
+            Monitor(
+                r.namespace,
+                self._recipient(r),
+                r.settings["adaptation_timeout"],
+                context=context,
+            )
+            for r in self.runs
+        ]
         # One ear for all machines: each hears all.
         hear(monitors[0], {m.get_namespace(): m.hear for m in monitors})
         return monitors
@@ -108,6 +116,8 @@ class Graph:
         respawner.note()
         for run, monitor in zip(self.runs, self.monitors, strict=True):
             run.note_health(monitor.health, monitor.answered)
+            if not (interrupted or monitor.source_finished):
+                run.summary.fail(f"the {run.source} was ended before its last experiment")
 
     def _sources(self) -> list[Child]:
         """Processes of their own that send the experiments."""

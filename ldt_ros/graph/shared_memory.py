@@ -3,15 +3,37 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+
+from ldt_core.base.errors import BadInput
 
 SHARED = Path("/dev/shm")
 # The tracing library that rclpy is linked with makes its files whether or not anything is traced;
 # Fast DDS makes its own where a profile allows shared memory, and leaves them when it is killed.
 DDS = ("fastrtps_", "fastdds_", "sem.fastrtps_", "sem.fastdds_")
+MAPPED = 16_384  # bytes that rclpy's tracing library maps there: two pages, with some room
 OURS = ("lttng-ust-wait-", *DDS)
+
+
+def require_room() -> None:
+    """Refuse a full /dev/shm: what maps a page there that cannot be had is killed by SIGBUS.
+
+    Where it does not exist or cannot be written to, nobody maps anything.
+
+    Raises:
+        BadInput: it is full.
+    """
+    try:
+        with tempfile.TemporaryFile(dir=SHARED) as file:
+            os.posix_fallocate(file.fileno(), 0, MAPPED)
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            room = f"room for {MAPPED} bytes, which the ROS 2 libraries share"
+            raise BadInput(str(SHARED), room, error.strerror) from None
 
 
 @contextlib.contextmanager

@@ -84,9 +84,12 @@ class Child:
 
 def last_line(log: Path) -> str:
     """The last line of a process's output that says something."""
-    with log.open("rb") as file:
-        file.seek(max(0, log.stat().st_size - TAIL))
-        lines = file.read().decode(errors="replace").split("\n")
+    try:
+        with log.open("rb") as file:
+            file.seek(max(0, log.stat().st_size - TAIL))
+            lines = file.read().decode(errors="replace").split("\n")
+    except FileNotFoundError:
+        return "its output was deleted"
     return next((line.strip() for line in reversed(lines) if line.strip()), "no output")
 
 
@@ -129,6 +132,7 @@ class ForkServer:
             ConnectionError: the server has ended.
             LdtError: the server cannot fork, or does not answer.
         """
+        log.parent.mkdir(mode=0o700, exist_ok=True)  # a cleaner of /tmp takes what is old
         with log.open("ab") as output:
             try:
                 request = json.dumps(list(arguments)).encode()

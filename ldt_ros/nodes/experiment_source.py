@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
+from ldt_core.base.errors import LdtError, reason_of
 from ldt_core.base.experiment import Experiment
 from ldt_core.machine import Plant
 from ldt_core.recording.bag import read_bag
@@ -307,8 +308,9 @@ class ExperimentSource(NodePart):
                 self._message = to_message(self._next)
             if self._samples is not None:
                 self._samples.load(self._next)
-        except Exception as error:  # no fault of the message that it follows
-            self._node.failure = error
+        except BaseException as error:  # no fault of the message that it follows
+            one = error if isinstance(error, Exception) else LdtError(reason_of(error))
+            self._node.failure = one
 
     def _is_past(self, one: Experiment) -> bool:
         """Whether it comes before the end of the recording that goes on, or is its last.

@@ -6,7 +6,6 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
-from ldt_core.base.errors import FAULTS
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.threads import started_thread
 from ldt_core.recording.message_subject import Subject, agree
@@ -149,7 +148,7 @@ class StageWorker(NodePart):
     def _on_thread(self, experiment: Experiment, work: Callable[[], None]) -> None:
         try:
             self._in_turn(experiment, work)
-        except FAULTS as error:  # would be lost in the thread's future
+        except BaseException as error:  # would be lost in the thread's future
             self._node.topics.reject(self._beside, error)
         finally:
             self.finished_with = experiment.number

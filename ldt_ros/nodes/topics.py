@@ -14,7 +14,7 @@ from rclpy.qos import QoSProfile, qos_policy_name_from_kind
 from rclpy.subscription import Subscription
 
 import msgs_config
-from ldt_core.base.errors import FAULTS, reason_of
+from ldt_core.base.errors import reason_of
 from ldt_core.base.printable import one_line
 from ldt_core.recording.node_status import LIFELESS, SECOND_PUBLISHER, UNMATCHED
 from ldt_ros.nodes.interfaces import listener_qos, message_type, qos
@@ -181,7 +181,7 @@ class Topics:
                 self.counts[topic] += 1
                 self.links.heard(topic)
                 callback(message)
-            except FAULTS as error:
+            except BaseException as error:  # signals raise nothing in a node's process
                 self.reject(topic, error)
 
         self._inputs[topic] = self._node.create_subscription(

@@ -12,7 +12,7 @@ from ldt_core.base.errors import ExperimentError, LdtError, RepeatedExperiment
 from ldt_core.base.experiment import Adaptation, Experiment
 from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
-from ldt_core.recording.experiment_numbers import ExperimentNumbers
+from ldt_core.recording.experiment_numbers import MOST_JUMP, ExperimentNumbers
 from ldt_core.recording.message_subject import agree
 from ldt_core.recording.node_status import REFUSED
 from ldt_core.restart.checkpoint import Lookup
@@ -198,6 +198,8 @@ class TwinNode(LdtNode):
         try:
             self.predictor.admit(experiment)
         except ExperimentError as error:
+            if experiment.number - (self.predictor.numbering.last or 0) <= MOST_JUMP:
+                self._arrivals.known(experiment.number)  # it has come, whatever is wrong with it
             self._refuse(experiment, error)
             return
         self._arrivals.known(experiment.number)

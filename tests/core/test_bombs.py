@@ -21,6 +21,7 @@ from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.cli import invoke, ldt
 from ldt_core.cli.recordings import read_recordings
 from ldt_core.machine.machine_file import load_machine, machine_from_dict
+from ldt_core.notebook.recorded_experiments import read
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.codec import MULTI_ARRAY
 from ldt_core.recording.csv_table import CsvTable
@@ -28,6 +29,7 @@ from ldt_core.recording.health import inspect
 from ldt_core.recording.mcap_reader import TolerantMcapReader
 from ldt_core.recording.mcap_records import decompress
 from ldt_core.recording.writer import BagWriter
+from ldt_core.runs.each_recording import Options, RecordingTask, diagnose_one
 
 SENTENCE = 1500  # characters of the longest sentence about a file
 MEGABYTE = 2**20
@@ -134,7 +136,7 @@ def test_messages_that_are_none_are_read_to_a_limit_alone(tmp_path, monkeypatch)
 
 def test_files_together_unpack_to_a_limit(tmp_path, monkeypatch):
     """A recording of 164 kB took 4 GB: each of its experiments kept its own limit."""
-    monkeypatch.setattr("ldt_core.cli.recordings.FREE_BYTES", MEGABYTE)
+    monkeypatch.setattr("ldt_core.recording.held_samples.FREE_BYTES", MEGABYTE)
     folders = [str(tmp_path / name) for name in "ab"]
     for at, folder in enumerate(folders):
         with BagWriter(folder, "rotor") as writer:
@@ -143,6 +145,23 @@ def test_files_together_unpack_to_a_limit(tmp_path, monkeypatch):
     assert len(read_recordings(folders[:1], "")) == 1
     with pytest.raises(RecordingError, match=r"samples of at most 1048576 bytes in files of"):
         read_recordings(folders, "")
+
+
+def test_whoever_keeps_all_experiments_of_a_recording_has_that_limit(tmp_path, monkeypatch, capsys):
+    """`ldt.read`, `tune`, `diagnose --each`; `advise` keeps the last ones alone."""
+    monkeypatch.setattr("ldt_core.recording.held_samples.FREE_BYTES", MEGABYTE)
+    bag = str(tmp_path / "a")
+    with BagWriter(bag, "rotor") as writer:
+        for number in (1, 2):
+            rows = np.full((2, 50_000), 6.0)
+            writer.write("experiment", Experiment(number, 1e9 * number, 0.01, *rows), 1e9)
+    with pytest.raises(RecordingError, match=r"samples of at most 1048576 bytes in files of"):
+        read(bag)
+    each = diagnose_one(RecordingTask("a", bag, load_machine("rotor"), Options()))
+    assert "samples of at most 1048576 bytes" in each.error
+    assert invoke(ldt, ["tune", bag, "--adaptations", "1", "--out", str(tmp_path / "t")]) == 2
+    assert "samples of at most 1048576 bytes" in capsys.readouterr().err
+    assert invoke(ldt, ["advise", bag]) == 0
 
 
 def test_messages_of_a_foreign_bag_are_counted_by_its_index(tmp_path, capsys, monkeypatch):

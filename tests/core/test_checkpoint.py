@@ -227,6 +227,7 @@ def test_a_file_that_is_no_checkpoint_of_the_run_is_told_and_left_out(spoil, wor
     [
         ({"experiment": COUNT + 50}, "complete"),
         ({"start": 1.5e9}, "640 at 1500000000.0"),
+        ({"speed": "0"}, "another"),  # as of a run with another seed that began at that time
         ({"state": {}}, "keys"),
     ],
 )

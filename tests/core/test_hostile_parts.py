@@ -50,8 +50,14 @@ def ends(*_, **__):
     raise SystemExit(7)
 
 
+def cancels(*_, **__):
+    """What is no Exception, as asyncio's own."""
+    raise BaseException("on no account")
+
+
 DETECTORS = {
     "that ends the program": {"judge": ends},
+    "that raises what is no exception": {"judge": cancels},
     "of figures that are none": {"statistics": property(lambda self: {"a": "x"})},
     "of figures without a name": {"statistics": property(lambda self: {3: 1.0})},
     "of a figure by a name in use": {"statistics": property(lambda self: {"experiment": 1.0})},
@@ -75,6 +81,7 @@ def test_a_hostile_detector_costs_its_signals(name, tmp_path):
 
 MODELS = {
     "that ends the program": (ends, "SystemExit: 7"),
+    "that raises what is no exception": (cancels, "BaseException: on no account"),
     "that says nothing": (lambda self, e: None, "AttributeError"),
     "of too few samples": (
         lambda self, e: PhysicsModel(self.machine).predict(e.part(0, 9)),
@@ -250,6 +257,7 @@ def test_a_machine_s_experiments_have_so_many_samples(name):
 
 EFFECTS = {
     "that fails": ({"on_measurement": ends}, "SystemExit: 7"),
+    "that raises what is no exception": ({"on_measurement": cancels}, "BaseException: on no acc"),
     "of another length": (
         {"on_measurement": lambda v, p, c: v[1:]},
         "200 measured speeds, got",
@@ -288,6 +296,36 @@ def test_a_machine_that_takes_too_many_steps_is_not_simulated():
     unbalanced = resolve({"effect": ["unbalance:e=0.005"], "degradation": "none"})
     with pytest.raises(LdtError, match="takes steps of"):
         Plant.from_settings(parse_machine(text, "mine.yaml"), unbalanced).experiment(1)
+
+
+OWN = """
+import os
+from ldt_core.detectors.threshold import Threshold
+os.chdir("/")
+
+class Leaves(Threshold):
+    def judge(self, *given):
+        os.chdir("/")
+        return super().judge(*given)
+"""
+
+
+def test_a_part_that_goes_into_another_folder_takes_nothing_with_it(tmp_path, monkeypatch):
+    """At its import or later; the recording went there, or was called deleted."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text(OWN)
+    run = ["run", "--experiments", "2", "--model", "physics", "--bag", "here"]
+    assert invoke(ldt, [*run, "--detector", "own.py:Leaves"]) == 0
+    assert len(list(read_bag(tmp_path / "here").records("signal"))) == 2
+
+
+def test_a_file_that_raises_what_is_no_exception_is_a_sentence(tmp_path, capsys):
+    """A traceback came."""
+    (tmp_path / "own.py").write_text("raise BaseException('on no account')")
+    run = ["run", "--experiments", "2", "--model", "physics", "--bag", str(tmp_path / "a")]
+    assert invoke(ldt, [*run, "--detector", f"{tmp_path / 'own.py'}:Mine"]) == 1
+    words = "a part of your own raised what is no Exception: BaseException: on no account"
+    assert words in capsys.readouterr().err
 
 
 def test_what_is_too_long_to_learn_from_is_predicted_all_the_same():

@@ -36,7 +36,12 @@ def replaced(folder):
     shutil.copytree(folder.with_name("elsewhere"), folder)
 
 
-@pytest.mark.parametrize("vanish", [deleted, renamed, replaced])
+def emptied(folder):
+    """As by `truncate`, or a rotation of logs."""
+    (folder / "run_0.mcap").write_bytes(b"")
+
+
+@pytest.mark.parametrize("vanish", [deleted, renamed, replaced, emptied])
 def test_that_it_vanished_is_said_within_a_moment_and_a_new_one_can_begin(vanish, tmp_path):
     """Without another message; writing, flushing and closing all say it."""
     writer = BagWriter(tmp_path / "run", "rotor")
@@ -47,6 +52,8 @@ def test_that_it_vanished_is_said_within_a_moment_and_a_new_one_can_begin(vanish
     while writer.failure is None and time.monotonic() - began < PATIENCE:
         time.sleep(FLUSH_PERIOD)
     words = "run: the file or its folder was deleted or renamed while it was written"
+    if vanish is emptied:
+        words = "run: somebody else cut the file short while it was written"
     for use in (lambda: writer.write("experiment", experiment(2), 1e9), writer.flush, writer.close):
         with pytest.raises(LdtError, match=words):
             use()

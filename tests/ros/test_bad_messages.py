@@ -411,11 +411,13 @@ def test_absurd_content_costs_its_experiment_alone(stranger):
                 lambda n=number: stranger.health("twin").get("refused experiment") == str(n)
             )
     assert stranger.numbers("adaptation") == [1, 4]
+    assert nodes[0].health()["missing"] == 0  # they came
     assert nodes[0].topics.rejected == {"experiment: ExperimentError": 2}
     assert not any(node.topics.rejected or node.failure for node in nodes[1:])
 
 
-def test_whatever_a_node_raises_refuses_the_message_and_ends_nothing(stranger, monkeypatch):
+@pytest.mark.parametrize("error", [FloatingPointError, BaseException])
+def test_whatever_a_node_raises_refuses_the_message_and_ends_nothing(error, stranger, monkeypatch):
     """In a callback and on a worker's thread; counted by kind, with the reason."""
     node = stranger.start(DetectorNode)
     stranger.listen("signal", "/diagnostics")
@@ -423,7 +425,7 @@ def test_whatever_a_node_raises_refuses_the_message_and_ends_nothing(stranger, m
 
     def fail(experiment, prediction):
         if experiment.number == 1:
-            raise FloatingPointError("somewhere")
+            raise error("somewhere")
         return step(experiment, prediction)
 
     monkeypatch.setattr(node.detector, "step", fail)
@@ -432,11 +434,27 @@ def test_whatever_a_node_raises_refuses_the_message_and_ends_nothing(stranger, m
         stranger.send("prediction", prediction(number))
     stranger.until(lambda: stranger.numbers("signal") == [2])
     assert sum(node.topics.rejected.values()) == 1
-    assert node.topics.last_rejection.endswith("FloatingPointError: somewhere")
+    assert node.topics.last_rejection.endswith(f"{error.__name__}: somewhere")
     node.worker.deal(experiment(3), lambda: 1 / 0, long=True)
     stranger.until(lambda: not node.worker.busy)
     assert node.failure is None
     assert node.topics.last_rejection == "prediction: ZeroDivisionError: division by zero"
+
+
+@pytest.mark.parametrize("error", [ValueError, BaseException])
+def test_a_source_that_fails_ends_its_node_with_the_reason(error, stranger, tmp_path):
+    """As by an effect of the user's own; the run ended with 2 of 6 experiments and exit code 0."""
+
+    def fail():
+        raise error("somewhere")
+
+    stranger.listen("experiment")
+    node = stranger.start(PlayerNode, play=written(tmp_path / "bag", 1, 2))
+    node.source.fetch = fail
+    stranger.until(lambda: node.failure)
+    assert isinstance(node.failure, Exception)
+    assert "somewhere" in str(node.failure)
+    assert not node.topics.rejected
 
 
 def test_a_counter_that_begins_anew_is_followed_by_the_whole_graph(stranger):

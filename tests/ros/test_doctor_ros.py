@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
+from ldt_core.base.errors import BadInput
 from ldt_core.doctor.check import Grade
 from ldt_ros import doctor
 from ldt_ros.graph import shared_memory
+from ldt_ros.graph.environment import require_ros
+from ldt_ros.graph.shared_memory import require_room
 
 OK, WARNING, PROBLEM = Grade.OK, Grade.WARNING, Grade.PROBLEM
 
@@ -23,6 +28,22 @@ def named(found) -> dict:
     for finding in found:
         assert bool(finding.remedy) == (finding.grade is not OK), finding
     return {f.name: f for f in found}
+
+
+def test_a_full_shared_memory_is_a_sentence(domain, monkeypatch):
+    """The library behind rclpy was killed by SIGBUS, and with it the command, without a word."""
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    require_room()
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(BadInput, match=r"/dev/shm: expected room for .*, got No space left"):
+        require_ros()
+    found = named(doctor.ros())
+    assert "remove what nobody uses in /dev/shm" in found["DDS"].remedy
+    monkeypatch.setattr(shared_memory, "SHARED", Path("/nowhere"))
+    require_room()  # without it, nothing is mapped
 
 
 def test_a_message_goes_across_in_a_domain_of_one_s_own(domain):

@@ -44,6 +44,15 @@ def test_what_is_not_in_the_recording_is_named_with_the_cause():
     ]
 
 
+def test_what_a_node_rejected_is_one_note_with_one_reason():
+    """A disk that was full filled the screen with seven times the same sentence."""
+    run = MachineRun("rotor", "", resolve({}), "r1", load_machine("rotor"))
+    more = {**LOST, REJECTED + "model: LdtError": "2"}
+    run.note_health({"recorder": NodeStatus("recorder", "", more)}, ExperimentNumbers())
+    told = f"recorder rejected signal: LdtError: 1, model: LdtError: 2 (signal: {VANISHED})"
+    assert run.summary.notes == [told]
+
+
 def test_what_nobody_answered_is_named():
     """Also where the twin says that it failed, and why it refused."""
     words = "1 of 4 experiments sent are missing, not answered: experiment 3"

@@ -410,6 +410,22 @@ def test_a_recording_that_breaks_while_it_is_played_ends_the_player(stranger, tm
 # ---- the launching process
 
 
+def test_the_launching_process_waits_for_a_twin_as_long_as_something_is_answered(
+    monitor, stranger, monkeypatch
+):
+    """A twin whose queue a flood had filled waited a minute for each of 200: three hours."""
+    node, _ = monitor
+    waiting = DiagnosticStatus(name="twin", values=[KeyValue(key="waiting", value="198")])
+    stranger.send("/diagnostics", DiagnosticArray(status=[waiting]))
+    stranger.until(lambda: node.busy)
+    node.longest_wait = 0.0
+    monkeypatch.setattr("ldt_ros.graph.monitor.WAITED", 0.5)
+    stranger.until(lambda: not node.busy)
+    stranger.send("adaptation", adaptation(1))
+    stranger.until(lambda: node.busy, "hope after an answer")
+    stranger.until(lambda: not node.busy)
+
+
 def test_the_launching_process_waits_for_all_that_was_sent_and_not_refused(monitor, stranger):
     """The source's word says what was sent, the twin's what was refused."""
     node, _ = monitor

@@ -126,6 +126,19 @@ def test_a_signal_ends_it_in_order(number, start, domain, tmp_path):
     assert graph_processes(domain) == []
 
 
+def test_a_source_that_somebody_ends_does_not_end_the_run_well(start, domain, tmp_path):
+    """Exit code 0 said that all was done, after 8 of 12 experiments."""
+    process = start("--experiments", "100000", "--rate", "200", "--bag", "run", "--json")
+    wait_for(lambda: recorded(tmp_path / "run") > 3, "experiments in the recording")
+    (plant,) = [p for p in graph_processes(domain) if "plant" in p.cmdline()]
+    plant.terminate()
+    code, output, errors = finish(process)
+    assert code == 1
+    assert "the plant was ended before its last experiment" in errors
+    done = json.loads(output)["runs"][0]["experiments"]
+    assert done == len(list(read_bag(tmp_path / "run").records("adaptation")))
+
+
 def test_a_signal_before_the_nodes_have_met_ends_it_as_well(start, domain):
     """Ctrl-C right after the start leaves no process."""
     process = start("--experiments", "100000", "--rate", "200")

@@ -1,0 +1,43 @@
+"""How many samples of recordings are held in memory, by what their files hold packed.
+
+A chunk has a limit, and so has a message; a small file may have many of either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from ldt_core.base.errors import RecordingError
+from ldt_core.base.experiment import Experiment
+from ldt_core.recording.bag import Bag
+from ldt_core.recording.mcap_records import MOST_RATIO
+
+if TYPE_CHECKING:
+    from ldt_core.machine.machine_file import Machine
+
+FREE_BYTES = 200_000_000  # of samples out of files of any size: three of the longest experiments
+
+
+class HeldSamples:
+    """Reads experiments that somebody keeps, of all recordings together up to a limit."""
+
+    def __init__(self) -> None:
+        self._packed = self._held = 0  # bytes of the files, and of the samples in memory
+
+    def of(self, bag: Bag, machine: Machine | None = None) -> Iterator[Experiment]:
+        """Experiments of one more recording, as `Bag.experiments`.
+
+        Raises:
+            RecordingError: also where all together unpack to more samples than such files hold.
+            ExperimentError: as `Bag.experiments`.
+        """
+        self._packed += sum(file.stat().st_size for file in bag.storage.files)
+        most = max(FREE_BYTES, MOST_RATIO * self._packed)
+        for read in bag.experiments(machine):
+            channels = (read.voltage, read.speed, read.current)
+            self._held += sum(c.nbytes for c in channels if c is not None)
+            if self._held > most:
+                files = f"samples of at most {most} bytes in files of {self._packed}"
+                raise RecordingError(bag.path, files, "more")
+            yield read
