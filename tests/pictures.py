@@ -115,9 +115,9 @@ PICTURES: dict[str, Callable[[], None]] = {
 
 def main(names: list[str]) -> None:
     """Draw the pictures of these names, or all."""
-    with tempfile.TemporaryDirectory() as folder:
-        os.chdir(folder)
-        for name in names or PICTURES:
+    for name in names or PICTURES:
+        with tempfile.TemporaryDirectory() as folder:  # two of them begin with the same command
+            os.chdir(folder)
             PICTURES[name]()
             shutil.copy(name, FIGURES / name)
 
