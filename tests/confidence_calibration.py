@@ -23,8 +23,8 @@ from ldt_core.base.result_files import write
 from ldt_core.diagnosis.confidence import GROUNDS, LEAST, MOST, TABLE, regression
 
 #: Grounds of each kind of verdict; `none` has no search behind it that could speak for it. On 60
-#: earlier cases with each left out in turn, the log loss of names falls from 0.40 of the rate alone to
-#: 0.38, of unknowns from 0.69 to 0.46; with all grounds it rises to 0.57: few were wrong.
+#: earlier cases with each left out in turn, the log loss of names falls from 0.40 of the rate alone
+#: to 0.38, of unknowns from 0.69 to 0.46; with all grounds it rises to 0.57: few were wrong.
 TAKEN = {"named": ("effects",), "unknown": ("left",), "none": ()}
 RIDGE = 1.0  # of squared slopes, of grounds in their own deviations: a case's worth of doubt
 FEWEST = 12  # cases of a kind, below which only their rate is taken

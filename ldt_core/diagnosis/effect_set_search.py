@@ -259,9 +259,7 @@ class EffectSetSearch(SetFits):
         # A law of fewer parameters, and what no recording tells from a member, whatever it costs.
         plain = self._with_plainer_laws(base)
         tries += [t for b in (base, *plain) for t in self._in_place(b, self.twins)]
-        found, scouted = (
-            [*plain, *self._scout(tries)],
-            self.found.scouted.get(frozenset(base.names), base),
-        )
+        found = {frozenset(f.names): f for f in [*plain, *self._scout(tries)]}.values()
+        scouted = self.found.scouted.get(frozenset(base.names), base)
         close = [f for f in found if self._near(f, scouted) or self._plainer(f, scouted)]
         return [self.finish(f) for f in sorted(close, key=lambda f: f.loss)[:FINISHED_RIVALS]]

@@ -174,6 +174,13 @@ def test_what_forward_running_cannot_tell_apart_is_ambiguous(one_way):
     assert min(found.next_experiment.voltage) <= 0.0
 
 
+def test_all_that_no_voltage_of_one_sign_tells_apart_is_named():
+    """Relatives that were tried in two places took the room of what is alike."""
+    recording = record(MOTOR, "coulomb_friction:torque=0.01", volts=(4.0, 12.0), samples=1000)
+    (group,) = diagnose(MOTOR, recording, workers=1).verdict.acting
+    assert {"coulomb_friction", "constant_load", "input_deadzone"} <= set(group)
+
+
 def test_a_winding_and_a_supply_are_never_told_apart():
     """Their resistances are in series, whatever is measured but the terminals' voltage."""
     names = ("armature_resistance", "source_resistance", "coulomb_friction", "inertia")
