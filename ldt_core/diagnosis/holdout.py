@@ -72,9 +72,14 @@ def free_run(machine: Machine, experiment: Experiment, use: Use = ()) -> Array:
 
 def errors(experiments: Sequence[Experiment], predicted: Sequence[Array]) -> HeldOutErrors:
     """Root mean square over all samples, and mean over experiments of the largest error."""
+    return errors_of([e.speed - run for e, run in zip(experiments, predicted, strict=True)])
+
+
+def errors_of(residuals: Sequence[Array]) -> HeldOutErrors:
+    """The same of what predictions leave of the speed, (L,) of each experiment [rad/s]."""
     found = FreeRunError()
-    for experiment, run in zip(experiments, predicted, strict=True):
-        found.add(experiment.speed - run)
+    for residual in residuals:
+        found.add(residual)
     return HeldOutErrors(found.rmse, found.mean_max_error)
 
 

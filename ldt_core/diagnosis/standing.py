@@ -13,11 +13,10 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
-from ldt_core.base.metrics import FreeRunError
 from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
-from ldt_core.diagnosis.holdout import errors
+from ldt_core.diagnosis.holdout import errors, errors_of
 from ldt_core.diagnosis.sentence import not_all_alike
 from ldt_core.diagnosis.start_states import ANGLE_TOLERANCE, StartStates
 from ldt_core.diagnosis.thresholds import THRESHOLDS
@@ -99,8 +98,8 @@ def unlike(
     residuals = FreeRunResiduals(machine, held)
     # What no experiment shows beforehand, its first current and angle, is no gap either.
     begun = _speeds(residuals, alone.use, residuals.start_states(alone.use, free=True))
-    single = [_errors([speed]).rmse for speed in begun]
-    left = _errors(begun).rmse
+    single = [errors_of([speed]).rmse for speed in begun]
+    left = errors_of(begun).rmse
     if left**2 <= THRESHOLDS.plainly_structured * noise**2:
         return ""
     return not_all_alike(left, held[int(np.argmax(single))].number, noise)
@@ -118,7 +117,7 @@ def begun_errors(
         return None
     residuals = FreeRunResiduals(machine, held)
     starts = residuals.start_states(best.use, free=True)
-    return _errors(_speeds(residuals, ())), _errors(_speeds(residuals, best.use, starts))
+    return errors_of(_speeds(residuals, ())), errors_of(_speeds(residuals, best.use, starts))
 
 
 def _speeds(
@@ -127,13 +126,6 @@ def _speeds(
     """(L,) errors of the speed in each experiment [rad/s]."""
     rows = residuals.of(use, starts=starts)
     return [rows[p.rows][: len(p.experiment)] * residuals.noise[0] for p in residuals.pieces]
-
-
-def _errors(speeds: Sequence[Array]) -> HeldOutErrors:
-    error = FreeRunError()
-    for speed in speeds:
-        error.add(speed)
-    return HeldOutErrors(error.rmse, error.mean_max_error)
 
 
 def _linear(

@@ -114,7 +114,9 @@ class VerdictReport:
         still = float(np.sqrt(np.mean(np.concatenate([e.speed for e in self.held]) ** 2)))
         blind = d.kind == "none" and was.rmse >= still
         off = d.kind == "none" and unlike(self.machine, self.alone, self.fitted, self.held, noise)
-        moved = beyond(self.prior, self.completed(self.named or self.alone), d.left, d.excess)
+        # Of an unknown cause no set is in force: what one that was rejected moved says nothing.
+        whole = self._completed(self.named or self.alone)
+        moved = beyond(self.prior, whole, d.left, d.excess)
         strained = d.kind == "none" and bool(moved)
         if blind or off or strained:  # no better than a shaft that stands still, or not everywhere
             d = self.decision = replace(d, kind="unknown")
@@ -125,7 +127,7 @@ class VerdictReport:
         by = regimes(self.held, before, after, noise) if d.kind != "none" else []
         gap = Gap(noise, was, now, part, interval, by)
         where = self._where()
-        fitted = amounts(self.completed(self.named), d.left, d.excess) if self.named else {}
+        fitted = amounts(whole, d.left, d.excess) if self.named else {}
         found = with_masses(self.machine, fitted)
         left = share(d.left / d.excess) if d.kind != "none" and d.excess > 0 else None
         acting = d.acting if self.named else []
@@ -134,7 +136,7 @@ class VerdictReport:
         if self.objection and d.best:
             words = not_standing(d.best.names, gap, where, self.objection)
         words = not_seen(gap, still) if blind else off or words
-        refit = self._refit(before, noise)
+        refit = self._refit(whole, before, noise)
         if strained and not (blind or off):
             words = STRAINED
         if d.kind == "none":
@@ -180,18 +182,16 @@ class VerdictReport:
             machine_file=self.machine.source,
         )
 
-    def _refit(self, before: Sequence[Array], noise: float) -> list[Refit]:
+    def _refit(self, whole: EffectFit, before: Sequence[Array], noise: float) -> list[Refit]:
         """The machine's own parameters, as the set in force has them; alone without one."""
         if self.prior is None or self.faulty:
             return []
         after = [free_run(self.machine, e, self.alone.use) for e in self.held]
         part, _ = closed(self.held, before, after, noise)
         d = self.decision
-        # Of an unknown cause no set is in force: what one that was rejected moved says nothing.
-        best = self.completed(self.named or self.alone)
-        return refits(self.prior, best, d.left, d.excess, part)
+        return refits(self.prior, whole, d.left, d.excess, part)
 
-    def completed(self, fitted: EffectFit) -> EffectFit:
+    def _completed(self, fitted: EffectFit) -> EffectFit:
         """A set with all that is uncertain of the machine file, for the width of its intervals."""
         if self.prior is None:
             return fitted

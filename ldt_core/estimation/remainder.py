@@ -190,8 +190,7 @@ def _run(
     loose, late, free = np.full(p, w), np.full(q, w), len(lead) == 0
     at_w, at_i = w, i
     di, dw, df = np.zeros(n), np.zeros(n), np.zeros(n)
-    touching, dloose, dlate = np.zeros(p, np.bool_), np.zeros((p, n)), np.zeros((q, n))
-    before = np.zeros(n)  # dw a sample ago
+    dloose, dlate = np.zeros((p, n)), np.zeros((q, n))
     for k in range(samples):
         speed[k] = w
         if thin:
@@ -224,14 +223,13 @@ def _run(
             ahead = (at_w - loose[j]) / width
             force += weight * ahead
             df[first_play + j] += ahead
-            if thin and free:
-                if touching[j] and not touches:
-                    dloose[j] = before
-                if not touches:  # one that touches is as far ahead whatever the speed
-                    by_w += weight / width
-                    for m in range(n):
-                        df[m] -= weight / width * dloose[j, m]
-            touching[j] = touches
+            if thin and free and touches:  # as far ahead whatever the speed, which it follows
+                for m in range(n):
+                    dloose[j, m] = dw[m]
+            elif thin and free:
+                by_w += weight / width
+                for m in range(n):
+                    df[m] -= weight / width * dloose[j, m]
         for j in range(q):
             weight = weights[first_play + p + j]
             late[j] += rates[j] * (at_w - late[j])
@@ -248,7 +246,6 @@ def _run(
             for m in range(n):
                 dforce = df[m] + (by_w * dw[m] + by_i * di[m] if free else 0.0)
                 ahead_i = ad[0, 0] * di[m] + ad[0, 1] * dw[m] + gd[0] * dforce
-                before[m] = dw[m]
                 dw[m] = ad[1, 0] * di[m] + ad[1, 1] * dw[m] + gd[1] * dforce
                 di[m] = ahead_i
         if not free:
