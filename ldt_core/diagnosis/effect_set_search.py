@@ -55,9 +55,14 @@ class EffectSetSearch(SetFits):
                     break
                 # A departure that a further effect does not clearly beat stands.
                 stands = departs and not self._clearly_better(count)
+                before = self._best(count - 1)[0]
                 if not stands:
                     self._exchange(count, enough)
-            self._finish(count)
+                now = self._best(count - 1)[0]
+                # Out of a poor minimum, other effects may be missing beside it.
+                if before.loss - now.loss > THRESHOLDS.further_effect_of_remainder * before.loss:
+                    self._build_on(count - 1, 1)
+                    self._exchange(count, enough)
             best = self._best(count)
             if self.spent or not best or self.band.excess(best[0].residual) < enough:
                 break
@@ -69,6 +74,8 @@ class EffectSetSearch(SetFits):
             tried = SIZE_TRIED_ANYWAY if self._room_for_more(best[0]) else 2
             if count >= tried and not self._gained(count):
                 break
+        for size in range(1, count + 1):
+            self._finish(size)
         return self.found
 
     def _clearly_better(self, count: int) -> bool:
@@ -153,7 +160,7 @@ class EffectSetSearch(SetFits):
         """
         for _ in range(EXCHANGES):
             best = self._best(count)[0]
-            if self.band.excess(best.residual) < enough:
+            if self.band.excess(best.residual) < enough or not self._room_for_more(best):
                 break
             tries = []
             for leave in range(count):
@@ -176,7 +183,6 @@ class EffectSetSearch(SetFits):
             kept = [i for i in range(count) if i != leave]
             tries.append(TriedSet([best.effects[i] for i in kept], [best.z[i] for i in kept]))
         self._scout(tries)
-        self._finish(count - 1)
 
     def _without(self, base: EffectFit, leave: int) -> EffectFit:
         """A scouted set without one of its members, scouted as well."""

@@ -96,6 +96,14 @@ class ErrorBand:
         noise = self.free[0] * self.level[0] ** 2
         return float(self.power(rest, speed=True).sum()) - noise
 
+    def current_excess(self, rest: Array) -> float:
+        """The same of the current alone; 0 where it was not measured."""
+        return self.excess(rest) - self.speed_excess(rest)
+
+    def current_gain(self, before: Array, after: Array) -> float:
+        """Loss in the current that the step from some residuals to others takes away."""
+        return float(before @ before - after @ after) - self.speed_gain(before, after)
+
     def speed_loss(self, rest: Array) -> Array:
         """(experiments,) sum of squares of the speed's residuals."""
         found = np.zeros(len(self.residuals.pieces))

@@ -2,13 +2,14 @@
 
 No law is exactly the machine's, so further effects can always take away some of what is left. One
 is named if it explains a stated part of the gap, or a smaller part, if nearly nothing else is left.
-A relative of what is named must also find more left than a law may be off.
+A relative of what is named must also find more left than a law may be off, or take away nearly all
+that laws which depart cannot explain.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,11 +24,18 @@ from ldt_core.diagnosis.responses import Responses
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
 Names = frozenset[str]
+#: Families whose laws depart by speed, direction, size or time, as `law_departure` has them. Of an
+#: angle's harmonics and of a sensor's or a delay's frequency response it knows nothing.
+DEPARTING = frozenset({"dry friction", "drag", "resistance"})
 
 
-def kin(members: Sequence[Candidate]) -> int:
-    """How many effects of a set share their family with another one before them."""
-    families = [c.effect.family for c in members if c.effect.family]
+def kin(members: Sequence[Candidate], without: Collection[str] = ()) -> int:
+    """How many effects of a set share their family with another one before them.
+
+    Args:
+        without: families that do not count.
+    """
+    families = [c.effect.family for c in members if c.effect.family not in ("", *without)]
     return len(families) - len(set(families))
 
 
@@ -64,7 +72,8 @@ def earned(
         return False
     # What leaves more than a law may be off is no cause by itself, whose law a relative mends.
     if kin(larger) > kin(smaller) and left <= limits.departure_of_law * gap:
-        return False
+        if kin(larger, DEPARTING) > kin(smaller, DEPARTING) or gain <= limits.relative * left:
+            return False
     further = limits.further_effect_of_gap * added * gap
     if gain > further and gain > limits.further_effect_of_remainder * left:
         return True

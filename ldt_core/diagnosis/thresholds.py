@@ -88,6 +88,9 @@ class Thresholds:
     whole_remainder: float = _limit(
         0.75, OF_REMAINDER, CASES, "What takes away less mends another law, if by chance."
     )
+    relative: float = _limit(
+        0.9, OF_REMAINDER, CASES, "What a relative takes beside a law that departs: nearly all."
+    )
     same_family_of_gap: float = _limit(
         0.06, OF_GAP, CASES, "A law that is a little off looks like a second effect of its family."
     )

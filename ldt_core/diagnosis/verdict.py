@@ -183,9 +183,14 @@ def _unexplained(band: ErrorBand, left: Any, gap: Any) -> Any:
 def _no_cause(found: FittedSets, fitted: EffectFit, gap: float) -> bool:
     """Whether a set leaves so much, beyond what its laws may depart, that it is no cause.
 
-    As much as would earn a further effect its name: there is one without.
+    As much as would earn a further effect its name: there is one without. Where the file's own
+    numbers can follow the speed, and not the current, both together judge.
     """
-    return bool(_unexplained(found.band, found.left(fitted), gap))
+    band = found.band
+    left = band.excess(fitted.residual) - found.departures.taken(fitted)
+    if left <= THRESHOLDS.further_effect_of_gap * found.excess:
+        return False
+    return bool(_unexplained(band, found.left(fitted), gap))
 
 
 def _with_noise(residuals: FreeRunResiduals, level: tuple[float, float]) -> FreeRunResiduals:
@@ -211,6 +216,8 @@ def _agreement(
     gap = np.maximum(explained, 0.0) + np.maximum(left, 0.0)
     departs = found.departures.taken(best) / max(float(power.sum()), 1e-300)
     same = _unexplained(band, left - departs * power[pick].sum(axis=1), gap) == unknown
+    if not unknown and _unexplained(band, found.left(best), band.speed_gap(found.base, best.residual)):
+        same = np.ones_like(same)  # the current has decided
     own = _losses(found.residuals, best)[pick].sum(axis=1)
     for rival in rivals:
         same = same & (own < _losses(found.residuals, rival)[pick].sum(axis=1))
@@ -252,11 +259,27 @@ def _worth_more(found: FittedSets, smaller: EffectFit, larger: EffectFit, gap: f
         return False  # what matters to no prediction
     if earned(smaller.effects, larger.effects, gain, left, gap, whole):
         return True
+    if _current_shows(found, smaller, larger):
+        return True
     # Exact laws that leave the noise alone are believed before laws that depart from the machine's.
     if band.speed_excess(larger.residual) > limit:
         return False
     gain = band.speed_gain(smaller.residual, larger.residual)
     left = max(band.speed_excess(smaller.residual), 0.0)
+    # What is plainly there and no departure, the further effect may explain however small it is.
+    whole = not departs and left > THRESHOLDS.plainly_structured * limit
+    return earned(smaller.effects, larger.effects, gain, left, gap, whole)
+
+
+def _current_shows(found: FittedSets, smaller: EffectFit, larger: EffectFit) -> bool:
+    """Whether the current tells of a larger set's further members: as the speed would have to.
+
+    A torque beside a sensor's lag, say, shows in the current, which the lag does not touch.
+    """
+    band, base = found.band, found.base
+    left, rest = (max(band.current_excess(f.residual), 0.0) for f in (smaller, larger))
+    gain = band.current_gain(smaller.residual, larger.residual)
+    gap = max(band.current_gain(base, larger.residual), 0.0) + rest
     return earned(smaller.effects, larger.effects, gain, left, gap)
 
 
