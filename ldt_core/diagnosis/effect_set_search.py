@@ -31,6 +31,7 @@ RIVALS = 6  # effects that may take the place of a member of the chosen set
 FINISHED_RIVALS = 6  # sets that differ from the chosen one in one member
 RIVAL_CLOSE = 0.7  # of the best promise: what a rival reaches
 SIZE_TRIED_ANYWAY = 3  # effects: sets up to this size are tried even where the last did not help
+HIDDEN = 1.5  # times the power left in those looked at: what another experiment leaves
 WORTH_A_FIT = 0.1  # of the power left: what the response of such an addition promises
 
 
@@ -38,6 +39,37 @@ class EffectSetSearch(SetFits):
     """The search on one residuals; arguments as of `SetFits`."""
 
     def run(self) -> FittedSets:
+        """Fit sets; once more by what is left, where that lies in experiments not looked at.
+
+        An effect that acts in few experiments only may hide beside a larger one.
+        """
+        first = self._grow()
+        best = min(first.fits.values(), key=lambda f: first.band.excess(f.residual))
+        if self.spent or not self._hidden(best):
+            return first
+        before, level = dict(vars(self)), first.band.level
+        self._look(best.residual)
+        self.found.band.level = self.band.level = level
+        second = self._grow()
+        again = min(second.fits.values(), key=lambda f: second.band.excess(f.residual))
+        if first.band.excess(best.residual) <= second.band.excess(again.residual):
+            vars(self).update(before)
+        return self.found
+
+    def _hidden(self, best: EffectFit) -> bool:
+        """Whether a set leaves much in an experiment, and far less in all those looked at."""
+        band, seen = self.found.band, {p.experiment.number for p in self.scout.pieces}
+        left, gap = (band.speed_excess(r) for r in (best.residual, self.found.base))
+        if left <= THRESHOLDS.further_effect_of_gap * gap:
+            return False
+        rows = [(p.experiment.number in seen, best.residual[p.rows]) for p in self.residuals.pieces]
+        inside, outside = (
+            max((float(np.mean(r**2)) for known, r in rows if known is looked), default=0.0)
+            for looked in (True, False)
+        )
+        return outside > HIDDEN * inside
+
+    def _grow(self) -> FittedSets:
         """Fit sets of one effect, then of two and three as long as something is left.
 
         Larger sets are built only on a triple that a pair could not replace. Where what is left is

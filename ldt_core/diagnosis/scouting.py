@@ -69,14 +69,16 @@ def empty(residuals: FreeRunResiduals) -> EffectFit:
     return EffectFit((), (), rest, np.zeros((rest.size, 0)), float(rest @ rest))
 
 
-def scouted(residuals: FreeRunResiduals) -> list[int]:
+def scouted(residuals: FreeRunResiduals, rest: Array) -> list[int]:
     """Places of the experiments that the scout works on: from the largest gap to the smallest.
 
     An effect may act in one experiment only, such as a limit that only one of them reaches.
+
+    Args:
+        rest: (size,) what is to be explained.
     """
     sizes = [p.rows.stop - p.rows.start for p in residuals.pieces]
     count = max(1, min(SCOUT_EXPERIMENTS, round(SCOUT_SAMPLES / max(np.mean(sizes), 1))))
-    rest = residuals.of()
     order = np.argsort([-np.mean(rest[p.rows] ** 2) for p in residuals.pieces], kind="stable")
     chosen = np.linspace(0, len(sizes) - 1, min(count, len(sizes)))
     return sorted({int(order[round(i)]) for i in chosen})

@@ -68,9 +68,15 @@ class SetFits:
         self.residuals, self.candidates, self.tick = residuals, tuple(candidates), tick
         #: Effect to those that this recording cannot tell from it, whatever the data are.
         self.twins: dict[str, set[str]] = {}
-        # Its fits run side by side: over so few experiments each of them could not be spread well.
-        self.scout, self.workers = residuals.part(scouted(residuals), workers=1), residuals.workers
+        self.workers = residuals.workers
         self.prior = prior
+        self._look(residuals.of())
+
+    def _look(self, rest: Array) -> None:
+        """Begin, with the scout's experiments chosen by these (size,) residuals."""
+        residuals, tick = self.residuals, self.tick
+        # Its fits run side by side: over so few experiments each of them could not be spread well.
+        self.scout = residuals.part(scouted(residuals, rest), workers=1)
         self._told = self._told_beside()
         own = self.own(())
         zeros = [np.zeros(len(c)) for c in own]

@@ -115,7 +115,8 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
         kind = "unknown" if faulty else "none"
         residuals = _with_noise(found.residuals, band.level)
         return Decision(kind, None, (), found.excess, found.excess, False, residuals, {})
-    search.run()
+    found = search.run()
+    band = found.band
     best = found.of_size(1)[0]
     for size in range(1, THRESHOLDS.largest_set + 1):
         best = min([best, *found.of_size(size)[:1]], key=lambda f: band.excess(f.residual))
