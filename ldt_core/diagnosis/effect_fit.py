@@ -172,11 +172,12 @@ def fit(
         quick = residuals.shaking and precision > PRECISION  # nearly the right angles will do
         z = first if quick else descend(first, STEPS_TO_START_STATES)[0]
         starts[0] = starts[0] if quick else settled(z, near=known)
+        steps = steps // 2 if quick else steps
         z, left, slopes = descend(z, steps)
-        for _ in range(0 if quick or not residuals.shaking else START_ANGLE_ROUNDS):
-            # The angles were sought with other parameters: some may be a whole minimum off.
+        for turn in range((1 if quick else START_ANGLE_ROUNDS) if residuals.shaking else 0):
+            # The start states were sought with other parameters: some may be a whole minimum off.
             last, old = (z, left, slopes), starts[0]
-            starts[0] = settled(z)
+            starts[0] = settled(z, near=old if quick or known or turn else None)
             z, left, slopes = descend(z, steps)
             loss, had = float(left @ left), float(last[1] @ last[1])
             if loss > had:

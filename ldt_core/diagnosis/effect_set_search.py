@@ -31,6 +31,9 @@ RIVALS = 6  # effects that may take the place of a member of the chosen set
 FINISHED_RIVALS = 6  # sets that differ from the chosen one in one member
 RIVAL_CLOSE = 0.7  # of the best promise: what a rival reaches
 SIZE_TRIED_ANYWAY = 3  # effects: sets up to this size are tried even where the last did not help
+SETTLED = 3  # sets of a size whose start states are sought until they stand
+SETTLING_ROUNDS = 4  # of parameters and start states in turn, at most
+SETTLING_GAIN = 0.02  # of the loss: rounds that gain less are the last
 HIDDEN = 1.5  # times the power left in those looked at: what another experiment leaves
 WORTH_A_FIT = 0.1  # of the power left: what the response of such an addition promises
 
@@ -95,6 +98,7 @@ class EffectSetSearch(SetFits):
                 if before.loss - now.loss > THRESHOLDS.further_effect_of_remainder * before.loss:
                     self._build_on(count - 1, 1)
                     self._exchange(count, enough)
+            self._settle(count)
             best = self._best(count)
             if self.spent or not best or self.band.excess(best[0].residual) < enough:
                 break
@@ -109,6 +113,18 @@ class EffectSetSearch(SetFits):
         for size in range(1, count + 1):
             self._finish(size)
         return self.found
+
+    def _settle(self, count: int) -> None:
+        """Go on with the best sets of a size where a foundation's motion at the start is sought.
+
+        Parameters and start states follow each other, a little in each round.
+        """
+        for _ in range(SETTLING_ROUNDS if self.scout.shaking and not self.spent else 0):
+            before = self._best(count)[:SETTLED]
+            self._scout([TriedSet(f.effects, f.z[: len(f.effects)], f.starts) for f in before])
+            now = [self.found.scouted[frozenset(f.names)] for f in before]
+            if all(b.loss < (1 + SETTLING_GAIN) * a.loss for a, b in zip(now, before, strict=True)):
+                break
 
     def _clearly_better(self, count: int) -> bool:
         """Whether a further effect explains more than the departure of a smaller set's laws."""

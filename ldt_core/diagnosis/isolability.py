@@ -23,6 +23,7 @@ from ldt_core.diagnosis.thresholds import THRESHOLDS
 SIMILAR_RESPONSES = 0.995  # cosine of two responses from which an imitation is worth a fit
 IMITATED_EXPERIMENTS = 3  # on which imitations are fitted: a few show the input's kinds
 IMITATION_STEPS = 6  # least-squares steps: a good imitation starts close
+IMITATION_PRECISION = 1e-3  # of the loss, where it ends: what imitates ends at nearly nothing
 
 
 def isolability(search: EffectSetSearch) -> tuple[list[str], list[list[str]]]:
@@ -64,7 +65,8 @@ def _ambiguities(
         start = responses.z[theirs[int(np.argmax(block.max(axis=0)))]]
         if i not in truths:
             truths[i] = _made(residuals, candidates[i])
-        copy = fit(truths[i], [candidates[j]], [start], steps=IMITATION_STEPS)
+        how = {"steps": IMITATION_STEPS, "precision": IMITATION_PRECISION}
+        copy = fit(truths[i], [candidates[j]], [start], **how)
         return copy.loss * scale < THRESHOLDS.indistinguishable_loss
 
     pairs = itertools.combinations(loud, 2)

@@ -24,9 +24,10 @@ Use = Sequence[tuple[Effect, Mapping[str, float]]]
 
 NO_OFFSET = np.zeros(0)
 SEARCH_STEP = 5e-3  # s, longest integration step: its error is below a third of the noise
-GAUSS_NEWTON_STEPS = 4  # for a foundation in motion, whose start is not linear in the speed
+GAUSS_NEWTON_STEPS = 12  # for a foundation in motion, whose start is not linear in the speed
 LEAST_DECREASE = 0.98  # of the loss: a step after which more than that is left is the last
 ANGLES_TRIED = 13  # in a turn: a prime, so that a ripple of few periods a turn is seen at each
+ANGLES_FOLLOWED = 2  # from which a foundation's motion is sought
 ANGLES_AT_ONCE = 8  # in each finer grid: as many as are simulated at once
 ANGLE_TOLERANCE = 2e-3  # rad, to which the best angle is then found
 ANGLE_MATTERS = 0.1  # noise deviations by which a start angle moves some sample, if it matters
@@ -165,11 +166,40 @@ def searched_start_states(
         for i, now, moved in zip(still, found, found, strict=False):
             bases[i] = basis_of(np.column_stack([pieces[i].columns, moved - now]))
     for i, piece in enumerate(pieces):
-        if not piece.at_rest and unknown:
-            rounds = GAUSS_NEWTON_STEPS if moving else 1
-            begun = residuals, i, use, step, float(angles[i]), unknown, n + states, rounds
-            offsets[i], bases[i] = _start_of(*begun)
+        if piece.at_rest or not unknown:
+            continue
+        begun = [(float(angles[i]), np.zeros(n + states))]
+        if moving and turning and near is None:
+            begun += [(t, begun[0][1]) for t in _projected_angles(residuals, i, use, step, unknown)]
+        if near is not None and near.offsets[i].size == n + states:
+            begun.append((float(near.angles[i]), near.offsets[i]))
+        rounds = GAUSS_NEWTON_STEPS if moving else 1
+        tried = [_start_of(residuals, i, use, step, *b, unknown, rounds) for b in begun]
+        best = min(range(len(tried)), key=lambda k: tried[k][0])
+        angles[i], (_, offsets[i], bases[i]) = begun[best][0], tried[best]
     return StartStates(angles, tuple(bases), tuple(offsets))
+
+
+def _projected_angles(
+    residuals: SimulatedExperiments, i: int, use: Use, step: float, unknown: Mapping[int, float]
+) -> list[float]:
+    """Angles at which least is left once the other start states have followed, the best first.
+
+    The motion of a foundation hides the angle from a shaft that is simulated without it.
+    """
+    piece, size = residuals.pieces[i], len(residuals.physics.states)
+    tried = [k * 2 * math.pi / ANGLES_TRIED for k in range(ANGLES_TRIED)]
+    states = [k for k in unknown if k != ANGLE]
+    offsets = [np.zeros(max(size, 1 + max(unknown))) for _ in range(1 + len(states))]
+    for offset, state in zip(offsets[1:], states, strict=True):
+        offset[state] = unknown[state]
+    asked = [Simulated(i, use, angle, offset) for angle in tried for offset in offsets]
+    found, left = list(residuals.differences(asked, step)), []
+    for k in range(0, len(found), len(offsets)):
+        rest, *there = found[k : k + len(offsets)]
+        directions = basis_of(np.column_stack([piece.columns, *(m - rest for m in there)]))
+        left.append(float(np.sum(project_out(rest, directions) ** 2)))
+    return [tried[k] for k in np.argsort(left)[:ANGLES_FOLLOWED]]
 
 
 def _start_of(
@@ -178,39 +208,41 @@ def _start_of(
     use: Use,
     step: float,
     angle: float,
+    offset: Array,
     unknown: Mapping[int, float],
-    count: int,
     rounds: int,
-) -> tuple[Array, Array]:
-    """(offset of the start states, directions in which they move the residuals).
+) -> tuple[float, Array, Array]:
+    """(loss, offset of the start states, directions in which they move the residuals).
 
-    Gauss-Newton steps from the guess, as long as they help; the first speed and current are
-    left to the directions, in which they are linear.
+    Gauss-Newton steps from an offset, as long as they help, each shortened until it does; the
+    first speed and current are left to the directions, in which they are linear.
     """
-    piece, offset = residuals.pieces[i], np.zeros(count)
-    names = list(unknown)
-    best, basis, kept = math.inf, residuals.starts.bases[i], offset
-    motor = basis_of(piece.columns)
+    piece, names = residuals.pieces[i], list(unknown)
+    best, left, basis, kept = math.inf, math.inf, residuals.starts.bases[i], offset
+    motor, by = basis_of(piece.columns), np.zeros(offset.size)
     for _ in range(rounds):
-        tried = [offset.copy() for _ in range(1 + len(names))]
+        now = kept + by
+        tried = [now.copy() for _ in range(1 + len(names))]
         for moved, state in zip(tried[1:], names, strict=True):
             moved[state] += unknown[state]
         asked = [Simulated(i, use, angle, begun) for begun in tried]
         rest, *there = residuals.differences(asked, step)
         loss = float(rest @ rest - np.sum((motor.T @ rest) ** 2))
         if loss >= best * LEAST_DECREASE:
-            break
+            if loss < best / LEAST_DECREASE:
+                break
+            by = by / 4
+            continue
         both = np.column_stack([piece.columns, *(moved - rest for moved in there)])
-        directions = basis_of(both)
-        left = project_out(rest, directions)
-        best, basis, kept = loss, directions, offset
-        if float(left @ left) > loss * LEAST_DECREASE:
+        best, kept, basis = loss, now, basis_of(both)
+        left = float(np.sum(project_out(rest, basis) ** 2))
+        if left > loss * LEAST_DECREASE:
             break
         solved = least_squares_step(both, -rest, SINGULAR)
-        offset = offset.copy()
+        by = np.zeros(offset.size)
         for j, state in enumerate(names):
-            offset[state] += solved[piece.columns.shape[1] + j] * unknown[state]
-    return kept, basis
+            by[state] = solved[piece.columns.shape[1] + j] * unknown[state]
+    return left, kept, basis
 
 
 def turns(residuals: SimulatedExperiments, use: Use) -> bool:
