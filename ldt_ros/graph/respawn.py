@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.recording.node_status import READY
 from ldt_core.runs.fleet_members import SOURCES
 from ldt_ros.graph.machine_run import HostProcess, write_parameters
 from ldt_ros.graph.monitor import Monitor
@@ -116,8 +117,8 @@ class Respawner:
         """
         self._kill_hung()
         for child in [c for c in self.supervisor.children if not c.running]:
-            if child.ended_well and child.name in SOURCES:
-                continue  # a source ends by itself after its last experiment
+            if child.ended_well and (child.told or child.name in SOURCES):
+                continue  # a source may be ended by others; its experiments are then missed
             code, told = child.returncode, last_line(child.log)
             if code == BadInput.exit_code:
                 _, _, sentence = told.partition(": ")
@@ -126,6 +127,21 @@ class Respawner:
                 hang = self._crashes.get(child.name, Crashes()).hang
                 why = hang or f"ended with code {code}: {told}"
                 raise LdtError(f"{child.name} {why} (all output: {child.log.parent})")
+
+    def is_up(self, child: Child) -> bool:
+        """Whether a process misses nothing: if one was started again, all its nodes have met.
+
+        Who has not within the time of a start will not: somebody has ended another node.
+        """
+        if time.monotonic() - self.restarted_at > self.patience:
+            return True
+        host = self._hosts[child.name]
+        told = [
+            self._monitors[run.name].health.get(role)
+            for run in host.runs
+            for role in ([host.role] if host.role else run.settings["graph"])
+        ]
+        return all(t and t.process == child.pid and t.values.get(READY) == "true" for t in told)
 
     def note(self) -> None:
         """Note in the summaries of the machines what crashed and hung."""
