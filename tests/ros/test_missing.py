@@ -65,6 +65,12 @@ def test_what_nobody_answered_is_named():
     assert failures([1, 2, 3, 4], [1, 2, 3, 4], [1, 2, 3, 4]) == []
 
 
+def test_what_nobody_of_the_run_sent_is_no_success():
+    """A stranger that counts alike, too quick for anybody to see it come and go."""
+    words = "a stranger's, not sent by the plant: 1 of 5 experiments in the recording"
+    assert failures([1, 2, 3, 4, 5], [1, 2, 3, 4, 5], [1, 2, 3, 4, 5]) == [words]
+
+
 def test_what_the_player_could_not_read_is_named():
     """It was never sent: the others are answered, and the run is not whole."""
     run = MachineRun("rotor", "", resolve({"play": "there"}), "r1", load_machine("rotor"))
