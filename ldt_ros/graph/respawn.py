@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.recording.node_status import READY
 from ldt_core.runs.fleet_members import SOURCES
-from ldt_ros.graph.machine_run import HostProcess, write_parameters
+from ldt_ros.graph.machine_run import HostProcess, MachineRun, own_files, write_parameters
 from ldt_ros.graph.monitor import Monitor
 from ldt_ros.graph.supervisor import Child, Supervisor, last_line
 
@@ -99,6 +99,7 @@ class Respawner:
         self._hosts: dict[str, HostProcess] = {}  # by the name of a child
         self._crashes: dict[str, Crashes] = {}
         self._silence = Silence()
+        self._own_files: dict[str, str] = {}
         #: Longest time that a start may take [s].
         self.patience = STARTUP + STARTUP_EACH * len(monitors)
         #: When a process was started again last [s of the steady clock].
@@ -107,6 +108,9 @@ class Respawner:
     def start(self, host: HostProcess) -> Child:
         """Start a process, and keep it running from now on."""
         self._hosts[host.name] = host
+        self._own_files |= {
+            name: text for run in host.runs for name, text in own_files(run).items()
+        }
         return self.supervisor.start(host.name, *host.arguments)
 
     def look(self) -> None:
@@ -180,9 +184,20 @@ class Respawner:
         crashes.hang = ""
         self.restarted_at = time.monotonic()
         for run in host.runs:
+            self._refuse_other_code(child, run)
             write_parameters(run, self.supervisor.folder, resume=str(run.bag))
         self.supervisor.restart(child)
         return True
+
+    def _refuse_other_code(self, child: Child, run: MachineRun) -> None:
+        """Refuse to go on by code that is not what the run began with."""
+        for name, text in own_files(run).items():
+            if text != self._own_files[name]:
+                raise BadInput(
+                    name,
+                    f"what it was when the run began, to start the {child.name} again",
+                    "other",
+                )
 
     def _statements(self, child: Child) -> int:
         """How often the nodes of a process have told something of themselves."""
