@@ -29,6 +29,8 @@ def open_regular(path: str | Path) -> IO[bytes]:
 def nothing_there(path: str | Path) -> str:
     """That there is no such file, and the one beside it that is most alike, for a sentence."""
     place = Path(path)
+    if place.is_symlink():
+        return "a link that leads nowhere"
     try:
         beside = {p.stem: p for p in sorted(place.parent.iterdir())}  # any suffix is like another
         close = beside.get(most_alike(place.stem, beside) or "")

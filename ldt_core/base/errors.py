@@ -129,7 +129,9 @@ def reason_of(error: BaseException) -> str:
     ('x: expected 1, got 2', 'ZeroDivisionError: division by zero')
     """
     text = one_line(str(error))
-    if not isinstance(error, LdtError):
+    if isinstance(error, MemoryError):  # nobody's fault who is told of it
+        text = f"out of memory ({text})" if text else "out of memory"
+    elif not isinstance(error, LdtError):
         text = f"{type(error).__name__}: {text}" if text else type(error).__name__
     return _cut(text, LONGEST_REASON)
 

@@ -25,6 +25,11 @@ from ldt_core.machine.speed_jumps import MOST_STEP, impossible_jump, median_step
 FALSE_ALARM = 1e-6
 #: Factor by which inertia, resistance or torque constant may differ from the file's without a word.
 PARAMETER_FACTOR = 2.0
+#: Times the speed measured that the file's motor reaches without its load: no load that moves takes
+#: so much off, and a wrong unit is a thousand.
+SLOW_FACTOR = 100.0
+#: Share of the highest voltage below which friction may hold any motor.
+SLOW_VOLTS = 0.25
 #: Quantiles of the voltage: what is beyond has not had the time to move the machine.
 TAILS = 0.1, 0.9
 #: Sound experiments before, which tell enough of the sensor's noise.
@@ -66,6 +71,7 @@ def doubt(machine: Machine, experiment: Experiment, recent: Sequence[Experiment]
     """
     return (
         _too_fast(machine, experiment)
+        or _too_slow(machine, experiment)
         or _too_sudden(machine, experiment, recent)
         or _unmoved(experiment)
     )
@@ -198,6 +204,25 @@ def _too_fast(machine: Machine, e: Experiment) -> str:
         return ""
     words = f"a speed of {speed:.4g} rad/s at up to {volts:.4g} V"
     return f"{words}, {most:.4g} at most by the machine file"
+
+
+def _too_slow(machine: Machine, e: Experiment) -> str:
+    """Hardly any of the speed to which the voltage brings the motor of the file without a load.
+
+    In its time constant it makes 1 - 1/e of the way to what the mean voltage of that time holds.
+    """
+    p = machine.parameters
+    constant = p["J"] * p["R"] / p["K_t"] ** 2 / e.period
+    samples = math.ceil(min(constant, len(e) + 1))
+    whole = e.voltage[: len(e) // samples * samples].reshape(-1, samples)
+    if not whole.size:
+        return ""
+    volts = float(np.abs(whole.mean(axis=1)).max())
+    reached, speed = (1 - 1 / math.e) * volts / p["K_t"], float(np.abs(e.speed).max())
+    if volts <= SLOW_VOLTS * _volts(machine) or reached <= SLOW_FACTOR * speed:
+        return ""
+    words = f"a speed of {speed:.4g} rad/s at most, where the machine file's motor reaches"
+    return f"{words} {reached:.4g} with {volts:.4g} V: another unit, or blocked"
 
 
 def _too_sudden(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 HEALTH_TOPIC = "/diagnostics"
 READY = "ready"  # key that every node of a twin tells, and nobody else
+PROCESS = "process"  # key; its id, which another graph's of the same name does not have
 FINISHED = "finished"  # key; of a source: it has nothing more to send
 STOPPED = "stopped"  # key; it was told to end before it had finished
 REJECTED = "rejected "  # how the keys begin under which a node counts what it refused
@@ -54,6 +55,11 @@ class NodeStatus:
     def ended(self) -> bool:
         """Whether nothing more comes from it: it has finished, or was stopped before."""
         return self.finished or self.values.get(STOPPED) == "true"
+
+    @property
+    def process(self) -> int | None:
+        """Id of the process that it is in."""
+        return self.number(PROCESS)
 
     @property
     def rejected(self) -> dict[str, int]:

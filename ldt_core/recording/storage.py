@@ -171,7 +171,10 @@ class Storage:
     def _files_of_folder(self) -> list[Path]:
         if (self.path / METADATA).is_file():
             self.metadata = read_metadata(self.path / METADATA)
-            names = self.metadata.get("relative_file_paths") or []
+            names = self.metadata.get("relative_file_paths")
+            if not isinstance(names, list):
+                self.note(f"{self.path}: {METADATA} is cut off or damaged; the files tell the rest")
+                names = []
             self.listed = list(dict.fromkeys(PurePath(n).name for n in names if type(n) is str))
         found = [
             f.name for f in self.path.iterdir() if re.search(r"\.(mcap|db3)(\.zstd)?$", f.name)
@@ -184,6 +187,10 @@ class Storage:
             got = "none of them" if listed else "no such file"
             expected = ", ".join(listed) or ".mcap files, as in a rosbag2 folder"
             raise RecordingError(self.path, expected, got)
+        if listed and not any(path.name in listed for path in present):
+            told = f"{METADATA} is of another recording: it lists {listed[0]}"
+            self.note(f"{self.path}: {told}, and not {present[0].name}")
+            return self._usable(present)
         for name in files:
             if not (self.path / name).is_file():
                 self.note(f"{self.path}: {METADATA} lists {name}, which is missing")

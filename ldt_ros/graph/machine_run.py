@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import os
 import time
@@ -69,12 +70,13 @@ class MachineRun(Member):
             answered: experiments of which an adaptation was heard.
         """
         summary = self.summary
+        alarms: dict[str, str] = {}
         for role, told in health.items():
             for key, count in told.values.items():
                 if key in ("no signal", "no diagnosis", "no advice"):
                     summary.note(f"{key}: {count}")
                 elif key.startswith(SECOND_PUBLISHER):
-                    summary.note(f"alarm: a {key}, {count}x as {role} saw it")
+                    alarms.setdefault(key, role)
                 elif (key in NOTED_COUNTS or key.startswith(LEFT_OUT)) and count != "0":
                     summary.note(f"{role}, {key}: {count}")
             if told.rejected:
@@ -93,6 +95,14 @@ class MachineRun(Member):
             about = resumed, float(source.values.get(RESUMED_AT, "nan")) if source else math.nan
             sent, done = sent - resumed, len(since(summary.answered, about))
             summary.recorded = since(summary.recorded, about)
+        for key, role in alarms.items():
+            of = f"in the domain (as the {role} saw it)"
+            summary.fail(f"a {key} {of}: what it sent cannot be told from what this run sent")
+        # A segmenter that is started again counts anew.
+        strange = len(summary.recorded) - sent if self.source != "segmenter" else 0
+        if source and strange > 0:
+            which = f"{strange} of {counted(len(summary.recorded), 'experiment')} in the recording"
+            summary.fail(f"a stranger's, not sent by the {self.source}: {which}")
         left = sent - summary.repeated - done
         by_twin = min(summary.rejected, left)  # a stranger's may have been refused as well
         if left > by_twin:
@@ -237,6 +247,19 @@ def host_processes(runs: Sequence[MachineRun], folder: Path) -> list[HostProcess
         machines = [word for one in files for word in ("--machine", *one)]
         ros = ["--ros-args", *enclave_arguments(first.settings, group[0].namespace, roles[0])]
         found.append(HostProcess(name, group, "", [*nodes, *machines, *ros]))
+    return found
+
+
+def own_files(run: MachineRun) -> dict[str, str]:
+    """Files of the user's own parts, with a digest of what is in them now ("" of none)."""
+    found = {}
+    for value in [run.machine.physics, *run.settings.values()]:
+        for text in value if isinstance(value, list | tuple) else [value]:
+            name, is_file, _ = text.partition(".py:") if isinstance(text, str) else ("", "", "")
+            if is_file:
+                path = Path(f"{name}.py")
+                there = path.is_file()
+                found[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest() if there else ""
     return found
 
 

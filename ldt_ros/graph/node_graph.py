@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.experiment import Adaptation, Signal
 from ldt_core.base.stopping import INTERRUPTED
+from ldt_core.recording.node_status import NodeStatus
 from ldt_core.runs.fleet_members import SOURCES
 from ldt_core.runs.offline import recorded_summary
 from ldt_ros.graph.environment import spun_nodes
@@ -95,17 +97,30 @@ class Graph:
         if stopped():
             # A fleet's process has all the nodes of its machines, and ends as a whole.
             self.supervisor.stop(*(self._sources() or recorders))
+        while True:
+            self._settle(respawner, recorders, stopped)
+            interrupted = stopped()
+            # The recorder drains while those who could send something again are still there.
+            self.supervisor.stop(*recorders)
+            if interrupted or not any(_killed_by_others(c) for c in recorders):
+                break
+            respawner.look()  # starts it again, for what it lacks
+        self._sum_up(respawner, interrupted)
+
+    def _settle(
+        self, respawner: Respawner, recorders: list[Child], stopped: Callable[[], bool]
+    ) -> None:
+        """Wait until all that was sent has gone all the way, and is heard by all who record."""
         deadline = time.monotonic() + SETTLE
-        while not all(m.idle for m in self.monitors) and time.monotonic() < deadline:
+        while time.monotonic() < deadline:
+            recording = stopped() or all(map(respawner.is_up, recorders))
+            if recording and all(m.idle for m in self.monitors):
+                return
             self._listen(SPIN)
             if not stopped():
                 respawner.look()
-                if any(m.busy for m in self.monitors):
+                if not recording or any(m.busy for m in self.monitors):
                     deadline = time.monotonic() + SETTLE
-        interrupted = stopped()
-        # The recorder drains while those who could send a lost packet again are still there.
-        self.supervisor.stop(*recorders)
-        self._sum_up(respawner, interrupted)
 
     def _sum_up(self, respawner: Respawner, interrupted: bool) -> None:
         """Fill the summaries from the recordings, with what a person should know beside it."""
@@ -126,11 +141,12 @@ class Graph:
     def _finished(self) -> bool:
         """Whether every source has nothing more to send.
 
-        A process of its own has ended then. Its word counts where there is none: another graph
-        that is just being refused says the same under the same name.
+        Of a process of its own that one's word counts: another graph that is just being refused
+        says the same under the same name.
         """
         if sources := self._sources():
-            return all(c.ended_well for c in sources)
+            told = self.monitors[0].health
+            return all(c.ended_well or _has_finished(c, told.get(c.name)) for c in sources)
         return all(m.source_finished for m in self.monitors)
 
     def _listen(self, seconds: float) -> None:
@@ -160,3 +176,13 @@ class Graph:
                     raise BadInput(
                         monitor.resolve_topic_name(topic), expected, f"{count} {counted}"
                     )
+
+
+def _has_finished(source: Child, told: NodeStatus | None) -> bool:
+    """Whether it is this process that said so."""
+    return told is not None and told.finished and told.process == source.pid
+
+
+def _killed_by_others(child: Child) -> bool:
+    """Whether it was killed, and not by this process, which has waited long enough."""
+    return child.crashed and child.told != signal.SIGKILL

@@ -56,7 +56,7 @@ def stop_event() -> threading.Event:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Host the nodes until a stop signal, or until one that ends by itself has finished."""
+    """Host the nodes until a stop signal, or one alone until it has finished."""
     own, ros = _parsed(sys.argv[1:] if arguments is None else arguments)
     stop = stop_event()
     if own.parent and not end_with(own.parent, signal.SIGTERM):
@@ -64,7 +64,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         require_ros()
         prepare()
-        return host(own.node, own.machine, ros, stop.is_set)
+        # What a graph's source has sent is asked for again by a recorder that is started again.
+        return host(own.node, own.machine, ros, stop.is_set, stays=bool(own.parent))
     except LdtError as error:
         print(f"ldt {' '.join(own.node)}: {error}", file=sys.stderr)
         return error.exit_code
@@ -107,6 +108,7 @@ def host(
     machines: list[tuple[str, str]],
     ros_arguments: list[str],
     stopped: Callable[[], bool],
+    stays: bool = False,
 ) -> int:
     """Create the nodes, spin them, and close them in order.
 
@@ -116,6 +118,7 @@ def host(
             that ROS's arguments are about.
         ros_arguments: of the process.
         stopped: whether it has been told to stop.
+        stays: whether it goes on until then, although all nodes have finished.
     """
     import rclpy
     from rclpy.experimental import EventsExecutor
@@ -140,7 +143,7 @@ def host(
         for node in nodes:
             node.report.others = [other.report for other in nodes if other is not node]
         # EventsExecutor.spin() does not return on these wheels; spin_once does.
-        while not (stopped() or all(node.report.end_is_told for node in nodes)):
+        while not (stopped() or (not stays and all(node.report.end_is_told for node in nodes))):
             executor.spin_once(timeout_sec=SPIN)
             for node in nodes:
                 if node.failure is not None:

@@ -10,8 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.recording.node_status import READY
 from ldt_core.runs.fleet_members import SOURCES
-from ldt_ros.graph.machine_run import HostProcess, write_parameters
+from ldt_ros.graph.machine_run import HostProcess, MachineRun, own_files, write_parameters
 from ldt_ros.graph.monitor import Monitor
 from ldt_ros.graph.supervisor import Child, Supervisor, last_line
 
@@ -98,6 +99,7 @@ class Respawner:
         self._hosts: dict[str, HostProcess] = {}  # by the name of a child
         self._crashes: dict[str, Crashes] = {}
         self._silence = Silence()
+        self._own_files: dict[str, str] = {}
         #: Longest time that a start may take [s].
         self.patience = STARTUP + STARTUP_EACH * len(monitors)
         #: When a process was started again last [s of the steady clock].
@@ -106,6 +108,9 @@ class Respawner:
     def start(self, host: HostProcess) -> Child:
         """Start a process, and keep it running from now on."""
         self._hosts[host.name] = host
+        self._own_files |= {
+            name: text for run in host.runs for name, text in own_files(run).items()
+        }
         return self.supervisor.start(host.name, *host.arguments)
 
     def look(self) -> None:
@@ -116,8 +121,8 @@ class Respawner:
         """
         self._kill_hung()
         for child in [c for c in self.supervisor.children if not c.running]:
-            if child.ended_well and child.name in SOURCES:
-                continue  # a source ends by itself after its last experiment
+            if child.ended_well and (child.told or child.name in SOURCES):
+                continue  # a source may be ended by others; its experiments are then missed
             code, told = child.returncode, last_line(child.log)
             if code == BadInput.exit_code:
                 _, _, sentence = told.partition(": ")
@@ -126,6 +131,21 @@ class Respawner:
                 hang = self._crashes.get(child.name, Crashes()).hang
                 why = hang or f"ended with code {code}: {told}"
                 raise LdtError(f"{child.name} {why} (all output: {child.log.parent})")
+
+    def is_up(self, child: Child) -> bool:
+        """Whether a process misses nothing: if one was started again, all its nodes have met.
+
+        Who has not within the time of a start will not: somebody has ended another node.
+        """
+        if time.monotonic() - self.restarted_at > self.patience:
+            return True
+        host = self._hosts[child.name]
+        told = [
+            self._monitors[run.name].health.get(role)
+            for run in host.runs
+            for role in ([host.role] if host.role else run.settings["graph"])
+        ]
+        return all(t and t.process == child.pid and t.values.get(READY) == "true" for t in told)
 
     def note(self) -> None:
         """Note in the summaries of the machines what crashed and hung."""
@@ -164,9 +184,20 @@ class Respawner:
         crashes.hang = ""
         self.restarted_at = time.monotonic()
         for run in host.runs:
+            self._refuse_other_code(child, run)
             write_parameters(run, self.supervisor.folder, resume=str(run.bag))
         self.supervisor.restart(child)
         return True
+
+    def _refuse_other_code(self, child: Child, run: MachineRun) -> None:
+        """Refuse to go on by code that is not what the run began with."""
+        for name, text in own_files(run).items():
+            if text != self._own_files[name]:
+                raise BadInput(
+                    name,
+                    f"what it was when the run began, to start the {child.name} again",
+                    "other",
+                )
 
     def _statements(self, child: Child) -> int:
         """How often the nodes of a process have told something of themselves."""

@@ -41,6 +41,7 @@ class Child:
 
     Attributes:
         returncode: exit code, minus the signal's number if one ended it, None while it runs.
+        told: the signal by which it was last told to end, 0 if none.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Child:
     log: Path
     arguments: tuple[str, ...] = ()
     returncode: int | None = None
+    told: int = 0
 
     def poll(self) -> int | None:
         """The exit code, None while it runs."""
@@ -195,6 +197,7 @@ class Supervisor:
     def restart(self, child: Child) -> None:
         """Start an ended child once more."""
         child.pid, child.returncode = self._fork(child.log, child.arguments), None
+        child.told = 0
 
     def _fork(self, log: Path, arguments: tuple[str, ...]) -> int:
         for _ in range(MAX_SERVER_RESTARTS):
@@ -212,6 +215,7 @@ class Supervisor:
             for child in children:
                 if child.running:
                     child.send(number)
+                    child.told = number
             deadline = time.monotonic() + grace
             while any(c.running for c in children) and time.monotonic() < deadline:
                 self.wait(POLL)

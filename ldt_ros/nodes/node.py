@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from ldt_core.recording.node_status import (
     FINISHED,
     HEALTH_TOPIC,
     LAST_REJECTION,
+    PROCESS,
     READY,
     REJECTED,
     STOPPED,
@@ -145,6 +147,7 @@ class HealthReport:
         status.level, status.message = self._verdict()
         values: dict[str, Any] = {READY: bool(self._told and self._told.ready)}
         values[FINISHED] = node.finished
+        values[PROCESS] = os.getpid()
         if node.stopped:
             values[STOPPED] = True
         values |= node.health()

@@ -52,6 +52,18 @@ def test_a_machine_that_is_much_faster_than_its_file_is_learned_from_with_a_warn
     assert [n for n in told.notes if words in n]
 
 
+@pytest.mark.parametrize("machine", [SHORT, MOTOR], ids=["rotor", "motor"])
+def test_a_speed_in_a_unit_too_small_is_doubted_and_a_slow_machine_is_not(machine):
+    """By a thousand and a million; one of a tenth of the speed, or hardly driven, is believed."""
+    e = made(1, 3, [], machine)[0]
+    for factor in (1e-3, 1e-6):
+        assert "another unit, or blocked" in doubt(machine, sensors.shown(e, factor * e.speed))
+    assert doubt(machine, e) == ""
+    assert doubt(machine, sensors.shown(e, 0.1 * e.speed)) == ""
+    held = replace(e, voltage=0.1 * e.voltage, speed=1e-3 * e.speed)
+    assert doubt(machine, held) == ""
+
+
 def test_a_rotor_that_jams_in_one_sample_is_believed():
     """Friction without bound stops it; only its sudden return gives a sensor away."""
     e = made(1)[0]

@@ -400,6 +400,28 @@ def test_a_lack_of_memory_is_a_sentence(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().err == "ldt: out of memory (Unable to allocate 7 EiB)\n"
 
 
+def test_a_lack_of_memory_in_a_detector_is_told_as_what_it_is(monkeypatch):
+    """It costs this experiment; the next one is judged."""
+    update, calls = Threshold.update, []
+
+    def lacks(self, *arguments):
+        calls.append(self)
+        if len(calls) == 2:
+            raise MemoryError
+        return update(self, *arguments)
+
+    monkeypatch.setattr(Threshold, "update", lacks)
+    machine = load_machine("rotor")
+    plant = Plant(machine, seed=1)
+    twin = Twin.from_settings(machine, resolve({"model": "physics", "detector": "threshold"}))
+    steps, told = [], []
+    for number in (1, 2, 3):
+        steps.append(twin.step(plant.experiment(number)))
+        told.append(twin.detector.trouble)
+    assert told == ["", "experiment 2: out of memory", ""]
+    assert [bool(s.adaptation.details.get(FAILED)) for s in steps] == [False, True, False]
+
+
 def test_a_table_is_read_as_a_stream(tmp_path, monkeypatch):
     """In the memory of its numbers; what is wrong far down is told with its line."""
     block, rows = 500, 10_000

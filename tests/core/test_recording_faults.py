@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
@@ -654,3 +655,30 @@ def test_the_types_are_the_files_own(whole):
     for one in read_bag(whole.folder).experiments():
         held.add(one.number)
     assert held.spans == [(1, 16)]
+
+
+@pytest.mark.parametrize("then", ["cut", "swapped"])
+def test_metadata_that_is_not_this_recordings_is_told_as_that(then, tmp_path):
+    """The files are read all the same."""
+    for name in ("mine", "other"):
+        with BagWriter(tmp_path / name, "rotor") as writer:
+            one = Experiment(1, 1e9, 0.01, np.zeros(5), np.zeros(5))
+            writer.write("experiment", one, one.end)
+    mine = tmp_path / "mine" / "metadata.yaml"
+    text = mine.read_text() if then == "cut" else (tmp_path / "other" / "metadata.yaml").read_text()
+    mine.write_text(text[:200] if then == "cut" else text)
+    bag = read_bag(tmp_path / "mine")
+    assert len(list(bag.experiments())) == 1
+    words = {
+        "cut": "metadata.yaml is cut off or damaged; the files tell the rest",
+        "swapped": "metadata.yaml is of another recording: "
+        "it lists other_0.mcap, and not mine_0.mcap",
+    }
+    assert bag.notes == [f"{tmp_path / 'mine'}: {words[then]}"]
+
+
+def test_a_link_that_leads_nowhere_is_told_as_that(tmp_path):
+    """It said that there is no such file, and asked whether the file itself was meant."""
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(BadInput, match="got a link that leads nowhere"):
+        read_bag(tmp_path / "loop")

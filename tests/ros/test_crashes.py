@@ -23,6 +23,9 @@ from ldt_core.cli import invoke
 from ldt_core.cli import ldt as commands
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
+from ldt_ros.graph.node_graph import Graph
+from ldt_ros.graph.supervisor import Supervisor
+from ldt_ros.up import launch
 
 
 def hosted(launcher: int) -> dict[int, psutil.Process]:
@@ -55,6 +58,33 @@ def test_every_node_may_be_killed_and_nothing_is_lost_or_doubled(ldt, undisturbe
     assert differences(undisturbed, tmp_path / "run") == {}
     assert differences(tmp_path / "run", tmp_path / "run") == {}
     assert read_bag(tmp_path / "run").notes == []
+
+
+@pytest.mark.parametrize("at", [(Graph, "_settle"), (Supervisor, "stop")])
+def test_a_recorder_killed_when_the_source_has_no_more_loses_nothing(
+    at, domain, undisturbed, monkeypatch, tmp_path
+):
+    """Stopped some experiments before, so that none of those was recorded."""
+    monkeypatch.chdir(tmp_path)
+    plain, stopped, killed = getattr(*at), [], []
+
+    def on_step(machine, signal, adaptation):
+        if adaptation.experiment > 30 and not stopped:
+            stopped.append(nodes(os.getpid())["recorder"])
+            stopped[0].suspend()
+
+    def kill(*arguments, **more):
+        if not killed:
+            killed.extend(stopped)
+            killed[0].kill()
+        plain(*arguments, **more)
+
+    monkeypatch.setattr(*at, kill)
+    given = {"experiments": 40, "seed": 3, "model": "linear", "order": 1, "start_time": 1e9}
+    (run,) = launch({**given, "bag": "run"}, on_step)
+    assert run.summary.notes == ["recorder crashed once and was started again"]
+    assert (run.summary.failures, run.summary.experiments) == ([], 40)
+    assert differences(undisturbed, tmp_path / "run") == {}
 
 
 def test_the_comparison_finds_what_is_lost_doubled_or_other(undisturbed, ldt, tmp_path):

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 import msgs_config
+from ldt_core.base.errors import BadInput
 from ldt_core.base.settings import resolve
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
@@ -16,7 +17,9 @@ from ldt_core.restart.run_key import key_text
 
 pytest.importorskip("rclpy")
 
-from ldt_ros.graph.machine_run import MachineRun, machine_runs, write_parameters
+from ldt_ros.graph.machine_run import HostProcess, MachineRun, machine_runs, write_parameters
+from ldt_ros.graph.respawn import Respawner
+from ldt_ros.graph.supervisor import Child
 
 VANISHED = "r1: the file or its folder was deleted"
 LOST = {REJECTED + "signal: LdtError": "1", LAST_REJECTION: f"signal: {VANISHED}"}
@@ -65,6 +68,12 @@ def test_what_nobody_answered_is_named():
     assert failures([1, 2, 3, 4], [1, 2, 3, 4], [1, 2, 3, 4]) == []
 
 
+def test_what_nobody_of_the_run_sent_is_no_success():
+    """A stranger that counts alike, too quick for anybody to see it come and go."""
+    words = "a stranger's, not sent by the plant: 1 of 5 experiments in the recording"
+    assert failures([1, 2, 3, 4, 5], [1, 2, 3, 4, 5], [1, 2, 3, 4, 5]) == [words]
+
+
 def test_what_the_player_could_not_read_is_named():
     """It was never sent: the others are answered, and the run is not whole."""
     run = MachineRun("rotor", "", resolve({"play": "there"}), "r1", load_machine("rotor"))
@@ -106,3 +115,37 @@ def test_a_machine_file_that_is_edited_changes_nothing_in_the_run(then, tmp_path
         again = load_machine(told["/**"]["ros__parameters"]["machine"])
         assert key_text(again) == key_text(load_machine("rotor"))
     assert str(file) in run.settings["run_settings"]
+
+
+@pytest.mark.parametrize("then", ["edited", "deleted", "as before"])
+def test_an_own_part_that_is_edited_does_not_come_into_the_run(then, tmp_path):
+    """A node that crashed would go on by other code than the run began with."""
+
+    class Started:
+        folder = tmp_path / "files"
+        children, restarted = (), 0
+
+        def start(self, name, *arguments):
+            return Child(name, 0, tmp_path / "log", returncode=-9)
+
+        def restart(self, child):
+            self.restarted += 1
+
+    part = tmp_path / "mine.py"
+    part.write_text("class Mine: pass\n")
+    settings = resolve({"detector": f"{part}:Mine"})
+    run = MachineRun("rotor", "", settings, tmp_path / "r1", load_machine("rotor"))
+    supervisor = Started()
+    respawner = Respawner(supervisor, {"rotor": type("", (), {"last_step": 3, "statements": {}})()})
+    child = respawner.start(HostProcess("detector", [run], "detector", []))
+    if then == "edited":
+        part.write_text("class Mine: threshold = 3\n")
+    elif then == "deleted":
+        part.unlink()
+    if then == "as before":
+        assert respawner._start_again(child)
+        assert supervisor.restarted == 1
+        return
+    with pytest.raises(BadInput, match=r"mine\.py: expected what it was when the run began"):
+        respawner._start_again(child)
+    assert supervisor.restarted == 0

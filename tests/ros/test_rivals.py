@@ -108,7 +108,7 @@ def test_a_model_whose_digest_is_wrong_never_comes_into_force(stranger):
 
 
 def test_the_summary_tells_of_the_alarm(stranger, intruder, monitor, tmp_path):
-    """Of a run into which somebody has published a model, whatever became of it."""
+    """Into which somebody could have published a model: the run has failed."""
     node, _ = monitor
     stranger.start(TwinNode, **PHYSICS)
     stranger.publisher("model")
@@ -117,4 +117,5 @@ def test_the_summary_tells_of_the_alarm(stranger, intruder, monitor, tmp_path):
     stranger.until(lambda: node.health["twin"].values.get(key) if "twin" in node.health else "")
     run = MachineRun("rotor", "", resolve({}), tmp_path, load_machine("rotor"))
     run.note_health(node.health, node.answered)
-    assert run.summary.notes == [f"alarm: a {key}, 1x as twin saw it"]
+    words = f"a {key} in the domain (as the twin saw it): what it sent cannot be told from what"
+    assert run.summary.failures == [f"{words} this run sent"]
