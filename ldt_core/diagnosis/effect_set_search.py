@@ -208,7 +208,7 @@ class EffectSetSearch(SetFits):
         """
         for _ in range(EXCHANGES):
             best = self._best(count)[0]
-            if self.band.excess(best.residual) < enough or not self._room_for_more(best):
+            if self.band.excess(best.residual) < enough:
                 break
             tries = []
             for leave in range(count):

@@ -188,7 +188,7 @@ def _no_cause(found: FittedSets, fitted: EffectFit, gap: float) -> bool:
     numbers can follow the speed, and not the current, both together judge.
     """
     band = found.band
-    left = band.excess(fitted.residual) - found.departures.taken(fitted)
+    left = band.excess(fitted.residual) - (fitted.loss - found.loss(fitted))
     if left <= THRESHOLDS.further_effect_of_gap * found.excess:
         return False
     return bool(_unexplained(band, found.left(fitted), gap))

@@ -184,9 +184,17 @@ class Noiseless:
     def speed_limit(self, chance):
         return 0.0
 
+    def current_excess(self, rest):
+        return 0.0
+
+    def current_gain(self, before, after):
+        return 0.0
+
 
 class Exact:
     """Sets whose laws depart from the machine's in nothing."""
+
+    excess, base = GAP, np.zeros(1)
 
     def __init__(self, band):
         self.band = band

@@ -25,7 +25,7 @@ def one_reaches_it():
 
 def test_the_experiment_with_the_largest_gap_is_always_looked_at(one_reaches_it):
     """An effect that acts in one experiment alone would not be found without it."""
-    seen = scouted(one_reaches_it)
+    seen = scouted(one_reaches_it, one_reaches_it.of())
     assert LOUD in seen
     assert 2 <= len(seen) < 6
 
