@@ -148,6 +148,9 @@ class SideBySide:
         if plan.fast:
             count = [steps_of(times[:2], longest)[0] for longest in (plan.step, plan.calm)]
             moves = exponential_moves(coefficients, times[1] / np.array(count))
+        if begun.work is not None:
+            laws = 1 + len(begun.terms)
+            begun.work.add(0, laws * int(steps_of(times, plan.step).sum()))
         run_lanes(
             *(times, volts, steps_of(times, plan.step), steps_of(times, plan.calm)),
             *(first[:STATES], (0.0,) * (RIGID_STATES if plan.rigid else STATES)),
