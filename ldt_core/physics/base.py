@@ -41,7 +41,8 @@ class Work:
 
     Attributes:
         steps: beyond those that plans promise.
-        promised: of runs side by side, the steps of all lanes together, once for each law as well.
+        promised: of runs side by side, the steps of all lanes together, once for each law as well;
+            so of those whose current is solved for.
     """
 
     def __init__(self) -> None:
