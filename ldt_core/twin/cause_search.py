@@ -16,9 +16,9 @@ from ldt_core.twin.stage import Archive
 from ldt_core.twin.version_errors import explains, gains
 
 #: Integration steps of a search (`physics.base.Work`) at one experiment, of some 80 ns each on one
-#: processor. A first search that finds two causes in 2000 samples takes 13 to 18 million, about a
-#: second of two processors; more than that an answer should not take.
-STEPS = 18_000_000
+#: processor. A first search that finds two causes in 2000 samples takes 13 to 18 million; with some
+#: room that is about a second of two processors, and more an answer should not take.
+STEPS = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
