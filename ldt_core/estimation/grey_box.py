@@ -22,7 +22,7 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.estimation.effect.cause import AT_REST
 from ldt_core.machine.machine_file import Machine
-from ldt_core.physics.base import NOT_TRACKED, FreeRun
+from ldt_core.physics.base import NOT_TRACKED, FreeRun, Work
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.machine_sizes import LIMITS, in_own_sizes, limits_voltage, machine_scales
 from ldt_core.physics.parameter import Parameter, Values
@@ -95,6 +95,8 @@ class GreyBox:
     ) -> None:
         self.machine, self.physics, self.effects = machine, machine.model, tuple(effects)
         self.nominal = dict(machine.parameters)
+        #: Done for it so far.
+        self.work = Work()
         #: Uncertain parameters of the machine, in the order of their coordinates.
         self.uncertain = [
             n for n, v in self.nominal.items() if v != 0 and tolerances.get(n, 0.0) > 0
@@ -206,7 +208,7 @@ class GreyBox:
         first[CURRENT] += offset[CURRENT]
         tracked = (seen, gain) if gain > 0 else NOT_TRACKED
         about = machine, experiment.voltage, experiment.period, first, use, tracked
-        return FreeRun(*about, changed), use
+        return FreeRun(*about, changed, self.work), use
 
     def _shown(self, states: Array, experiment: Experiment, use: Use, machine: Values) -> Array:
         try:

@@ -11,13 +11,15 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Prediction
+from ldt_core.base.pausable import Pausable, finished
 from ldt_core.base.sentences import listed, spoken
 from ldt_core.effects import EFFECTS
 from ldt_core.effects.change_description import change_of
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe, together
 from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, Case, GreyBox, Prior
 from ldt_core.estimation.misfit import misfit, noise_in, setting
-from ldt_core.estimation.structure_search import FittedStructure, Present, StructureSearch
+from ldt_core.estimation.structure_screening import Present
+from ldt_core.estimation.structure_search import FittedStructure, StructureSearch
 from ldt_core.models.base import Model
 
 #: Directions in which the parameters are least known, along which a prediction is spread out.
@@ -169,10 +171,15 @@ class GreyBoxModel(Model):
         Raises:
             LdtError: no or too few samples.
         """
-        search = self.search_on(experiments)
-        return self.adopt(search.pruned(self._fitted(search, self.prior, sized)), experiments)
+        return finished(self.fitting(experiments, sized))
 
-    def updated(self, experiments: Sequence[Experiment]) -> Self | None:
+    def fitting(self, experiments: Sequence[Experiment], sized: bool = True) -> Pausable[Self]:
+        """`fit`, in pieces."""
+        search = self.search_on(experiments)
+        found = yield from self._fitted(search, self.prior, sized)
+        return self.adopt((yield from search.pruned(found)), experiments)
+
+    def updated(self, experiments: Sequence[Experiment]) -> Pausable[Self | None]:
         """This model with more experiments of a machine that has not changed; None where it has.
 
         What was known before the version learned is the prior, so that nothing counts twice; all
@@ -187,14 +194,19 @@ class GreyBoxModel(Model):
         if self.before is None:
             return None
         search = self.search_on(experiments)
-        found = search.refined(Present(self.effects, self.given, self.before), self.q)
-        return self.adopt(search.pruned(found), experiments) if found.explains else None
+        found = yield from search.refined(Present(self.effects, self.given, self.before), self.q)
+        if not found.explains:
+            return None
+        return self.adopt((yield from search.pruned(found)), experiments)
 
-    def _fitted(self, search: StructureSearch, known: Prior, sized: bool) -> FittedStructure:
+    def _fitted(
+        self, search: StructureSearch, known: Prior, sized: bool
+    ) -> Pausable[FittedStructure]:
         near = self.q if self.version > 0 else None
-        found = search.fitted(Present(self.effects, self.given, known), self.effects, near, sized)
+        present = Present(self.effects, self.given, known)
+        found = yield from search.fitted(present, self.effects, near, sized)
         if self.version > 0 and found.surprises:
-            anew = search.fitted(self.present, self.effects, sized=sized)
+            anew = yield from search.fitted(self.present, self.effects, sized=sized)
             found = min(found, anew, key=lambda s: s.surprise)
         return found
 
@@ -226,11 +238,13 @@ class GreyBoxModel(Model):
                 return part
         return experiment.part(0, MOST_SAMPLES)
 
-    def with_other_causes(self, experiments: Sequence[Experiment], workers: int = 1) -> list[Self]:
+    def with_other_causes(
+        self, experiments: Sequence[Experiment], workers: int = 1
+    ) -> Pausable[list[Self]]:
         """The best that a search finds beside and in place of the present effects, or none."""
         try:
             search = self.search_on(experiments, workers)
-            ranked = search.search(self.present, self.machine.possible_effects())
+            ranked = yield from search.search(self.present, self.machine.possible_effects())
             if not ranked:
                 return []
             rivals = [s.names[-1] for s in ranked[1:] if s.score - ranked[0].score < ALIKE]

@@ -37,15 +37,28 @@ SENSOR_ROUNDS = 4
 
 
 class Work:
-    """Integration steps done so far, by all threads; what a search may do is limited by them."""
+    """Integration steps done so far, by all threads; what a search may do is limited by them.
+
+    Attributes:
+        steps: beyond those that plans promise.
+        promised: of runs side by side, the steps of all lanes together, once for each law as well;
+            so of those whose current is solved for.
+    """
 
     def __init__(self) -> None:
-        self.steps, self._lock = 0, threading.Lock()
+        self.steps, self.promised, self._lock = 0, 0, threading.Lock()
 
-    def add(self, steps: int) -> None:
+    def add(self, steps: int, promised: int = 0) -> None:
         """So many more; the sum does not depend on the threads' order."""
         with self._lock:
             self.steps += steps
+            self.promised += promised
+
+    def taken(self) -> int:
+        """All that was done since this was asked last."""
+        with self._lock:
+            done, self.steps, self.promised = self.steps + self.promised, 0, 0
+        return done
 
 
 class FreeRun(NamedTuple):

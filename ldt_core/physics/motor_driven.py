@@ -203,7 +203,8 @@ class MotorDriven(Physics):
                 *(plan.values, most, BEND_IN_SEARCH if least_step > 0 else BEND, plan.halvings),
             )
             if work is not None:
-                work.add(max(0, rounds - USUAL_ROUNDS * int(steps.sum())))
+                usual = USUAL_ROUNDS * int(steps.sum())
+                work.add(max(0, rounds - usual), (1 + len(terms)) * min(rounds, usual))
         else:
             failed = runge_kutta(
                 *(edges, volts, steps, long, samples, begin, own, k),

@@ -148,6 +148,10 @@ class SideBySide:
         if plan.fast:
             count = [steps_of(times[:2], longest)[0] for longest in (plan.step, plan.calm)]
             moves = exponential_moves(coefficients, times[1] / np.array(count))
+        if begun.work is not None:
+            lengths = {plan.step, plan.calm}  # where the long ones do not serve, both are taken
+            steps = sum(int(steps_of(times, longest).sum()) for longest in lengths)
+            begun.work.add(0, (1 + len(begun.terms)) * steps)
         run_lanes(
             *(times, volts, steps_of(times, plan.step), steps_of(times, plan.calm)),
             *(first[:STATES], (0.0,) * (RIGID_STATES if plan.rigid else STATES)),

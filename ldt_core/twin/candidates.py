@@ -10,13 +10,14 @@ import numpy as np
 
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Samples, rms
+from ldt_core.base.pausable import Pausable, finished
 from ldt_core.base.threads import cores, one_thread
 from ldt_core.models import build_model
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.hybrid import HybridModel
 from ldt_core.models.remainder import RemainderModel
-from ldt_core.twin.version_errors import errs_less, explains, rms_error, same
+from ldt_core.twin.version_errors import errs_less, explains, gains, pays, rms_error, same
 
 #: Experiments learned from at most, the newest included.
 POOL = 3
@@ -34,6 +35,8 @@ UNLEARNABLE = (LdtError, np.linalg.LinAlgError, ArithmeticError)
 
 class Candidates:
     """Makes new models of earlier ones, by re-estimation, a search for causes, or flexibly.
+
+    What takes long is done in pieces, on one thread of linear algebra by whoever goes on with it.
 
     Args:
         settings: of the models that compete (`parameters.yaml`).
@@ -60,8 +63,39 @@ class Candidates:
         with one_thread():
             pool = [*known, *experiments][-MOST:]
             if known and isinstance(model, GreyBoxModel):
-                return model.updated(pool)
+                return finished(model.updated(pool))
             return model.fit(pool)
+
+    def learned_more(
+        self,
+        before: Model,
+        known: Sequence[Experiment],
+        recent: Sequence[Experiment],
+        experiment: Experiment,
+    ) -> tuple[Model | None, str]:
+        """The present model with more learned of the same machine, if that pays, or why not; no
+        reason where the machine is not the same.
+
+        Args:
+            before: the present model.
+            known: experiments that it has learned from.
+            recent: those before the newest.
+            experiment: the newest.
+        """
+        new = [e for e in recent if not any(same(e, k) for k in known) and explains(before, e)]
+        pool = [*new[-POOL + 1 :], experiment]
+        # What a flexible model has learned from fits, by luck too: the other ones judge it.
+        flexible = not isinstance(before, GreyBoxModel)
+        try:
+            more = self.more(before, known, [experiment] if flexible else pool)
+            if more is None:
+                return None, ""
+            own = more if isinstance(more, GreyBoxModel) else None
+            if not (gains(own, before, experiment) if own else pays(more, before, new)):
+                return None, "learning more of the same machine does not pay"
+            return self.more(before, known, pool) if flexible else more, ""
+        except UNLEARNABLE as error:
+            return None, str(error)
 
     def refitted(
         self,
@@ -69,7 +103,7 @@ class Candidates:
         known: Sequence[Experiment],
         experiment: Experiment,
         recent: Sequence[Experiment],
-    ) -> GreyBoxModel | None:
+    ) -> Pausable[GreyBoxModel | None]:
         """The best of the causes of these versions, re-estimated from the newest experiments.
 
         Args:
@@ -84,11 +118,11 @@ class Candidates:
                 tried.setdefault(tuple(sorted(model.given)), model)
         found: list[GreyBoxModel] = []
         for model in list(tried.values())[:POOL]:
-            with suppress(*UNLEARNABLE), one_thread():
-                fitted = model.fit([experiment], sized=False)
+            with suppress(*UNLEARNABLE):
+                fitted = yield from model.fitting([experiment], sized=False)
                 if explains(fitted, experiment):
                     own = known if model is versions[0] else ()
-                    fitted = self._with_more(model, fitted, own, [*recent, experiment])
+                    fitted = yield from self._with_more(model, fitted, own, [*recent, experiment])
                 found.append(fitted)
                 if explains(fitted, experiment):
                     break
@@ -100,16 +134,16 @@ class Candidates:
         fitted: GreyBoxModel,
         known: Sequence[Experiment],
         recent: Sequence[Experiment],
-    ) -> GreyBoxModel:
+    ) -> Pausable[GreyBoxModel]:
         """What was fitted to the last experiment alone, with the others that it explains."""
         valid = [e for e in recent if explains(fitted, e)]
         if known and all(explains(fitted, e) for e in known):
             new = [e for e in valid if not any(same(e, k) for k in known)]
-            if found := model.updated([*known, *new[-POOL:]][-MOST:]):
+            if found := (yield from model.updated([*known, *new[-POOL:]][-MOST:])):
                 return found
-        return model.fit(valid[-POOL:]) if len(valid) > 1 else fitted
+        return (yield from model.fitting(valid[-POOL:])) if len(valid) > 1 else fitted
 
-    def structures(self, start: Model, pool: Sequence[Experiment]) -> list[GreyBoxModel]:
+    def structures(self, start: Model, pool: Sequence[Experiment]) -> Pausable[list[GreyBoxModel]]:
         """The best of what a search finds; found once, where it is asked for twice.
 
         Args:
@@ -120,19 +154,18 @@ class Candidates:
             return []
         asked = (start.version, tuple(id(e) for e in pool))
         if self._searched is None or self._searched[0] != asked:
-            with one_thread():
-                self._searched = asked, start.with_other_causes(pool, cores())
+            self._searched = asked, (yield from start.with_other_causes(pool, cores()))
         return self._searched[1]
 
-    def learned(self, start: Model, pool: Sequence[Experiment]) -> list[Model]:
+    def learned(self, start: Model, pool: Sequence[Experiment]) -> Pausable[list[Model]]:
         """New models that have learned from these experiments: causes, and flexible ones."""
-        causes = self.structures(start, pool)
+        causes = yield from self.structures(start, pool)
         found: list[Model] = [*causes]
         smooth = build_model(SMOOTH, start.machine, self._settings)
         assert isinstance(smooth, HybridModel)
         learners = [*self._flexible(start, causes), smooth, *map(smooth.on, causes)]
         for learner in learners:
-            with one_thread(), suppress(*UNLEARNABLE):
+            with suppress(*UNLEARNABLE):
                 found.append(learner.fit(pool))
         return found
 

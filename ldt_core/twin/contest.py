@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ from ldt_core.base.experiment import FAILED, Action, Adaptation, Experiment, Lev
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK, Adaptor
-from ldt_core.twin.candidates import POOL, UNLEARNABLE, Candidates
+from ldt_core.twin.candidates import POOL, Candidates
+from ldt_core.twin.cause_search import STEPS, CauseSearch, Question
 from ldt_core.twin.condition_chain import UNLEARNED, ConditionChain
 from ldt_core.twin.memory import Memory
 from ldt_core.twin.original_watch import OriginalWatch
@@ -21,17 +23,23 @@ from ldt_core.twin.training_data import VALID_ERROR_RATIO
 from ldt_core.twin.version_errors import (
     BETTER,
     alike,
+    explaining,
     explains,
     fit_of,
-    gains,
     largest_error,
     pays,
     rms_error,
     same,
 )
 
-#: In the details of an adaptation: what learns from it competes at the next experiment.
+#: In the details of an adaptation: what is searched for, or learns, competes later.
 SEARCHING = "searching"
+#: That a search has ended, and what came of it has competed.
+SEARCHED = "searched"
+#: Values of `SEARCHING`: no cause explains the experiment, or that is not known yet.
+OVER, UNDER_WAY = 1.0, 2.0
+#: States of a model that fails where it was never right.
+ELSEWHERE = ("inadequate", "new_range")
 #: In the details of an adaptation: the original has come into force again.
 ORIGINAL = "original_again"
 
@@ -47,8 +55,8 @@ class ContestAdaptor(Adaptor):
     2. the causes known so far, re-estimated with the machine's parameters, under their priors;
     3. one more effect of the library, or another one, that explains the experiment to the noise;
     4. the flexible model, if it does better in the halves that it has not learned from;
-    5. what comes nearest of all these. They compete at the next experiment, from which none of them
-       has learned.
+    5. what comes nearest of all these. They compete when they have learned, at an experiment from
+       which none of them has; a search that is long (`cause_search`) ends there, too.
 
     Over ten experiments the twin's largest errors may sum to 1.1 times the original's; beyond, the
     original comes into force again.
@@ -75,8 +83,10 @@ class ContestAdaptor(Adaptor):
         self._learning = self._elsewhere = False
         #: Experiments that the present version has learned from, as far as they are known.
         self.learned_from: list[Experiment] = []
-        #: Experiments to learn from, by what competes at the next one.
-        self.pending: list[Experiment] = []
+        #: What competes when it has ended.
+        self.search: CauseSearch | None = None
+        # Integration steps that are left in this experiment for a search of its own.
+        self._steps = STEPS
         self.backoff = SearchBackoff()
         # Whether the version adopted last was in force before.
         self._again = False
@@ -85,23 +95,35 @@ class ContestAdaptor(Adaptor):
 
     def _dealt(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
         self.watch.saw(signal.max_error, largest_error(self.original, experiment))
-        pool, self.pending = self.pending, []
         if self._passed_over(experiment):
             return super()._dealt(experiment, signal)
+        search, self.search = self.search, None  # of one that fails nothing is left
+        ended = False
+        if search is not None:
+            ended = search.go_on(self._grant(True, signal)) and signal.level is not Level.NEGATIVE
+            self.search = None if ended else search
+        self._steps = self._grant(search is not None, signal)
         self._explain(experiment)
         self._learning = signal.state == "learning"
-        self._elsewhere = signal.state in ("inadequate", "new_range")
+        self._elsewhere = signal.state in ELSEWHERE
         before, recent = self.model, self.memory.recent
-        done = self._contested(pool, experiment, signal) or super()._dealt(experiment, signal)
+        won = self._contested(search if ended else None, experiment, signal)
+        told, model = won or super()._dealt(experiment, signal)
         self._took(before, [*recent, experiment], signal)
         self._saw(experiment)
-        return done
+        if ended:
+            told = replace(told, details={**told.details, SEARCHED: 1.0})
+        return told, model
+
+    def _grant(self, searching: bool, signal: Signal) -> int:
+        """Integration steps for a search; where a positive asks for another one, each has half."""
+        return STEPS // 2 if searching and signal.level is Level.POSITIVE else STEPS
 
     def _contested(
-        self, pool: Sequence[Experiment], experiment: Experiment, signal: Signal
+        self, search: CauseSearch | None, experiment: Experiment, signal: Signal
     ) -> tuple[Adaptation, Model] | None:
         """What comes into force without learning from this experiment."""
-        found, details = self._trained(pool, experiment, signal), {}
+        found, details = self._trained(search, experiment, signal), {}
         long = self.watch.worse and not alike(self.model, self.original)
         seen = signal.level is not Level.NEGATIVE or signal.state != "new_range"
         if found is None and (long or (not seen and self.watch.worse_now)):
@@ -144,7 +166,7 @@ class ContestAdaptor(Adaptor):
         """Find the version that explains the experiment, the present one before all others."""
         said = None if step is None else step.prediction
         fits, error = fit_of(self.model, experiment, said)
-        self._explaining = self.model if fits else self._known(experiment)
+        self._explaining = self.model if fits else explaining(self.earlier, experiment, error)
         self.backoff.saw(isinstance(self._explaining, GreyBoxModel), error)
 
     def _took(self, before: Model, recent: Sequence[Experiment], signal: Signal) -> None:
@@ -200,7 +222,8 @@ class ContestAdaptor(Adaptor):
         present = rms(before.predict(experiment).residual(experiment))
         version = self._explaining
         if self._learning:
-            more, why = self._learned_more(experiment)
+            about = self.learned_from, self._recent(experiment), experiment
+            more, why = self.candidates.learned_more(before, *about)
             if more is not None:
                 return self._learned_by(more, "estimates its causes anew", experiment, {})
             if version is before and why:
@@ -215,15 +238,19 @@ class ContestAdaptor(Adaptor):
                     return Action.REFUSED, origin, {}
             self._adopt(next_one.again(before.version + 1))
             return Action.ADAPTED, self._reason(before, experiment, origin), {}
-        if cause := self._caused(experiment):
-            return self._learned_by(*cause, experiment, {})
+        search = CauseSearch(self.candidates, self._question(experiment))
+        over = search.explain(self._steps)
+        if search.cause is not None:
+            return self._learned_by(*search.cause, experiment, {})
         details: dict[str, float] = {}
-        then = f"searches wait for {self.backoff.wait} more experiments"
-        if self.backoff.due:
-            self.pending, details = self.unexplained(experiment)[-POOL:], {SEARCHING: 1.0}
-            then = "other models compete at the next experiment"
-            self.backoff.failed(present)
         judged = self.unexplained(experiment)  # in one alone a version errs less by luck
+        waits = f"searches wait for {self.backoff.wait} more experiments"
+        then = "the search for one goes on" if self.search or not over else waits
+        if self.backoff.due and self.search is None:
+            self._keep(search, judged, over)
+            details = {SEARCHING: OVER if over else UNDER_WAY}
+            then = "other models compete when they have learned" if over else then
+            self.backoff.failed(present)
         beaten = (before, self.original)
         flexible = self.candidates.at_once(self._grey(), beaten, judged[-POOL:])
         if flexible is not None:
@@ -238,6 +265,11 @@ class ContestAdaptor(Adaptor):
         stays = f"version {before.version} stays"
         return Action.REFUSED, f"no known cause explains it, {then}; {stays}", details
 
+    def _keep(self, search: CauseSearch, judged: Sequence[Experiment], over: bool) -> None:
+        """Go on with a search at later experiments."""
+        search.question = replace(search.question, pool=judged[-POOL:])
+        self.search = CauseSearch(self.candidates, search.question, True) if over else search
+
     def _learned_by(
         self, model: Model, origin: str, experiment: Experiment, details: dict[str, float]
     ) -> tuple[Action, str, dict[str, float]]:
@@ -248,66 +280,17 @@ class ContestAdaptor(Adaptor):
         self._adopt(model.again(before.version + 1))
         return Action.ADAPTED, self._reason(before, experiment, origin), details
 
-    def _caused(self, experiment: Experiment) -> tuple[GreyBoxModel, str] | None:
-        """A model of causes that explains the experiment, known or searched for, and its origin."""
-        before, recent, known = self.model, self._recent(experiment), self.learned_from
-        versions = (before, *reversed(self.earlier))
-        best = self.candidates.refitted(versions, known, experiment, recent)
-        if best is not None and not (
-            explains(best, experiment) and gains(best, before, experiment)
-        ):
-            best = None
-        alone, pool = best, [*known[-POOL + 1 :], experiment]
-        if alone is not None and self._elsewhere and not all(explains(alone, e) for e in pool):
-            # Of one machine, as the excitation alone is another: another cause may explain all.
-            best = self._searched(pool) or alone
-        elif best is None:
-            best = self._searched([experiment])
-        if best is None:
-            return None
-        return best, "estimates its causes anew" if best is alone else "has a new cause"
-
-    def _searched(self, pool: Sequence[Experiment]) -> GreyBoxModel | None:
-        """What a search finds that explains all of these, unless searches have to wait."""
-        if not self.backoff.due:
-            return None
-        found = self.candidates.structures(self._grey(), pool)
-        explaining = (m for m in found if all(explains(m, e) for e in pool))
-        return next((m for m in explaining if gains(m, self.model, pool[-1])), None)
-
-    def _learned_more(self, experiment: Experiment) -> tuple[Model | None, str]:
-        """The present model with more learned of the same machine, if that pays, or why not; no
-        reason where the machine is not the same.
-        """
-        before, known, recent = self.model, self.learned_from, self._recent(experiment)
-        new = [e for e in recent if not any(same(e, k) for k in known) and explains(before, e)]
-        pool = [*new[-POOL + 1 :], experiment]
-        # What a flexible model has learned from fits, by luck too: the other ones judge it.
-        flexible = not isinstance(before, GreyBoxModel)
-        try:
-            more = self.candidates.more(before, known, [experiment] if flexible else pool)
-            if more is None:
-                return None, ""
-            own = more if isinstance(more, GreyBoxModel) else None
-            if not (gains(own, before, experiment) if own else pays(more, before, new)):
-                return None, "learning more of the same machine does not pay"
-            return self.candidates.more(before, known, pool) if flexible else more, ""
-        except UNLEARNABLE as error:
-            return None, str(error)
+    def _question(self, experiment: Experiment) -> Question:
+        """What explains this experiment; a search that goes on already leaves no time for two."""
+        versions = (self.model, *reversed(self.earlier))
+        due = self.backoff.due and self.search is None
+        about = self._recent(experiment), experiment, self._elsewhere, due
+        return Question(self._grey(), versions, self.learned_from, *about, pool=())
 
     def _reason(self, before: Model, experiment: Experiment, origin: str) -> str:
         words = f"version {self.model.version} {origin}"
         change = self.model.change(before)
         return f"since experiment {experiment.number}: {change}; {words}" if change else words
-
-    def _known(self, experiment: Experiment) -> Model | None:
-        """The earlier version that explains the experiment best, if better than the present."""
-        best, least = None, rms_error(self.model, experiment)
-        for version in self.earlier:
-            error = rms_error(version, experiment)
-            if error < least and explains(version, experiment):
-                best, least = version, error
-        return best
 
     def unexplained(self, experiment: Experiment) -> list[Experiment]:
         """The newest experiments that neither the present model nor the original explains, as far
@@ -323,24 +306,27 @@ class ContestAdaptor(Adaptor):
         return pool
 
     def _trained(
-        self, pool: Sequence[Experiment], experiment: Experiment, signal: Signal
+        self, search: CauseSearch | None, experiment: Experiment, signal: Signal
     ) -> tuple[Model, str] | None:
         """What learned from the experiments before, if it does better on this one."""
-        if not pool or signal.level is Level.NEGATIVE:
+        if search is None:
             return None
+        pool = search.question.pool
         # Nobody explains them, no candidate has learned from them. One alone is fitted by luck.
         judged = [e for e in self.unexplained(experiment) if all(e is not p for p in pool)]
 
         def squared(model: Model) -> float:
             return sum(rms_error(model, e) ** 2 for e in judged)
 
-        best = min(self.candidates.learned(self._grey(), pool), key=squared, default=None)
+        best = min(search.models or (), key=squared, default=None)
         if best is None or not all(pays(best, m, judged) for m in (self.model, self.original)):
             return None
         origin = f"learned from experiment {pool[-1].number} and does best in this one"
         if signal.level is Level.POSITIVE and not isinstance(best, GreyBoxModel):
             # A cause tells more than a flexible model.
-            return self._caused(experiment) or (best, origin)
+            anew = CauseSearch(self.candidates, self._question(experiment))
+            anew.explain(self._steps)
+            return anew.cause or (best, origin)
         return best, origin
 
     def _grey(self) -> Model:
@@ -356,44 +342,59 @@ class ContestAdaptor(Adaptor):
     def recall(self, step: RecordedStep) -> None:
         """Take over what a recorded step says."""
         if step.adaptation.details.get(FAILED):
-            self.pending = []
+            self.search = None
             super().recall(step)
             return
         self.watch.saw(step.signal.max_error, largest_error(self.original, step.experiment))
         told = step.adaptation.details
-        pool = self.unexplained(step.experiment)[-POOL:] if told.get(SEARCHING) else []
         passed_over = any(told.get(why) for why in PASSED_OVER)
         if not passed_over:
+            self._recall_search(step)
             self._explain(step.experiment, step)
-        if pool:
+        if told.get(SEARCHING):
             self.backoff.failed(rms_error(self.model, step.experiment))
         before, recent = self.model, self.memory.recent
         super().recall(step)
         if ROLLED_BACK in told:
-            self.chain, self.learned_from = ConditionChain(), []
+            self.chain, self.learned_from, self.search = ConditionChain(), [], None
         elif not passed_over:
             self._took(before, [*recent, step.experiment], step.signal)
             self._saw(step.experiment)
         if told.get(ORIGINAL):
             self.watch = OriginalWatch()
-        self.pending = pool
+
+    def _recall_search(self, step: RecordedStep) -> None:
+        """What a search was granted, that it has ended, or that another one began."""
+        told, experiment = step.adaptation.details, step.experiment
+        steps = self._grant(self.search is not None, step.signal)
+        if self.search is not None:
+            self.search.granted += steps
+        if told.get(SEARCHED):
+            self.search = None
+        if begun := told.get(SEARCHING):
+            self._elsewhere = step.signal.state in ELSEWHERE
+            asked, over = replace(self._question(experiment), due=True), begun == OVER
+            search = CauseSearch(self.candidates, asked, granted=steps)
+            self._keep(search, self.unexplained(experiment), over)
 
     def state(self) -> dict[str, Any]:
         """Its state by the numbers of what is recorded; `return_to` takes it back."""
-        pending = [[e.number, e.start] for e in self.pending]
+        search = None if self.search is None else self.search.state()
         learned = [[e.number, e.start] for e in self.learned_from]
-        own = {"errors": list(self.watch.errors), "pending": pending, "learned_from": learned}
+        own = {"errors": list(self.watch.errors), "search": search, "learned_from": learned}
         chain, backoff = self.chain.state(), self.backoff.state()
         return {**super().state(), **own, "chain": chain, "backoff": backoff}
 
     def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
         """Take back a state, before any step here."""
         errors = [(float(twin), float(original)) for twin, original in state["errors"]]
-        pending = [archive.experiment(number, start) for number, start in state["pending"]]
         learned = [archive.experiment(number, start) for number, start in state["learned_from"]]
         chain = ConditionChain()
         chain.return_to(state["chain"], archive)
+        search = state["search"]
+        if search is not None:
+            search = CauseSearch.of(search, self.candidates, self.original, archive)
         super().return_to(state, archive)
-        self.watch, self.pending, self.chain = OriginalWatch(errors), pending, chain
+        self.watch, self.search, self.chain = OriginalWatch(errors), search, chain
         self.learned_from = learned
         self.backoff.return_to(state["backoff"])

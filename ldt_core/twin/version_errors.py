@@ -65,6 +65,16 @@ def explains(model: Model, experiment: Experiment) -> bool:
     return _is_explained(prediction, experiment)
 
 
+def explaining(versions: Sequence[Model], experiment: Experiment, error: float) -> Model | None:
+    """The version that explains an experiment best, if better than an error [rad/s]."""
+    best, least = None, error
+    for version in versions:
+        error = rms_error(version, experiment)
+        if error < least and explains(version, experiment):
+            best, least = version, error
+    return best
+
+
 def _is_explained(prediction: Prediction, experiment: Experiment) -> bool:
     under = setting(experiment.voltage, experiment.speed, predicted=prediction.speed)
     return misfit(prediction.residual(experiment), prediction.speed_std, under).explained

@@ -169,13 +169,19 @@ def test_causes_that_explained_nothing_are_in_no_searchs_way():
     for i in range(1, 8):
         twin.step(plant.experiment(i))
     adaptor, explaining, asked = twin.adaptor, twin.model, []
-    adaptor.candidates.structures = lambda model, pool: asked.append(model) or []
+
+    def noted(model, pool):
+        asked.append(model)
+        yield 0
+        return []
+
+    adaptor.candidates.structures = noted
     e = plant.experiment(8)
     e = dataclasses.replace(e, speed=0.5 * e.speed)
     twin.step(e)
     assert set(asked) == {explaining}
     asked.clear()
-    adaptor.earlier, adaptor.model, adaptor.pending = [adaptor.original], explaining.again(99), []
+    adaptor.earlier, adaptor.model, adaptor.search = [adaptor.original], explaining.again(99), None
     adaptor.backoff.return_to([0, 0, 0.0])
     twin.predictor.model = adaptor.model
     twin.step(dataclasses.replace(e, number=9, start=e.start + 10))
@@ -185,3 +191,31 @@ def test_causes_that_explained_nothing_are_in_no_searchs_way():
 def unsure_of(step):
     """The signal of a step, had the model claimed that it does not know enough."""
     return dataclasses.replace(step.signal, level=ldt.Level.POSITIVE, state="learning")
+
+
+def test_a_search_that_is_long_goes_on_at_later_experiments(monkeypatch, tmp_path):
+    """However fast the computer is, and in a run that goes on from a recording as well."""
+    monkeypatch.setattr("ldt_core.twin.contest.STEPS", 2_500_000)
+    plant = Plant(wearing("unbalance", "e", 0.012), experiments=20, seed=3)
+    (change,) = plant.schedule.changes
+    stream = [plant.experiment(i) for i in range(change, change + 7)]
+    settings = {**resolve({}), "model": "auto", "detector": "adequacy"}
+    whole = list(Twin.from_settings(plant.machine, settings).steps(stream))
+    ended = [i for i, s in enumerate(whole) if s.adaptation.details.get("searched")]
+    assert "searching" in whole[0].adaptation.details
+    assert ended[0] > 1
+    assert "does best" in whole[ended[0]].adaptation.reason
+    assert whole[ended[0] + 1].signal.state == "holds"
+    run(plant.machine, settings, stream[:2], tmp_path / "bag")
+    again = Twin.from_settings(plant.machine, settings)
+    recorded = RecordedRun(str(tmp_path / "bag"), "", plant.machine)
+    assert TwinRestart(again, recorded, print).resume() == stream[1].number
+    recalled = Twin.from_settings(plant.machine, settings)
+    for step in recorded.steps():
+        recalled.adaptor.recall(step)
+        recalled.detector.recall(step)
+        recalled.predictor.model = recalled.adaptor.model
+    assert recalled.adaptor.state() == again.adaptor.state()
+    for step, other in zip(again.steps(stream[2:]), whole[2:], strict=True):
+        assert step.adaptation == other.adaptation
+        assert np.array_equal(step.prediction.speed, other.prediction.speed)

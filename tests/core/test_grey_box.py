@@ -7,10 +7,12 @@ import pytest
 
 from ldt_core.base.errors import ModelError
 from ldt_core.base.experiment import Experiment, rms
+from ldt_core.base.pausable import finished
 from ldt_core.effects import get_effect
 from ldt_core.estimation.grey_box import FINE_STEP, SHORTEST, GreyBox, Prior
-from ldt_core.estimation.grey_box_fit import GreyBoxProblem, fit_grey_box
-from ldt_core.estimation.structure_search import Present
+from ldt_core.estimation.grey_box_fit import fit_grey_box
+from ldt_core.estimation.grey_box_problem import GreyBoxProblem
+from ldt_core.estimation.structure_screening import Present
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.machine.plant import Plant
 from ldt_core.models import build_model, restore_model
@@ -46,7 +48,9 @@ def test_a_poorly_known_foundation_hides_no_unbalance(e, seed):
     """From one experiment, 12 % or less of the error on others is left (e alone leaves 81, 93)."""
     first, *others = experiments(OTHER, 4, [("unbalance", {"e": e})], seed=seed)
     model = GreyBoxModel(ROTOR)
-    fitted = model.adopt(model.search_on([first]).fitted(model.present, (UNBALANCE,)), [first])
+    fitted = model.adopt(
+        finished(model.search_on([first]).fitted(model.present, (UNBALANCE,))), [first]
+    )
     assert left(fitted, others) <= 0.12
     assert fitted.given["unbalance"]["e"] == pytest.approx(e, rel=0.06)
 
@@ -56,7 +60,7 @@ def test_the_cause_is_found_among_others():
     first, second = experiments(OTHER, 2, [("constant_load", {"torque": 0.06})], seed=5)
     model = GreyBoxModel(ROTOR)
     tried = [get_effect(name) for name in (*ALIKE, "unbalance", "quadratic_drag", "inertia")]
-    ranked = model.search_on([first]).search(model.present, tried)
+    ranked = finished(model.search_on([first]).search(model.present, tried))
     assert ranked[0].names[0] in ALIKE
     fitted = model.adopt(ranked[0], [first])
     assert rms(fitted.predict(second).residual(second)) < 0.2  # of noise 0.1 rad/s
@@ -67,7 +71,9 @@ def test_a_start_angle_that_is_not_known_is_no_other_cause(seed):
     """It is found with the effect."""
     (first,) = experiments(ROTOR, 1, [("unbalance", {"e": 0.007})], seed=seed, start="random")
     model = GreyBoxModel(ROTOR)
-    fitted = model.adopt(model.search_on([first]).fitted(model.present, (UNBALANCE,)), [first])
+    fitted = model.adopt(
+        finished(model.search_on([first]).fitted(model.present, (UNBALANCE,))), [first]
+    )
     assert fitted.given["unbalance"]["e"] == pytest.approx(0.007, rel=0.02)
     assert fitted.turn == pytest.approx(np.pi)
     assert len(fitted.seen) == 1
@@ -89,7 +95,7 @@ def test_the_prior_holds_what_the_data_do_not_tell():
     first = experiments(OTHER, 1, seed=7)
     box = GreyBox(ROTOR, (), ROTOR.tolerances)
     problem = GreyBoxProblem(box, first, 0.1, Prior.of_file(box.size))
-    fit = fit_grey_box(problem, [np.zeros(box.size)])
+    fit = finished(fit_grey_box(problem, [np.zeros(box.size)]))
     foundation = [box.uncertain.index(n) for n in ("m", "M", "K_x", "K_y", "R_x", "R_y")]
     assert np.abs(fit.q[foundation]).max() < 1e-6
     assert np.abs(fit.q).max() < 3
@@ -100,7 +106,8 @@ def test_a_record_makes_the_same_model():
     first, second = experiments(ROTOR, 2, [("coulomb_friction", {"torque": 0.1})], seed=8)
     model = GreyBoxModel(ROTOR)
     fitted = model.adopt(
-        model.search_on([first]).fitted(model.present, (get_effect("coulomb_friction"),)), [first]
+        finished(model.search_on([first]).fitted(model.present, (get_effect("coulomb_friction"),))),
+        [first],
     )
     settings = {"model": "auto"}
     again = restore_model(fitted.record(), ROTOR, settings)
@@ -119,7 +126,9 @@ def test_a_prior_that_the_data_contradict_is_doubted():
     """What was learned beside a wrong cause does not spoil the right one."""
     (first,) = experiments(ROTOR, 1, [("coulomb_friction", {"torque": 0.1})], seed=8)
     model = GreyBoxModel(ROTOR)
-    found = model.search_on([first]).fitted(model.present, (get_effect("coulomb_friction"),))
+    found = finished(
+        model.search_on([first]).fitted(model.present, (get_effect("coulomb_friction"),))
+    )
     record = dict(model.adopt(found, [first]).parameters)
     k = len(model.box.uncertain)
     mean = np.zeros(k)
@@ -135,8 +144,8 @@ def test_more_of_the_same_machine_is_learned_and_nothing_counts_twice():
     """With all it has learned from, under what was known before; another machine is none of it."""
     first, second, third = experiments(OTHER, 3, [("unbalance", {"e": 0.01})], seed=4)
     model = GreyBoxModel(ROTOR)
-    (fitted,) = model.with_other_causes([first])
-    more = fitted.updated([first, second])
+    (fitted,) = finished(model.with_other_causes([first]))
+    more = finished(fitted.updated([first, second]))
     assert more is not None
     assert (more.version, more.trained_on) == (2, (1, 2))
     assert np.array_equal(more.before.precision, model.prior.precision)
@@ -144,9 +153,9 @@ def test_more_of_the_same_machine_is_learned_and_nothing_counts_twice():
     claimed = [float(np.mean(c**2 - c.min() ** 2)) for c in claims]  # 0.060 and 0.005
     assert claimed[1] < claimed[0] / 2
     (changed,) = experiments(OTHER, 1, [("unbalance", {"e": 0.008})], seed=9)
-    assert fitted.updated([first, changed]) is None
+    assert finished(fitted.updated([first, changed])) is None
     untold = {k: v for k, v in fitted.parameters.items() if k != "before"}
-    assert GreyBoxModel(ROTOR, untold, 1, (1,)).updated([first, second]) is None
+    assert finished(GreyBoxModel(ROTOR, untold, 1, (1,)).updated([first, second])) is None
 
 
 def test_a_search_begins_with_what_the_file_says():
@@ -202,13 +211,16 @@ def test_a_fit_that_begins_near_the_minimum_ends_there_sooner(monkeypatch):
     """Through the observer it took ten times as long, to a minimum that is no better."""
     made = experiments(OTHER, 3, [("unbalance", {"e": 0.008})], seed=6)
     model = GreyBoxModel(ROTOR)
-    first = model.adopt(model.search_on(made[:1]).fitted(model.present, (UNBALANCE,)), made[:1])
-    asked, rows = [], GreyBoxProblem.rows
-    monkeypatch.setattr(GreyBoxProblem, "rows", lambda *a: (asked.append(len(a[1])), rows(*a))[1])
+    first = model.adopt(
+        finished(model.search_on(made[:1]).fitted(model.present, (UNBALANCE,))), made[:1]
+    )
+    asked, residuals = [], GreyBoxProblem.residuals
+    counted = lambda *a: (asked.append(len(a[1])), residuals(*a))[1]  # noqa: E731
+    monkeypatch.setattr(GreyBoxProblem, "residuals", counted)
     search, known = first.search_on(made), Present(first.effects, first.given, first.before)
-    near = search.fitted(known, first.effects, first.q)
+    near = finished(search.fitted(known, first.effects, first.q))
     simulated, asked[:] = sum(asked), []
-    anew = search.fitted(known, first.effects)
+    anew = finished(search.fitted(known, first.effects))
     assert near.explains
     assert near.fit.cost < anew.fit.cost + 1.0
     assert simulated < 0.5 * sum(asked)

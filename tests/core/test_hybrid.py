@@ -15,6 +15,7 @@ from scipy.linalg import expm
 
 from ldt_core.base.errors import LdtError, ModelError, OptionError
 from ldt_core.base.experiment import Experiment, ModelRecord, rms
+from ldt_core.base.pausable import finished
 from ldt_core.effects import get_effect
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.machine.plant import Plant
@@ -444,7 +445,7 @@ def test_it_learns_what_a_grey_box_leaves():
     plant = Plant(motor, experiments=3, seed=2, degradation="none", effects=acting)
     first, second, third = (plant.experiment(i) for i in (1, 2, 3))
     grey = GreyBoxModel(motor)
-    found = grey.adopt(grey.search_on([first]).fitted(grey.present, (drag,)), [first])
+    found = grey.adopt(finished(grey.search_on([first]).fitted(grey.present, (drag,))), [first])
     untrained = HybridModel(motor).on(found)
     off = untrained.predict(second).speed - found.predict(second).speed
     assert rms(off) < 0.1  # rad/s, for the noise of the first sample

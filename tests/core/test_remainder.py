@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 
 import numpy as np
@@ -145,3 +146,13 @@ def test_a_torque_with_memory_is_learned_from_two_experiments():
     twin = Twin(given.machine)
     third = [twin.step(e) for e in given.experiments[changed : changed + 3]][-1]
     assert third.signal.max_error < 0.5 * third.original.max_error(third.experiment)
+
+
+@pytest.mark.parametrize("width", [15.0, 18.0, 22.0])
+def test_a_play_of_any_width_is_learned_from_three_experiments(width):
+    """Also of one between those that the model has; a noise of 0.1 is left."""
+    law = functools.partial(play, width=width)
+    learned = RemainderModel(MOTOR).fit([driven(law, seed) for seed in (1, 2, 3)])
+    others = [driven(law, seed) for seed in (4, 5, 6, 7)]
+    left = [np.sqrt(np.mean(learned.predict(e).residual(e) ** 2)) for e in others]
+    assert np.mean(left) < 0.2  # rad/s

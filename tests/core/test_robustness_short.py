@@ -7,6 +7,7 @@ import json
 import pytest
 
 from ldt_core.base.experiment import Action
+from ldt_core.base.pausable import finished
 from ldt_core.estimation.misfit import misfit
 from ldt_core.lab.study.robustness.streams import STREAMS
 from ldt_core.models.grey_box import GreyBoxModel
@@ -55,5 +56,5 @@ def test_a_fit_that_the_observer_led_right_is_right_in_free_run():
     """Where a shaft is caught a little too early or too late, the free run has many minima."""
     given = STREAMS["staircase_200"](0, 200)
     e = given.experiments[129]
-    (model,) = Twin(given.machine).model.with_other_causes([e])
+    (model,) = finished(Twin(given.machine).model.with_other_causes([e]))
     assert misfit(e.speed - model.predict(e).speed).explained

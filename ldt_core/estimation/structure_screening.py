@@ -1,0 +1,184 @@
+"""Structures under an observer, to which few steps lead; the machine's parameters eliminated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldt_core.base.arrays import Array
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.pausable import finished
+from ldt_core.estimation.grey_box import COARSE_STEP, GreyBox, Prior
+from ldt_core.estimation.grey_box_fit import FIRST_ROUNDS
+from ldt_core.estimation.grey_box_problem import DIFFERENCE, LEAST_GAIN, GreyBoxProblem
+from ldt_core.machine.machine_file import Machine
+from ldt_core.physics.effect import Effect
+
+#: Gauss-Newton steps of the screening; under the observer an effect is found in two or three.
+SCREENING_STEPS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Present:
+    """The structure that a search begins with.
+
+    Attributes:
+        effects: that act already, as far as is known.
+        given: their values.
+        prior: of the machine's coordinates.
+    """
+
+    effects: tuple[Effect, ...]
+    given: dict[str, dict[str, float]]
+    prior: Prior
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """A structure under the observer.
+
+    Attributes:
+        cost: squared innovations in noise deviations plus the price of the parameters.
+        given: values of its effects.
+        explains: whether the innovations are noise.
+        work: integration steps that it took.
+    """
+
+    cost: float
+    given: dict[str, dict[str, float]]
+    explains: bool
+    work: int
+
+
+class Screening:
+    """Tries structures of one machine on some experiments, each in few steps.
+
+    Args:
+        machine: as its file knows it.
+        tolerances: relative standard deviations of its parameters.
+        experiments: of the machine as it is now.
+        noise: standard deviation of the measured speed [rad/s].
+        workers: threads among which the work is spread.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        tolerances: dict[str, float],
+        experiments: Sequence[Experiment],
+        noise: float,
+        workers: int,
+    ) -> None:
+        self.machine, self.tolerances = machine, tolerances
+        self.experiments, self.noise, self.workers = list(experiments), noise, workers
+        self._samples = sum(len(e) for e in experiments)
+        # Squared error, values and innovations of what was screened with the machine eliminated.
+        self._known: dict[tuple[float, str, tuple[str, ...]], tuple[float, Array, Array]] = {}
+
+    def problem(self, box: GreyBox, prior: Prior, workers: int | None = None) -> GreyBoxProblem:
+        """The least squares of a structure."""
+        count = self.workers if workers is None else workers
+        return GreyBoxProblem(box, self.experiments, self.noise, prior, workers=count)
+
+    def machine_slopes(self, present: Present, gain: float) -> tuple[Array, NDArray[np.bool_]]:
+        """What the machine's own parameters change, prior rows below, and which change nothing.
+
+        An orthonormal basis; and (k,) those that the present effects leave without any effect, as
+        a foundation is that nothing shakes.
+        """
+        box = GreyBox(self.machine, present.effects, self.tolerances)
+        k = len(box.uncertain)
+        problem = self.problem(box, present.prior)
+        x = problem.point(box.coordinates(present.given, present.prior.mean))
+        rows = problem.rows([x], gain, COARSE_STEP)[0]
+        slopes = problem.slopes(x, rows, gain, COARSE_STEP)
+        slopes = np.delete(slopes, np.arange(k, box.size), axis=1)
+        root = np.linalg.cholesky(present.prior.precision) if k else np.zeros((0, 0))
+        below = np.eye(slopes.shape[1])
+        below[:k, :k] = root.T
+        silent = ~np.any(slopes[:, :k], axis=0)
+        return np.linalg.qr(np.vstack([slopes, below]))[0], silent
+
+    def screened(
+        self,
+        present: Present,
+        effects: Sequence[Effect],
+        basis: Array,
+        gain: float,
+        silent: NDArray[np.bool_],
+    ) -> Screened:
+        """Least squared residuals under the observer, the machine's parameters eliminated.
+
+        To first order, about the present structure. Where an effect makes parameters act that did
+        nothing there, their slopes are not known: those that are `silent` are fitted with it.
+        """
+        box = GreyBox(self.machine, effects, self.tolerances)
+        problem = self.problem(box, present.prior, workers=1)
+        k = len(box.uncertain)
+        asked = gain, repr(present.given), tuple(e.name for e in effects)
+        if asked not in self._known:
+            self._known[asked] = self._eliminated(present, problem, basis, gain)
+        best, q, rows = self._known[asked]
+        if silent.any():
+            x = problem.point(np.concatenate([present.prior.mean, q]))
+            woken = x.copy()
+            woken[:k][silent] += DIFFERENCE
+            asleep, awake = problem.rows([x, woken], gain, COARSE_STEP)
+            if np.any(awake != asleep):
+                joint, cost, _ = finished(problem.descend(x, gain, COARSE_STEP, FIRST_ROUNDS))
+                if cost < best:
+                    best, q = cost, joint[k : box.size]
+                    rows = problem.rows([joint], gain, COARSE_STEP)[0]
+        given = {e.name: values for e, values in box.values(np.concatenate([np.zeros(k), q]))[1]}
+        ends = np.cumsum([int(kept.sum()) for kept in problem.keep])
+        parts = np.split(rows[: ends[-1]], ends[:-1])
+        explains = problem.noise_alone(parts, problem.noise)
+        cost = best + q.size * math.log(self._samples)
+        return Screened(cost, given, explains, box.work.taken())
+
+    def _eliminated(
+        self, present: Present, problem: GreyBoxProblem, basis: Array, gain: float
+    ) -> tuple[float, Array, Array]:
+        """Squared error, effects' coordinates, and rows, the machine's parameters eliminated."""
+        box = problem.box
+        k, below = len(box.uncertain), basis.shape[0]
+
+        def projected(rows: Array) -> Array:
+            padded = np.concatenate([rows, np.zeros(below - rows.size)])
+            return padded - basis @ (basis.T @ padded)
+
+        def rows_at(tried: Sequence[Array]) -> list[Array]:
+            points = [problem.point(np.concatenate([present.prior.mean, q])) for q in tried]
+            return [projected(rows) for rows in problem.rows(points, gain, COARSE_STEP)]
+
+        best, q = math.inf, np.zeros(box.size - k)
+        rows = np.zeros(below)
+        guesses = box.first_guesses(present.given)
+        for guess, here in zip(guesses, rows_at(guesses), strict=True):
+            if float(here @ here) < best:
+                best, q, rows = float(here @ here), guess, here
+        low, high = box.low[k:], box.high[k:]
+        moved: list[Array] = []
+        for _ in range(SCREENING_STEPS):
+            by = np.where(q + DIFFERENCE <= high, DIFFERENCE, -DIFFERENCE)
+            moved = moved or rows_at([q + step for step in np.diag(by)])
+            columns = np.empty((rows.size, q.size))
+            for j, there in enumerate(moved):
+                columns[:, j] = (there - rows) / by[j]
+            step = -np.linalg.lstsq(columns, rows, rcond=1e-9)[0]
+            step /= max(1.0, float(np.abs(step).max(initial=0.0)))
+            tried = np.clip(q + step, low, high)
+            # With what the next step needs: it takes lanes that would be left over.
+            by = np.where(tried + DIFFERENCE <= high, DIFFERENCE, -DIFFERENCE)
+            better, *moved = rows_at([tried, *(tried + step for step in np.diag(by))])
+            reached = float(better @ better)
+            if not reached < best:
+                break
+            gained, best, q, rows = (best - reached) / best, reached, tried, better
+            if gained < LEAST_GAIN:
+                break
+        return best, q, rows

@@ -1,0 +1,179 @@
+"""The search for what explains an experiment: what of it is long goes on at later experiments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.pausable import Pausable, finished
+from ldt_core.base.threads import one_thread
+from ldt_core.models.base import Model
+from ldt_core.models.grey_box import GreyBoxModel
+from ldt_core.twin.candidates import POOL, Candidates
+from ldt_core.twin.stage import Archive
+from ldt_core.twin.version_errors import explains, gains
+
+#: Integration steps of a search (`physics.base.Work`) at one experiment, of some 80 ns each on one
+#: processor. A first search that finds two causes in 2000 samples takes 13 to 18 million; with some
+#: room that is about a second of two processors, and more an answer should not take.
+STEPS = 20_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What is to be explained, and all that the search begins with.
+
+    Attributes:
+        start: whose causes the search goes on from.
+        versions: that were in force, the present one first.
+        known: experiments that the present one has learned from.
+        recent: those before the one to explain that may show the same machine.
+        experiment: to explain.
+        elsewhere: whether the present model fails only where it was never right.
+        due: whether new causes may be searched for.
+        pool: to learn from where no cause explains the experiment, the newest last.
+    """
+
+    start: Model
+    versions: Sequence[Model]
+    known: Sequence[Experiment]
+    recent: Sequence[Experiment]
+    experiment: Experiment
+    elsewhere: bool
+    due: bool
+    pool: Sequence[Experiment]
+
+    def state(self) -> dict[str, Any]:
+        """By the numbers of what is recorded."""
+        lists = {"known": self.known, "recent": self.recent, "pool": self.pool}
+        return {
+            "start": self.start.version,
+            "versions": [m.version for m in self.versions],
+            **{name: [[e.number, e.start] for e in found] for name, found in lists.items()},
+            "elsewhere": self.elsewhere,
+        }
+
+    @classmethod
+    def of(cls, state: Mapping[str, Any], original: Model, archive: Archive) -> Question:
+        """The question of a state; new causes were due."""
+
+        def model(version: Any) -> Model:
+            return original if version == original.version else archive.model(version)
+
+        known, recent, pool = (
+            [archive.experiment(number, start) for number, start in state[name]]
+            for name in ("known", "recent", "pool")
+        )
+        versions = [model(v) for v in state["versions"]]
+        about = pool[-1], bool(state["elsewhere"]), True, pool
+        return cls(model(state["start"]), versions, known, recent, *about)
+
+
+class CauseSearch:
+    """Looks for causes that explain an experiment; where there are none, for what comes nearest.
+
+    The causes known are re-estimated, then new ones are searched for. Only where that explains
+    nothing do other models learn from the experiments, to compete at later ones. How far it comes
+    at an experiment is a number of integration steps, whatever the computer's speed.
+
+    Args:
+        candidates: makes the models.
+        question: what to explain.
+        over: whether it is known that no cause explains the experiment.
+        granted: integration steps that it has been given so far.
+
+    Attributes:
+        cause: what explains the experiment, and its origin.
+        models: what came of it; None while it goes on.
+    """
+
+    def __init__(
+        self, candidates: Candidates, question: Question, over: bool = False, granted: int = 0
+    ) -> None:
+        self.question, self.granted = question, granted
+        self._candidates, self._begun_over = candidates, over
+        self.cause: tuple[GreyBoxModel, str] | None = None
+        self.over = over
+        self.models: list[Model] | None = None
+        self._done, self._work = 0, self._works()
+
+    def explain(self, steps: int) -> bool:
+        """So many more, until it is known whether a cause explains it; whether that is known."""
+        self.granted += steps
+        self._go_on(until_known=True)
+        return self.over
+
+    def go_on(self, steps: int) -> bool:
+        """So many more; whether it has ended."""
+        self.granted += steps
+        self._go_on(until_known=False)
+        return self.models is not None
+
+    def _go_on(self, until_known: bool) -> None:
+        with one_thread():
+            while self._done < self.granted and not (until_known and self.over):
+                try:
+                    self._done += next(self._work)
+                except StopIteration as end:
+                    self.models = end.value
+                    return
+
+    def _works(self) -> Pausable[list[Model]]:
+        asked = self.question
+        if self.over:
+            if len(asked.pool) == 1:  # it was made, and counted, before that was known
+                finished(self._candidates.structures(asked.start, asked.pool))
+        else:
+            self.cause = yield from self._caused()
+            self.over = True
+            yield 0
+            if self.cause is not None:
+                return [self.cause[0]]
+        asked = self.question  # what it is to learn from was not known at the beginning
+        return (yield from self._candidates.learned(asked.start, asked.pool))
+
+    def _caused(self) -> Pausable[tuple[GreyBoxModel, str] | None]:
+        """A model of causes that explains the experiment, known or searched for, and its origin."""
+        asked, experiment = self.question, self.question.experiment
+        best = yield from self._candidates.refitted(
+            asked.versions, asked.known, experiment, asked.recent
+        )
+        if best is not None and not (
+            explains(best, experiment) and gains(best, asked.versions[0], experiment)
+        ):
+            best = None
+        alone, pool = best, [*asked.known[-POOL + 1 :], experiment]
+        if alone is not None and asked.elsewhere and not all(explains(alone, e) for e in pool):
+            # Of one machine, as the excitation alone is another: another cause may explain all.
+            best = (yield from self._searched(pool)) or alone
+        elif best is None:
+            best = yield from self._searched([experiment])
+        if best is None:
+            return None
+        return best, "estimates its causes anew" if best is alone else "has a new cause"
+
+    def _searched(self, pool: Sequence[Experiment]) -> Pausable[GreyBoxModel | None]:
+        """What a search finds that explains all of these, unless searches have to wait."""
+        asked = self.question
+        if not asked.due:
+            return None
+        found = yield from self._candidates.structures(asked.start, pool)
+        explaining = (m for m in found if all(explains(m, e) for e in pool))
+        return next((m for m in explaining if gains(m, asked.versions[0], pool[-1])), None)
+
+    def state(self) -> dict[str, Any]:
+        """For `of`."""
+        return {**self.question.state(), "over": self._begun_over, "granted": self.granted}
+
+    @classmethod
+    def of(
+        cls, state: Mapping[str, Any], candidates: Candidates, original: Model, archive: Archive
+    ) -> CauseSearch:
+        """The search of a state; what it had done it does again when it goes on."""
+        question = Question.of(state, original, archive)
+        granted = state["granted"]
+        if type(granted) is not int or granted < 0:
+            raise ValueError("granted is no count")
+        return cls(candidates, question, bool(state["over"]), granted)
