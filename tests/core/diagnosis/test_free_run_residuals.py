@@ -151,6 +151,19 @@ def test_what_is_not_known_of_a_running_machine_is_projected_out(name):
     assert max(np.abs(a).max() for a in along) < 1e-6
 
 
+@pytest.mark.parametrize("seed", [2, 4])
+@pytest.mark.parametrize("hold", [60, 150])
+def test_a_fit_goes_on_down_to_the_noise_while_its_foundation_moves_at_the_start(seed, hold):
+    """The start's motion was sought from rest in each round, and fits ended far above the noise."""
+    law = "foundation_damping:x=0.3,y=0.3"
+    how = {"volts": (4.0, 16.0), "samples": 500, "lead": 333, "count": 4}
+    residuals = FreeRunResiduals(UNBALANCED, record(UNBALANCED, law, hold=hold, seed=seed, **how))
+    (effect,) = candidates(UNBALANCED, ["foundation_damping"])
+    found = fit(residuals, [effect], [effect.coordinates({"x": 0.8, "y": 0.8})])
+    assert found.loss < 1.1 * residuals.size
+    assert effect.given(found.z[0]) == pytest.approx({"x": 0.3, "y": 0.3}, rel=0.05)
+
+
 def test_a_first_sample_that_is_far_off_does_no_harm():
     """A start taken from it would be wrong for a memory of the motor."""
     (good,) = record(ROTOR, volts=(6.0, 12.0), lead=307, count=1)

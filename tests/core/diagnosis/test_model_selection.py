@@ -16,7 +16,7 @@ from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.model_selection import earned, kin, plain_enough
 from ldt_core.diagnosis.thresholds import THRESHOLDS
-from ldt_core.diagnosis.verdict import Decision, _worth_more, plainest
+from ldt_core.diagnosis.verdict import Decision, _no_cause, _worth_more, plainest
 from ldt_core.effects import EFFECTS, get_effect
 
 GAP = 1e6  # power
@@ -226,6 +226,64 @@ def test_a_simpler_law_is_no_answer_where_it_leaves_what_would_be_unknown():
     for left, names in ((0.02, "coulomb_friction"), (0.03, "stribeck_friction")):
         plain = fitted("coulomb_friction", left=left * GAP)
         assert plainest(Exact(Noiseless()), [best], [best, plain], GAP)[0].names == (names,)
+
+
+def test_a_relative_is_named_beside_a_law_that_departs_if_it_takes_nearly_all_that_is_left():
+    """A dead zone beside a dry friction; of an angle or a lag, departures know nothing."""
+    one, two = members("load_friction"), members("load_friction", "input_deadzone")
+    left = 0.9 * NO_CAUSE
+    assert earned(one, two, 1.01 * LIMITS.relative * left, left, GAP)
+    assert not earned(one, two, 0.99 * LIMITS.relative * left, left, GAP)
+    for family in (("input_delay", "sensor_lag"), ("gravity_imbalance", "cogging_torque")):
+        assert not earned(members(family[0]), members(*family), left, left, GAP)
+
+
+class CurrentBand(Noiseless):
+    """A speed and a current, one residual each, without noise."""
+
+    free = (1.0, 1.0)
+    samples = 1
+
+    def speed_excess(self, rest):
+        return float(rest[0] ** 2)
+
+    def current_excess(self, rest):
+        return float(rest[1] ** 2)
+
+    def speed_loss(self, rest):
+        return rest[:1] ** 2
+
+    def speed_gain(self, before, after):
+        return self.speed_excess(before) - self.speed_excess(after)
+
+    def current_gain(self, before, after):
+        return self.current_excess(before) - self.current_excess(after)
+
+
+def two_channels(*names, speed, current):
+    """A set that leaves so much power in each."""
+    rest = np.sqrt([speed, current])
+    return replace(fitted(*names), residual=rest, loss=speed + current)
+
+
+def test_a_torque_that_the_current_alone_shows_is_named_beside_a_lag_of_the_sensor():
+    """The lag takes nearly all of the speed's gap, and nothing of the current's."""
+    found = Exact(CurrentBand())
+    found.base = np.sqrt([GAP, GAP])
+    lag = two_channels("sensor_lag", speed=0.02 * GAP, current=GAP)
+    for current, named in ((0.01, True), (0.9, False)):
+        both = two_channels("sensor_lag", "quadratic_drag", speed=0.01 * GAP, current=current * GAP)
+        assert _worth_more(found, lag, both, GAP) is named
+
+
+def test_what_the_current_shows_is_a_cause_though_the_file_can_follow_the_speed():
+    """Numbers of the file took most of the speed's gap before, so that little of it was left."""
+    found = Exact(CurrentBand())
+    found.excess = 100 * GAP
+    cause = two_channels("viscous_friction", speed=0.3 * GAP, current=GAP)
+    assert not _no_cause(found, cause, GAP)
+    found.excess = 2 * GAP
+    assert _no_cause(found, cause, GAP)
 
 
 @pytest.mark.slow

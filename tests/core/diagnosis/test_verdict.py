@@ -453,6 +453,18 @@ def test_three_causes_are_named_though_other_pairs_fit_better():
 
 
 @pytest.mark.slow
+def test_a_limit_that_one_experiment_reaches_is_found_beside_a_delay():
+    """Its steps are few, so that the delay's gap is small there, and others are looked at first."""
+    random = np.random.default_rng(4)
+    holds = (20, 25, 300, 40, 50, 60, 30, 100)
+    levels = [np.resize(np.repeat(random.uniform(-8, 8, 200), h), 3000) for h in holds]
+    levels[2] = 1.3 * levels[2]
+    effects = "input_delay:delay=0.08", "voltage_saturation:limit=8.5"
+    found = diagnose(MOTOR, record(MOTOR, *effects, count=8, samples=3000, levels=levels))
+    assert found.verdict.acting == [["input_delay"], ["voltage_saturation"]]
+
+
+@pytest.mark.slow
 def test_a_small_cause_far_out_of_the_noise_is_named_beside_a_large_one():
     """It is a thousandth of the gap, and takes away all that the large one leaves."""
     effects = ("motor_constant:factor=0.8", "gravity_imbalance:torque=0.02")
