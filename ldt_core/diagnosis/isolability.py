@@ -65,8 +65,8 @@ def _ambiguities(
         start = responses.z[theirs[int(np.argmax(block.max(axis=0)))]]
         if i not in truths:
             truths[i] = _made(residuals, candidates[i])
-        how = {"steps": IMITATION_STEPS, "precision": IMITATION_PRECISION}
-        copy = fit(truths[i], [candidates[j]], [start], **how)
+        steps, precision = IMITATION_STEPS, IMITATION_PRECISION
+        copy = fit(truths[i], [candidates[j]], [start], steps=steps, precision=precision)
         return copy.loss * scale < THRESHOLDS.indistinguishable_loss
 
     pairs = itertools.combinations(loud, 2)

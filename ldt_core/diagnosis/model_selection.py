@@ -71,9 +71,10 @@ def earned(
     if not gain > limits.chance_gain * added:
         return False
     # What leaves more than a law may be off is no cause by itself, whose law a relative mends.
-    if kin(larger) > kin(smaller) and left <= limits.departure_of_law * gap:
-        if kin(larger, DEPARTING) > kin(smaller, DEPARTING) or gain <= limits.relative * left:
-            return False
+    related = kin(larger) > kin(smaller) and left <= limits.departure_of_law * gap
+    departs = kin(larger, DEPARTING) == kin(smaller, DEPARTING) and gain > limits.relative * left
+    if related and not departs:
+        return False
     further = limits.further_effect_of_gap * added * gap
     if gain > further and gain > limits.further_effect_of_remainder * left:
         return True

@@ -217,7 +217,8 @@ def _agreement(
     gap = np.maximum(explained, 0.0) + np.maximum(left, 0.0)
     departs = found.departures.taken(best) / max(float(power.sum()), 1e-300)
     same = _unexplained(band, left - departs * power[pick].sum(axis=1), gap) == unknown
-    if not unknown and _unexplained(band, found.left(best), band.speed_gap(found.base, best.residual)):
+    whole = band.speed_gap(found.base, best.residual)
+    if not unknown and _unexplained(band, found.left(best), whole):
         same = np.ones_like(same)  # the current has decided
     own = _losses(found.residuals, best)[pick].sum(axis=1)
     for rival in rivals:
