@@ -149,7 +149,7 @@ def guidance(experiments: Sequence[Experiment]) -> str:
         f"; a motor with {what} fits the changes of its speed ({left:.2g} rad/s left of them, "
         f"{motor:.2g} without)"
     )
-    if _by_chance(_over_the_best_span(experiments, found.effects), experiments):
+    if _by_chance(found, experiments):
         return f"{fits}, but {CHANCE}: record experiments that the voltage drives"
     return f"{fits}: ldt identify RECORDING --effects {','.join(found.effects)} --out FILE"
 

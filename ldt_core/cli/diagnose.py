@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,10 +23,6 @@ if TYPE_CHECKING:
     from ldt_core.runs.each_recording import Options, RecordingAnswer
 
 MAX_CANDIDATES = 8  # candidates in the table of the terminal; the page has all
-EQUIVALENT = (
-    "The machine file is an equivalent motor (R = 1 Ohm by convention): torques, inertias and "
-    "resistances are on its scale, not on the machine's"
-)
 
 
 @click.command("diagnose", short_help="Where the gap lies, and which effect causes it.")
@@ -158,8 +153,6 @@ def command(
             seed=seed,
             tick=tick,
         )
-        if machine.calibration.get("equivalent"):
-            found = replace(found, notes=(*found.notes, EQUIVALENT))
         tick("drawing the page")
         write_files(found, folder)
         if figure:

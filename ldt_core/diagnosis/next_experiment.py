@@ -20,6 +20,13 @@ from ldt_core.diagnosis.thresholds import THRESHOLDS
 CURRENT_NOISE = 0.01  # share of the largest current, where nothing is known of its sensor
 MOST_SAMPLES = 2000  # of a proposed experiment, so that people can still look at it
 CURRENT_SENSOR_GAIN = 4.0  # times better, from which an experiment is worth a further sensor
+# Chosen by hand: the design that tells most apart is taken, whatever these make of each.
+LENGTH = 8.0  # memories of the machine, that a proposed experiment lasts at least
+HOLD = 4.0  # memories at one voltage: the speed has settled to 2 %
+LEAST_REVERSAL = 0.3  # of the largest voltage, so that each reversal passes what friction holds
+SLOW_PERIODS = 2  # in an experiment, both ways through 0 twice: slow, and repeated
+SMALL = 0.25  # of the largest voltage: near the friction that a shaft starts against
+RUN_UP = 0.9  # of the largest voltage: short of where it might be limited
 
 
 def next_experiment(
@@ -57,19 +64,20 @@ def _designs(residuals: FreeRunResiduals, seed: int) -> list[tuple[str, Array]]:
     low, high = residuals.machine.voltage_limits
     top, seen = max(-low, high), max(float(np.abs(x.voltage).max()) for x in residuals.experiments)
     most = min(seen or top, top)
-    length = min(max(len(e), round(8 * residuals.memory / e.period)), MOST_SAMPLES)
+    length = min(max(len(e), round(LENGTH * residuals.memory / e.period)), MOST_SAMPLES)
     time = np.arange(length) * e.period
-    hold = max(round(4 * residuals.memory / e.period), 1)
+    hold = max(round(HOLD * residuals.memory / e.period), 1)
     index = np.arange(length) // hold
     steps = random.uniform(-1.0, 1.0, int(index[-1]) + 1)
     sign = np.where(np.arange(steps.size) % 2 == 0, 1.0, -1.0)
-    both = (np.abs(steps) * 0.7 + 0.3) * sign
-    there = 1.0 - np.abs(1.0 - 2.0 * (4 * time / time[-1] % 1.0))
+    both = (LEAST_REVERSAL + (1 - LEAST_REVERSAL) * np.abs(steps)) * sign
+    turns = SLOW_PERIODS * time / time[-1]
+    there = 1.0 - np.abs(1.0 - 2.0 * (2 * turns % 1.0))
     made = [
         ("stepping the voltage to and fro through 0", most * both[index]),
-        ("a slow triangle of voltage through 0", most * np.sin(4 * math.pi * time / time[-1])),
-        ("small steps from standstill", 0.25 * most * np.abs(steps)[index] * (index % 2)),
-        ("running up and letting it run down", most * (index // 2 % 2 == 0) * 0.9),
+        ("a slow sine of voltage through 0", most * np.sin(2 * math.pi * turns)),
+        ("small steps from standstill", SMALL * most * np.abs(steps)[index] * (index % 2)),
+        ("running up and letting it run down", RUN_UP * most * (index // 2 % 2 == 0)),
         ("slow ramps from standstill to full voltage", most * there),
         ("steps up to the voltage's limit", max(high, most) * np.abs(steps)[index]),
     ]

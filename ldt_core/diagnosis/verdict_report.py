@@ -61,6 +61,11 @@ from ldt_core.diagnosis.verdict import Decision
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.sensor_check import doubt
 
+OWN_SCALE = (
+    "the machine file is an equivalent motor (R = 1 Ohm by convention): torques, inertias and "
+    "resistances are on its scale, not on the machine's"
+)
+
 
 def _unsimulated(name: str) -> RankedCandidate:
     return RankedCandidate(name, {}, None, None, None, None, "could not be simulated")
@@ -215,7 +220,9 @@ class VerdictReport:
         ended = self.named is not None and at_the_end(self.named)
         last = "the machine file's numbers moved as far as it lets them: something else is missing"
         same = "held out: of other voltages than theirs nothing is promised"
-        told = (f"{few} {same}" if cut else "", self.repeated, clock, first, last if ended else "")
+        scale = OWN_SCALE if self.machine.calibration.get("equivalent") else ""
+        ends = last if ended else ""
+        told = (f"{few} {same}" if cut else "", self.repeated, clock, first, ends, scale)
         return [note for note in told if note]
 
     def _all_groups(

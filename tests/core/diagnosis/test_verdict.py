@@ -481,3 +481,12 @@ def test_noise_as_large_as_the_motion_is_no_proof_that_all_is_well():
     found = diagnose(MOTOR, wild)
     assert found.verdict.kind == "unknown"
     assert "no less than a shaft that stands still" in found.verdict.sentence
+
+
+def test_torques_of_an_equivalent_motor_are_said_to_be_on_its_scale():
+    """Whoever asks: of a file with the machine's own numbers nothing of the kind is said."""
+    own, equivalent = MOTOR, replace(MOTOR, calibration={"equivalent": {"gain": 1.0}})
+    effects = [get_effect("coulomb_friction")]
+    shown = record(MOTOR, count=4)
+    said = [diagnose(m, shown, effects=effects, workers=1).notes for m in (own, equivalent)]
+    assert [any("on its scale" in note for note in notes) for notes in said] == [False, True]
