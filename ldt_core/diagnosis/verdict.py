@@ -247,8 +247,10 @@ def _growing_sets(found: FittedSets, gap: float) -> list[EffectFit]:
 
 def _worth_more(found: FittedSets, smaller: EffectFit, larger: EffectFit, gap: float) -> bool:
     """Whether what a larger set gains over a smaller one earns it its further members."""
-    band, gain = found.band, found.behind(smaller, larger)
-    left = max(found.left(smaller), 0.0)
+    band = found.band
+    # What only departures gain, of which a larger set has more, no further effect has explained.
+    exact = band.speed_gain(smaller.residual, larger.residual)
+    gain, left = min(found.behind(smaller, larger), exact), max(found.left(smaller), 0.0)
     if larger.ended and not gain > THRESHOLDS.further_effect_of_gap * gap:
         return False  # what mends so little and has no size is no cause
     limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
@@ -266,11 +268,10 @@ def _worth_more(found: FittedSets, smaller: EffectFit, larger: EffectFit, gap: f
     # Exact laws that leave the noise alone are believed before laws that depart from the machine's.
     if band.speed_excess(larger.residual) > limit:
         return False
-    gain = band.speed_gain(smaller.residual, larger.residual)
     left = max(band.speed_excess(smaller.residual), 0.0)
     # What is plainly there and no departure, the further effect may explain however small it is.
     whole = not departs and left > THRESHOLDS.plainly_structured * limit
-    return earned(smaller.effects, larger.effects, gain, left, gap, whole)
+    return earned(smaller.effects, larger.effects, exact, left, gap, whole)
 
 
 def _current_shows(found: FittedSets, smaller: EffectFit, larger: EffectFit) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.sentences import spoken
 from ldt_core.diagnosis.attribution import amounts, shapley_shares, share, with_masses
 from ldt_core.diagnosis.confidence import all_grounds, confidence
 from ldt_core.diagnosis.diagnosis import (
@@ -222,8 +223,29 @@ class VerdictReport:
         same = "held out: of other voltages than theirs nothing is promised"
         scale = OWN_SCALE if self.machine.calibration.get("equivalent") else ""
         ends = last if ended else ""
-        told = (f"{few} {same}" if cut else "", self.repeated, clock, first, ends, scale)
+        more = self._may_act_too()
+        told = (f"{few} {same}" if cut else "", self.repeated, clock, first, ends, scale, more)
         return [note for note in told if note]
+
+    def _may_act_too(self) -> str:
+        """What a law that departs may explain as well as a further effect that leaves noise alone."""
+        found, band = self.search.found, self.search.found.band
+        limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
+        mine = frozenset(self.named.names) if self.named else frozenset()
+        if self.named is None:
+            return ""
+        left = band.speed_excess(self.named.residual)
+        if left <= THRESHOLDS.plainly_structured * limit:
+            return ""
+        clean = [
+            names - mine
+            for names, f in found.fits.items()
+            if mine < names and not f.ended and band.speed_excess(f.residual) <= limit
+        ]
+        if not clean:
+            return ""
+        further = " and ".join(sorted(map(spoken, min(clean, key=len))))
+        return f"with {further} as well only noise is left: it may act too, or a law be inexact"
 
     def _all_groups(
         self, computed: Sequence[Sequence[str]], acting: Sequence[Sequence[str]]
