@@ -71,16 +71,16 @@ def earned(
     if not gain > limits.chance_gain * added:
         return False
     # What leaves more than a law may be off is no cause by itself, whose law a relative mends.
-    related = kin(larger) > kin(smaller) and left <= limits.departure_of_law * gap
+    related = kin(larger) > kin(smaller)
     departs = kin(larger, DEPARTING) == kin(smaller, DEPARTING) and gain > limits.relative * left
-    if related and not departs:
+    if related and left <= limits.departure_of_law * gap and not departs:
         return False
     further = limits.further_effect_of_gap * added * gap
     if gain > further and gain > limits.further_effect_of_remainder * left:
         return True
     # What takes away nearly all that was left does not mend another law; down to the noise, it may
-    # be as small as it likes.
-    small = whole or gain > limits.small_effect_of_gap * added * gap
+    # be as small as it likes, unless it is a relative.
+    small = (whole and not related) or gain > limits.small_effect_of_gap * added * gap
     return small and gain > limits.whole_remainder * left
 
 

@@ -266,11 +266,13 @@ def _worth_more(found: FittedSets, smaller: EffectFit, larger: EffectFit, gap: f
     if _current_shows(found, smaller, larger):
         return True
     # Exact laws that leave the noise alone are believed before laws that depart from the machine's.
-    if band.speed_excess(larger.residual) > limit:
-        return False
+    # Beside what the smaller set leaves, the simulation's error is as good as noise.
     left = max(band.speed_excess(smaller.residual), 0.0)
-    # What is plainly there and no departure, the further effect may explain however small it is.
-    whole = not departs and left > THRESHOLDS.plainly_structured * limit
+    if band.speed_excess(larger.residual) > max(limit, THRESHOLDS.law_error**2 * left):
+        return False
+    # What is plainly there the further effect may then explain however small it is, though laws
+    # that depart could as well: what leaves noise alone says more than what may be anything.
+    whole = left > THRESHOLDS.plainly_structured * limit
     return earned(smaller.effects, larger.effects, exact, left, gap, whole)
 
 

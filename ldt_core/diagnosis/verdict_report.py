@@ -228,7 +228,7 @@ class VerdictReport:
         return [note for note in told if note]
 
     def _may_act_too(self) -> str:
-        """What a law that departs may explain as well as a further effect that leaves noise alone."""
+        """What a law that departs may explain as well as an effect that leaves noise alone."""
         found, band = self.search.found, self.search.found.band
         limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
         mine = frozenset(self.named.names) if self.named else frozenset()
@@ -237,14 +237,15 @@ class VerdictReport:
         left = band.speed_excess(self.named.residual)
         if left <= THRESHOLDS.plainly_structured * limit:
             return ""
-        clean = [
-            names - mine
+        more = [
+            sorted(names - mine)
             for names, f in found.fits.items()
             if mine < names and not f.ended and band.speed_excess(f.residual) <= limit
         ]
-        if not clean:
+        if not more:
             return ""
-        further = " and ".join(sorted(map(spoken, min(clean, key=len))))
+        fewest = min(len(names) for names in more)
+        further = " and ".join(map(spoken, min(n for n in more if len(n) == fewest)))
         return f"with {further} as well only noise is left: it may act too, or a law be inexact"
 
     def _all_groups(

@@ -344,6 +344,16 @@ def test_what_mends_little_and_has_no_size_is_no_further_effect(at_limit):
     assert _worth_more(Exact(SpeedBand()), smaller, larger, little / 2)
 
 
+def test_what_only_departures_gain_names_no_further_effect():
+    """A larger set has more laws that may depart: an inertia that explained nothing was named."""
+    found = Exact(SpeedBand())
+    smaller, larger = fitted("sensor_lag", left=0.1 * GAP), fitted("sensor_lag", "inertia")
+    assert _worth_more(found, smaller, larger, GAP)
+    larger = fitted("sensor_lag", "inertia", left=0.099 * GAP)
+    found.left = lambda f: 0.01 * GAP if f is larger else 0.1 * GAP
+    assert not _worth_more(found, smaller, larger, GAP)
+
+
 def test_what_matters_to_no_prediction_earns_no_name():
     """A load that grew by a thousandth got a viscous friction beside it."""
     band = SpeedBand()

@@ -464,6 +464,23 @@ def test_a_limit_that_one_experiment_reaches_is_found_beside_a_delay():
     assert found.verdict.acting == [["input_delay"], ["voltage_saturation"]]
 
 
+@pytest.mark.parametrize(
+    ("effects", "named", "noted"),
+    [
+        (("coulomb_friction:torque=0.2", "viscous_friction:b=0.0005"), 2, False),
+        (("quadratic_drag:c=0.001", "viscous_friction:b=0.001"), 1, True),
+    ],
+)
+def test_a_second_law_that_leaves_noise_alone_is_named_or_noted(effects, named, noted):
+    """A small one passed for a departure of the first, at a hundred times the noise.
+
+    A relative may be the first one's own law: it is noted.
+    """
+    found = diagnose(MOTOR, record(MOTOR, *effects, count=6, samples=600, noise=0.02))
+    assert len(found.verdict.acting) == named
+    assert any("only noise is left" in note for note in found.notes) is noted
+
+
 @pytest.mark.slow
 def test_a_small_cause_far_out_of_the_noise_is_named_beside_a_large_one():
     """It is a thousandth of the gap, and takes away all that the large one leaves."""
