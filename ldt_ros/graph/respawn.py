@@ -6,7 +6,7 @@ import math
 import signal
 import statistics
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from ldt_core.base.errors import BadInput, LdtError
@@ -120,7 +120,15 @@ class Respawner:
             LdtError: a process refused its input, ended otherwise, or crashes again and again.
         """
         self._kill_hung()
-        for child in [c for c in self.supervisor.children if not c.running]:
+        self.revive(self.supervisor.children)
+
+    def revive(self, children: Iterable[Child]) -> None:
+        """Start again what of these has crashed.
+
+        Raises:
+            LdtError: as `look`.
+        """
+        for child in [c for c in children if not c.running]:
             if child.ended_well and (child.told or child.name in SOURCES):
                 continue  # a source may be ended by others; its experiments are then missed
             code, told = child.returncode, last_line(child.log)

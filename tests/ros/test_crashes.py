@@ -87,6 +87,36 @@ def test_a_recorder_killed_when_the_source_has_no_more_loses_nothing(
     assert differences(undisturbed, tmp_path / "run") == {}
 
 
+def test_a_recorder_killed_at_an_interrupt_loses_nothing(
+    domain, undisturbed, monkeypatch, tmp_path
+):
+    """Stopped some experiments before Ctrl-C, and killed after that: the source stays for it."""
+    monkeypatch.chdir(tmp_path)
+    plain, stopped, asked, killed, steps = Graph._settle, [], [], [], []
+
+    def on_step(machine, signal, adaptation):
+        steps.append(adaptation.experiment)
+        if adaptation.experiment == 10:
+            stopped.append(nodes(os.getpid())["recorder"])
+            stopped[0].suspend()
+        if adaptation.experiment == 15:
+            asked.append(True)
+
+    def kill(*arguments, **more):
+        killed.append(stopped[0])
+        killed[0].kill()
+        plain(*arguments, **more)
+
+    monkeypatch.setattr(Graph, "_settle", kill)
+    given = {"experiments": 40, "seed": 3, "model": "linear", "order": 1, "start_time": 1e9}
+    (run,) = launch({**given, "rate": "80", "bag": "run"}, on_step, lambda: bool(asked))
+    told = ["interrupted", "recorder crashed once and was started again"]
+    assert (sorted(run.summary.notes), run.summary.failures) == (told, [])
+    found = [a.experiment for a in read_bag(tmp_path / "run").records("adaptation")]
+    assert found == list(range(1, max(steps) + 1))
+    assert 15 <= max(steps) < 20
+
+
 def test_the_comparison_finds_what_is_lost_doubled_or_other(undisturbed, ldt, tmp_path):
     """Else the tests here would show nothing."""
     other = ("--experiments", "40", "--seed", "4", *MODEL, "--start-time", "1e9")
