@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.recording.node_status import READY
+from ldt_core.restart.run_key import own_files
 from ldt_core.runs.fleet_members import SOURCES
-from ldt_ros.graph.machine_run import HostProcess, MachineRun, own_files, write_parameters
+from ldt_ros.graph.machine_run import HostProcess, MachineRun, write_parameters
 from ldt_ros.graph.monitor import Monitor
 from ldt_ros.graph.supervisor import Child, Supervisor, last_line
 
@@ -108,9 +109,8 @@ class Respawner:
     def start(self, host: HostProcess) -> Child:
         """Start a process, and keep it running from now on."""
         self._hosts[host.name] = host
-        self._own_files |= {
-            name: text for run in host.runs for name, text in own_files(run).items()
-        }
+        for run in host.runs:
+            self._own_files |= own_files(run.machine, run.settings)
         return self.supervisor.start(host.name, *host.arguments)
 
     def look(self) -> None:
@@ -199,7 +199,7 @@ class Respawner:
 
     def _refuse_other_code(self, child: Child, run: MachineRun) -> None:
         """Refuse to go on by code that is not what the run began with."""
-        for name, text in own_files(run).items():
+        for name, text in own_files(run.machine, run.settings).items():
             if text != self._own_files[name]:
                 raise BadInput(
                     name,

@@ -265,3 +265,27 @@ def test_a_recording_under_another_key_is_not_taken_up(
     assert invoke(commands, ["simulate", "--experiments", "2", "--out", "other"]) == 0
     assert invoke(commands, ["run", "--resume", "other"]) == 2
     assert "other: expected a recording of a run" in capsys.readouterr().err
+
+
+def test_a_part_that_was_edited_since_the_run_began_does_not_go_on_with_it(
+    ldt, undisturbed, tmp_path, monkeypatch, capsys, domain
+):
+    """The sentence names the file; the recording stays as it is, and may be rolled back."""
+    part = tmp_path / "mine.py"
+    part.write_text("from ldt_core.detectors.lddm import LDDM\nclass Mine(LDDM): pass\n")
+    monkeypatch.chdir(tmp_path)
+    own = ("--detector", "mine.py:Mine")
+    for command, other in (("run", "up"), ("up", "run")):
+        finished(ldt(command, "--experiments", "4", *RUN[2:], *own, "--bag", command, "--json"))
+        finished(ldt(other, "--resume", command, *own, "--json"))
+        before = {f: f.read_bytes() for f in (tmp_path / command).iterdir()}
+        text = part.read_text()
+        part.write_text(text + "    threshold = 3\n")
+        for again in (command, other):
+            assert invoke(commands, [again, "--resume", command, *own]) == 2
+            errors = capsys.readouterr().err
+            assert f"{command}, file mine.py: expected" in errors
+            assert "under which the run began" in errors
+        assert invoke(commands, ["rollback", command]) == 0
+        part.write_text(text)
+        assert {f: f.read_bytes() for f in (tmp_path / command).iterdir()} == before
