@@ -225,8 +225,8 @@ class Level(enum.IntEnum):
 
 
 #: In an adaptation's details: nothing was to be learned; the machine file rules the speed out.
-#: The detector (a signal's statistics have it too) or the adaptor failed.
-PAUSED, DOUBTFUL, FAILED = "paused", "doubtful_sensor", "failed"
+#: The detector (a signal's statistics have it too, and a lack of memory) or the adaptor failed.
+PAUSED, DOUBTFUL, FAILED, NO_MEMORY = "paused", "doubtful_sensor", "failed", "out_of_memory"
 
 
 class Action(enum.StrEnum):

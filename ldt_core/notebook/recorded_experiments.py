@@ -70,12 +70,16 @@ class Recording(Sequence[Experiment]):
         """What the twin said and did, one an experiment; none of a machine alone.
 
         Experiments that did not go all the way, such as one that the twin refused, have no step.
+
+        Raises:
+            RecordingError: a small file that unpacks to gigabytes of predictions.
         """
         if self._bag is None or not self._bag.judged:
             return []
         bag = self._bag
-        predictions = {p.number: p for p in bag.records("prediction")}
-        originals = {p.number: p for p in bag.records("original_prediction")}
+        held = HeldSamples()
+        predictions = {p.number: p for p in held.predictions(bag, "prediction")}
+        originals = {p.number: p for p in held.predictions(bag, "original_prediction")}
         signals = {s.number: s for s in bag.records("signal")}
         adaptations = {a.number: a for a in bag.records("adaptation")}
         models = {m.version: m for m in bag.records("model")}

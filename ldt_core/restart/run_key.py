@@ -1,7 +1,8 @@
 """Going on with a run that ended before its time: by which settings, and whether it is the same.
 
 A recording says by which parameters it was made, and under which key: the machine, the physics, the
-versions. Under another key the numbers would not be those of one run, so it is refused.
+user's own parts, the versions. Under another key the numbers would not be those of one run, so it
+is refused.
 """
 
 from __future__ import annotations
@@ -27,33 +28,59 @@ from ldt_core.recording.metadata import METADATA
 from ldt_core.recording.run_settings import CHANGEABLE, LEFT_OUT, SECURE
 from ldt_core.recording.writer import KEY
 
-#: Digits of the machine file's digest.
+#: Digits of the digests of the machine file and of those of own parts.
 DIGEST_DIGITS = 12
+OWN_FILE = "file "  # how a key's names of those begin
 #: Folder of a fleet's first recording.
 FIRST_MACHINE = "machine_1"
 
 
-def key_text(machine: Machine) -> str:
-    """The key of a run, as its recording holds it, in JSON."""
+def key_text(machine: Machine, settings: Mapping[str, Any]) -> str:
+    """The key of a run, as its recording holds it, in JSON.
+
+    Args:
+        settings: parameters of the run, those at least that name parts.
+    """
     content = json.dumps(machine.as_dict(), sort_keys=True)
-    digest = hashlib.sha256(content.encode()).hexdigest()[:DIGEST_DIGITS]
-    key = {"machine": digest, "physics": machine.physics, **code_version()}
-    return json.dumps(key)
+    key = {"machine": _digest(content.encode()), "physics": machine.physics, **code_version()}
+    files = own_files(machine, settings).items()
+    return json.dumps(key | {f"{OWN_FILE}{name}": digest for name, digest in files})
 
 
-def check_key(bag: Bag, machine: Machine) -> None:
+def own_files(machine: Machine, settings: Mapping[str, Any]) -> dict[str, str]:
+    """Files of the user's own parts, with a digest of what is in them now ("none" of none)."""
+    found = {}
+    for value in [machine.physics, *settings.values()]:
+        for text in value if isinstance(value, list | tuple) else [value]:
+            name, is_file, _ = text.partition(".py:") if isinstance(text, str) else ("", "", "")
+            if is_file:
+                path = Path(f"{name}.py")
+                found[str(path)] = _digest(path.read_bytes()) if path.is_file() else "none"
+    return found
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:DIGEST_DIGITS]
+
+
+def check_key(bag: Bag, machine: Machine, settings: Mapping[str, Any] | None = None) -> None:
     """Refuse a recording that was made under another key.
+
+    Args:
+        settings: as of `key_text`; None where the user's own parts do nothing.
 
     Raises:
         RecordingError: says what differs.
     """
-    own = json.loads(key_text(machine))
+    own = json.loads(key_text(machine, settings or {}))
     try:
         there = json.loads(bag.custom(KEY))
         recorded = {str(name): str(value) for name, value in there.items()}
     except (ValueError, AttributeError, RecursionError):
         raise RecordingError(bag.path, "a recording of a run, with its key", "none") from None
     for name in sorted({*own, *recorded}):
+        if settings is None and name.startswith(OWN_FILE):
+            continue
         was, now = recorded.get(name, "none"), own.get(name, "none")
         if was != now:
             where = f"{bag.path}, {name}"

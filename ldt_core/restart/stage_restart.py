@@ -55,7 +55,7 @@ class StageRestart:
         self._until: Subject | None = None  # number and start of that step, before it comes
         self._log = log
         own = {n: settings[n] for n in msgs_config.parameters(*GROUPS[role]) if n in settings}
-        key = [key_text(run.machine), run.namespace.strip("/"), role, own]
+        key = [key_text(run.machine, own), run.namespace.strip("/"), role, own]
         self.files = CheckpointFiles(run.path, role, key, log)
         self._every: int = settings.get("checkpoint_every", 0) if str(run.path) else 0
         self._since = 0  # experiments after the last checkpoint

@@ -52,16 +52,17 @@ def run(
         BadInput: settings, machine or bag that cannot be used.
         LdtError: a recording that is damaged beyond mending.
     """
+    goes_on = bool(settings.get("resume"))
+    if bag is not None and goes_on:  # before a part of the user's own is run
+        check_key(read_bag(bag, namespace or "/", listed=True), machine, settings)
     twin = Twin.from_settings(machine, settings)
     summary = summary or Summary()
     if bag is None:
         all_of_them = experiments(0) if callable(experiments) else experiments
         return run_unrecorded(twin, pace(all_of_them), on_step, summary)
     untrained = twin.model.record()
-    goes_on = bool(settings.get("resume"))
     if goes_on:
         twin.adaptor.paused = LearningSwitch(bag).is_off
-        check_key(read_bag(bag, namespace or "/", listed=True), machine)
     with BagWriter(
         bag,
         machine.name,
@@ -70,7 +71,7 @@ def run(
         split_size=settings.get("split_size"),
         resume=goes_on,
         once=goes_on,
-        key=key_text(machine),
+        key=key_text(machine, settings),
     ) as writer:
         restart = TwinRestart(twin, RecordedRun(bag, namespace, machine), summary.note)
         done = restart.resume() if goes_on else 0

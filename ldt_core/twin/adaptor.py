@@ -17,6 +17,7 @@ from ldt_core.base.errors import LdtError, RecordingError, reason_of
 from ldt_core.base.experiment import (
     DOUBTFUL,
     FAILED,
+    NO_MEMORY,
     PAUSED,
     Action,
     Adaptation,
@@ -132,7 +133,8 @@ class Adaptor:
         self.diagnosis = None
         before = self.model, self.earlier
         if signal.statistics.get(FAILED):
-            return self._failed(experiment, "the detector failed"), self.model
+            lacked = ", out of memory" if signal.statistics.get(NO_MEMORY) else ""
+            return self._failed(experiment, f"the detector failed{lacked}"), self.model
         try:
             dealt = self._dealt(experiment, signal)
             if self.model is not before[0]:

@@ -6,7 +6,15 @@ from collections.abc import Mapping
 from typing import Any
 
 from ldt_core.base.errors import ExperimentError, OptionError, RecordingError, reason_of
-from ldt_core.base.experiment import FAILED, Experiment, Level, Prediction, Samples, Signal
+from ldt_core.base.experiment import (
+    FAILED,
+    NO_MEMORY,
+    Experiment,
+    Level,
+    Prediction,
+    Samples,
+    Signal,
+)
 from ldt_core.detectors import as_detector, build_detector
 from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.detectors.base import Detector
@@ -63,7 +71,7 @@ class DetectorStage:
         self._version: int | None = None
         #: Why the detector failed at the last experiment, "" if it did not.
         self.trouble = ""
-        self._statistics: dict[str, float] = {}  # of the detector's last answer
+        self._statistics: dict[str, float] = {}  # of the last answer
 
     def step(self, experiment: Experiment, prediction: Prediction) -> Signal:
         """The signal for one experiment: a warning that says so where the detector fails.
@@ -78,7 +86,7 @@ class DetectorStage:
                 self.name,
                 prediction.model_version,
                 prediction.max_error(experiment),
-                {FAILED: 1.0},
+                self._statistics,
                 "learning",  # too little is known to judge
             )
         judge = self.detector
@@ -154,6 +162,9 @@ class DetectorStage:
             raise
         except BaseException as error:  # of a detector of the user's own, for one
             self.trouble = f"experiment {experiment.number}: {reason_of(error)}"
+            self._statistics = {FAILED: 1.0}
+            if isinstance(error, MemoryError):
+                self._statistics[NO_MEMORY] = 1.0
             return False
         self.trouble = ""
         return True

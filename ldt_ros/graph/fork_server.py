@@ -144,7 +144,7 @@ def _become(
             time.sleep(POLL)
         entitle("-m", "ldt_ros.graph.process", *arguments)
         # From the moment it is known, it may be told to stop.
-        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+        signal.pthread_sigmask(signal.SIG_BLOCK, (*SIGNALS, process.HALT))
         channel.send(str(os.getpid()).encode())
         channel.close()
         code = process.main(["--parent", str(parent), *arguments])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import os
 import time
@@ -191,7 +190,7 @@ def machine_runs(settings: Mapping[str, Any]) -> list[MachineRun]:
         own["graph"] = roles(own)
         own["run_settings"] = settings_text(own)
         if own["resume"]:
-            check_key(read_bag(run.bag, listed=True), machine)
+            check_key(read_bag(run.bag, listed=True), machine, own)
             own["start_time"] = begin_of(run.bag, own["start_time"])
         if run.source == "plant" and own["start_time"] == FROM_FILE:
             # A plant that is started again must not take another moment for the present.
@@ -247,19 +246,6 @@ def host_processes(runs: Sequence[MachineRun], folder: Path) -> list[HostProcess
         machines = [word for one in files for word in ("--machine", *one)]
         ros = ["--ros-args", *enclave_arguments(first.settings, group[0].namespace, roles[0])]
         found.append(HostProcess(name, group, "", [*nodes, *machines, *ros]))
-    return found
-
-
-def own_files(run: MachineRun) -> dict[str, str]:
-    """Files of the user's own parts, with a digest of what is in them now ("" of none)."""
-    found = {}
-    for value in [run.machine.physics, *run.settings.values()]:
-        for text in value if isinstance(value, list | tuple) else [value]:
-            name, is_file, _ = text.partition(".py:") if isinstance(text, str) else ("", "", "")
-            if is_file:
-                path = Path(f"{name}.py")
-                there = path.is_file()
-                found[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest() if there else ""
     return found
 
 

@@ -29,7 +29,7 @@ from ldt_ros.nodes.interfaces import (
     stamp_of,
 )
 
-#: Signals that wait for their adaptation; what is older has lost it.
+#: Signals and adaptations that wait for the other; what is older has lost it.
 CAPACITY = 200
 #: Beyond the twin's longest wait, time for the step that it then makes [s]: all cores may be busy.
 WAITED = 10.0
@@ -62,6 +62,7 @@ class Monitor(Node):
         self.first_step_at: float | None = None
         self._last_step_at = time.monotonic()
         self._signals: dict[int, Signal] = {}
+        self._early: dict[int, Adaptation] = {}  # those that came before their signals
         self._adapted: dict[tuple[int, float | None], None] = {}  # the last ones, with stamps
         for topic, callback in (("signal", self._on_signal), ("adaptation", self._on_adaptation)):
             self.create_subscription(
@@ -80,6 +81,8 @@ class Monitor(Node):
             dealt = self._told(role, "experiment")
             if role in self.health and dealt != str(self.last_signal):
                 return False
+        if self.last_experiment in self._early:
+            return False
         sources = self._sources
         ended = not sources or any(told.ended for told in sources)
         return self.last_experiment in (0, self.last_step) and ended
@@ -120,8 +123,12 @@ class Monitor(Node):
     def _on_signal(self, message: Any) -> None:
         with contextlib.suppress(LdtError):  # the nodes count it
             signal = from_message("signal", message)
-            self._signals[signal.experiment] = signal
             self.last_signal = signal.experiment
+            adaptation = self._early.pop(signal.experiment, None)
+            if adaptation is not None:
+                self.on_step(signal, adaptation)
+                return
+            self._signals[signal.experiment] = signal
             forget_oldest(self._signals, CAPACITY)
 
     def _on_adaptation(self, message: Any) -> None:
@@ -139,3 +146,6 @@ class Monitor(Node):
             signal = self._signals.pop(adaptation.experiment, None)
             if signal is not None:
                 self.on_step(signal, adaptation)
+                return
+            self._early[adaptation.experiment] = adaptation
+            forget_oldest(self._early, CAPACITY)

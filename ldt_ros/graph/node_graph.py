@@ -16,6 +16,7 @@ from ldt_core.runs.offline import recorded_summary
 from ldt_ros.graph.environment import spun_nodes
 from ldt_ros.graph.machine_run import MachineRun, host_processes
 from ldt_ros.graph.monitor import Monitor
+from ldt_ros.graph.process import HALT
 from ldt_ros.graph.respawn import Respawner
 from ldt_ros.graph.supervisor import Child, Supervisor
 from ldt_ros.nodes.statements import hear
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from rclpy.context import Context
 
 LISTEN = 0.3  # s for rivals in this domain to show themselves; discovery takes at most 0.25 s
-SETTLE = 3.0  # s that an interrupted run waits for the experiment under way
+SETTLE = 3.0  # s without an answer, after which none is waited for; twice that for one under way
 SPIN = 0.05  # s between two looks at the processes
 RIVAL_WATCH = 5.0  # s after the first step; a rival that comes later ends no long run
 RIVAL_REST = 20.0  # times as long as looking for rivals took, this process does something else
@@ -95,32 +96,39 @@ class Graph:
             if time.monotonic() - began > patience and not all(m.health for m in self.monitors):
                 raise LdtError(f"the nodes did not start within {patience:g} s")
         if stopped():
-            # A fleet's process has all the nodes of its machines, and ends as a whole.
-            self.supervisor.stop(*(self._sources() or recorders))
+            for source in self._sources():
+                if source.running:
+                    source.send(HALT)
+            if not self._sources():
+                # A fleet's process has all the nodes of its machines, and ends as a whole.
+                self.supervisor.stop(*recorders)
+                recorders = []
         while True:
             self._settle(respawner, recorders, stopped)
             interrupted = stopped()
             # The recorder drains while those who could send something again are still there.
             self.supervisor.stop(*recorders)
-            if interrupted or not any(_killed_by_others(c) for c in recorders):
+            if not (killed := [c for c in recorders if _killed_by_others(c)]):
                 break
-            respawner.look()  # starts it again, for what it lacks
+            respawner.revive(killed)  # for what it lacks
         self._sum_up(respawner, interrupted)
 
     def _settle(
         self, respawner: Respawner, recorders: list[Child], stopped: Callable[[], bool]
     ) -> None:
         """Wait until all that was sent has gone all the way, and is heard by all who record."""
-        deadline = time.monotonic() + SETTLE
+        deadline = time.monotonic() + (2 * SETTLE if stopped() else SETTLE)
         while time.monotonic() < deadline:
-            recording = stopped() or all(map(respawner.is_up, recorders))
+            recording = all(map(respawner.is_up, recorders))
             if recording and all(m.idle for m in self.monitors):
                 return
             self._listen(SPIN)
-            if not stopped():
+            if stopped():
+                respawner.revive(c for c in recorders if _killed_by_others(c))
+            else:
                 respawner.look()
-                if not recording or any(m.busy for m in self.monitors):
-                    deadline = time.monotonic() + SETTLE
+            if not recording or (not stopped() and any(m.busy for m in self.monitors)):
+                deadline = time.monotonic() + SETTLE
 
     def _sum_up(self, respawner: Respawner, interrupted: bool) -> None:
         """Fill the summaries from the recordings, with what a person should know beside it."""

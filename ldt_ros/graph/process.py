@@ -40,6 +40,7 @@ ROLES = {
     "recorder": "ldt_ros.nodes.recorder_node:RecorderNode",
 }
 CRASHED = 70  # exit code of a program that an error of its own has ended (EX_SOFTWARE, sysexits)
+HALT = signal.SIGUSR1  # by which a graph's process begins nothing new, and stays for those who miss
 SPIN = 0.1  # s, how late a stop signal may be noticed when nothing arrives
 
 
@@ -55,6 +56,14 @@ def stop_event() -> threading.Event:
     return asked
 
 
+def halt_event() -> threading.Event:
+    """The same of HALT."""
+    asked = threading.Event()
+    signal.signal(HALT, lambda *_: asked.set())
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [HALT])
+    return asked
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Host the nodes until a stop signal, or one alone until it has finished."""
     own, ros = _parsed(sys.argv[1:] if arguments is None else arguments)
@@ -65,7 +74,8 @@ def main(arguments: list[str] | None = None) -> int:
         require_ros()
         prepare()
         # What a graph's source has sent is asked for again by a recorder that is started again.
-        return host(own.node, own.machine, ros, stop.is_set, stays=bool(own.parent))
+        halted = halt_event().is_set if own.parent else None
+        return host(own.node, own.machine, ros, stop.is_set, halted)
     except LdtError as error:
         print(f"ldt {' '.join(own.node)}: {error}", file=sys.stderr)
         return error.exit_code
@@ -108,7 +118,7 @@ def host(
     machines: list[tuple[str, str]],
     ros_arguments: list[str],
     stopped: Callable[[], bool],
-    stays: bool = False,
+    halted: Callable[[], bool] | None = None,
 ) -> int:
     """Create the nodes, spin them, and close them in order.
 
@@ -118,7 +128,8 @@ def host(
             that ROS's arguments are about.
         ros_arguments: of the process.
         stopped: whether it has been told to stop.
-        stays: whether it goes on until then, although all nodes have finished.
+        halted: whether it has been told to begin nothing new; it then goes on until it is told to
+            stop, although all nodes have finished. None where it ends by itself.
     """
     import rclpy
     from rclpy.experimental import EventsExecutor
@@ -143,8 +154,13 @@ def host(
         for node in nodes:
             node.report.others = [other.report for other in nodes if other is not node]
         # EventsExecutor.spin() does not return on these wheels; spin_once does.
-        while not (stopped() or (not stays and all(node.report.end_is_told for node in nodes))):
+        running = True
+        while not (stopped() or (not halted and all(node.report.end_is_told for node in nodes))):
             executor.spin_once(timeout_sec=SPIN)
+            if running and halted and halted():
+                running = False
+                for node in nodes:
+                    node.halt()
             for node in nodes:
                 if node.failure is not None:
                     raise node.failure

@@ -6,13 +6,14 @@ import math
 import signal
 import statistics
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.recording.node_status import READY
+from ldt_core.restart.run_key import own_files
 from ldt_core.runs.fleet_members import SOURCES
-from ldt_ros.graph.machine_run import HostProcess, MachineRun, own_files, write_parameters
+from ldt_ros.graph.machine_run import HostProcess, MachineRun, write_parameters
 from ldt_ros.graph.monitor import Monitor
 from ldt_ros.graph.supervisor import Child, Supervisor, last_line
 
@@ -108,9 +109,8 @@ class Respawner:
     def start(self, host: HostProcess) -> Child:
         """Start a process, and keep it running from now on."""
         self._hosts[host.name] = host
-        self._own_files |= {
-            name: text for run in host.runs for name, text in own_files(run).items()
-        }
+        for run in host.runs:
+            self._own_files |= own_files(run.machine, run.settings)
         return self.supervisor.start(host.name, *host.arguments)
 
     def look(self) -> None:
@@ -120,7 +120,15 @@ class Respawner:
             LdtError: a process refused its input, ended otherwise, or crashes again and again.
         """
         self._kill_hung()
-        for child in [c for c in self.supervisor.children if not c.running]:
+        self.revive(self.supervisor.children)
+
+    def revive(self, children: Iterable[Child]) -> None:
+        """Start again what of these has crashed.
+
+        Raises:
+            LdtError: as `look`.
+        """
+        for child in [c for c in children if not c.running]:
             if child.ended_well and (child.told or child.name in SOURCES):
                 continue  # a source may be ended by others; its experiments are then missed
             code, told = child.returncode, last_line(child.log)
@@ -191,7 +199,7 @@ class Respawner:
 
     def _refuse_other_code(self, child: Child, run: MachineRun) -> None:
         """Refuse to go on by code that is not what the run began with."""
-        for name, text in own_files(run).items():
+        for name, text in own_files(run.machine, run.settings).items():
             if text != self._own_files[name]:
                 raise BadInput(
                     name,

@@ -129,15 +129,16 @@ class RecorderNode(LdtNode):
             if declaration["recorded"]
         }
         told = self.settings["run_settings"]
+        settings = parse_settings("run_settings", told) if told else None
         self._open = partial(
             BagWriter,
             bag,
             machine=machine,
             topics=tuple(name for name, _ in self._recorded.values()),
-            settings=parse_settings("run_settings", told) if told else None,
+            settings=settings,
             split_size=self.settings["split_size"],
             once=True,
-            key=key_text(self.machine),
+            key=key_text(self.machine, settings or {}),
         )
         self.writer = self._open(resume=bool(resume))
         self._repeated = 0

@@ -16,7 +16,7 @@ from mcap.writer import CompressionType, Writer
 
 import msgs_config
 from ldt_core.base.errors import BadInput, LdtError, MachineFileError, RecordingError, described
-from ldt_core.base.experiment import Experiment
+from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.cli import invoke, ldt
 from ldt_core.cli.recordings import read_recordings
@@ -162,6 +162,23 @@ def test_whoever_keeps_all_experiments_of_a_recording_has_that_limit(tmp_path, m
     assert invoke(ldt, ["tune", bag, "--adaptations", "1", "--out", str(tmp_path / "t")]) == 2
     assert "samples of at most 1048576 bytes" in capsys.readouterr().err
     assert invoke(ldt, ["advise", bag]) == 0
+
+
+def test_whoever_keeps_all_predictions_has_that_limit(tmp_path, monkeypatch, capsys):
+    """Those of numbers that no experiment has as well; `export` to MCAP keeps them, too."""
+    bag = str(tmp_path / "a")
+    with BagWriter(bag, "rotor") as writer:
+        writer.write("experiment", Experiment(1, 1e9, 0.01, *np.full((2, 5), 6.0)), 1e9)
+        for number in range(1, 5):
+            for topic in ("prediction", "original_prediction"):
+                writer.write(topic, Prediction(number, 1e9, 0.01, 0, np.full(20_000, 6.0)), 1e9)
+    assert read(bag).steps == []
+    monkeypatch.setattr("ldt_core.recording.held_samples.FREE_BYTES", MEGABYTE)
+    recording = read(bag)
+    with pytest.raises(RecordingError, match=r"samples of at most 1048576 bytes in files of"):
+        recording.steps  # noqa: B018
+    assert invoke(ldt, ["export", bag, "--out", str(tmp_path / "b.mcap")]) == 2
+    assert "samples of at most 1048576 bytes" in capsys.readouterr().err
 
 
 def test_messages_of_a_foreign_bag_are_counted_by_its_index(tmp_path, capsys, monkeypatch):

@@ -420,6 +420,7 @@ def test_a_lack_of_memory_in_a_detector_is_told_as_what_it_is(monkeypatch):
         told.append(twin.detector.trouble)
     assert told == ["", "experiment 2: out of memory", ""]
     assert [bool(s.adaptation.details.get(FAILED)) for s in steps] == [False, True, False]
+    assert "the detector failed, out of memory; version" in steps[1].adaptation.reason
 
 
 def test_a_table_is_read_as_a_stream(tmp_path, monkeypatch):

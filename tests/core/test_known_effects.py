@@ -56,7 +56,7 @@ def test_effects_are_read_written_and_in_the_key_of_a_run():
     assert machine.parameters["coulomb_friction.torque"] == 0.03
     assert machine.tolerances["coulomb_friction.torque"] == pytest.approx(0.2)
     assert "coulomb_friction.torque" not in motor(effects=FRICTION).tolerances
-    assert len({key_text(m) for m in (motor(), motor(effects=FRICTION), machine)}) == 3
+    assert len({key_text(m, {}) for m in (motor(), motor(effects=FRICTION), machine)}) == 3
 
 
 @pytest.mark.parametrize(

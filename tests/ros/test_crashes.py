@@ -87,6 +87,36 @@ def test_a_recorder_killed_when_the_source_has_no_more_loses_nothing(
     assert differences(undisturbed, tmp_path / "run") == {}
 
 
+def test_a_recorder_killed_at_an_interrupt_loses_nothing(
+    domain, undisturbed, monkeypatch, tmp_path
+):
+    """Stopped some experiments before Ctrl-C, and killed after that: the source stays for it."""
+    monkeypatch.chdir(tmp_path)
+    plain, stopped, asked, killed, steps = Graph._settle, [], [], [], []
+
+    def on_step(machine, signal, adaptation):
+        steps.append(adaptation.experiment)
+        if adaptation.experiment == 10:
+            stopped.append(nodes(os.getpid())["recorder"])
+            stopped[0].suspend()
+        if adaptation.experiment == 15:
+            asked.append(True)
+
+    def kill(*arguments, **more):
+        killed.append(stopped[0])
+        killed[0].kill()
+        plain(*arguments, **more)
+
+    monkeypatch.setattr(Graph, "_settle", kill)
+    given = {"experiments": 40, "seed": 3, "model": "linear", "order": 1, "start_time": 1e9}
+    (run,) = launch({**given, "rate": "80", "bag": "run"}, on_step, lambda: bool(asked))
+    told = ["interrupted", "recorder crashed once and was started again"]
+    assert (sorted(run.summary.notes), run.summary.failures) == (told, [])
+    found = [a.experiment for a in read_bag(tmp_path / "run").records("adaptation")]
+    assert found == list(range(1, max(steps) + 1))
+    assert 15 <= max(steps) < 20
+
+
 def test_the_comparison_finds_what_is_lost_doubled_or_other(undisturbed, ldt, tmp_path):
     """Else the tests here would show nothing."""
     other = ("--experiments", "40", "--seed", "4", *MODEL, "--start-time", "1e9")
@@ -235,3 +265,27 @@ def test_a_recording_under_another_key_is_not_taken_up(
     assert invoke(commands, ["simulate", "--experiments", "2", "--out", "other"]) == 0
     assert invoke(commands, ["run", "--resume", "other"]) == 2
     assert "other: expected a recording of a run" in capsys.readouterr().err
+
+
+def test_a_part_that_was_edited_since_the_run_began_does_not_go_on_with_it(
+    ldt, undisturbed, tmp_path, monkeypatch, capsys, domain
+):
+    """The sentence names the file; the recording stays as it is, and may be rolled back."""
+    part = tmp_path / "mine.py"
+    part.write_text("from ldt_core.detectors.lddm import LDDM\nclass Mine(LDDM): pass\n")
+    monkeypatch.chdir(tmp_path)
+    own = ("--detector", "mine.py:Mine")
+    for command, other in (("run", "up"), ("up", "run")):
+        finished(ldt(command, "--experiments", "4", *RUN[2:], *own, "--bag", command, "--json"))
+        finished(ldt(other, "--resume", command, *own, "--json"))
+        before = {f: f.read_bytes() for f in (tmp_path / command).iterdir()}
+        text = part.read_text()
+        part.write_text(text + "    threshold = 3\n")
+        for again in (command, other):
+            assert invoke(commands, [again, "--resume", command, *own]) == 2
+            errors = capsys.readouterr().err
+            assert f"{command}, file mine.py: expected" in errors
+            assert "under which the run began" in errors
+        assert invoke(commands, ["rollback", command]) == 0
+        part.write_text(text)
+        assert {f: f.read_bytes() for f in (tmp_path / command).iterdir()} == before

@@ -442,12 +442,33 @@ def test_the_launching_process_waits_for_all_that_was_sent_and_not_refused(monit
     assert not node.idle
     stranger.send("/diagnostics", health("twin", refused_experiment="2"))
     stranger.until(lambda: node.idle)
+    stranger.send("adaptation", adaptation(2))
+    stranger.until(lambda: not node.idle, "a step that is not told")
+    stranger.send("signal", answer(2))
+    stranger.until(lambda: node.idle)
     stranger.send("/diagnostics", health("player", experiment="2", finished="false"))
     stranger.until(lambda: not node.idle, "a source that goes on")
     stopped = health("player", experiment="2", finished="false", stopped="true")
     stranger.send("/diagnostics", stopped)
     stranger.until(lambda: node.idle)
     assert not node.source_finished
+
+
+def test_a_step_is_told_once_whichever_message_came_first(monitor, stranger):
+    """Two nodes send them: nothing says whose comes first, and a lost packet is sent again."""
+    node, steps = monitor
+    for number in (1, 3):
+        stranger.send("signal", answer(number))
+        stranger.until(lambda n=number: node.last_signal == n)
+        stranger.send("adaptation", adaptation(number))
+        stranger.until(lambda n=number: node.last_step == n)
+        stranger.send("adaptation", adaptation(number + 1))
+        stranger.until(lambda n=number: node.last_step == n + 1)
+        stranger.send("signal", answer(number + 1))
+        stranger.until(lambda n=number: node.last_signal == n + 1)
+    stranger.send("adaptation", adaptation(4))
+    stranger.spin(0.1)
+    assert [(s.experiment, a.experiment) for s, a in steps] == [(n, n) for n in (1, 2, 3, 4)]
 
 
 # ---- everyone may listen

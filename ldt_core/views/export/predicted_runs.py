@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.recording.bag import Bag
+from ldt_core.recording.held_samples import HeldSamples
 from ldt_core.views.step_view import belongs
 
 
@@ -53,8 +54,9 @@ class Predictions:
     """Those of a recording, to be put beside its experiments."""
 
     def __init__(self, bag: Bag) -> None:
-        self._twin = {p.number: p for p in bag.records("prediction")}
-        self._original = {p.number: p for p in bag.records("original_prediction")}
+        held = HeldSamples()
+        self._twin = {p.number: p for p in held.predictions(bag, "prediction")}
+        self._original = {p.number: p for p in held.predictions(bag, "original_prediction")}
 
     def beside(self, experiment: Experiment) -> PredictedRun:
         """The experiment with its own."""
