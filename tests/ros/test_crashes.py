@@ -268,7 +268,7 @@ def test_a_recording_under_another_key_is_not_taken_up(
 
 
 def test_a_part_that_was_edited_since_the_run_began_does_not_go_on_with_it(
-    ldt, undisturbed, tmp_path, monkeypatch, capsys, domain
+    ldt, tmp_path, monkeypatch, capsys, domain
 ):
     """The sentence names the file; the recording stays as it is, and may be rolled back."""
     part = tmp_path / "mine.py"
