@@ -174,7 +174,8 @@ def fit(
         starts[0] = starts[0] if quick else settled(z, near=known)
         steps = steps // 2 if quick else steps
         z, left, slopes = descend(z, steps)
-        for turn in range((1 if quick else START_ANGLE_ROUNDS) if residuals.shaking else 0):
+        rounds = 1 if quick else START_ANGLE_ROUNDS
+        for turn in range(rounds if residuals.shaking else 0):
             # The start states were sought with other parameters: some may be a whole minimum off.
             last, old = (z, left, slopes), starts[0]
             starts[0] = settled(z, near=old if quick or known or turn else None)

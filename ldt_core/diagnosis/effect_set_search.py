@@ -12,7 +12,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.effect_fit import START_ANGLE_GAIN, START_ANGLE_ROUNDS, EffectFit
 from ldt_core.diagnosis.model_selection import FittedSets
 from ldt_core.diagnosis.responses import Responses, best_alone, rank_pairs, simulate_all
 from ldt_core.diagnosis.scouting import of_each_kind
@@ -32,8 +32,6 @@ FINISHED_RIVALS = 6  # sets that differ from the chosen one in one member
 RIVAL_CLOSE = 0.7  # of the best promise: what a rival reaches
 SIZE_TRIED_ANYWAY = 3  # effects: sets up to this size are tried even where the last did not help
 SETTLED = 3  # sets of a size whose start states are sought until they stand
-SETTLING_ROUNDS = 4  # of parameters and start states in turn, at most
-SETTLING_GAIN = 0.02  # of the loss: rounds that gain less are the last
 HIDDEN = 1.5  # times the power left in those looked at: what another experiment leaves
 WORTH_A_FIT = 0.1  # of the power left: what the response of such an addition promises
 
@@ -46,16 +44,13 @@ class EffectSetSearch(SetFits):
 
         An effect that acts in few experiments only may hide beside a larger one.
         """
-        first = self._grow()
-        best = min(first.fits.values(), key=lambda f: first.band.excess(f.residual))
+        left, best = self._grow().least_left()
         if self.spent or not self._hidden(best):
-            return first
-        before, level = dict(vars(self)), first.band.level
+            return self.found
+        before, level = dict(vars(self)), self.found.band.level
         self._look(best.residual)
         self.found.band.level = self.band.level = level
-        second = self._grow()
-        again = min(second.fits.values(), key=lambda f: second.band.excess(f.residual))
-        if first.band.excess(best.residual) <= second.band.excess(again.residual):
+        if left <= self._grow().least_left()[0]:
             vars(self).update(before)
         return self.found
 
@@ -119,11 +114,13 @@ class EffectSetSearch(SetFits):
 
         Parameters and start states follow each other, a little in each round.
         """
-        for _ in range(SETTLING_ROUNDS if self.scout.shaking and not self.spent else 0):
+        for _ in range(START_ANGLE_ROUNDS if self.scout.shaking and not self.spent else 0):
             before = self._best(count)[:SETTLED]
             self._scout([TriedSet(f.effects, f.z[: len(f.effects)], f.starts) for f in before])
             now = [self.found.scouted[frozenset(f.names)] for f in before]
-            if all(b.loss < (1 + SETTLING_GAIN) * a.loss for a, b in zip(now, before, strict=True)):
+            if all(
+                b.loss < (1 + START_ANGLE_GAIN) * a.loss for a, b in zip(now, before, strict=True)
+            ):
                 break
 
     def _clearly_better(self, count: int) -> bool:

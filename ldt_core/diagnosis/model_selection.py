@@ -124,6 +124,11 @@ class FittedSets:
         """Of the residuals without any effect."""
         return self.band.excess(self.base)
 
+    def least_left(self) -> tuple[float, EffectFit]:
+        """The set that leaves least, and the power that it leaves beyond noise."""
+        best = min(self.fits.values(), key=lambda f: self.band.excess(f.residual))
+        return self.band.excess(best.residual), best
+
     def of_size(self, count: int) -> list[EffectFit]:
         """Sets of so many effects, fitted on all experiments, best first.
 

@@ -168,9 +168,10 @@ def searched_start_states(
     for i, piece in enumerate(pieces):
         if piece.at_rest or not unknown:
             continue
-        begun = [(float(angles[i]), np.zeros(n + states))]
+        rest = np.zeros(n + states)
+        begun = [(float(angles[i]), rest)]
         if moving and turning and near is None:
-            begun += [(t, begun[0][1]) for t in _projected_angles(residuals, i, use, step, unknown)]
+            begun += [(t, rest) for t in _projected_angles(residuals, i, use, step, rest, unknown)]
         if near is not None and near.offsets[i].size == n + states:
             begun.append((float(near.angles[i]), near.offsets[i]))
         rounds = GAUSS_NEWTON_STEPS if moving else 1
@@ -180,20 +181,30 @@ def searched_start_states(
     return StartStates(angles, tuple(bases), tuple(offsets))
 
 
+def _about(offset: Array, steps: Mapping[int, float]) -> list[Array]:
+    """An offset, and for each of these states one that differs in it by its step."""
+    found = [offset.copy() for _ in range(1 + len(steps))]
+    for moved, (state, by) in zip(found[1:], steps.items(), strict=True):
+        moved[state] += by
+    return found
+
+
 def _projected_angles(
-    residuals: SimulatedExperiments, i: int, use: Use, step: float, unknown: Mapping[int, float]
+    residuals: SimulatedExperiments,
+    i: int,
+    use: Use,
+    step: float,
+    offset: Array,
+    unknown: Mapping[int, float],
 ) -> list[float]:
     """Angles at which least is left once the other start states have followed, the best first.
 
     The motion of a foundation hides the angle from a shaft that is simulated without it.
     """
-    piece, size = residuals.pieces[i], len(residuals.physics.states)
+    piece = residuals.pieces[i]
     tried = [k * 2 * math.pi / ANGLES_TRIED for k in range(ANGLES_TRIED)]
-    states = [k for k in unknown if k != ANGLE]
-    offsets = [np.zeros(max(size, 1 + max(unknown))) for _ in range(1 + len(states))]
-    for offset, state in zip(offsets[1:], states, strict=True):
-        offset[state] = unknown[state]
-    asked = [Simulated(i, use, angle, offset) for angle in tried for offset in offsets]
+    offsets = _about(offset, {k: by for k, by in unknown.items() if k != ANGLE})
+    asked = [Simulated(i, use, angle, begun) for angle in tried for begun in offsets]
     found, left = list(residuals.differences(asked, step)), []
     for k in range(0, len(found), len(offsets)):
         rest, *there = found[k : k + len(offsets)]
@@ -217,15 +228,12 @@ def _start_of(
     Gauss-Newton steps from an offset, as long as they help, each shortened until it does; the
     first speed and current are left to the directions, in which they are linear.
     """
-    piece, names = residuals.pieces[i], list(unknown)
+    piece = residuals.pieces[i]
     best, left, basis, kept = math.inf, math.inf, residuals.starts.bases[i], offset
     motor, by = basis_of(piece.columns), np.zeros(offset.size)
     for _ in range(rounds):
         now = kept + by
-        tried = [now.copy() for _ in range(1 + len(names))]
-        for moved, state in zip(tried[1:], names, strict=True):
-            moved[state] += unknown[state]
-        asked = [Simulated(i, use, angle, begun) for begun in tried]
+        asked = [Simulated(i, use, angle, begun) for begun in _about(now, unknown)]
         rest, *there = residuals.differences(asked, step)
         loss = float(rest @ rest - np.sum((motor.T @ rest) ** 2))
         if loss >= best * LEAST_DECREASE:
@@ -240,7 +248,7 @@ def _start_of(
             break
         solved = least_squares_step(both, -rest, SINGULAR)
         by = np.zeros(offset.size)
-        for j, state in enumerate(names):
+        for j, state in enumerate(unknown):
             by[state] = solved[piece.columns.shape[1] + j] * unknown[state]
     return left, kept, basis
 

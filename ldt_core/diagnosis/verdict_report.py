@@ -229,14 +229,13 @@ class VerdictReport:
 
     def _may_act_too(self) -> str:
         """What a law that departs may explain as well as an effect that leaves noise alone."""
-        found, band = self.search.found, self.search.found.band
-        limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
-        mine = frozenset(self.named.names) if self.named else frozenset()
         if self.named is None:
             return ""
-        left = band.speed_excess(self.named.residual)
-        if left <= THRESHOLDS.plainly_structured * limit:
+        found, band = self.search.found, self.search.found.band
+        limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
+        if band.speed_excess(self.named.residual) <= THRESHOLDS.plainly_structured * limit:
             return ""
+        mine = frozenset(self.named.names)
         more = [
             sorted(names - mine)
             for names, f in found.fits.items()

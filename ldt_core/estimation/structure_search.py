@@ -20,13 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
-from ldt_core.base.experiment import Experiment
 from ldt_core.base.pausable import Pausable
 from ldt_core.base.threads import spread
 from ldt_core.estimation.grey_box import GreyBox, Prior
 from ldt_core.estimation.grey_box_fit import GreyBoxFit, fit_grey_box, of_first
 from ldt_core.estimation.structure_screening import Present, Screened, Screening
-from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 
 #: Screenings, in turn until one explains: observer gain, and whether parameters that an effect
@@ -98,29 +96,8 @@ class FittedStructure:
         return self.fit.cost + float(told - before)
 
 
-class StructureSearch:
-    """The structures of one machine, tried on some experiments.
-
-    Args:
-        machine: as its file knows it.
-        tolerances: relative standard deviations of its parameters.
-        experiments: of the machine as it is now.
-        noise: standard deviation of the measured speed [rad/s].
-        workers: threads among which the work is spread.
-    """
-
-    def __init__(
-        self,
-        machine: Machine,
-        tolerances: dict[str, float],
-        experiments: Sequence[Experiment],
-        noise: float,
-        workers: int = 1,
-    ) -> None:
-        self.machine, self.tolerances = machine, tolerances
-        self.experiments, self.workers = list(experiments), workers
-        self.screening = Screening(machine, tolerances, experiments, noise, workers)
-        self._samples = sum(len(e) for e in experiments)
+class StructureSearch(Screening):
+    """The structures of one machine, screened and fitted; arguments as of `Screening`."""
 
     @property
     def _most_noise(self) -> float:
@@ -148,9 +125,7 @@ class StructureSearch:
     def _structure(
         self, box: GreyBox, prior: Prior, starts: Sequence[Array], near: Array | None, sized: bool
     ) -> Pausable[FittedStructure]:
-        fit = yield from fit_grey_box(
-            self.screening.problem(box, prior), starts, near=near, sized=sized
-        )
+        fit = yield from fit_grey_box(self.problem(box, prior), starts, near=near, sized=sized)
         yield box.work.taken()
         own = box.size - len(box.uncertain)
         return FittedStructure(box, fit, prior, fit.cost + own * math.log(self._samples))
@@ -174,7 +149,7 @@ class StructureSearch:
         best = present
         for gain, jointly in SCREENINGS:
             begin = present if jointly else best
-            silent = jointly and self.screening.machine_slopes(begin, gain)[1].any()
+            silent = jointly and self.machine_slopes(begin, gain)[1].any()
             if (gain, begin) in screened and not silent:
                 continue  # it would be the same again
             screened.append((gain, begin))
@@ -239,9 +214,9 @@ class StructureSearch:
             tried = [(*present.effects, e) for e in library if e.name not in here]
             if replacing and not found:  # and other ones in the place of those that were there
                 tried += [(e,) for e in library if here]
-            basis, silent = self.screening.machine_slopes(present, gain)
+            basis, silent = self.machine_slopes(present, gain)
             silent &= jointly
-            before = self.screening.screened(present, present.effects, basis, gain, silent)
+            before = self.screened(present, present.effects, basis, gain, silent)
             if not found and before.explains and gain > WEAKEST:
                 break
 
@@ -275,7 +250,7 @@ class StructureSearch:
         how: tuple[Array, float, NDArray[np.bool_]],
         i: int,
     ) -> Screened:
-        return self.screening.screened(present, tried[i], *how)
+        return self.screened(present, tried[i], *how)
 
     def _hopeless(self, present: Present, before: Screened, ranked: Sequence[Screened]) -> bool:
         """Whether further effects cannot be hoped to gain what is missing.
