@@ -90,15 +90,18 @@ class LawDepartures:
         return gain - float(free - (len(target) - z.size) * math.log(stiffness))
 
     def _system(
-        self, fitted: EffectFit, speeds: Sequence[Array], changes: Sequence[Sequence[Array]]
+        self,
+        fitted: EffectFit,
+        motion: Sequence[tuple[Array, Array]],
+        changes: Sequence[Sequence[Array]],
     ) -> tuple[Array, Array, Array]:
         """Inner products of parameters' and departures' columns, and theirs with the residual.
 
         Also the power of what each effect changes, of the gap's at most: two may cancel each other.
 
         Args:
-            speeds: of the set, in each experiment.
-            changes: what each effect does to them.
+            motion: speed and current of the set, in each experiment.
+            changes: what each effect does to the speed.
         """
         pieces, noise = self.residuals.pieces, self.residuals.noise[0]
         starts, count = fitted.starts or self.residuals.starts, fitted.jacobian.shape[1]
@@ -107,7 +110,9 @@ class LawDepartures:
             [_push(*each) for each in zip(own, keeps, strict=True)]
             for own, keeps in zip(changes, forgets, strict=True)
         ]
-        fastest = max(float(np.abs(s).max()) for s in speeds) or 1.0
+        fastest, strongest = (
+            max(float(np.abs(m[channel]).max()) for m in motion) or 1.0 for channel in (0, 1)
+        )
         sizes = [math.sqrt(np.mean(np.concatenate(p) ** 2)) or 1.0 for p in pushes]
         power = [sum(float(np.sum((c / noise) ** 2)) for c in own) for own in changes]
         gram: Array = np.zeros(())
@@ -115,7 +120,8 @@ class LawDepartures:
         for i, piece in enumerate(pieces):
             columns = [fitted.jacobian[_speed(piece)]]
             for push, keep, size in zip(pushes, forgets, sizes, strict=True):
-                moved = _moved(_shapes(push[i], speeds[i] / fastest, size), keep[i]) / noise
+                speed, current = motion[i][0] / fastest, motion[i][1] / strongest
+                moved = _moved(_shapes(push[i], speed, current, size), keep[i]) / noise
                 columns.append(project_out(moved, starts.bases[i][: len(moved)]))
             together = np.column_stack(columns)
             gram = gram + together.T @ together
@@ -133,8 +139,10 @@ class LawDepartures:
         sensed = effect.on_measurement is not None
         return 0.0 if sensed else math.exp(-piece.experiment.period / self.residuals.memory)
 
-    def _changes(self, fitted: EffectFit) -> tuple[list[Array], list[list[Array]]] | None:
-        """(speeds of the set, for each effect what it does to them); None where one diverges."""
+    def _changes(
+        self, fitted: EffectFit
+    ) -> tuple[list[tuple[Array, Array]], list[list[Array]]] | None:
+        """(motion of the set, for each effect what it does to the speed); None if it diverges."""
         starts, count = fitted.starts or self.residuals.starts, len(self.residuals.pieces)
         kept = [
             [k for k in range(len(fitted.members)) if k != i] for i in range(len(fitted.effects))
@@ -147,12 +155,13 @@ class LawDepartures:
             for use in uses
             for i in range(count)
         ]
-        found = [speed for speed, _ in self.residuals.simulated(runs, SEARCH_STEP)]
-        if not all(np.abs(s).max() < DIVERGED_SPEED for s in found):  # nan is not below either
+        found = self.residuals.simulated(runs, SEARCH_STEP)
+        if not all(np.abs(s).max() < DIVERGED_SPEED for s, _ in found):  # nan is not below either
             return None
-        speeds = found[:count]
-        without = (found[k : k + count] for k in range(count, len(found), count))
-        return speeds, [[a - b for a, b in zip(speeds, w, strict=True)] for w in without]
+        speeds = [s for s, _ in found]
+        without = (speeds[k : k + count] for k in range(count, len(found), count))
+        changes = [[a - b for a, b in zip(speeds, w, strict=False)] for w in without]
+        return found[:count], changes
 
 
 def _speed(piece: PreparedExperiment) -> slice:
@@ -189,13 +198,18 @@ def _moved(pushes: Array, forgets: float) -> Array:
     return found
 
 
-def _shapes(push: Array, speed: Array, size: float) -> Array:
+def _shapes(push: Array, speed: Array, current: Array, size: float) -> Array:
     """(L, shapes) departures of what an effect pushes with.
 
     It comes later. It depends on the speed (in parts of the largest), its direction, standstill,
-    its own size (beside its root mean square) or the time in the experiment.
+    the current (in parts of the largest), its own size (beside its root mean square) or the time in
+    the experiment.
     """
     loud, time = np.tanh(push / (2 * size)), np.linspace(-1.0, 1.0, push.size)
     still = np.exp(-((speed / SLOW) ** 2))
-    by = (speed, speed**2, speed**3, np.sign(speed), still, loud, loud**2, time)
+    by = (
+        *(speed, speed**2, speed**3, np.sign(speed), still),
+        *(np.abs(current), current**2),
+        *(loud, loud**2, time),
+    )
     return np.column_stack([np.gradient(push), *(push * b for b in by)])

@@ -49,24 +49,27 @@ class Decision:
     @property
     def acting(self) -> list[list[str]]:
         """For each effect that acts, the names that it may have; the best first."""
-        if self.best is None:
-            return []
-        groups = [[name] for name in self.best.names]
-        family = {c.name: c.effect.family for f in self.alike for c in f.effects}
-        for other in self.alike[1:]:
-            new = [n for n in other.names if n not in self.best.names]
-            gone = [g for g in groups if g[0] not in other.names]
-            # Where several differ, one stands for that of its own family.
-            for name in list(new):
-                for group in gone:
-                    if family[name] and family[name] == family[group[0]]:
-                        group += [name] if name not in group else []
-                        new.remove(name)
-                        gone.remove(group)
-                        break
+        return _groups(self.best, self.alike) if self.best is not None else []
+
+
+def _groups(best: EffectFit, alike: Sequence[EffectFit]) -> list[list[str]]:
+    """For each effect of a set, its name and those that the others have in its place."""
+    groups = [[name] for name in best.names]
+    family = {c.name: c.effect.family for f in alike for c in f.effects}
+    for other in alike:
+        new = [n for n in other.names if n not in best.names]
+        gone = [g for g in groups if g[0] not in other.names]
+        # Where several differ, one stands for that of its own family.
+        for name in list(new):
             for group in gone:
-                group += [n for n in new if n not in group]
-        return groups
+                if family[name] and family[name] == family[group[0]]:
+                    group += [name] if name not in group else []
+                    new.remove(name)
+                    gone.remove(group)
+                    break
+        for group in gone:
+            group += [n for n in new if n not in group]
+    return groups
 
 
 def is_gap(found: FittedSets, seed: int) -> bool:
@@ -122,19 +125,13 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
         best = min([best, *found.of_size(size)[:1]], key=lambda f: band.excess(f.residual))
     band.level = search.band.level = band.channel_noise(best.residual)
     gap = band.speed_gap(found.base, best.residual)
-    chosen = _largest_worth_its_parts(search, _growing_sets(found, gap), gap)
-    search.alternatives(chosen)
-    pool = found.of_size(len(chosen.names))
-    gap = band.speed_gap(found.base, pool[0].residual)
-    alike = plainest(found, _as_good(found, pool), pool, gap)
-    # What leaves too much in the speed is no answer, however well it follows the current.
-    alike = [f for f in alike if not _no_cause(found, f, gap)] or alike
-    alike = sorted(alike, key=lambda f: kin(f.effects))  # else the best first, as before
-    # Of laws of one family the one that follows the machine best is what predicts it.
-    clear = THRESHOLDS.indistinguishable_loss
-    # One whose fit ran to its end is no answer where another is as good.
-    least = min(map(found.loss, alike)) + clear
-    alike = sorted(alike, key=lambda f: (bool(f.ended), found.loss(f) > least))
+    chosen: EffectFit | None = _largest_worth_its_parts(search, _growing_sets(found, gap), gap)
+    while chosen:
+        search.alternatives(chosen)
+        pool = found.of_size(len(chosen.names))
+        gap = band.speed_gap(found.base, pool[0].residual)
+        alike = _alike(found, pool, gap)
+        chosen = _without_the_vague(search, alike, gap)
     best = alike[0]
     left, gap = band.speed_excess(best.residual), band.speed_gap(found.base, best.residual)
     structured = band.excess(best.residual) > band.limit_of(THRESHOLDS.remainder_false_alarm)
@@ -146,6 +143,38 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     grounds = _grounds(search, best, rivals, left, gap, same)
     residuals = _with_noise(found.residuals, band.level)
     return Decision(kind, best, tuple(alike), gap, left, structured, residuals, grounds)
+
+
+def _alike(found: FittedSets, pool: Sequence[EffectFit], gap: float) -> list[EffectFit]:
+    """Of sets of one size those that may be the answer, the one that predicts best first."""
+    alike = plainest(found, _as_good(found, pool), pool, gap)
+    # What leaves too much in the speed is no answer, however well it follows the current.
+    alike = [f for f in alike if not _no_cause(found, f, gap)] or alike
+    alike = sorted(alike, key=lambda f: kin(f.effects))  # else the best first, as before
+    # Of laws of one family the one that follows the machine best is what predicts it.
+    clear = THRESHOLDS.indistinguishable_loss
+    # One whose fit ran to its end is no answer where another is as good.
+    least = min(map(found.loss, alike)) + clear
+    return sorted(alike, key=lambda f: (bool(f.ended), found.loss(f) > least))
+
+
+def _without_the_vague(
+    search: EffectSetSearch, alike: Sequence[EffectFit], gap: float
+) -> EffectFit | None:
+    """The set without a member that any of several families could be; None if there is none.
+
+    Where laws that depart explain as much, what speaks for a further effect is that only it leaves
+    noise alone. That is not so where quite different laws do as well in its place.
+    """
+    best = alike[0]
+    family = {c.name: c.effect.family or c.name for f in alike for c in f.effects}
+    for group in _groups(best, alike) if len(best.effects) > 1 else ():
+        if len({family[name] for name in group}) < 2:
+            continue
+        part = search.subset(best, [n for n in best.names if n != group[0]])
+        if not _worth_more(search.found, part, best, gap, departing=True):
+            return part
+    return None
 
 
 def _grounds(
@@ -245,8 +274,18 @@ def _growing_sets(found: FittedSets, gap: float) -> list[EffectFit]:
     return chosen
 
 
-def _worth_more(found: FittedSets, smaller: EffectFit, larger: EffectFit, gap: float) -> bool:
-    """Whether what a larger set gains over a smaller one earns it its further members."""
+def _worth_more(
+    found: FittedSets,
+    smaller: EffectFit,
+    larger: EffectFit,
+    gap: float,
+    departing: bool = False,
+) -> bool:
+    """Whether what a larger set gains over a smaller one earns it its further members.
+
+    Args:
+        departing: True leaves out what laws that depart could explain as well.
+    """
     band = found.band
     # What only departures gain, of which a larger set has more, no further effect has explained.
     exact = band.speed_gain(smaller.residual, larger.residual)
@@ -265,6 +304,8 @@ def _worth_more(found: FittedSets, smaller: EffectFit, larger: EffectFit, gap: f
         return True
     if _current_shows(found, smaller, larger):
         return True
+    if departing:
+        return False
     # Exact laws that leave the noise alone are believed before laws that depart from the machine's.
     # Beside what the smaller set leaves, the simulation's error is as good as noise.
     left = max(band.speed_excess(smaller.residual), 0.0)
