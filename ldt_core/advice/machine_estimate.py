@@ -101,7 +101,7 @@ def with_effects(
 
 def _with(machine: Machine, amounts: Amounts, source: str) -> MachineEstimate:
     known = {n: g for n, g in amounts.items() if n in EFFECTS.names()}
-    acting = [(effect, effect.check(g)) for n, g in known.items() for effect in [get_effect(n)]]
+    acting = [get_effect(n).used(g) for n, g in known.items()]
     found = with_effects(machine, acting)
     foreign = tuple(n for n in amounts if n not in known)  # a record names no files to run
     return MachineEstimate(found.values, source, found.left_out + foreign)

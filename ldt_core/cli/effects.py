@@ -72,7 +72,7 @@ def _sentence(error: Exception) -> str:
 
 def _lines(effect: Effect) -> list[str]:
     lines = [f"{effect.name}: {effect.description}", f"    {effect.equation}"]
-    for parameter in effect.parameters:
+    for parameter in effect.all_parameters:
         typical = effect.typical.get(parameter.name)
         values = [parameter.range, f"{parameter.default:g} is neutral"]
         values += [] if typical is None else [f"{typical:g} is typical"]
@@ -90,7 +90,7 @@ def _record(effect: Effect) -> dict[str, Any]:
         "name": effect.name,
         "description": effect.description,
         "equation": effect.equation,
-        "parameters": [_parameter(p, effect) for p in effect.parameters],
+        "parameters": [_parameter(p, effect) for p in effect.all_parameters],
         "needs": list(effect.needs),
         "reference": effect.reference,
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -59,6 +59,12 @@ class Candidate:
 
     #: Whether all that a fit may try moves the residuals in proportion.
     steady = False
+
+    @property
+    def detailed(self) -> Candidate | None:
+        """The same law in more detail, whose first coordinates are this one's."""
+        more = self.effect.detailed
+        return None if more is None else replace(self, effect=more)
 
     @property
     def differences(self) -> Array:

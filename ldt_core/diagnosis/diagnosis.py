@@ -286,7 +286,7 @@ def read_effects(
             expected = f"a value for {' or '.join(p.name for p in effect.parameters)}"
             raise BadInput(f"{file}, effect {name}", expected, "none")
         try:
-            acting.append((effect, effect.check(entry["parameters"])))
+            acting.append(effect.used(entry["parameters"]))
         except OptionError as error:
             raise OptionError(f"{file}, {error.where}", error.expected, error.got) from None
     return acting

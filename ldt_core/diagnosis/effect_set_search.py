@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from ldt_core.base.arrays import Array
-from ldt_core.diagnosis.candidate import Candidate
+from ldt_core.diagnosis.candidate import START_SHAPES, Candidate
 from ldt_core.diagnosis.effect_fit import START_ANGLE_GAIN, START_ANGLE_ROUNDS, EffectFit
 from ldt_core.diagnosis.model_selection import FittedSets
 from ldt_core.diagnosis.responses import Responses, best_alone, rank_pairs, simulate_all
@@ -94,6 +94,7 @@ class EffectSetSearch(SetFits):
                     self._build_on(count - 1, 1)
                     self._exchange(count, enough)
             self._settle(count)
+            self._detail(count, enough)
             best = self._best(count)
             if self.spent or not best or self.band.excess(best[0].residual) < enough:
                 break
@@ -122,6 +123,53 @@ class EffectSetSearch(SetFits):
                 b.loss < (1 + START_ANGLE_GAIN) * a.loss for a, b in zip(now, before, strict=True)
             ):
                 break
+
+    def _detail(self, count: int, enough: float) -> None:
+        """Take the laws of a family in detail where that is most of what the best set lacks.
+
+        Such as friction that builds up over a turn: all dry friction of a machine does, or none.
+        """
+        found = self._best(count)
+        if self.spent or not found or self.band.excess(found[0].residual) < enough:
+            return
+        best, before = found[0], self.in_detail
+        families = {c.effect.family for c in best.effects if c.detailed is not None}
+        laws = {
+            c.name: (c, c.detailed)
+            for c in self.candidates
+            if c.detailed is not None and c.effect.family in families
+        }
+        if not laws:
+            return
+        whole = TriedSet(best.effects, best.z[:count], best.starts)
+        for k in range(len(START_SHAPES)):
+            begun = {
+                n: _further_starts(plain, detailed)[k] for n, (plain, detailed) in laws.items()
+            }
+            self.in_detail = {**before, **begun}
+            self._scout([whole])
+        now = self.found.scouted[frozenset(best.names)]
+        least = THRESHOLDS.further_effect_of_remainder * self.band.excess(best.residual)
+        if now.ended or best.loss - now.loss < max(least, THRESHOLDS.chance_gain):
+            self.in_detail, self.found.scouted[frozenset(best.names)] = before, best
+            return
+        # The other laws of the family begin with what this one has found.
+        at = {
+            (c.effect.family, len(z) - len(laws[c.name][0])): z[len(laws[c.name][0]) :]
+            for c, z in zip(now.effects, now.z, strict=False)
+            if c.name in laws
+        }
+        for name, (plain, detailed) in laws.items():
+            key = plain.effect.family, len(detailed) - len(plain)
+            self.in_detail[name] = at.get(key, self.in_detail[name])
+        plainly = [f for n, f in self.found.scouted.items() if n & laws.keys() and f is not now]
+        for f in plainly:
+            del self.found.scouted[frozenset(f.names)]
+        for size in range(1, count + 1):
+            again = sorted((f for f in plainly if len(f.names) == size), key=lambda f: f.loss)
+            self._scout(
+                [TriedSet(f.effects, f.z[:size], f.starts) for f in again[:COMPARED]], whatever=True
+            )
 
     def _clearly_better(self, count: int) -> bool:
         """Whether a further effect explains more than the departure of a smaller set's laws."""
@@ -314,3 +362,17 @@ class EffectSetSearch(SetFits):
         scouted = self.found.scouted.get(frozenset(base.names), base)
         close = [f for f in found if self._near(f, scouted) or self._plainer(f, scouted)]
         return [self.finish(f) for f in sorted(close, key=lambda f: f.loss)[:FINISHED_RIVALS]]
+
+
+def _further_starts(plain: Candidate, detailed: Candidate) -> list[Array]:
+    """Where fits of a detailed law's further parameters begin: their defaults, and about them."""
+    more = detailed.parameters[len(plain) :]
+    return [
+        np.array(
+            [
+                detailed.coordinate(len(plain) + j, min(max((p.default or 0.0) * f, p.low), p.high))
+                for j, p in enumerate(more)
+            ]
+        )
+        for f in START_SHAPES
+    ]

@@ -33,7 +33,7 @@ from ldt_core.physics.effect import Effect
 #: the shapes take away is nearly the same from 0.05 to 0.2.
 DEPARTURE = 0.1
 #: Of the prior of departures: stiffer, until a law departs by no more than a cause may leave.
-STIFFNESSES = tuple(10.0**k for k in range(9))
+STIFFNESSES = tuple(10.0 ** (k / 4) for k in range(33))
 LEAST_SHAPE = 1e-9  # of the size of its departure: a shape that changes less changes nothing
 LEAST = 1e-9  # of a coordinate: room that a parameter at a bound is left
 SLOW = 0.15  # of the largest speed: below, friction laws differ most

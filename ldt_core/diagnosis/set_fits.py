@@ -68,6 +68,8 @@ class SetFits:
         self.residuals, self.candidates, self.tick = residuals, tuple(candidates), tick
         #: Effect to those that this recording cannot tell from it, whatever the data are.
         self.twins: dict[str, set[str]] = {}
+        #: Effects whose laws are taken in detail, to where the fit of the details begins.
+        self.in_detail: dict[str, Array] = {}
         self.workers = residuals.workers
         self.prior = prior
         self._look(residuals.of())
@@ -146,7 +148,7 @@ class SetFits:
         """
 
         def work(first: int, k: int) -> EffectFit:
-            members, start, known = tries[first + k]
+            members, start, known = self._with_details(tries[first + k])
             order = sorted(range(len(members)), key=lambda i: members[i].name)
             own = self.own(members)
             begun = (
@@ -168,6 +170,15 @@ class SetFits:
                     if before and before.loss - tried.loss > THRESHOLDS.chance_gain:
                         self.found.fits.pop(names[-1], None)  # it ended in a poor minimum
         return [self.found.scouted[n] for n in names]
+
+    def _with_details(self, tried: TriedSet) -> TriedSet:
+        """The set with each law in detail that is to be taken so."""
+        members, start = list(tried.members), list(tried.start)
+        for i, (c, z) in enumerate(zip(tried.members, tried.start, strict=True)):
+            detailed = c.detailed if c.name in self.in_detail else None
+            if detailed is not None:
+                members[i], start[i] = detailed, np.concatenate([z, self.in_detail[c.name]])
+        return TriedSet(members, start, tried.known)
 
     def _best(self, count: int) -> list[EffectFit]:
         """Scouted sets of a size, the best first; those near the best once laws may depart."""

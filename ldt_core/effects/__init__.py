@@ -86,7 +86,7 @@ def parse_effect(text: str) -> tuple[Effect, dict[str, float]]:
     if not colon:
         return effect, effect.check(effect.typical)
     given: dict[str, float] = {}
-    names = [p.name for p in effect.parameters]
+    names = [p.name for p in effect.all_parameters]
     for entry in rest.split(","):
         parameter, equals, value = (part.strip() for part in entry.partition("="))
         where = f"effect {effect.name}"
@@ -99,14 +99,14 @@ def parse_effect(text: str) -> tuple[Effect, dict[str, float]]:
             raise OptionError(where, did_you_mean(parameter, names), repr(parameter))
         if parameter in given:
             raise OptionError(f"{where}, {parameter}", "one value", "two")
-        declared = effect.parameters[names.index(parameter)]
+        declared = effect.all_parameters[names.index(parameter)]
         given[parameter] = _amount(f"{where}, {parameter}", value, declared)
-    for p in effect.parameters:
+    for p in effect.all_parameters:
         size, unit = given.get(p.name, 0.0), p.unit
         if abs(size) > p.meant:
             expected = f"at most {p.meant:g} {unit} ({size:g}m{unit} is {size / 1000:g} {unit})"
             raise OptionError(f"effect {effect.name}, {p.name}", expected, f"{size:g} {unit}")
-    return effect, effect.check(given)
+    return effect.used(given)
 
 
 def _example(name: str) -> str:

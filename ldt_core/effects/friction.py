@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 
 from ldt_core.effects.base import SMALL_VOLTAGE, Effect
+from ldt_core.physics.base import SPEED
 from ldt_core.physics.parameter import Parameter, Values
 
 # Speed over which dry friction turns its sign [rad/s]. A jump at 0 would break the integrator's
@@ -49,6 +52,75 @@ def _gear_rate(values, voltage, coefficient):
     return _dry_rate(values, coefficient * values["K_t"] * voltage / values["R"])
 
 
+# The same laws of bristles, which bend before they slip: p holds `presliding` after the law's own.
+
+
+def _elastic_coulomb(t, theta, omega, current, voltage, p, state, rate):
+    rate[0] = omega - math.fabs(omega) * state[0] / p[1]
+    return -p[0] * state[0] / p[1]
+
+
+def _elastic_asymmetric(t, theta, omega, current, voltage, p, state, rate):
+    rate[0] = omega - math.fabs(omega) * state[0] / p[2]
+    level = 0.5 * (p[0] + p[1] + (p[0] - p[1]) * math.tanh(omega / STICK_SPEED))
+    return -level * state[0] / p[2]
+
+
+def _elastic_gear(t, theta, omega, current, voltage, p, state, rate):
+    rate[0] = omega - math.fabs(omega) * state[0] / p[1]
+    small = SMALL_VOLTAGE / p[4]
+    size = current * current / math.sqrt(current * current + small * small)
+    return -p[0] * p[3] * size * state[0] / p[1]
+
+
+def _elastic_stribeck(t, theta, omega, current, voltage, p, state, rate):
+    rate[0] = omega - math.fabs(omega) * state[0] / p[3]
+    level = p[0] + p[1] * math.exp(-((omega / p[2]) ** 2))
+    return -level * state[0] / p[3]
+
+
+def _slipping(state, presliding, **_):
+    return (presliding * math.tanh(state[SPEED] / STICK_SPEED),)
+
+
+def _elastic(effect: Effect, torque: Callable[..., float], level: Callable[..., float]) -> Effect:
+    """The law with friction that builds up over a turn, as bristles do that bend before they slip.
+
+    Args:
+        torque: its function.
+        level: (values, voltage, **p) -> largest torque [N m].
+    """
+
+    def fastest(values: Values, voltage: float, presliding: float, **given: float) -> float:
+        stiffness = level(values, voltage, **given) / presliding
+        top = voltage / values["K_t"]
+        return max(math.sqrt(stiffness / values["J"]), top / presliding)
+
+    presliding = Parameter(
+        "presliding",
+        "rad",
+        1e-3,
+        3.0,
+        0.02,
+        "turn over which the friction builds up after a reversal",
+        scale=0.02,
+    )
+    return replace(
+        effect,
+        description=f"{effect.description}; it builds up over a small turn (presliding)",
+        equation=f"{effect.equation}; with presliding z / presliding in place of sign(omega), "
+        "z' = omega - |omega| z / presliding",
+        parameters=(*effect.parameters, presliding),
+        torque=torque,
+        states=("deflection",),
+        initial=_slipping,
+        needs=("J", "K_t", *(n for n in effect.needs if n not in ("J", "K_t"))),
+        fastest=fastest,
+        reference="Canudas de Wit, Olsson, Åström, Lischinsky, A new model for control of systems "
+        "with friction, IEEE Transactions on Automatic Control 40 (1995) 419; Dahl's, undamped",
+    )
+
+
 def _quadratic(t, theta, omega, current, voltage, p):
     return -p[0] * omega * abs(omega)
 
@@ -57,7 +129,7 @@ def _viscous(values, b):
     return {**values, "b": values["b"] + b}
 
 
-COULOMB_FRICTION = Effect(
+_COULOMB = Effect(
     name="coulomb_friction",
     family="dry friction",
     description="dry friction of the same size at every speed",
@@ -71,8 +143,12 @@ COULOMB_FRICTION = Effect(
     fastest=lambda values, voltage, torque: _dry_rate(values, torque),
     reference=SURVEY,
 )
+COULOMB_FRICTION = replace(
+    _COULOMB,
+    detailed=_elastic(_COULOMB, _elastic_coulomb, lambda values, voltage, torque: torque),
+)
 
-ASYMMETRIC_FRICTION = Effect(
+_ASYMMETRIC = Effect(
     name="asymmetric_friction",
     family="dry friction",
     description="dry friction that differs forward and backward (a worn bearing, a worm gear)",
@@ -93,8 +169,18 @@ ASYMMETRIC_FRICTION = Effect(
     ),
     reference=f"{SURVEY} (levels that depend on the direction)",
 )
+ASYMMETRIC_FRICTION = replace(
+    _ASYMMETRIC,
+    detailed=_elastic(
+        _ASYMMETRIC,
+        _elastic_asymmetric,
+        lambda values, voltage, torque_forward, torque_backward: max(
+            torque_forward, torque_backward
+        ),
+    ),
+)
 
-LOAD_FRICTION = Effect(
+_LOAD = Effect(
     name="load_friction",
     family="dry friction",
     description="dry friction proportional to the transmitted torque, as in a gear",
@@ -118,8 +204,16 @@ LOAD_FRICTION = Effect(
     reference="Duclusaud, Passault, Padois, Ly, Extended friction models for the physics "
     "simulation of servo actuators, arXiv 2410.08650 (2024), load-dependent friction",
 )
+LOAD_FRICTION = replace(
+    _LOAD,
+    detailed=_elastic(
+        _LOAD,
+        _elastic_gear,
+        lambda values, voltage, coefficient: coefficient * values["K_t"] * voltage / values["R"],
+    ),
+)
 
-STRIBECK_FRICTION = Effect(
+_STRIBECK = Effect(
     name="stribeck_friction",
     family="dry friction",
     description="dry friction that is larger near standstill",
@@ -142,6 +236,14 @@ STRIBECK_FRICTION = Effect(
     needs=("J",),
     fastest=lambda values, voltage, torque, static, velocity: _dry_rate(values, torque + static),
     reference=SURVEY,
+)
+STRIBECK_FRICTION = replace(
+    _STRIBECK,
+    detailed=_elastic(
+        _STRIBECK,
+        _elastic_stribeck,
+        lambda values, voltage, torque, static, velocity: torque + static,
+    ),
 )
 
 VISCOUS_FRICTION = Effect(

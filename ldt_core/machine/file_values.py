@@ -112,10 +112,12 @@ def stated_effects(
         if name in [e.name for e in effects]:
             raise MachineFileError(at, "one entry an effect", "two")
         parameters = mapping_of(f"{at}, parameters", section["parameters"])
-        known = {p.name: p for p in effect.parameters}
+        known = {p.name: p for p in effect.all_parameters}
         check_keys(f"{at}, parameters", parameters, (), tuple(known))
         if not parameters:
             raise MachineFileError(f"{at}, parameters", f"a value for {' or '.join(known)}", "none")
+        effect = effect.in_detail(parameters)
+        known = {p.name: p for p in effect.parameters}
         for p in effect.parameters:
             value = parameters.get(p.name, p.default)
             _state(found, f"{at}, parameters", p, own_name(effect.name, p.name), value)

@@ -143,7 +143,7 @@ class Plant:
         known: Mapping[str, float] = {}
         for other, given in self.machine.effects:
             known = given if other.name == name else known
-        return [*used, (effect, effect.check({**known, **worn}))]
+        return [*used, effect.used({**known, **worn})]
 
     def truth(self, number: int) -> dict[str, dict[str, float]]:
         """Effect → its values in experiment `number`."""

@@ -94,8 +94,7 @@ def calibrate(
 
 def _named(diagnosis: object, machine: Machine) -> list[tuple[Effect, dict[str, float]]]:
     if isinstance(diagnosis, Diagnosis):
-        named = [(get_effect(e["effect"]), e["parameters"]) for e in diagnosis.effects]
-        return [(effect, effect.check(given)) for effect, given in named]
+        return [get_effect(e["effect"]).used(e["parameters"]) for e in diagnosis.effects]
     if isinstance(diagnosis, str | os.PathLike):
         return read_effects(Path(diagnosis), machine)
     raise ArgumentTypeError("with_", "a diagnosis or its file", described(diagnosis))

@@ -87,4 +87,4 @@ def _use(given: object, values: object) -> EffectUse:
     for name, value in values.items():
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise OptionError(f"{where}, {name}", "a number", described(value))
-    return effect, effect.check(values or effect.typical)
+    return effect.used(values or effect.typical)

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import dis
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -92,6 +92,9 @@ class Effect:
             it takes the machine for another one.
         search: values of parameters that a diagnosis begins its search with, every combination;
             for those that are not named it takes values about their scale.
+        detailed: the same law in more detail, an effect of the same name with further parameters.
+            It acts where one of them is given; a diagnosis tries it where the plain law falls
+            short.
 
     Raises:
         OptionError: not exactly one function, or a parameter without default.
@@ -115,6 +118,7 @@ class Effect:
     family: str = ""
     most_factor: float = 20.0
     search: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    detailed: Effect | None = None
 
     def __post_init__(self) -> None:
         where = f"effect {self.name}"
@@ -131,6 +135,25 @@ class Effect:
     def neutral(self) -> dict[str, float]:
         """The values that change nothing."""
         return {p.name: float(p.default) for p in self.parameters if p.default is not None}
+
+    def used(self, given: Mapping[str, Any]) -> tuple[Effect, dict[str, float]]:
+        """The effect in the detail that the values given ask for, and all its values.
+
+        Raises:
+            OptionError: as `check`.
+        """
+        effect = self.in_detail(given)
+        return effect, effect.check(given)
+
+    def in_detail(self, given: Collection[str]) -> Effect:
+        """The detailed law where one of its own parameters is among these names."""
+        plain = {p.name for p in self.parameters}
+        return self if self.detailed is None or plain.issuperset(given) else self.detailed
+
+    @property
+    def all_parameters(self) -> tuple[Parameter, ...]:
+        """Those of the detailed law too."""
+        return (self.detailed or self).parameters
 
     def check(self, given: Mapping[str, Any]) -> dict[str, float]:
         """All parameters: those given, checked, and the defaults of the others.
@@ -277,7 +300,7 @@ class Effect:
                 far = self.typical[p.name]
                 moved = far * known[p.name] if p.default == 1 else far + known[p.name] - p.default
                 typical[p.name] = moved if p.accepts(moved) else far
-        return replace(self, parameters=tuple(parameters), typical=typical)
+        return replace(self, parameters=tuple(parameters), typical=typical, detailed=None)
 
     def describe(self, given: Values) -> str:
         """The effect as one would write it after `--effect`."""
