@@ -38,11 +38,13 @@ class Candidate:
     Args:
         most_voltage: largest voltage of the recordings [V].
         sizes: unit to the size of this machine's quantities, see `machine_scales`.
+        details: how many of its parameters, the last ones, are details of the law.
     """
 
     effect: Effect
     most_voltage: float
     sizes: Mapping[str, float] = field(default_factory=dict)
+    details: int = 0
 
     @property
     def name(self) -> str:
@@ -64,7 +66,9 @@ class Candidate:
     def detailed(self) -> Candidate | None:
         """The same law in more detail, whose first coordinates are this one's."""
         more = self.effect.detailed
-        return None if more is None else replace(self, effect=more)
+        if more is None:
+            return None
+        return replace(self, effect=more, details=len(more.parameters) - len(self))
 
     @property
     def differences(self) -> Array:

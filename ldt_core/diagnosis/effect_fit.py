@@ -82,8 +82,8 @@ class EffectFit:
 
     @property
     def free(self) -> int:
-        """Parameters fitted."""
-        return sum(len(c) for c in self.effects)
+        """Parameters fitted, without the details of laws: those make no other law of one."""
+        return sum(len(c) - c.details for c in self.effects)
 
 
 def _prior_rows(members: Sequence[Candidate], own: int) -> Array:

@@ -326,6 +326,8 @@ def _current_shows(found: FittedSets, smaller: EffectFit, larger: EffectFit) -> 
     left, rest = (max(band.current_excess(f.residual), 0.0) for f in (smaller, larger))
     gain = band.current_gain(smaller.residual, larger.residual)
     gap = max(band.current_gain(base, larger.residual), 0.0) + rest
+    if left <= THRESHOLDS.departure_of_law * gap:
+        return False  # so much a law may be off
     return earned(smaller.effects, larger.effects, gain, left, gap)
 
 
