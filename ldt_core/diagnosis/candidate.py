@@ -25,6 +25,7 @@ DIFFERENCE_STEP = 1e-3  # of a coordinate: far above rounding, far below any cur
 LEAST_VOLTAGE = 0.05  # of the largest voltage: a lower limit would have stopped the machine
 LEAST_FACTOR = 0.05  # a machine further below its file than that is another machine
 OPEN_BOUND_MARGIN = 1e-6  # of a parameter's scale: a fit stays so far inside an open bound
+WHOLE = 1.0  # a share's end, which a machine may reach; other upper ends are where a search ends
 LIMIT_MARGIN = 1e-3  # of a coordinate: nearer to its limit, a fit has ended there
 
 
@@ -142,8 +143,11 @@ class Candidate:
         found = []
         for j, p in enumerate(self.parameters):
             near = LIMIT_MARGIN * max(1.0, min(high[j] - low[j], 1.0))
-            if (logarithmic(p) and min(z[j] - low[j], high[j] - z[j]) <= near) or (
-                0 < p.low < (p.default or 0.0) and z[j] - low[j] <= near
+            sought_up_to = p.high < math.inf and p.high != WHOLE and not turning(p)
+            if (
+                (logarithmic(p) and min(z[j] - low[j], high[j] - z[j]) <= near)
+                or (0 < p.low < (p.default or 0.0) and z[j] - low[j] <= near)
+                or (sought_up_to and high[j] - z[j] <= near)
             ):
                 found.append(p.name)
         return found

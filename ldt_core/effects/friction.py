@@ -191,7 +191,7 @@ _LOAD = Effect(
             "coefficient",
             "",
             0.0,
-            1.0,  # beyond it, a gear would turn back the motor that drives it
+            0.8,  # the worst worm gears still pass on a fifth
             0.0,
             "share of the motor's torque that is lost, mu",
             scale=0.1,

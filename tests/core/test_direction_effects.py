@@ -126,7 +126,7 @@ def test_a_drive_without_regeneration_drives_and_reverses_as_others_do():
     [
         "asymmetric_friction:torque_forward=1,torque_backward=0.2",
         "load_friction:coefficient=0.15",
-        "load_friction:coefficient=1",
+        "load_friction:coefficient=0.8",
         "brush_drop:voltage=0.2",
         "brush_drop:voltage=2",
         "no_regeneration:share=1",
