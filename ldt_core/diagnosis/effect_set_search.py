@@ -15,6 +15,7 @@ from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.effect_fit import START_ANGLE_GAIN, START_ANGLE_ROUNDS, EffectFit
 from ldt_core.diagnosis.model_selection import FittedSets
 from ldt_core.diagnosis.responses import Responses, best_alone, rank_pairs, simulate_all
+from ldt_core.diagnosis.ripple_orders import begun_at
 from ldt_core.diagnosis.scouting import of_each_kind
 from ldt_core.diagnosis.set_fits import COMPARED, FAR_OFF, SetFits, TriedSet
 from ldt_core.diagnosis.thresholds import THRESHOLDS
@@ -240,9 +241,14 @@ class EffectSetSearch(SetFits):
     def _about(self, base: EffectFit) -> Responses:
         """What the other effects do beside a set: some act only together with another one."""
         others = [c for c in self.candidates if c.name not in base.names]
-        begun = self.responses.promising(base, STARTS_BESIDE)
+        promising, orders = self.responses.promising(base, STARTS_BESIDE), self.ripples(base)
         return simulate_all(
-            self.scout, others, lambda: self.tick("simulating effects"), base, self.workers, begun
+            self.scout,
+            others,
+            lambda: self.tick("simulating effects"),
+            base,
+            self.workers,
+            lambda c: [*promising(c), *begun_at(c, orders)],
         )
 
     def additions(
