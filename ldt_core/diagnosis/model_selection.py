@@ -19,7 +19,7 @@ from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.error_band import ErrorBand
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.law_departure import LawDepartures
+from ldt_core.diagnosis.law_departure import LawDepartures, own_laws
 from ldt_core.diagnosis.responses import Responses
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
@@ -102,6 +102,8 @@ class FittedSets:
 
     def __post_init__(self) -> None:
         self.departures = LawDepartures(self.residuals, self.base)
+        #: Power in the speed by which laws of the machine file may be off, of a cause's at most.
+        self.own_laws = min(own_laws(self.residuals), THRESHOLDS.departure_of_law * self.excess)
 
     def loss(self, fitted: EffectFit) -> float:
         """A set's loss, once its laws may depart from the machine's."""
