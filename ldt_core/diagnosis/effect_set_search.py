@@ -241,14 +241,14 @@ class EffectSetSearch(SetFits):
     def _about(self, base: EffectFit) -> Responses:
         """What the other effects do beside a set: some act only together with another one."""
         others = [c for c in self.candidates if c.name not in base.names]
-        promising, orders = self.responses.promising(base, STARTS_BESIDE), self.ripples(base)
+        promising, ripples = self.responses.promising(base, STARTS_BESIDE), self.ripples(base)
         return simulate_all(
             self.scout,
             others,
             lambda: self.tick("simulating effects"),
             base,
             self.workers,
-            lambda c: [*promising(c), *begun_at(c, orders)],
+            lambda c: [*promising(c), *begun_at(c, ripples)],
         )
 
     def additions(

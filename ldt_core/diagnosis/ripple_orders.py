@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import lfilter
@@ -27,17 +28,23 @@ FOLLOWED = 3  # of the strongest orders: a law of the angle leaves some at its m
 QUARTERS = 4  # of a turn, by which the phases differ that it begins with
 
 
-def ripple_orders(
-    residuals: FreeRunResiduals, rest: Array, starts: StartStates
-) -> list[tuple[int, float]]:
+class Ripple(NamedTuple):
+    """A torque -T sin(n theta + phi): n, T [N m], phi [rad]."""
+
+    order: int
+    torque: float
+    phase: float
+
+
+def ripple_orders(residuals: FreeRunResiduals, rest: Array, starts: StartStates) -> list[Ripple]:
     """Whole orders at which these (size,) residuals go up and down, the strongest first.
 
-    Returns:
-        Order, and the phase of the sine that the torque then is [rad].
+    The torques that they are take the speed for what it is, so where a ripple holds the shaft they
+    are no more than a beginning.
     """
     orders = np.arange(1, HIGHEST + 1)
     gain, wave = np.zeros(orders.size), np.zeros(orders.size, dtype=np.complex128)
-    shown, samples = np.zeros(orders.size), 0
+    through, shown, samples = np.zeros(orders.size), np.zeros(orders.size), 0
     for i, piece in enumerate(residuals.pieces):
         e = piece.experiment
         kept = math.exp(-e.period / residuals.memory)
@@ -50,28 +57,41 @@ def ripple_orders(
             found = complex(pushed[seen] @ np.exp(-1j * order * angle[seen]))
             passed = 1.0 / np.abs(1.0 - kept * np.exp(-1j * order * turned[seen])) ** 2
             shown[k] += np.count_nonzero(seen)
+            turn = (1.0 - kept) * residuals.memory / residuals.values["J"] / residuals.noise[0]
             gain[k] += 2.0 * abs(found) ** 2 / max(float(passed.sum()), 1.0)
-            wave[k] += found
+            wave[k] += turn * found
+            through[k] += turn**2 * float(passed.sum())
         samples += len(e)
     gain[shown < LEAST_SHOWN * samples] = 0.0
     loud = [k for k in np.argsort(-gain) if gain[k] > THRESHOLDS.chance_gain]
     # A torque -T sin(n theta + phi) is T cos(n theta + phi + pi / 2).
-    return [(int(orders[k]), float(np.angle(wave[k])) - math.pi / 2) for k in loud]
+    return [
+        Ripple(
+            int(orders[k]),
+            2.0 * float(abs(wave[k])) / float(through[k]),
+            float(np.angle(wave[k])) - math.pi / 2,
+        )
+        for k in loud
+    ]
 
 
 def begun_at(
-    candidate: Candidate, orders: Sequence[tuple[int, float]], but: Collection[float] = ()
+    candidate: Candidate, ripples: Sequence[Ripple], but: Collection[float] = ()
 ) -> list[Array]:
-    """Coordinates of a ripple at the strongest orders, but for these; [] of another law."""
+    """Coordinates of a law of the angle at the strongest, but for these orders; [] of another."""
     angles = [p for p in candidate.parameters if turning(p)]
     if ORDER not in candidate.effect.neutral or not angles:
         return []
     (angle, *_), found = angles, []
-    given = candidate.given(candidate.starts()[0])
-    for order, phase in [o for o in orders[:FOLLOWED] if o[0] not in but]:
+    for ripple in (r for r in ripples[:FOLLOWED] if r.order not in but):
         for quarter in range(QUARTERS):
-            turn = (phase + quarter * 2 * math.pi / QUARTERS + math.pi) % (2 * math.pi) - math.pi
-            found.append(candidate.coordinates({**given, ORDER: float(order), angle.name: turn}))
+            phase = ripple.phase + quarter * 2 * math.pi / QUARTERS
+            given = {
+                candidate.parameters[0].name: ripple.torque,
+                ORDER: float(ripple.order),
+                angle.name: (phase + math.pi) % (2 * math.pi) - math.pi,
+            }
+            found.append(candidate.coordinates(candidate.effect.check(given)))
     return found
 
 

@@ -239,8 +239,9 @@ def _growing_sets(found: FittedSets, gap: float) -> list[EffectFit]:
         pool = found.of_size(size)
         if not pool:
             continue
-        # Of the sets that are as good as the best, one with the fewest effects of one family.
-        larger = min(_as_good(found, pool), key=lambda f: kin(f.effects))
+        # Of the sets that are as good as the best, one that has not run to its end, with the fewest
+        # effects of one family.
+        larger = min(_as_good(found, pool), key=lambda f: (bool(f.ended), kin(f.effects)))
         if _worth_more(found, chosen[-1], larger, gap):
             chosen.append(larger)
     return chosen

@@ -96,8 +96,9 @@ def test_the_order_of_a_ripple_is_found_whatever_it_is(periods, most):
     """A search that begins at other orders never gets there: the residual tells it."""
     experiments = cogged(0.02, float(periods), (0.3, most), 0.01, [0.0] * 4)
     residuals = FreeRunResiduals(MACHINE, experiments)
-    (order, phase), *_ = ripple_orders(residuals, residuals.of(), residuals.starts)
+    (order, torque, phase), *_ = ripple_orders(residuals, residuals.of(), residuals.starts)
     assert order == periods
+    assert torque == pytest.approx(0.02, rel=0.3)
     assert math.cos(phase) > 0.5  # the engine's is 0, but for what the speed changes in a ripple
 
 
