@@ -102,8 +102,7 @@ class FittedSets:
 
     def __post_init__(self) -> None:
         self.departures = LawDepartures(self.residuals, self.base)
-        #: Power in the speed by which laws of the machine file may be off, of a cause's at most.
-        self.own_laws = min(own_laws(self.residuals), THRESHOLDS.departure_of_law * self.excess)
+        self._own_laws = own_laws(self.residuals)
 
     def loss(self, fitted: EffectFit) -> float:
         """A set's loss, once its laws may depart from the machine's."""
@@ -120,6 +119,11 @@ class FittedSets:
             for f in (fitted, best)
         )
         return next(losses) - next(losses)
+
+    @property
+    def own_laws(self) -> float:
+        """Power in the speed by which laws of the machine file may be off, as a cause's at most."""
+        return min(self._own_laws, THRESHOLDS.departure_of_law * max(self.excess, 0.0))
 
     @property
     def excess(self) -> float:
