@@ -295,16 +295,21 @@ class EffectSetSearch(SetFits):
         return tries
 
     def _with_plainer_laws(self, base: EffectFit) -> list[EffectFit]:
-        """Sets with a relative of fewer parameters in the place of a member."""
-        fewer = {
-            m.name: [
-                c.name
-                for c in self.candidates
-                if m.effect.family and c.effect.family == m.effect.family and len(c) < len(m)
-            ]
-            for m in base.effects
-        }
-        return self._scout(self._in_place(base, fewer))
+        """Sets with relatives of fewer parameters in the place of one member, or of several."""
+        found = {frozenset(base.names): base}
+        for fitted in (asked := [base]):
+            fewer = {
+                m.name: [
+                    c.name
+                    for c in self.candidates
+                    if m.effect.family and c.effect.family == m.effect.family and len(c) < len(m)
+                ]
+                for m in fitted.effects
+            }
+            new = self._scout(self._in_place(fitted, fewer))
+            asked += [f for f in new if frozenset(f.names) not in found]
+            found |= {frozenset(f.names): f for f in new}
+        return list(found.values())[1:]
 
     def alternatives(self, base: EffectFit) -> list[EffectFit]:
         """Sets that differ from a set in one member, the most promising, fitted on all."""
