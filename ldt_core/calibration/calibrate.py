@@ -34,6 +34,7 @@ from ldt_core.calibration.identifiability import (
     MOST_ERROR,
     Identifiability,
     Uncertainty,
+    coloured,
     examine,
     uncertainty,
 )
@@ -221,6 +222,7 @@ class _Work:
             fixed={n: fixed[n] for n in order},
             undetermined=state.seen.clusters + vague,
             noise=noise,
+            coloured=coloured(noise, state.runs.residuals(state.values), self.experiments),
             posterior=state.known if all(e.std for e in estimates) else None,
             intervals=WITHHELD if state.lacking != () else state.uncertainty.method,
             lacking=None if state.lacking is None else list(state.lacking),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -94,6 +94,8 @@ class Calibration:
         lacking: effects that the physics lacks and that are plainly in what is left, the clearest
             first; None where what is left is smooth and follows none of them.
         posterior: what is known of all parameters together; None where some have no interval.
+        coloured: of a channel whose noise is stronger at low frequencies, deviations of white noise
+            that is as rough, and of white noise that is as strong there.
         notes: sentences for a person: what is determined, what to beware of.
         recordings: the files.
     """
@@ -110,6 +112,7 @@ class Calibration:
     notes: tuple[str, ...]
     lacking: list[str] | None = field(default_factory=list)
     posterior: Posterior | None = None
+    coloured: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     recordings: tuple[str, ...] = ()
 
     def with_recordings(self, recordings: Sequence[str]) -> Calibration:
@@ -140,6 +143,11 @@ class Calibration:
             "rmse_before": rounded(before.rmse),
             "rmse_after": rounded(after.rmse),
         }
+        if self.coloured:
+            record["coloured_noise"] = {
+                channel: {"white": rounded(white), "slow": rounded(slow)}
+                for channel, (white, slow) in self.coloured.items()
+            }
         if "held_out" in self.errors:
             before, after = self.errors["held_out"]
             record["held_out"] = {

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +32,8 @@ from scipy.linalg import matmul_toeplitz
 from scipy.special import stdtrit
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.experiment import Experiment
+from ldt_core.estimation.noise import white_noise
 
 MOST_ERROR = 0.25  # standard error of a logarithm: 95 % lie within a factor of 1.6 either way
 EXACT_TOLERANCE = 1e-6  # of the largest singular value: rounding of difference quotients
@@ -44,6 +46,7 @@ FEWEST_CLUSTERS = 8  # experiments from which their scatter says more than a mod
 LEFT_WITHOUT_ONE = 0.1  # of the information on a direction, at least, when one is left out
 MOST_ORDER = 20  # of the autoregression: its memory in samples
 LEAST_FREEDOM = 3.0  # degrees of freedom: below, Student's t has no variance
+COLOURED = 1.2  # of white noise as rough: what a diagnosis lets noise change beyond what it saw
 RIDGE = 1e-14  # of the information: rounding, so that a direction without any can be inverted
 
 
@@ -290,29 +293,58 @@ def _stationary(
     meat = np.zeros((p, p))
     orders, freedom = [], math.inf
     for channel in range(2):
-        parts = []
-        for s, r, length in zip(sensitivities, residuals, lengths, strict=True):
-            if len(r) >= (channel + 1) * length:
-                cut = slice(channel * length, (channel + 1) * length)
-                parts.append((s[cut], r[cut]))
+        parts = _of_channel(channel, residuals, lengths)
         if not parts:
             continue
-        samples = sum(len(r) for _, r in parts)
-        longest = max(len(r) for _, r in parts)
-        covariance, order = _autocovariance([r for _, r in parts], longest)
+        samples = sum(len(r) for r in parts)
+        longest = max(len(r) for r in parts)
+        covariance, order = _autocovariance(parts, longest)
         time = max(1.0, 2 * float(covariance.sum() / covariance[0]) - 1) if covariance[0] else 1.0
         effective = samples / time
         left = max(effective - p - (unknowns if channel == 0 else 0), effective / 2)
         covariance *= effective / left  # the fit has taken its share of the slow part of the noise
         orders.append(order)
         freedom = min(freedom, left)
-        for s, _ in parts:
+        for s in _of_channel(channel, sensitivities, lengths):
             meat += s.T @ matmul_toeplitz(covariance[: len(s)], s, check_finite=False)
     inverse = np.linalg.inv(total)
     words = ", ".join(f"AR({o})" for o in orders)
     return Uncertainty(
         inverse @ meat @ inverse, max(freedom, LEAST_FREEDOM), f"stationary residual, {words}"
     )
+
+
+def _of_channel(channel: int, rows: Sequence[Array], lengths: Sequence[int]) -> list[Array]:
+    """Of each experiment the rows of the speed (0) or of the current (1), where measured."""
+    return [
+        r[channel * length : (channel + 1) * length]
+        for r, length in zip(rows, lengths, strict=True)
+        if len(r) >= (channel + 1) * length
+    ]
+
+
+def coloured(
+    noise: Mapping[str, float], residuals: Sequence[Array], experiments: Sequence[Experiment]
+) -> dict[str, tuple[float, float]]:
+    """The channels whose noise is stronger at low frequencies, and by how much.
+
+    Args:
+        noise: deviation of what is left of the speed, and of the current where it was measured.
+        residuals: a (rows,) for each experiment, in such deviations, as of `uncertainty`.
+
+    Returns:
+        By name, the deviations of two white noises: of the one that is as rough as the residuals,
+        and of the one that has as much power at the lowest frequencies.
+    """
+    found, lengths = {}, [len(e) for e in experiments]
+    for channel, (name, size) in enumerate(noise.items()):
+        parts = _of_channel(channel, residuals, lengths)
+        covariance, order = _autocovariance(parts, max(lengths))
+        white = size * white_noise(parts)
+        slow = size * math.sqrt(max(2 * float(covariance.sum()) - float(covariance[0]), 0.0))
+        if order and slow > COLOURED * white > 0:
+            found[name] = white, slow
+    return found
 
 
 def _autocovariance(residuals: Sequence[Array], longest: int) -> tuple[Array, int]:

@@ -16,7 +16,7 @@ from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.holdout import HOLDOUT, split
 from ldt_core.diagnosis.isolability import isolability
 from ldt_core.diagnosis.library import library
-from ldt_core.diagnosis.nominal_prior import nominal_prior
+from ldt_core.diagnosis.nominal_prior import known_colour, nominal_prior
 from ldt_core.diagnosis.recorded_times import without_repeats
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import decide
@@ -74,7 +74,11 @@ def diagnose(
     ]
     with one_thread():  # matrices are small: more threads wait for each other, and round otherwise
         residuals = FreeRunResiduals(
-            machine, fitted, workers=workers, tolerance=THRESHOLDS.law_error
+            machine,
+            fitted,
+            workers=workers,
+            tolerance=THRESHOLDS.law_error,
+            colour=known_colour(machine, recordings),
         )
         search = EffectSetSearch(residuals, candidates, tick, prior)
         tick("what this recording can tell apart")

@@ -15,6 +15,7 @@ from ldt_core.diagnosis.candidate import START_SHAPES, Candidate
 from ldt_core.diagnosis.effect_fit import START_ANGLE_GAIN, START_ANGLE_ROUNDS, EffectFit
 from ldt_core.diagnosis.model_selection import FittedSets
 from ldt_core.diagnosis.responses import Responses, best_alone, rank_pairs, simulate_all
+from ldt_core.diagnosis.ripple_orders import begun_at
 from ldt_core.diagnosis.scouting import of_each_kind
 from ldt_core.diagnosis.set_fits import COMPARED, FAR_OFF, SetFits, TriedSet
 from ldt_core.diagnosis.thresholds import THRESHOLDS
@@ -288,9 +289,14 @@ class EffectSetSearch(SetFits):
     def _about(self, base: EffectFit) -> Responses:
         """What the other effects do beside a set: some act only together with another one."""
         others = [c for c in self.candidates if c.name not in base.names]
-        begun = self.responses.promising(base, STARTS_BESIDE)
+        promising, ripples = self.responses.promising(base, STARTS_BESIDE), self.ripples(base)
         return simulate_all(
-            self.scout, others, lambda: self.tick("simulating effects"), base, self.workers, begun
+            self.scout,
+            others,
+            lambda: self.tick("simulating effects"),
+            base,
+            self.workers,
+            lambda c: [*promising(c), *begun_at(c, ripples)],
         )
 
     def additions(
@@ -337,16 +343,21 @@ class EffectSetSearch(SetFits):
         return tries
 
     def _with_plainer_laws(self, base: EffectFit) -> list[EffectFit]:
-        """Sets with a relative of fewer parameters in the place of a member."""
-        fewer = {
-            m.name: [
-                c.name
-                for c in self.candidates
-                if m.effect.family and c.effect.family == m.effect.family and len(c) < len(m)
-            ]
-            for m in base.effects
-        }
-        return self._scout(self._in_place(base, fewer))
+        """Sets with relatives of fewer parameters in the place of one member, or of several."""
+        found = {frozenset(base.names): base}
+        for fitted in (asked := [base]):
+            fewer = {
+                m.name: [
+                    c.name
+                    for c in self.candidates
+                    if m.effect.family and c.effect.family == m.effect.family and len(c) < len(m)
+                ]
+                for m in fitted.effects
+            }
+            new = self._scout(self._in_place(fitted, fewer))
+            asked += [f for f in new if frozenset(f.names) not in found]
+            found |= {frozenset(f.names): f for f in new}
+        return list(found.values())[1:]
 
     def alternatives(self, base: EffectFit) -> list[EffectFit]:
         """Sets that differ from a set in one member, the most promising, fitted on all."""

@@ -49,6 +49,7 @@ DIVERGED_SPEED = 1e4  # rad/s, in place of a free run that grows for ever
 AT_REST = 4.0  # noise deviations: a first sample nearer to 0 is that of a machine at rest
 ANGLE_SHOWS = 1e-3  # noise deviations by which an effect that depends on the angle shows it
 TERMINAL_PRICE = 4  # of a torque's steps that one of a voltage at the terminals takes: 34 and 8 ns
+CHANNELS = ("speed", "current")
 SHORTEST_STEP = 0.5e-3  # s, of the integration, whatever a fit tries: bounds the time it takes
 
 
@@ -75,6 +76,7 @@ class FreeRunResiduals:
             every sample makes the signals themselves rough.
         tolerance: part of each channel's gap, as root mean square, that counts as noise as well: no
             law is exactly a machine's, and a channel measured very well must not count for more.
+        colour: of a channel's noise that is not white, see `nominal_prior.known_colour`.
     """
 
     def __init__(
@@ -84,6 +86,7 @@ class FreeRunResiduals:
         noise: tuple[float, float] | None = None,
         workers: int = 1,
         tolerance: float = 0.0,
+        colour: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
         self.machine, self.experiments = machine, list(experiments)
         self.physics, self.values = machine.model, dict(machine.parameters)
@@ -122,6 +125,7 @@ class FreeRunResiduals:
             self.starts = searched_start_states(self, (), True, 0, True, True, SEARCH_STEP)
         if noise is None:
             self._repeat()
+        self._colour(colour or {})
         if tolerance > 0:
             self._tolerate(tolerance)
 
@@ -141,6 +145,17 @@ class FreeRunResiduals:
         self._widen(*wider)
         samples = sum(len(e) for e in self.experiments)
         self.rounding = samples * (ROUNDING * steps[0] / self.noise[0]) ** 2
+
+    def _colour(self, colour: Mapping[str, Sequence[float]]) -> None:
+        """Take the noise for as large as white noise that is as strong at low frequencies."""
+        white = [1.0, 1.0]
+        for channel, name in enumerate(CHANNELS):
+            if name in colour and self.whiteness[channel] == 1.0:
+                rough, whole, slow = colour[name]
+                wider = [1.0, 1.0]
+                wider[channel], white[channel] = slow / rough, whole / slow
+                self._widen(*wider)
+        self.whiteness = self.whiteness[0] * white[0], self.whiteness[1] * white[1]
 
     def _price(self) -> int:
         """A motor's steps for a sample, as far as the machine without any effect tells."""

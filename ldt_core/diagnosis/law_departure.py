@@ -23,9 +23,11 @@ from ldt_core.diagnosis.free_run_residuals import (
     DIVERGED_SPEED,
     FreeRunResiduals,
     PreparedExperiment,
+    Used,
 )
 from ldt_core.diagnosis.start_states import SEARCH_STEP, Simulated
 from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.effects import get_effect
 from ldt_core.estimation.variable_projection import project_out
 from ldt_core.physics.effect import Effect
 
@@ -162,6 +164,29 @@ class LawDepartures:
         without = (speeds[k : k + count] for k in range(count, len(found), count))
         changes = [[a - b for a, b in zip(speeds, w, strict=False)] for w in without]
         return found[:count], changes
+
+
+def own_laws(residuals: FreeRunResiduals) -> float:
+    """Power in the speed by which the laws that the machine file knows of may be off.
+
+    They are no more exact than those to come. 0 where the file's calibration has left nothing but
+    noise with them: then they have been put to the test.
+    """
+    machine, count = residuals.machine, len(residuals.pieces)
+    if not machine.acting or machine.calibration.get("lacking", []) == []:
+        return 0.0
+    uses: list[list[Used]] = [[]]
+    for effect in map(machine.effect, machine.acting):
+        uses.append([(effect, effect.check(get_effect(effect.name).neutral))])
+    runs = [Simulated(i, use) for use in uses for i in range(count)]
+    speeds = [speed for speed, _ in residuals.simulated(runs, SEARCH_STEP)]
+    power = 0.0
+    for i, piece in enumerate(residuals.pieces):
+        signal = float(piece.experiment.speed @ piece.experiment.speed)
+        for without in speeds[count + i :: count]:
+            moved = speeds[i] - without
+            power += min(float(moved @ moved), signal)
+    return THRESHOLDS.law_error**2 * power / residuals.noise[0] ** 2
 
 
 def _speed(piece: PreparedExperiment) -> slice:

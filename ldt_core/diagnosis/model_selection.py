@@ -19,7 +19,7 @@ from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.error_band import ErrorBand
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.law_departure import LawDepartures
+from ldt_core.diagnosis.law_departure import LawDepartures, own_laws
 from ldt_core.diagnosis.responses import Responses
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
@@ -102,6 +102,7 @@ class FittedSets:
 
     def __post_init__(self) -> None:
         self.departures = LawDepartures(self.residuals, self.base)
+        self._own_laws = own_laws(self.residuals)
 
     def loss(self, fitted: EffectFit) -> float:
         """A set's loss, once its laws may depart from the machine's."""
@@ -118,6 +119,11 @@ class FittedSets:
             for f in (fitted, best)
         )
         return next(losses) - next(losses)
+
+    @property
+    def own_laws(self) -> float:
+        """Power in the speed by which laws of the machine file may be off, as a cause's at most."""
+        return min(self._own_laws, THRESHOLDS.departure_of_law * max(self.excess, 0.0))
 
     @property
     def excess(self) -> float:

@@ -8,6 +8,7 @@ allows. What is further off is a change of the machine, which an effect of the l
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -291,6 +292,31 @@ def _fitted_to(machine: Machine, recordings: Sequence[str]) -> bool:
     listed = machine.calibration.get("recordings")
     told = [str(r) for r in listed] if isinstance(listed, list) else []
     return bool({PurePath(r).name for r in told} & {PurePath(r).name for r in recordings})
+
+
+def known_colour(machine: Machine, recordings: Sequence[str] = ()) -> dict[str, tuple[float, ...]]:
+    """By channel whose noise is not white, what the file's calibration saw of it.
+
+    The limits come from the healthy machine's records: where its physics lacked nothing, none of
+    them is diagnosed, and the file has not been edited since.
+
+    Returns:
+        Deviations of white noise that is as rough, of what was left, and of white noise that is as
+        strong at low frequencies.
+    """
+    told = machine.calibration
+    if told.get("lacking") != [] or _fitted_to(machine, recordings) or _posterior(machine) is None:
+        return {}
+    noise, coloured = told.get("noise"), told.get("coloured_noise")
+    if not isinstance(noise, dict) or not isinstance(coloured, dict):
+        return {}
+    found = {}
+    for channel, parts in coloured.items():
+        with contextlib.suppress(KeyError, TypeError, ValueError):
+            sizes = tuple(float(v) for v in (parts["white"], noise[channel], parts["slow"]))
+            if 0 < sizes[0] < sizes[2] < math.inf and 0 < sizes[1] < math.inf:
+                found[str(channel)] = sizes
+    return found
 
 
 def merged(

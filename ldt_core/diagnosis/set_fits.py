@@ -22,6 +22,7 @@ from ldt_core.diagnosis.law_departure import LawDepartures
 from ldt_core.diagnosis.model_selection import FittedSets, Names, plain_enough
 from ldt_core.diagnosis.nominal_prior import NominalCandidate, NominalPrior
 from ldt_core.diagnosis.responses import simulate_all
+from ldt_core.diagnosis.ripple_orders import ORDER, Ripple, begun_at, ripple_orders
 from ldt_core.diagnosis.scouting import bearable, empty, scouted, told
 from ldt_core.diagnosis.start_states import StartStates
 from ldt_core.diagnosis.thresholds import THRESHOLDS
@@ -84,8 +85,14 @@ class SetFits:
         zeros = [np.zeros(len(c)) for c in own]
         count = len(own)
         fitted = fit(self.scout, own, zeros, own=count) if count else None
+        ripples = self.ripples(fitted or empty(self.scout))
         self.responses = simulate_all(
-            self.scout, self.candidates, lambda: tick("simulating effects"), fitted, self.workers
+            self.scout,
+            self.candidates,
+            lambda: tick("simulating effects"),
+            fitted,
+            self.workers,
+            lambda c: [*c.starts(), *begun_at(c, ripples, c.effect.search.get(ORDER, ()))],
         )
         alone = fit(residuals, own, fitted.z, own=count) if fitted else empty(residuals)
         self.found = FittedSets(residuals, ErrorBand(residuals), alone.residual, self.responses)
@@ -94,6 +101,10 @@ class SetFits:
         self.found.scouted[frozenset()] = fitted or empty(self.scout)
         self.band = ErrorBand(self.scout)
         self.departures = LawDepartures(self.scout, self.responses.base)
+
+    def ripples(self, base: EffectFit) -> list[Ripple]:
+        """What goes up and down with the angle in what a scouted set leaves, strongest first."""
+        return ripple_orders(self.scout, base.residual, base.starts or self.scout.starts)
 
     def _told_beside(self) -> dict[str, frozenset[int]]:
         """Coordinates of the prior that this recording tells of: of "", and beside each effect."""

@@ -217,10 +217,10 @@ def _no_cause(found: FittedSets, fitted: EffectFit, gap: float) -> bool:
     numbers can follow the speed, and not the current, both together judge.
     """
     band = found.band
-    left = band.excess(fitted.residual) - (fitted.loss - found.loss(fitted))
+    left = band.excess(fitted.residual) - (fitted.loss - found.loss(fitted)) - found.own_laws
     if left <= THRESHOLDS.further_effect_of_gap * found.excess:
         return False
-    return bool(_unexplained(band, found.left(fitted), gap))
+    return bool(_unexplained(band, found.left(fitted) - found.own_laws, gap))
 
 
 def _with_noise(residuals: FreeRunResiduals, level: tuple[float, float]) -> FreeRunResiduals:
@@ -245,9 +245,10 @@ def _agreement(
     left = (power - noise)[pick].sum(axis=1)
     gap = np.maximum(explained, 0.0) + np.maximum(left, 0.0)
     departs = found.departures.taken(best) / max(float(power.sum()), 1e-300)
-    same = _unexplained(band, left - departs * power[pick].sum(axis=1), gap) == unknown
+    left = left - departs * power[pick].sum(axis=1) - found.own_laws
+    same = _unexplained(band, left, gap) == unknown
     whole = band.speed_gap(found.base, best.residual)
-    if not unknown and _unexplained(band, found.left(best), whole):
+    if not unknown and _unexplained(band, found.left(best) - found.own_laws, whole):
         same = np.ones_like(same)  # the current has decided
     own = _losses(found.residuals, best)[pick].sum(axis=1)
     for rival in rivals:
@@ -267,8 +268,9 @@ def _growing_sets(found: FittedSets, gap: float) -> list[EffectFit]:
         pool = found.of_size(size)
         if not pool:
             continue
-        # Of the sets that are as good as the best, one with the fewest effects of one family.
-        larger = min(_as_good(found, pool), key=lambda f: kin(f.effects))
+        # Of the sets that are as good as the best, one that has not run to its end, with the fewest
+        # effects of one family.
+        larger = min(_as_good(found, pool), key=lambda f: (bool(f.ended), kin(f.effects)))
         if _worth_more(found, chosen[-1], larger, gap):
             chosen.append(larger)
     return chosen

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -81,3 +82,17 @@ def test_a_departure_is_given_no_name(by):
     names = ("coulomb_friction", "winding_heating", "quadratic_drag", "inertia", "sensor_gain")
     found = diagnose(MOTOR, experiments, effects=[get_effect(n) for n in names], workers=1)
     assert found.verdict.acting == [["coulomb_friction"]]
+
+
+@pytest.mark.parametrize(
+    ("lacking", "kind"), [(["stribeck_friction"], "effect"), ([], "unknown")], ids=["some", "none"]
+)
+def test_laws_that_the_file_knows_of_are_no_more_exact(lacking, kind):
+    """What its friction leaves hides no delay, unless its calibration has found that it fits."""
+    known = MOTOR.with_effects([(get_effect("coulomb_friction"), {"torque": 0.05})])
+    known = replace(known, calibration={"lacking": lacking})
+    acting = friction_that_rises(0.1), "input_delay:delay=0.01"
+    tried = [known.effect(n) for n in ("input_delay", "coulomb_friction", "constant_load")]
+    found = diagnose(known, record(MOTOR, *acting, volts=VOLTS, count=5), effects=tried, workers=1)
+    assert found.verdict.kind == kind
+    assert kind == "unknown" or "input_delay" in found.verdict.effects

@@ -194,7 +194,7 @@ class Noiseless:
 class Exact:
     """Sets whose laws depart from the machine's in nothing."""
 
-    excess, base = GAP, np.zeros(1)
+    excess, base, own_laws = GAP, np.zeros(1), 0.0
 
     def __init__(self, band):
         self.band = band

@@ -7,8 +7,10 @@ import pytest
 from recorded_machines import MOTOR, candidates, record
 
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
+from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.scouting import bearable, empty, scouted
+from ldt_core.diagnosis.set_fits import TriedSet
 
 LIMIT = "voltage_saturation:limit=9"
 LOUD = 2  # place of the only experiment that reaches the limit
@@ -42,3 +44,17 @@ def test_what_runs_away_elsewhere_begins_weaker(one_reaches_it):
     mild = heat.coordinates({"thermal_resistance": 1.0, "time_constant": 1.0})
     calm = fit(one_reaches_it, [heat], [mild])
     np.testing.assert_array_equal(bearable(one_reaches_it, calm, base)[0], calm.z[0])
+
+
+def test_plainer_laws_take_the_place_of_several_members_at_once():
+    """Else a set of two flexible laws is never held against the two plain ones."""
+    acting = "coulomb_friction:torque=0.05", "viscous_friction:b=0.001"
+    residuals = FreeRunResiduals(MOTOR, record(MOTOR, *acting, count=3))
+    names = "stribeck_friction", "coulomb_friction", "viscous_asymmetric", "viscous_friction"
+    tried = candidates(MOTOR, names)
+    search = EffectSetSearch(residuals, tried)
+    flexible = [c for c in tried if c.name in ("stribeck_friction", "viscous_asymmetric")]
+    start = [c.coordinates(c.typical) for c in flexible]
+    (base,) = search._scout([TriedSet(flexible, start)])
+    found = {frozenset(f.names) for f in search._with_plainer_laws(base)}
+    assert {"coulomb_friction", "viscous_friction"} in found

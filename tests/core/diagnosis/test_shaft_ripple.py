@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from recorded_machines import steps
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.ripple_orders import ripple_orders
 from ldt_core.effects import get_effect
 from ldt_core.estimation.noise import white_noise
 from ldt_core.machine.machine_file import machine_from_dict
@@ -83,6 +87,28 @@ def test_a_ripple_is_named_though_no_experiment_begins_at_the_same_angle():
     assert answer.gap.after.rmse > answer.gap.before.rmse
     assert answer.gap.closed_fraction is None
     assert "Where the start angle is unknown" in answer.verdict.sentence
+
+
+@pytest.mark.parametrize(
+    ("periods", "most"), [(2, 4.0), (11, 4.0), (13, 3.0), (29, 2.0), (36, 1.5)]
+)
+def test_the_order_of_a_ripple_is_found_whatever_it_is(periods, most):
+    """A search that begins at other orders never gets there: the residual tells it."""
+    experiments = cogged(0.02, float(periods), (0.3, most), 0.01, [0.0] * 4)
+    residuals = FreeRunResiduals(MACHINE, experiments)
+    (order, torque, phase), *_ = ripple_orders(residuals, residuals.of(), residuals.starts)
+    assert order == periods
+    assert torque == pytest.approx(0.02, rel=0.3)
+    assert math.cos(phase) > 0.5  # the engine's is 0, but for what the speed changes in a ripple
+
+
+@pytest.mark.slow
+def test_a_ripple_of_an_odd_order_is_named():
+    """Eleven teeth, at which no search begins by itself."""
+    answer = found(cogged(0.06, 11.0, (0.5, 4.0), 0.01, [0.0] * 5))
+    assert answer.verdict.effects == ["cogging_torque"]
+    cogging = next(c for c in answer.candidates if c.effect == "cogging_torque").parameters
+    assert cogging["periods"].value == pytest.approx(11.0, abs=0.01)
 
 
 @pytest.mark.slow
