@@ -86,6 +86,8 @@ class CauseSearch:
 
     Attributes:
         cause: what explains the experiment, and its origin.
+        idle: whether known causes explain the experiment, but hardly err less than the present
+            model. Nothing would: what explains it leaves its noise.
         models: what came of it; None while it goes on.
     """
 
@@ -95,6 +97,7 @@ class CauseSearch:
         self.question, self.granted = question, granted
         self._candidates, self._begun_over = candidates, over
         self.cause: tuple[GreyBoxModel, str] | None = None
+        self.idle = False
         self.over = over
         self.models: list[Model] | None = None
         self._done, self._work = 0, self._works()
@@ -140,10 +143,11 @@ class CauseSearch:
         best = yield from self._candidates.refitted(
             asked.versions, asked.known, experiment, asked.recent
         )
-        if best is not None and not (
-            explains(best, experiment) and gains(best, asked.versions[0], experiment)
-        ):
+        if best is not None and not explains(best, experiment):
             best = None
+        if best is not None and not gains(best, asked.versions[0], experiment):
+            self.idle = True
+            return None
         alone, pool = best, [*asked.known[-POOL + 1 :], experiment]
         if alone is not None and asked.elsewhere and not all(explains(alone, e) for e in pool):
             # Of one machine, as the excitation alone is another: another cause may explain all.

@@ -242,6 +242,9 @@ class ContestAdaptor(Adaptor):
         over = search.explain(self._steps)
         if search.cause is not None:
             return self._learned_by(*search.cause, experiment, {})
+        if search.idle:
+            why = "what its causes explain does not pay for another version"
+            return Action.REFUSED, f"{why}; version {before.version} stays", {}
         details: dict[str, float] = {}
         judged = self.unexplained(experiment)  # in one alone a version errs less by luck
         waits = f"searches wait for {self.backoff.wait} more experiments"
