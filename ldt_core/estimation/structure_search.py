@@ -36,7 +36,7 @@ WEAKEST = min(gain for gain, _ in SCREENINGS)
 #: Structures of each screening that are fitted whole, the best and its rival.
 FINALISTS = 2
 #: Structures that are screened between two pauses.
-AT_ONCE = 8
+AT_ONCE = 4
 #: Effects of a structure: of what few experiments tell, more are rarely told apart.
 MOST_EFFECTS = 3
 #: Standard deviations of the cost of a fit to white noise, beyond which a prior is doubted: one fit

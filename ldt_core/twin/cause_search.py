@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.base.pausable import Pausable, finished
+from ldt_core.base.pausable import Pausable, finished, within
 from ldt_core.base.threads import one_thread
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
@@ -16,9 +16,9 @@ from ldt_core.twin.stage import Archive
 from ldt_core.twin.version_errors import explains, gains
 
 #: Integration steps of a search (`physics.base.Work`) at one experiment, of some 80 ns each on one
-#: processor. A first search that finds two causes in 2000 samples takes 13 to 18 million; with some
-#: room that is about a second of two processors, and more an answer should not take.
-STEPS = 20_000_000
+#: processor. A first search that finds two causes in 2000 samples takes 10 to 15 million; with some
+#: room that is about a second, and more an answer should not take.
+STEPS = 16_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +114,11 @@ class CauseSearch:
         self._go_on(until_known=False)
         return self.models is not None
 
+    def settled(self, model: Model) -> bool:
+        """Whether causes that came into force meanwhile explain all that it is about."""
+        caused = isinstance(model, GreyBoxModel)
+        return caused and all(explains(model, e) for e in self.question.pool)
+
     def _go_on(self, until_known: bool) -> None:
         with one_thread():
             while self._done < self.granted and not (until_known and self.over):
@@ -151,7 +156,7 @@ class CauseSearch:
         alone, pool = best, [*asked.known[-POOL + 1 :], experiment]
         if alone is not None and asked.elsewhere and not all(explains(alone, e) for e in pool):
             # Of one machine, as the excitation alone is another: another cause may explain all.
-            best = (yield from self._searched(pool)) or alone
+            best = (yield from within(self._searched(pool), STEPS // 2)) or alone
         elif best is None:
             best = yield from self._searched([experiment])
         if best is None:
@@ -181,3 +186,8 @@ class CauseSearch:
         if type(granted) is not int or granted < 0:
             raise ValueError("granted is no count")
         return cls(candidates, question, bool(state["over"]), granted)
+
+
+def granted(beside: CauseSearch | None) -> int:
+    """Integration steps for a search at one experiment; beside one that goes on, each has half."""
+    return STEPS if beside is None else STEPS // 2

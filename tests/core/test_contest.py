@@ -195,7 +195,7 @@ def unsure_of(step):
 
 def test_a_search_that_is_long_goes_on_at_later_experiments(monkeypatch, tmp_path):
     """However fast the computer is, and in a run that goes on from a recording as well."""
-    monkeypatch.setattr("ldt_core.twin.contest.STEPS", 2_500_000)
+    monkeypatch.setattr("ldt_core.twin.cause_search.STEPS", 2_500_000)
     plant = Plant(wearing("unbalance", "e", 0.012), experiments=20, seed=3)
     (change,) = plant.schedule.changes
     stream = [plant.experiment(i) for i in range(change, change + 7)]
