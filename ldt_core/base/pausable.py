@@ -20,3 +20,17 @@ def finished(work: Pausable[T]) -> T:
         except StopIteration as end:
             found: T = end.value
             return found
+
+
+def within(work: Pausable[T], most: int) -> Pausable[T | None]:
+    """What comes of it, None where it takes more than this."""
+    done = 0
+    while done < most:
+        try:
+            piece = next(work)
+        except StopIteration as end:
+            found: T = end.value
+            return found
+        done += piece
+        yield piece
+    return None

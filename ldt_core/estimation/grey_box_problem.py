@@ -34,8 +34,12 @@ DIFFERENCE = 1e-3
 LONGEST_STEP = 1.0
 #: Levenberg-Marquardt damping, as a part of the curvature: at the start, and its bounds.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-9, 1e6
+#: Residuals that are not simulated again: what one step of a fit asks for, and the step before it.
+REMEMBERED = 256
 #: Relative gain of one step below which a fit has ended: far below what one sample changes.
 LEAST_GAIN = 1e-4
+#: The same of what a step is expected to gain, to first order; beyond that it gains some more.
+LEAST_EXPECTED = LEAST_GAIN / 10
 
 
 class _Beside(NamedTuple):
@@ -100,6 +104,7 @@ class GreyBoxProblem:
             self._precision[place, place] = np.diag([float(s != ANGLE) for s in own_states])
         self._mean = np.zeros(self.size)
         self._mean[:k] = prior.mean
+        self._known: dict[tuple[bytes, bytes, int, float, float], Array] = {}  # simulated last
 
     def start(self, x: Array, i: int) -> Array:
         """(3,) offset of experiment i's first state."""
@@ -112,11 +117,19 @@ class GreyBoxProblem:
     ) -> list[Array]:
         """(L,) measured minus simulated speed [rad/s] of each (coordinates, experiment)."""
         n, cases = self.box.size, []
-        for x, i in asked:
-            start = self.start(x, i) if self._own[i] else None
-            cases.append(Case(x[:n], self.experiments[i], self.rest[i], start))
-        speeds = self.box.speeds(cases, gain, step, self.workers)
-        return [self.experiments[i].speed - s for (_, i), s in zip(asked, speeds, strict=True)]
+        new: list[tuple[bytes, bytes, int, float, float]] = []
+        keys = [(x[:n].tobytes(), x[self._places[i]].tobytes(), i, gain, step) for x, i in asked]
+        found = {key: self._known[key] for key in keys if key in self._known}
+        for key, (x, i) in zip(keys, asked, strict=True):
+            if key not in found and key not in new:
+                start = self.start(x, i) if self._own[i] else None
+                cases.append(Case(x[:n], self.experiments[i], self.rest[i], start))
+                new.append(key)
+        for key, speed in zip(new, self.box.speeds(cases, gain, step, self.workers), strict=True):
+            found[key] = self._known[key] = self.experiments[key[2]].speed - speed
+        for key in list(self._known)[:-REMEMBERED]:
+            del self._known[key]
+        return [found[key] for key in keys]
 
     def rows(self, points: Sequence[Array], gain: float, step: float) -> list[Array]:
         """Of each point the residuals of all samples that count, in noise deviations."""
@@ -179,9 +192,10 @@ class GreyBoxProblem:
         from ldt_core.physics.lanes import WIDTH  # with its compiler, it takes a second to import
 
         x = np.clip(x, self._low, self._high)
-        rows = self.rows([x], gain, step)[0]
+        ahead: Array | None
+        rows, ahead = self._with_slopes(x, gain, step)
         cost, damping = float(rows @ rows) + self._prior_cost(x), FIRST_DAMPING
-        information, ahead = self._precision, None
+        information = self._precision
         surely = True  # whether the last step helped as it was
         for _ in range(rounds):
             yield self.box.work.taken()
@@ -191,6 +205,9 @@ class GreyBoxProblem:
             free = ~(((x <= self._low) & (slope > 0)) | ((x >= self._high) & (slope < 0)))
             moved = ahead = None
             first = damping
+            by = self._stepped(x, information, slope, free, damping) - x
+            if -float(by @ (2 * slope + information @ by)) < LEAST_EXPECTED * cost:
+                break
             while damping < MOST_DAMPING and moved is None:
                 # Side by side, what is asked for next takes lanes that would be left over: the
                 # slopes behind a step that helps, or smaller steps.

@@ -103,15 +103,16 @@ class RemainderShape:
             span,
         )
 
-    def priors(self) -> list[Array]:
-        """Matrices whose sum, each times its precision, is the weights' prior precision."""
-        found, begin = [], 0
+    def priors(self) -> list[tuple[slice, Array]]:
+        """Which weights each prior is about, and the matrix that its precision multiplies."""
+        found: list[tuple[slice, Array]] = []
+        begin = 0
         for count in (self.speed.nodes, self.current.nodes):
             part = slice(begin, begin + count)
-            found += [_block(self.size, part, m) for m in (_walk(count), np.eye(count) / count)]
+            found += [(part, _walk(count)), (part, np.eye(count) / count)]
             begin += count
         for count in (self.plays.size, self.lags.size):
-            found.append(_block(self.size, slice(begin, begin + count), np.eye(count)))
+            found.append((slice(begin, begin + count), np.eye(count)))
             begin += count
         return found
 
@@ -143,12 +144,6 @@ def _axis(values: Array, count: int) -> CurveNodes:
 def _walk(count: int) -> Array:
     change = np.diff(np.eye(count), axis=0)
     return np.asarray(change.T @ change)
-
-
-def _block(size: int, part: slice, matrix: Array) -> Array:
-    whole = np.zeros((size, size))
-    whole[part, part] = matrix
-    return whole
 
 
 def free_run(
@@ -348,10 +343,11 @@ class _Search:
         for step in range(STEPS):
             if slopes is None or not led:
                 slopes = self.data.slopes(self.shape, self.weights, led)
+                square = slopes.T @ slopes
             # Neighbours of a residual with a memory tell less than as many independent ones.
             memory = correlation_time(rest) if step > ROUGH_STEPS else memory
             known = 1.0 / max(variance * memory, 1e-300)
-            moved = self._moved(rest, slopes, known, led)
+            moved = self._moved(rest, slopes, square, known, led)
             if moved is None:
                 return
             rest, gained = moved
@@ -361,36 +357,42 @@ class _Search:
                 return
 
     def _moved(
-        self, rest: Array, slopes: Array, known: float, led: bool
+        self, rest: Array, slopes: Array, square: Array, known: float, led: bool
     ) -> tuple[Array, float] | None:
         """A step that helps: the residual, and the gain in twice the logarithm of the posterior."""
         prior = self._prior()
-        precision = known * (slopes.T @ slopes) + prior
+        precision = known * square + prior
         self.covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
         uphill = known * (slopes.T @ rest) - prior @ self.weights
         before = known * (rest @ rest) + self.weights @ prior @ self.weights
-        damping = 0.0
+        damping, step = 0.0, np.asarray(self.covariance @ uphill)
         for _ in range(DAMPINGS):
-            damped = precision + damping * np.diag(np.diag(precision))
-            tried = self.weights + np.linalg.solve(damped, uphill)
+            tried = self.weights + step
             left = self.data.residual(self.shape, tried, led)
             after = known * (left @ left) + tried @ prior @ tried
             if np.isfinite(after) and after < before:
                 self.weights = tried
                 return left, float(before - after)
             damping = max(10 * damping, 1e-6)
+            damped = precision + damping * np.diag(np.diag(precision))
+            step = np.asarray(np.linalg.solve(damped, uphill))
         return None
 
     def _prior(self) -> Array:
-        return np.asarray(np.tensordot(self.sizes, self.priors, 1))
+        whole = np.zeros((self.shape.size, self.shape.size))
+        for size, (part, matrix) in zip(self.sizes, self.priors, strict=True):
+            whole[part, part] += size * matrix
+        return whole
 
     def _resize(self) -> float:
         """Take the priors that make the data likelier; how many weights the data determine."""
-        free, told, found = np.linalg.inv(self._prior()), 0.0, np.empty(len(self.priors))
-        for j, matrix in enumerate(self.priors):
-            determined = self.sizes[j] * float(np.sum((free - self.covariance) * matrix))
+        prior, told, found = self._prior(), 0.0, np.empty(len(self.priors))
+        for j, (part, matrix) in enumerate(self.priors):
+            gained = np.linalg.inv(prior[part, part]) - self.covariance[part, part]
+            determined = self.sizes[j] * float(np.sum(gained * matrix))
             told += (determined := max(determined, LEAST))
-            size = determined / max(float(self.weights @ matrix @ self.weights), LEAST)
+            weights = self.weights[part]
+            size = determined / max(float(weights @ matrix @ weights), LEAST)
             found[j] = min(max(size, LEAST), MOST)
         self.sizes = found
         return told

@@ -144,6 +144,8 @@ class Screening:
         self, present: Present, problem: GreyBoxProblem, basis: Array, gain: float
     ) -> tuple[float, Array, Array]:
         """Squared error, effects' coordinates, and rows, the machine's parameters eliminated."""
+        from ldt_core.physics.lanes import WIDTH  # see `GreyBoxProblem.descend`
+
         box = problem.box
         k, below = len(box.uncertain), basis.shape[0]
 
@@ -155,30 +157,47 @@ class Screening:
             points = [problem.point(np.concatenate([present.prior.mean, q])) for q in tried]
             return [projected(rows) for rows in problem.rows(points, gain, COARSE_STEP)]
 
-        best, q = math.inf, np.zeros(box.size - k)
-        rows = np.zeros(below)
-        guesses = box.first_guesses(present.given)
-        for guess, here in zip(guesses, rows_at(guesses), strict=True):
-            if float(here @ here) < best:
-                best, q, rows = float(here @ here), guess, here
         low, high = box.low[k:], box.high[k:]
-        moved: list[Array] = []
-        for _ in range(SCREENING_STEPS):
-            by = np.where(q + DIFFERENCE <= high, DIFFERENCE, -DIFFERENCE)
-            moved = moved or rows_at([q + step for step in np.diag(by)])
+
+        def beside(q: Array) -> list[Array]:
+            return [q + step for step in np.diag(_differences(q, high))]
+
+        def groups(count: int) -> int:  # of lanes, which a few runs fill as well as many
+            return -(-count * len(self.experiments) // WIDTH)
+
+        guesses = box.first_guesses(present.given)
+        asked = [[guess, *beside(guess)] for guess in guesses]
+        both = len(guesses) * len(asked[0])
+        if groups(both) > groups(len(guesses)) + groups(box.size - k):
+            asked = [[guess] for guess in guesses]
+        found = iter(rows_at([q for some in asked for q in some]))
+        tried = [[next(found) for _ in some] for some in asked]
+        first = int(np.argmin([float(rows @ rows) for rows, *_ in tried]))
+        q, (rows, *moved) = guesses[first], tried[first]
+        best = float(rows @ rows)
+        for left in reversed(range(SCREENING_STEPS)):
+            moved = moved or rows_at(beside(q))
+            by = _differences(q, high)
             columns = np.empty((rows.size, q.size))
             for j, there in enumerate(moved):
                 columns[:, j] = (there - rows) / by[j]
             step = -np.linalg.lstsq(columns, rows, rcond=1e-9)[0]
             step /= max(1.0, float(np.abs(step).max(initial=0.0)))
-            tried = np.clip(q + step, low, high)
+            there = np.clip(q + step, low, high)
+            expected = rows + columns @ (there - q)
+            if best - float(expected @ expected) < LEAST_GAIN * best:
+                break
             # With what the next step needs: it takes lanes that would be left over.
-            by = np.where(tried + DIFFERENCE <= high, DIFFERENCE, -DIFFERENCE)
-            better, *moved = rows_at([tried, *(tried + step for step in np.diag(by))])
+            better, *moved = rows_at([there, *(beside(there) if left else ())])
             reached = float(better @ better)
             if not reached < best:
                 break
-            gained, best, q, rows = (best - reached) / best, reached, tried, better
+            gained, best, q, rows = (best - reached) / best, reached, there, better
             if gained < LEAST_GAIN:
                 break
         return best, q, rows
+
+
+def _differences(q: Array, high: Array) -> Array:
+    """By how much each coordinate is moved for its difference quotient."""
+    return np.where(q + DIFFERENCE <= high, DIFFERENCE, -DIFFERENCE)

@@ -11,7 +11,6 @@ their parameters (Bayesian information criterion: Schwarz, Annals of Statistics 
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,7 +36,7 @@ WEAKEST = min(gain for gain, _ in SCREENINGS)
 #: Structures of each screening that are fitted whole, the best and its rival.
 FINALISTS = 2
 #: Structures that are screened between two pauses.
-AT_ONCE = 8
+AT_ONCE = 4
 #: Effects of a structure: of what few experiments tell, more are rarely told apart.
 MOST_EFFECTS = 3
 #: Standard deviations of the cost of a fit to white noise, beyond which a prior is doubted: one fit
@@ -46,6 +45,9 @@ SURPRISING = 3.0
 #: Part of the squared error that the best structure removes under the observer: one that leaves
 #: more than this of it is not fitted whole.
 SERIOUS = 0.5
+#: Times the price of an effect's parameters, that it gains to first order where nobody asks what a
+#: fit without it would leave.
+SURELY = 100.0
 #: Times what an effect gains by itself, that it is hoped to gain beside others. What acts side by
 #: side does not gain more together than the sum, but to first order only.
 HOPED = 2.0
@@ -77,6 +79,16 @@ class FittedStructure:
     def explains(self) -> bool:
         """Whether the residuals of all experiments are noise."""
         return self.fit.explained
+
+    def needs(self, effect: Effect, most: float) -> bool:
+        """Whether, to first order, every parameter of an effect raises the squared residuals by
+        more than this where it is left at neutral.
+        """
+        of_effects = [e for e in self.box.effects for _ in e.parameters]
+        begin = len(self.box.uncertain)
+        own = [begin + i for i, e in enumerate(of_effects) if e is effect]
+        variance = np.diag(np.linalg.pinv(self.fit.information, hermitian=True))
+        return bool(np.all(self.fit.q[own] ** 2 > most * variance[own]))
 
     @property
     def surprises(self) -> bool:
@@ -182,14 +194,17 @@ class StructureSearch(Screening):
         while len(best.box.effects) > 1 and best.explains:
             given = {e.name: values for e, values in best.box.values(best.fit.q)[1]}
             fewer = []
-            for rest in itertools.combinations(best.box.effects, len(best.box.effects) - 1):
+            for gone in best.box.effects:
+                if best.needs(gone, SURELY * len(gone.parameters) * math.log(self._samples)):
+                    continue
+                rest = tuple(e for e in best.box.effects if e is not gone)
                 names = frozenset(e.name for e in rest)
                 if names not in known:
                     here = Present(rest, given, best.prior)
                     known[names] = yield from self.fitted(here, rest, sized=False)
                 fewer.append(known[names])
-            least = min(fewer, key=lambda s: s.score)
-            if least.score > best.score:
+            least = min(fewer, key=lambda s: s.score, default=best)
+            if least is best or least.score > best.score:
                 break
             best = least
         return best

@@ -148,12 +148,13 @@ class SideBySide:
         if plan.fast:
             count = [steps_of(times[:2], longest)[0] for longest in (plan.step, plan.calm)]
             moves = exponential_moves(coefficients, times[1] / np.array(count))
-        if begun.work is not None:
-            lengths = {plan.step, plan.calm}  # where the long ones do not serve, both are taken
-            steps = sum(int(steps_of(times, longest).sum()) for longest in lengths)
-            begun.work.add(0, (1 + len(begun.terms)) * steps)
+        steps = steps_of(times, plan.step)
+        long = steps if plan.calm == plan.step else steps_of(times, plan.calm)
+        if begun.work is not None:  # where the long ones do not serve, both are taken
+            both = int(steps.sum()) + (0 if long is steps else int(long.sum()))
+            begun.work.add(0, (1 + len(begun.terms)) * both)
         run_lanes(
-            *(times, volts, steps_of(times, plan.step), steps_of(times, plan.calm)),
+            *(times, volts, steps, long),
             *(first[:STATES], (0.0,) * (RIGID_STATES if plan.rigid else STATES)),
             coefficients,
             *(states, own, seen, begun.tracked[1], _gathered(filled), moves, failed),
@@ -163,8 +164,9 @@ class SideBySide:
             if failed[i] >= 0:
                 found.append((lane.place, self.physics.diverged(float(times[failed[i]]))))
             else:
-                one = states[:, :, i]
-                whole = np.concatenate([one[:, :n], one[:, STATES:]], axis=1)
+                whole = states[:, :n, i]  # no copy, since most ask for the speed alone
+                if states.shape[1] > STATES:
+                    whole = np.concatenate([whole, states[:, STATES:, i]], axis=1)
                 found.append((lane.place, whole))
         return found
 

@@ -141,7 +141,8 @@ class Candidates:
             new = [e for e in valid if not any(same(e, k) for k in known)]
             if found := (yield from model.updated([*known, *new[-POOL:]][-MOST:])):
                 return found
-        return (yield from model.fitting(valid[-POOL:])) if len(valid) > 1 else fitted
+        more = (yield from fitted.updated(valid[-POOL:])) if len(valid) > 1 else None
+        return more or fitted
 
     def structures(self, start: Model, pool: Sequence[Experiment]) -> Pausable[list[GreyBoxModel]]:
         """The best of what a search finds; found once, where it is asked for twice.

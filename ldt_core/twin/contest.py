@@ -13,7 +13,7 @@ from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK, Adaptor
 from ldt_core.twin.candidates import POOL, Candidates
-from ldt_core.twin.cause_search import STEPS, CauseSearch, Question
+from ldt_core.twin.cause_search import CauseSearch, Question, granted
 from ldt_core.twin.condition_chain import UNLEARNED, ConditionChain
 from ldt_core.twin.memory import Memory
 from ldt_core.twin.original_watch import OriginalWatch
@@ -86,7 +86,7 @@ class ContestAdaptor(Adaptor):
         #: What competes when it has ended.
         self.search: CauseSearch | None = None
         # Integration steps that are left in this experiment for a search of its own.
-        self._steps = STEPS
+        self._steps = granted(None)
         self.backoff = SearchBackoff()
         # Whether the version adopted last was in force before.
         self._again = False
@@ -98,11 +98,12 @@ class ContestAdaptor(Adaptor):
         if self._passed_over(experiment):
             return super()._dealt(experiment, signal)
         search, self.search = self.search, None  # of one that fails nothing is left
-        ended = False
-        if search is not None:
-            ended = search.go_on(self._grant(True, signal)) and signal.level is not Level.NEGATIVE
+        self._steps, ended = granted(search), False
+        if search is not None and search.settled(self.model):
+            search, ended = None, True
+        elif search is not None:
+            ended = search.go_on(self._steps) and signal.level is not Level.NEGATIVE
             self.search = None if ended else search
-        self._steps = self._grant(search is not None, signal)
         self._explain(experiment)
         self._learning = signal.state == "learning"
         self._elsewhere = signal.state in ELSEWHERE
@@ -114,10 +115,6 @@ class ContestAdaptor(Adaptor):
         if ended:
             told = replace(told, details={**told.details, SEARCHED: 1.0})
         return told, model
-
-    def _grant(self, searching: bool, signal: Signal) -> int:
-        """Integration steps for a search; where a positive asks for another one, each has half."""
-        return STEPS // 2 if searching and signal.level is Level.POSITIVE else STEPS
 
     def _contested(
         self, search: CauseSearch | None, experiment: Experiment, signal: Signal
@@ -242,6 +239,9 @@ class ContestAdaptor(Adaptor):
         over = search.explain(self._steps)
         if search.cause is not None:
             return self._learned_by(*search.cause, experiment, {})
+        if search.idle:
+            why = "what its causes explain does not pay for another version"
+            return Action.REFUSED, f"{why}; version {before.version} stays", {}
         details: dict[str, float] = {}
         judged = self.unexplained(experiment)  # in one alone a version errs less by luck
         waits = f"searches wait for {self.backoff.wait} more experiments"
@@ -366,7 +366,7 @@ class ContestAdaptor(Adaptor):
     def _recall_search(self, step: RecordedStep) -> None:
         """What a search was granted, that it has ended, or that another one began."""
         told, experiment = step.adaptation.details, step.experiment
-        steps = self._grant(self.search is not None, step.signal)
+        steps = granted(self.search)
         if self.search is not None:
             self.search.granted += steps
         if told.get(SEARCHED):

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 
 import ldt_core as ldt
+from ldt_core.base.pausable import finished, within
 from ldt_core.base.settings import resolve
 from ldt_core.effects.base import Effect
+from ldt_core.lab.study.robustness.streams import STREAMS
 from ldt_core.machine.plant import Plant
 from ldt_core.physics.parameter import Parameter
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.stage_restart import TwinRestart
 from ldt_core.runs.offline import run
+from ldt_core.twin.cause_search import CauseSearch, Question
 from ldt_core.twin.loop import Twin
 
 pytestmark = pytest.mark.slow
@@ -188,6 +192,51 @@ def test_causes_that_explained_nothing_are_in_no_searchs_way():
     assert set(asked) == {adaptor.original}
 
 
+def test_a_machine_that_wears_on_and_on_is_followed_by_its_cause():
+    """Known causes that explain an experiment end the search, whether or not that pays; with
+    experiments before the change none would be found, and the machine changes at each one.
+    """
+    kind = STREAMS["ramp"]
+    stream = kind(0, kind.experiments)
+    twin = ldt.Twin(stream.machine, model="auto")
+    told = [twin.step(e).adaptation for e in itertools.islice(stream.experiments, 20)]
+    (first,) = [t.experiment for t in told if "new cause" in t.reason]
+    later = [t.reason for t in told if t.experiment > first]
+    assert sum("estimates its causes anew" in reason for reason in later) > 5
+    assert not any("no known cause" in reason for reason in later)
+
+
+def test_a_search_ends_where_causes_in_force_explain_what_it_is_about():
+    """Without any more work, and that is recorded."""
+    plant = Plant(ROTOR, experiments=3, seed=3, degradation="none")
+    first, second, third = (plant.experiment(i) for i in (1, 2, 3))
+    twin = ldt.Twin("rotor", model="auto")
+    twin.step(first)
+    adaptor = twin.adaptor
+    worn = Plant(wearing("unbalance", "e", 0.012), experiments=8, seed=3)
+    other = worn.experiment(worn.schedule.changes[0])
+    for pool, there in (([first, other], True), ([first], False)):
+        about = [adaptor.model], (), (), other, False, True, pool
+        adaptor.search = CauseSearch(adaptor.candidates, Question(adaptor.model, *about))
+        assert adaptor.search.settled(adaptor.model) is not there
+        told = twin.step(second if there else third).adaptation
+        assert (adaptor.search is not None) is there
+        assert ("searched" in told.details) is not there
+
+
+def test_work_that_takes_too_much_comes_to_nothing():
+    """And is not gone on with."""
+
+    def work():
+        yield 3
+        yield 4
+        return "found"
+
+    assert finished(within(work(), 8)) == "found"
+    assert finished(within(work(), 5)) is None
+    assert list(within(work(), 3)) == [3]
+
+
 def unsure_of(step):
     """The signal of a step, had the model claimed that it does not know enough."""
     return dataclasses.replace(step.signal, level=ldt.Level.POSITIVE, state="learning")
@@ -195,7 +244,7 @@ def unsure_of(step):
 
 def test_a_search_that_is_long_goes_on_at_later_experiments(monkeypatch, tmp_path):
     """However fast the computer is, and in a run that goes on from a recording as well."""
-    monkeypatch.setattr("ldt_core.twin.contest.STEPS", 2_500_000)
+    monkeypatch.setattr("ldt_core.twin.cause_search.STEPS", 2_500_000)
     plant = Plant(wearing("unbalance", "e", 0.012), experiments=20, seed=3)
     (change,) = plant.schedule.changes
     stream = [plant.experiment(i) for i in range(change, change + 7)]

@@ -101,6 +101,34 @@ def test_the_prior_holds_what_the_data_do_not_tell():
     assert np.abs(fit.q).max() < 3
 
 
+def test_nothing_is_simulated_twice():
+    """What a fit has just had it does not pay for again."""
+    first = experiments(ROTOR, 2, seed=7)
+    box = GreyBox(ROTOR, (UNBALANCE,), ROTOR.tolerances)
+    problem = GreyBoxProblem(box, first, 0.1, Prior.of_file(len(box.uncertain)))
+    x = problem.point(np.linspace(0.1, 0.9, box.size))
+    once = problem.rows([x], 1.0, FINE_STEP)[0]
+    assert box.work.taken() > 0
+    assert np.array_equal(problem.rows([x, x], 1.0, FINE_STEP)[1], once)
+    assert box.work.taken() == 0
+    problem.rows([x], 0.0, FINE_STEP)
+    assert box.work.taken() > 0
+
+
+def test_only_an_effect_that_may_not_be_needed_is_tried_without(monkeypatch):
+    """One that is there leaves at the price of another fit, one that explains all does not."""
+    (first,) = experiments(ROTOR, 1, [("unbalance", {"e": 0.01})], seed=4)
+    model, both = GreyBoxModel(ROTOR), (UNBALANCE, get_effect("coulomb_friction"))
+    search = model.search_on([first])
+    found = finished(search.fitted(model.present, both))
+    assert found.needs(UNBALANCE, 1e4)
+    assert not found.needs(both[1], 10.0)
+    fitted, asked = search.fitted, []
+    monkeypatch.setattr(search, "fitted", lambda *a, **k: asked.append(a[1]) or fitted(*a, **k))
+    assert finished(search.pruned(found)).names == ("unbalance",)
+    assert asked == [(UNBALANCE,)]
+
+
 def test_a_record_makes_the_same_model():
     """To the last bit, and a spoilt one is refused."""
     first, second = experiments(ROTOR, 2, [("coulomb_friction", {"torque": 0.1})], seed=8)
