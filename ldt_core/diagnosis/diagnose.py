@@ -13,7 +13,7 @@ from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.holdout import HOLDOUT, split
+from ldt_core.diagnosis.holdout import HOLDOUT, split, without_fragments
 from ldt_core.diagnosis.isolability import isolability
 from ldt_core.diagnosis.library import library
 from ldt_core.diagnosis.nominal_prior import nominal_prior
@@ -58,7 +58,9 @@ def diagnose(
     """
     workers = workers or os.cpu_count() or 1
     experiments, repeated = without_repeats(experiments)
+    experiments, short = without_fragments(experiments)
     trusted, fault = sound(machine, experiments)
+    beside = "; ".join(filter(None, [repeated, short]))
     only = len(trusted) < THRESHOLDS.trusted_experiments
     experiments = trusted if fault and not only else experiments
     fitted, held = split(experiments, holdout, seed)
@@ -84,6 +86,6 @@ def diagnose(
         }
         decision = decide(search, seed, bool(fault) and only)
         report = VerdictReport(
-            machine, search, decision, fitted, held, recordings, seed, tick, fault, prior, repeated
+            machine, search, decision, fitted, held, recordings, seed, tick, fault, prior, beside
         )
         return report.diagnosis(silent, groups)
