@@ -124,7 +124,7 @@ def test_a_machine_that_is_faster_than_the_queue_does_not_outrun_the_time_out(
 def test_where_two_in_a_row_are_not_answered_what_others_must_lack_is_dropped(
     stranger, monkeypatch
 ):
-    """After a detector hung, each of those that it never got took the time-out: an hour, or days."""
+    """After a detector hung, each of those that it never got took the time-out: an hour."""
     monkeypatch.setattr("ldt_ros.nodes.twin_node.WINDOW", 3)
     node = stranger.start(TwinNode, **PHYSICS, adaptation_timeout=0.3)
     stranger.listen("prediction", "/diagnostics")
