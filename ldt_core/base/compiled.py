@@ -23,6 +23,9 @@ from numba.core.sigutils import normalize_signature
 
 from ldt_core.base import first_compilation
 
+if numba.config.DISABLE_JIT:
+    raise ImportError("numba must not compile (NUMBA_DISABLE_JIT is set), and LDT has to")
+
 #: The version of numba whose cache was tried, the one that `constraints.txt` installs.
 TRIED = "0.68.1"
 

@@ -10,6 +10,8 @@ from types import FrameType
 from typing import TypeVar
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+#: Time that what is under way may take once somebody has asked to end [s]: most is done by then.
+LAST_ITEM = 5.0
 #: What the summary of a run says that was ended so.
 INTERRUPTED = "interrupted"
 
@@ -32,24 +34,63 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(kept)
 
 
+class Stop(threading.Event):
+    """Set once somebody has asked to end.
+
+    Attributes:
+        making: whether an item of `in_time` is being made.
+    """
+
+    making = False
+
+    def in_time(self, items: Iterable[Item]) -> Iterator[Item]:
+        """The items up to the first whose making takes longer than `LAST_ITEM` after that.
+
+        It is abandoned wherever it is, as by a kill; between two items nothing is.
+        """
+        made = iter(items)
+        while True:
+            self.making = True
+            try:
+                item = next(made)
+            except (StopIteration, _Late):
+                return
+            finally:
+                self.making = False
+            yield item
+
+    def late(self, _number: int, _frame: FrameType | None) -> None:
+        """Abandon an item that is still being made: the handler of SIGALRM."""
+        if self.making:
+            raise _Late
+
+
+class _Late(KeyboardInterrupt):
+    """Of an item that is not worth waiting for any longer."""
+
+
 @contextmanager
-def stop_on_signals(insist: bool = True) -> Iterator[threading.Event]:
+def stop_on_signals(insist: bool = True) -> Iterator[Stop]:
     """An event that SIGINT and SIGTERM set, for as long as the context lasts.
 
     Args:
         insist: whether a second SIGINT gives up waiting for the end, by KeyboardInterrupt.
     """
-    stop = threading.Event()
+    stop = Stop()
 
     def ask(number: int, _frame: FrameType | None) -> None:
         if insist and stop.is_set() and number == signal.SIGINT:
             raise KeyboardInterrupt
         stop.set()
+        if stop.making:
+            signal.setitimer(signal.ITIMER_REAL, LAST_ITEM)
 
-    previous = {number: signal.signal(number, ask) for number in SIGNALS}
+    handlers = {**dict.fromkeys(SIGNALS, ask), signal.SIGALRM: stop.late}
+    previous = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield stop
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
         for number, handler in previous.items():
             signal.signal(number, handler)
 

@@ -53,6 +53,7 @@ from ldt_core.calibration.prior_knowledge import (
     deviation,
     widened,
 )
+from ldt_core.machine.current_check import wrong_current
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter, is_own, own_name
@@ -105,6 +106,9 @@ def calibrate(
             raise ExperimentError(
                 f"experiment {e.number}", f"{FEWEST_SAMPLES} samples or more", len(e)
             )
+    if words := wrong_current(machine, experiments):
+        expected = "the motor's (check its unit and sign, and R in the machine file)"
+        raise ExperimentError("the recording, current", expected, words)
     kept, held_out = split(experiments, holdout)
     with threadpool_limits(1):  # sums in one order: the same numbers on every run
         taken = [own_name(e.name, p.name) for e, _ in acting for p in e.parameters]

@@ -12,7 +12,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
-from ldt_core.base.experiment import Experiment
+from ldt_core.base.experiment import Experiment, rms
 from ldt_core.base.metrics import FreeRunError
 from ldt_core.base.sentences import listed, spoken
 from ldt_core.calibration.coordinates import SEARCH_FACTOR, Coordinates
@@ -275,12 +275,14 @@ def refuse_absurd(
     """Refuse a fit that leaves more than noise, and is no calibration of this machine.
 
     Raises:
-        LdtError: it leaves half of the speed and no less than a constant would, or a parameter that
-            cannot be 0 has run to the upper edge of the search. At the lower edge it may just not
-            matter, and one that may be 0 may stand in for what the physics lacks.
+        LdtError: it leaves half of the speed and no less than a constant in each experiment would,
+            or a parameter that cannot be 0 has run to the upper edge of the search. At the lower
+            edge it may just not matter, and one that may be 0 may stand in for what the physics
+            lacks.
     """
     speed = np.concatenate([e.speed for e in experiments])
-    size, constant = float(np.sqrt(np.mean(speed**2))), float(np.std(speed))
+    apart = np.concatenate([e.speed - e.speed.mean() for e in experiments])
+    size, constant = rms(speed), rms(apart)
     high = math.log(SEARCH_FACTOR)
     ends = zip(coordinates.free, z, strict=True)
     away = [c.name for c, v in ends if c.parameter.open_low and v == high]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from threading import Event
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -16,6 +15,7 @@ from ldt_core.cli.progress import RunProgress, interrupted_run, print_summaries
 if TYPE_CHECKING:
     from ldt_core.base.experiment import Experiment
     from ldt_core.base.metrics import Summary
+    from ldt_core.base.stopping import Stop
     from ldt_core.machine import Plant
 
 
@@ -34,8 +34,8 @@ def command(settings: dict[str, Any], force: bool, no_bag: bool, as_json: bool) 
     """Run the same loop as `ldt up` without ROS: same options, same numbers.
 
     Several machines run one after the other. The loop never waits, so --adaptation-timeout has no
-    effect. Ctrl-C stops cleanly after the current experiment, with exit code 130, and prints the
-    command that continues.
+    effect. Ctrl-C stops cleanly after the current experiment, or 5 s, with exit code 130, and
+    prints the command that continues.
 
     Example: ldt run --experiments 40 --seed 3 --model linear
     """
@@ -63,7 +63,7 @@ def _simulated(plant: Plant, count: int, after: int) -> Iterator[Experiment]:
     return map(plant.experiment, range(after + 1, count + 1))
 
 
-def _conduct(settings: dict[str, Any], no_bag: bool, stop: Event) -> list[tuple[str, Summary, str]]:
+def _conduct(settings: dict[str, Any], no_bag: bool, stop: Stop) -> list[tuple[str, Summary, str]]:
     """Run machine after machine: (name, what happened, where the recording is) of each."""
     from ldt_core.base.metrics import Summary
     from ldt_core.base.stopping import INTERRUPTED
@@ -104,6 +104,7 @@ def _conduct(settings: dict[str, Any], no_bag: bool, stop: Event) -> list[tuple[
                 member.namespace,
                 lambda ahead: paced(ahead, rate, stop),
                 summary,
+                stop.in_time,
             )
             if own["play"]:
                 summary.note(*played.notes)

@@ -13,7 +13,7 @@ from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.holdout import HOLDOUT, split
+from ldt_core.diagnosis.holdout import HOLDOUT, split, without_fragments
 from ldt_core.diagnosis.isolability import isolability
 from ldt_core.diagnosis.library import library
 from ldt_core.diagnosis.nominal_prior import known_colour, nominal_prior
@@ -21,6 +21,7 @@ from ldt_core.diagnosis.recorded_times import without_repeats
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import decide
 from ldt_core.diagnosis.verdict_report import VerdictReport
+from ldt_core.machine.current_check import without_wrong_current
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.sensor_check import sound
 from ldt_core.physics.effect import Effect
@@ -45,7 +46,7 @@ def diagnose(
 
     The first experiment with a speed that no machine can have, and all after it, are left out.
     Where fewer than `trusted_experiments` came before it, the verdict is "unknown": what a faulty
-    sensor shows is no effect of the machine.
+    sensor shows is no effect of the machine. So is a current of another unit or sign.
 
     Args:
         effects: candidates; None takes the library. One that is known of the machine is a candidate
@@ -58,7 +59,10 @@ def diagnose(
     """
     workers = workers or os.cpu_count() or 1
     experiments, repeated = without_repeats(experiments)
+    experiments, short = without_fragments(experiments)
     trusted, fault = sound(machine, experiments)
+    experiments, odd = without_wrong_current(machine, experiments)
+    beside = "; ".join(filter(None, [repeated, short, odd]))
     only = len(trusted) < THRESHOLDS.trusted_experiments
     experiments = trusted if fault and not only else experiments
     fitted, held = split(experiments, holdout, seed)
@@ -88,6 +92,6 @@ def diagnose(
         }
         decision = decide(search, seed, bool(fault) and only)
         report = VerdictReport(
-            machine, search, decision, fitted, held, recordings, seed, tick, fault, prior, repeated
+            machine, search, decision, fitted, held, recordings, seed, tick, fault, prior, beside
         )
         return report.diagnosis(silent, groups)

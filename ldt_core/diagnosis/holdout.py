@@ -12,6 +12,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
+from ldt_core.base.sentences import counted
 from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.free_run_residuals import Use
 from ldt_core.diagnosis.thresholds import THRESHOLDS
@@ -21,11 +22,20 @@ from ldt_core.models.physics import PhysicsModel
 HOLDOUT = 0.25  # share of the experiments held out, unless the user says otherwise
 FEWEST_EXPERIMENTS = 4  # with fewer, each is cut into so many parts to fit and to hold out
 FEWEST_SAMPLES = 200  # of such a part: a shorter one shows little of the machine
+FRAGMENT = 10  # samples: an experiment of fewer does not even show its start state
 RESAMPLES = 2000  # bootstrap draws of experiments: the ends of a 95 % interval need fifty beyond
 REGIME_SAMPLES = 20  # of a regime, at least: the error of fewer is chance
 NOISE_DEVIATIONS = 3.0  # by which the noise here may differ from its average by chance
 LEAST_REGIME_GAP = 0.1  # of the noise's power: the same for the few samples of a regime
 STEADY_SLOPE = 0.05  # of the largest acceleration: below, a speed counts as steady
+
+
+def without_fragments(experiments: Sequence[Experiment]) -> tuple[list[Experiment], str]:
+    """(the experiments that show anything, a note or "" if that is all of them)."""
+    whole = [e for e in experiments if len(e) >= FRAGMENT]
+    out = len(experiments) - len(whole)
+    note = f"{counted(out, 'experiment')} of fewer than {FRAGMENT} samples left out" if out else ""
+    return whole, note
 
 
 def split(
@@ -40,7 +50,8 @@ def split(
         raise BadInput("holdout", "a share between 0 and 1", f"{holdout:g}")
     whole, samples = list(experiments), sum(len(e) for e in experiments)
     if samples < FEWEST_SAMPLES:  # noise and gap cannot be told apart
-        raise BadInput("the recording", f"at least {FEWEST_SAMPLES} samples", str(samples))
+        expected = f"at least {FEWEST_SAMPLES} samples, {FRAGMENT} an experiment"
+        raise BadInput("the recording", expected, str(samples))
     if len(whole) < FEWEST_EXPERIMENTS:
         whole = [part for e in whole for part in _parts(e)]
     if len(whole) < 2:

@@ -86,7 +86,7 @@ class VerdictReport:
     tick: Callable[[str], None]
     fault: str
     prior: NominalPrior | None
-    repeated: str
+    beside: str
 
     def __post_init__(self) -> None:
         d = self.decision
@@ -224,7 +224,7 @@ class VerdictReport:
         scale = OWN_SCALE if self.machine.calibration.get("equivalent") else ""
         ends = last if ended else ""
         more = self._may_act_too()
-        told = (f"{few} {same}" if cut else "", self.repeated, clock, first, ends, scale, more)
+        told = (f"{few} {same}" if cut else "", self.beside, clock, first, ends, scale, more)
         return [note for note in told if note]
 
     def _may_act_too(self) -> str:

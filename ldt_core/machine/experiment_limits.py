@@ -46,6 +46,8 @@ DURATION_FACTOR = 10.0
 
 #: The year 2261: a recording counts its nanoseconds in 64 bits [s since the epoch].
 LATEST = 9.2e9
+#: What a recording can tell apart, and many times the sampling of any oscilloscope's motor [s].
+SHORTEST_PERIOD = 1e-9
 
 #: Of a machine [1/s]: of the 16 digits of a float64 four are left for what takes a second.
 FASTEST = 1e12
@@ -91,6 +93,14 @@ def refuse_too_fast(source: str, physics: Physics, values: Mapping[str, float]) 
         expected = f"a machine whose speed and current settle at rates up to {FASTEST:g} 1/s"
         got = f"{fastest:.3g} 1/s (its inertia, resistance or inductance is off by powers of ten?)"
         raise MachineFileError(f"{source}, parameters", expected, got)
+
+
+def refuse_period(experiment: Experiment) -> None:
+    """Refuse (ExperimentError) what no machine was sampled at, where none is declared."""
+    if not SHORTEST_PERIOD <= experiment.period <= LATEST:
+        where = f"experiment {experiment.number}, sample period"
+        expected = f"{SHORTEST_PERIOD:g} to {LATEST:g} s"
+        raise ExperimentError(where, expected, f"{experiment.period:g} s")
 
 
 def refuse_impossible(machine: Declared, experiment: Experiment) -> None:

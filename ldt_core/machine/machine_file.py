@@ -313,13 +313,13 @@ def machine_from_dict(data: Any, source: str) -> Machine:
     check_keys(f"{source}, experiment", experiment, ("duration", "sample_period"), ())
     duration = _positive(f"{source}, experiment.duration", experiment["duration"])
     period = _positive(f"{source}, experiment.sample_period", experiment["sample_period"])
+    if duration / period > MOST_SAMPLES:
+        expected = f"at most {MOST_SAMPLES} sample periods ({period:g} s)"
+        raise MachineFileError(f"{source}, experiment.duration", expected, duration)
     if round(duration / period) < 2:
         raise MachineFileError(
             f"{source}, experiment.duration", f"two sample periods ({period:g} s) or more", duration
         )
-    if duration / period > MOST_SAMPLES:
-        expected = f"at most {MOST_SAMPLES} sample periods ({period:g} s)"
-        raise MachineFileError(f"{source}, experiment.duration", expected, duration)
     parameters = mapping_of(f"{source}, parameters", top["parameters"])
     stated = stated_parameters(source, physics, parameters)
     refuse_too_fast(source, physics, stated.values)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import counted
+from ldt_core.machine.experiment_limits import LATEST, SHORTEST_PERIOD
 from ldt_core.recording.csv_table import CsvTable
 from ldt_core.recording.message_fields import parse_field_path, read_fields
 from ldt_core.recording.storage import Storage
@@ -71,8 +71,9 @@ def import_file(
         RecordingError: a file, column, topic or cell that cannot be used; names line or message.
     """
     for name, value in (("--sample-period", sample_period), ("--length", length)):
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise OptionError(name, "seconds above 0", value)
+        if value is not None and not SHORTEST_PERIOD <= value <= LATEST:
+            expected = f"seconds above 0, {SHORTEST_PERIOD:g} to {LATEST:g}"
+            raise OptionError(name, expected, value)
     options = {"voltage": voltage, "speed": speed, "current": current, "time": time}
     given = {quantity: text for quantity, text in options.items() if text is not None}
     if not Path(path).exists():
@@ -226,6 +227,9 @@ def _cut(
     if speed.time.size < LEAST_SAMPLES:
         raise RecordingError(where, f"{LEAST_SAMPLES} samples or more", speed.time.size)
     found = find_period(speed.time)
+    if found < SHORTEST_PERIOD:
+        expected = f"times {SHORTEST_PERIOD:g} s apart or more"
+        raise RecordingError(where, expected, f"{found:g} s")
     period = found if sample_period is None else sample_period
     size = None if length is None else round(length / period)
     if size is not None and size < LEAST_SAMPLES:

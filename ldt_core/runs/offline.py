@@ -34,6 +34,7 @@ def run(
     namespace: str = "",
     pace: Callable[[Iterable[Experiment]], Iterable[Experiment]] = iter,
     summary: Summary | None = None,
+    in_time: Callable[[Iterable[Step]], Iterable[Step]] = iter,
 ) -> Summary:
     """Take experiments through the twin, and record every message that the graph would send.
 
@@ -47,6 +48,7 @@ def run(
         namespace: of the machine's topics in the recording.
         pace: hands on the experiments that follow what is recorded, each when it is time.
         summary: to be filled, where something is known before the run; None for a new one.
+        in_time: hands on the steps until it is time to end.
 
     Raises:
         BadInput: settings, machine or bag that cannot be used.
@@ -59,7 +61,7 @@ def run(
     summary = summary or Summary()
     if bag is None:
         all_of_them = experiments(0) if callable(experiments) else experiments
-        return run_unrecorded(twin, pace(all_of_them), on_step, summary)
+        return run_unrecorded(twin, pace(all_of_them), on_step, summary, in_time)
     untrained = twin.model.record()
     if goes_on:
         twin.adaptor.paused = LearningSwitch(bag).is_off
@@ -79,7 +81,7 @@ def run(
             ahead = experiments(done)
         else:
             ahead = restart.following(experiments, summary.reject)
-        for index, step in enumerate(twin.steps(pace(ahead), summary.reject)):
+        for index, step in enumerate(in_time(twin.steps(pace(ahead), summary.reject))):
             if index == 0 and not done:
                 writer.write("model", untrained, step.experiment.start)
             write_step(writer, step)
@@ -98,10 +100,11 @@ def run_unrecorded(
     experiments: Iterable[Experiment],
     on_step: Callable[[Step], None],
     summary: Summary | None = None,
+    in_time: Callable[[Iterable[Step]], Iterable[Step]] = iter,
 ) -> Summary:
     """Take experiments through a twin; arguments as of `run`."""
     summary = summary or Summary()
-    for step in twin.steps(experiments, summary.reject):
+    for step in in_time(twin.steps(experiments, summary.reject)):
         summary.add(step)
         on_step(step)
     summary.note(*_troubles(twin))

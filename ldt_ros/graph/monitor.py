@@ -96,14 +96,15 @@ class Monitor(Node):
     def busy(self) -> bool:
         """Whether a node has told that it works on experiments that have not gone all the way.
 
-        A twin that waits for an adaptation goes on without it after a while; if the next is not
-        answered either, the others lack what it has, as after a flood, and it would take hours.
+        A twin that waits for an adaptation goes on without it after a while. If the next is not
+        answered either, the others lack what it has, as after a flood, and it leaves out what they
+        must lack. Where that does not help, the rest would take hours.
         """
         diagnosing = self._told("diagnoser", "diagnosing") == "true"
         advising = self._told("advisor", "advising") == "true"
         training = self._told("adaptor", "training") == "true"
         waiting = self._told("twin", "waiting") not in ("", "0")
-        unanswered = time.monotonic() - self._last_step_at > self.longest_wait + WAITED
+        unanswered = time.monotonic() - self._last_step_at > 2 * self.longest_wait + WAITED
         return diagnosing or advising or training or (waiting and not unanswered)
 
     def _told(self, role: str, key: str) -> str:

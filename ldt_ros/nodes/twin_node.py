@@ -98,6 +98,7 @@ class TwinNode(LdtNode):
     |---|---|
     | `experiment` | predicted, once the adaptation of the last one and its model are there |
     | no such adaptation within `adaptation_timeout` | predicted all the same; logged, counted |
+    | the same at the next | before, all but the 100 last waiting ones are dropped, counted |
     | `experiment`, one of the last again | left out, counted |
     | `experiment`, its number does not follow (`Numbering`) | rejected, `refused experiment` told |
     | `experiment`, impossible for the machine | rejected, `refused experiment` told |
@@ -133,6 +134,7 @@ class TwinNode(LdtNode):
         self._predicted_at = 0.0
         self._refused = self._repeated = 0
         self._timeouts = 0
+        self._unanswered = 0  # experiments in a row, of which no adaptation came in time
         self._dropped = 0
         self._prediction = self.topics.publishes("prediction")
         self._original = self.topics.publishes("original_prediction")
@@ -246,7 +248,7 @@ class TwinNode(LdtNode):
             start = self.predictor.starts.get(last, 0.0)
             for step in self.recording.missed((last, start), self._waiting[0][0].number):
                 self._take_up(step)
-        while self._waiting and self._may_predict(*self._waiting[0]):
+        while self._waiting and self._may_predict(self._waiting[0][1]):
             experiment, _ = self._waiting.popleft()
             self._predict(experiment)
 
@@ -271,7 +273,8 @@ class TwinNode(LdtNode):
         except LdtError as error:
             self.topics.reject("experiment", error)
 
-    def _may_predict(self, experiment: Experiment, since: float) -> bool:
+    def _may_predict(self, since: float) -> bool:
+        """Whether it is the turn of the first that waits, which does so since then."""
         last = self.predictor.last
         if last is None:
             # The first that this node sees: nothing can have been learned from it before.
@@ -283,6 +286,7 @@ class TwinNode(LdtNode):
             model = self._models.get(adapted.model_version)
             if model is not None:
                 self.predictor.model = model
+                self._unanswered = 0
                 return True
         # A backlog is no reason to hurry: the time runs from when this one's turn came.
         turn = max(since, self._predicted_at)
@@ -292,8 +296,14 @@ class TwinNode(LdtNode):
         newest = self._adapted[max(earlier)][0].model_version if earlier else -1
         self.predictor.model = self._models.get(newest) or self.predictor.model
         self._timeouts += 1
+        self._unanswered += 1
+        # Who hung and was started again knows the last ones alone: each before takes a time-out.
+        while self._unanswered > 1 and len(self._waiting) > WINDOW:
+            self._waiting.popleft()
+            self._dropped += 1
         self.get_logger().warning(
             f"no adaptation of experiment {last} within {self.settings['adaptation_timeout']:g} s: "
-            f"experiment {experiment.number} is predicted by model {self.predictor.model.version}"
+            f"experiment {self._waiting[0][0].number} is predicted by model "
+            f"{self.predictor.model.version}"
         )
         return True

@@ -1,10 +1,10 @@
-"""Memory and speed of a long recording, written and read back, as a table.
+"""Memory and speed of a long recording, written, read back and shown, as a table.
 
 python -m tests.benchmarks.long_recording [--keep] [EXPERIMENTS]
 
 Short experiments at full speed, with all that a run records of each, in files of 50 MB. Writing,
-reading, the recording's health and its page each have a process of their own. Seconds are those of
-the processor, which a busy machine does not stretch.
+reading, the recording's health and each way to show it have a process of their own. Seconds are
+those of the processor, which a busy machine does not stretch.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import multiprocessing
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -23,7 +24,10 @@ from ldt_core.doctor.recording_checks import findings
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
 from ldt_core.recording.writer import BagWriter
+from ldt_core.views.figures.run_figure import load_run, plot_run
 from ldt_core.views.report.report_page import write_page
+from ldt_core.views.watch.fleet import Fleet
+from ldt_core.views.watch.record_source import Playback
 from tests.benchmarks.__main__ import machine
 from tests.benchmarks.measured_table import MeasuredTable
 
@@ -83,6 +87,20 @@ def show(folder: Path, count: int) -> Iterator[int]:
     yield len(run.steps)
 
 
+def draw(folder: Path, count: int) -> Iterator[int]:
+    """Draw the figure of `ldt plot`."""
+    run = load_run(folder)
+    plot_run(run, folder.with_suffix(".png"))
+    yield len(run.steps)
+
+
+def play(folder: Path, count: int) -> Iterator[int]:
+    """Play it to its end, as `ldt watch --rate max` does."""
+    played = Playback(folder, rate="max")
+    played.run(Fleet(live=False), threading.Event(), lambda: None)
+    yield played.clock.position
+
+
 Work = Callable[[Path, int], Iterator[int]]
 
 
@@ -115,7 +133,7 @@ def main() -> int:
     table = MeasuredTable("recording", "python -m tests.benchmarks.long_recording", *head)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "run"
-        for work in (write, read, resume, examine, show):
+        for work in (write, read, resume, examine, show, draw, play):
             seconds, _, *looks = measure(work, folder, count)
             shown = [f"{m:.0f} MB" for m in looks]
             shown[:0] = ["-"] * (len(SHARES) - len(shown))

@@ -176,6 +176,13 @@ def test_a_library_that_cannot_be_loaded_is_named(tmp_path):
     one_sentence(errors, "a library cannot be loaded", "yaml")
 
 
+def test_an_environment_in_which_nothing_can_be_compiled_is_said(tmp_path):
+    """What is left of somebody's debugging; it was a traceback of numba's."""
+    code, _, errors = ldt_process("run", "--bag", str(tmp_path / "a"), NUMBA_DISABLE_JIT="1")
+    assert code == FAILED
+    one_sentence(errors, "a library cannot be loaded", "NUMBA_DISABLE_JIT")
+
+
 def test_a_reader_that_leaves_early_is_no_traceback(programs):
     """`ldt --help | head -1`."""
     command = [sys.executable, "-c", "from ldt_core.cli import main; main(['invoke', '--help'])"]

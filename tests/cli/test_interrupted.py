@@ -221,3 +221,38 @@ def test_a_graph_that_ended_before_its_first_experiment_is_not_called_damaged(tm
     summary = Summary()
     recorded_summary(tmp_path / "run", "", load_machine("rotor"), summary)
     assert (summary.experiments, summary.notes) == (0, [])
+
+
+SLOW = """
+import time
+from ldt_core.detectors.threshold import Threshold
+
+class Slow(Threshold):
+    name = "slow"
+
+    def update(self, residual, deviation=None):
+        self.count = getattr(self, "count", 0) + 1
+        end = time.monotonic() + (0 if self.count == 1 else 300)
+        while time.monotonic() < end:
+            sum(range(1000))
+        super().update(residual, deviation)
+"""
+
+
+def test_an_experiment_that_takes_too_long_is_left_out_at_an_interrupt(programs, tmp_path):
+    """It was waited for, two minutes where its samples are half a million."""
+    (tmp_path / "slow.py").write_text(SLOW)
+    process = started(
+        programs,
+        tmp_path,
+        "run",
+        "--bag",
+        "run",
+        "--model",
+        "physics",
+        "--detector",
+        "slow.py:Slow",
+    )
+    run = ended(process, tmp_path / "run", signal.SIGINT)
+    assert run["experiments"] == 1
+    whole(tmp_path / "run", run)

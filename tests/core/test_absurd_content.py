@@ -281,3 +281,11 @@ def test_a_machine_heavier_than_any_is_diagnosed_within_memory():
     heavy = replace(SHORT, parameters={**SHORT.parameters, "J": 1e15})
     found = diagnose(made(3), heavy)
     assert found.verdict.kind in ("effect", "ambiguous", "unknown")
+
+
+def test_fragments_among_experiments_are_left_out_of_a_diagnosis():
+    """A sequence that is cut short now and then; the gradient of one sample was asked for."""
+    cut = [e.part(0, e.number // 2 + 1) if e.number % 2 else e for e in made()]
+    found = diagnose(cut, SHORT)
+    assert "3 experiments of fewer than 10 samples left out" in found.notes
+    assert {*found.experiments["fit"], *found.experiments["held_out"]} == {2, 4, 6}

@@ -10,7 +10,7 @@ import yaml
 
 import msgs_config
 from ldt_core.advice.run_up import plan_run_up
-from ldt_core.base.errors import LdtError, MachineFileError, OptionError
+from ldt_core.base.errors import ExperimentError, LdtError, MachineFileError, OptionError
 from ldt_core.base.experiment import Experiment, Level
 from ldt_core.base.settings import resolve
 from ldt_core.calibration import calibrate
@@ -22,6 +22,7 @@ from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.effects import get_effect
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine, machine_from_dict
+from ldt_core.notebook.gap_diagnosis import diagnose
 from ldt_core.recording.writer import BagWriter
 
 MOTOR = replace(load_machine("dc_motor"), duration=3.0)
@@ -49,6 +50,7 @@ ABSURD = {
     "squares overflow": (lambda e: replace(e, speed=1e250 * e.speed), "speed: expected sizes", 2),
     "squares vanish": (lambda e: replace(e, speed=1e-250 * e.speed), "speed: expected sizes", 2),
     "huge voltage": (lambda e: replace(e, voltage=1e250 * e.voltage), "voltage: expected size", 2),
+    "period beyond all clocks": (lambda e: replace(e, period=1e-300), "sample period: expec", 2),
     "periods apart": (lambda e: replace(e, period=0.01 * e.number), "sample period: expected", 2),
     "one sample each": (lambda e: e.part(0, 1), "", 1),
     "five samples each": (lambda e: e.part(0, 5), "samples", 1),
@@ -189,12 +191,17 @@ def test_what_rounding_leaves_is_no_change_of_the_machine():
         ("at rest", "ran to 1000 times"),
         ("no voltage", "the fit leaves"),
         ("turned in time", "ran to 1000 times"),
+        ("turned round at last", "the fit leaves"),
     ],
 )
 @pytest.mark.slow
 def test_what_no_motor_does_is_no_calibration(name, words):
     """A file with the torque constant a thousand times off was written of it, with a note."""
-    change = ABSURD[name][0] if name in ABSURD else lambda e: replace(e, speed=e.speed[::-1].copy())
+    further = {
+        "turned in time": lambda e: replace(e, speed=e.speed[::-1].copy()),
+        "turned round at last": lambda e: replace(e, speed=-e.speed) if e.number > 1 else e,
+    }
+    change = further[name] if name in further else ABSURD[name][0]
     with pytest.raises(LdtError, match=words):
         calibrate(MOTOR, [change(e) for e in SOUND], holdout=0.0)
 
@@ -206,3 +213,18 @@ def test_a_machine_that_keeps_its_speed_is_calibrated_whatever_the_physics_lacks
     plant = Plant.from_settings(steady, resolve({**told, "start": "continue"}))
     settled = [plant.experiment(number).part(150, 300) for number in (1, 2, 3)]
     assert calibrate(MOTOR, settled, holdout=0.0).lacking
+
+
+@pytest.mark.parametrize(("factor", "words"), [(1000, "1000 times what"), (-1, "the wrong sign")])
+def test_a_current_of_another_unit_or_sign_is_not_fitted_to(factor, words):
+    """In mA it made a resistance of 0.9994 with 94 % confidence; turned round, one of 998 Ohm."""
+    told = {"seed": 3, "start_time": 1e9, "degradation": "none", "measure_current": True}
+    plant = Plant.from_settings(MOTOR, resolve(told))
+    sound = [plant.experiment(number) for number in range(1, 5)]
+    given = [replace(e, current=factor * e.current) for e in sound]
+    with pytest.raises(ExperimentError, match=words):
+        calibrate(MOTOR, given)
+    found = diagnose(given, MOTOR)
+    assert found.verdict.kind == "none"
+    assert words in found.notes[0]
+    assert not diagnose(sound, MOTOR).notes

@@ -244,6 +244,7 @@ def test_a_sentence_lists_so_many_names():
 MACHINES = {
     "a million days": ("duration: 20 ", "duration: 1e11 "),
     "a period of a picosecond": ("sample_period: 0.01", "sample_period: 1e-12"),
+    "the least period there is": ("sample_period: 0.01", "sample_period: 5e-324"),
 }
 
 

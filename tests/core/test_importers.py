@@ -334,11 +334,18 @@ def test_any_text_is_a_table_or_a_sentence(tmp_path_factory, text):
 
 
 @pytest.mark.parametrize("option", ["sample_period", "length"])
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, 1e308, 5e-324])
 def test_an_impossible_period_or_length_is_refused(tmp_path, option, value):
     """Seconds above 0."""
     with pytest.raises(OptionError, match="seconds above 0"):
         load(table(tmp_path / "x.csv", PLAIN), **{option: value})
+
+
+def test_times_that_no_clock_tells_apart_are_refused(tmp_path):
+    """1e-300 s from row to row, at which nothing can be computed."""
+    text = "t,u,n\n" + "".join(f"{k}e-300,1,{k}\n" for k in range(20))
+    with pytest.raises(RecordingError, match="times 1e-09 s apart or more, got 1e-300 s"):
+        load(table(tmp_path / "x.csv", text))
 
 
 def test_a_period_in_the_wrong_unit_is_refused_before_it_fills_the_memory(tmp_path):

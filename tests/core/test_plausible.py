@@ -13,6 +13,7 @@ from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Action
 from ldt_core.base.settings import resolve
 from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.machine.current_check import wrong_current
 from ldt_core.machine.sensor_check import fault, sound
 from ldt_core.recording.bag import read_bag
 from ldt_core.restart.recorded_run import RecordedRun, complete_steps
@@ -53,6 +54,21 @@ def test_no_effect_of_the_machine_is_taken_for_a_faulty_sensor(machine):
         for noise in (0.1, 0.0):
             kept, said = sound(machine, made(2, 1, [use], machine, noise=noise))
             assert (said, len(kept)) == ("", 2), use
+
+
+def test_no_effect_of_the_machine_makes_a_current_of_another_unit_or_sign():
+    """One in mA, in kA or of a clamp the other way round is one, whatever acts on most machines."""
+    found = 0
+    for name in [n for n in EFFECTS.names() if _may_have(SHORT, n)]:
+        use = f"{name}:{','.join(f'{k}={v}' for k, v in get_effect(name).typical.items())}"
+        sound = made(2, 1, [use], SHORT, measure_current=True)
+        assert wrong_current(SHORT, sound) == "", name
+        told = [
+            wrong_current(SHORT, [replace(e, current=factor * e.current) for e in sound])
+            for factor in (1000, 1e-3, -1)
+        ]
+        found += "times what" in told[0] and "times what" in told[1] and "wrong sign" in told[2]
+    assert found > 20
 
 
 def test_a_sensor_of_coarse_steps_passes():

@@ -189,8 +189,10 @@ def test_the_nodes_of_a_machine_are_told_apart_from_others():
     assert len(fleet.machine("/a")["nodes"]) == MOST_NODES
 
 
-def test_memory_is_bounded_whatever_comes():
+@pytest.mark.parametrize("whole", [WHOLE_STEPS, 10])
+def test_memory_is_bounded_whatever_comes(whole, monkeypatch):
     """Experiments, samples, events, versions, texts, machines."""
+    monkeypatch.setattr("ldt_core.views.watch.watched_machine.MOST_WHOLE", LENGTH * whole)
     fleet = Fleet()
     for number in range(1, MOST_STEPS + 30):
         feed(fleet, "", number, level=Level.POSITIVE, words="x" * 2 * MOST_CHARACTERS)
@@ -199,7 +201,7 @@ def test_memory_is_bounded_whatever_comes():
     assert min(state.steps) == 30
     assert len(state.models) == MOST_MODELS
     assert len(state.events) == MOST_EVENTS
-    assert sum(t.experiment is not None for t in state.steps.values()) == WHOLE_STEPS
+    assert sum(t.experiment is not None for t in state.steps.values()) == whole
     told = fleet.machine("/")
     assert max(len(words) for *_, words in told["events"]) == MOST_CHARACTERS
     assert len(told["steps"][0]["reason"]) == MOST_CHARACTERS

@@ -121,6 +121,22 @@ def test_a_machine_that_is_faster_than_the_queue_does_not_outrun_the_time_out(
     assert stranger.numbers("prediction")[1] > 3
 
 
+def test_where_two_in_a_row_are_not_answered_what_others_must_lack_is_dropped(
+    stranger, monkeypatch
+):
+    """After a detector hung, each of those that it never got took the time-out: an hour."""
+    monkeypatch.setattr("ldt_ros.nodes.twin_node.WINDOW", 3)
+    node = stranger.start(TwinNode, **PHYSICS, adaptation_timeout=0.3)
+    stranger.listen("prediction", "/diagnostics")
+    stranger.send("experiment", *map(experiment, range(1, 11)))
+    stranger.until(lambda: len(stranger.numbers("prediction")) == 3)
+    assert stranger.numbers("prediction") == [1, 2, 8]  # the last 3 are 8, 9, 10
+    stranger.until(lambda: stranger.health("twin").get("dropped") == "5")
+    stranger.send("adaptation", adaptation(8))
+    stranger.until(lambda: stranger.numbers("prediction")[-1] == 9)
+    assert node.predictor.last == 9
+
+
 def test_a_twin_that_joins_late_has_the_model_in_force(stranger):
     """The models are latched; the last of them predicts the first experiment that it sees."""
     from ldt_ros.nodes.interfaces import qos

@@ -24,6 +24,7 @@ from ldt_core.estimation.linear.state_space import (
     usual,
 )
 from ldt_core.estimation.noise import common_correlation_time
+from ldt_core.machine.experiment_limits import refuse_period
 
 #: Highest order that can be asked for; `order` in parameters.yaml.
 MOST_ORDER = 10
@@ -162,6 +163,7 @@ def refuse_undetermined(experiments: Sequence[Experiment], unknowns: int, what: 
     if not experiments:
         raise ExperimentError("identification", "at least one experiment", "none")
     first = experiments[0]
+    refuse_period(first)
     for e in experiments[1:]:
         if abs(e.period - first.period) > PERIOD_TOLERANCE * first.period:
             raise ExperimentError(

@@ -90,7 +90,7 @@ class Pages:
         self._open: dict[int, asyncio.WriteTransport | None] = {}  # by the order of their coming
         self._changed = asyncio.Event()
         self._closing = asyncio.Event()
-        self._woken = False
+        self._woken = self._news = False
         self._overview = (-1, -1.0, "")
         self._loop = asyncio.get_running_loop()
         fleet.on_change = self._notice
@@ -127,14 +127,22 @@ class Pages:
 
     def _notice(self) -> None:
         """Of the source's thread, which never waits: a browser that is behind gets the newest."""
+        self._news = True
         if not self._woken:
             self._woken = True
             self._loop.call_soon_threadsafe(self._wake)
 
     def _wake(self) -> None:
-        self._woken = False
+        self._news = False
         self._changed.set()
         self._changed = asyncio.Event()
+        # A thread that is woken at each message of thousands takes as long as the source itself.
+        self._loop.call_later(GATHER, self._rest)
+
+    def _rest(self) -> None:
+        self._woken = False
+        if self._news:
+            self._notice()
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:

@@ -25,6 +25,7 @@ from ldt_core.views.step_view import Row, StepView, belongs, rounded, statistic
 # What bounds the memory: messages may come for ever, and a foreign one may be of any size.
 MOST_STEPS = 200  # as many as a page of a run is made for; older ones leave
 WHOLE_STEPS = 3  # of them with all samples, since predictions may still come
+MOST_WHOLE = 20_000  # samples up to which more are left whole, 1 MB: to thin them takes longer
 MOST_SAMPLES = 2000  # of a curve that a browser gets: 32 kB an experiment
 LONGEST = 1_000_000  # samples of an experiment that is taken at all
 MOST_EVENTS = 200  # that are listed
@@ -159,6 +160,9 @@ class WatchedMachine:
     stream: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=MOST_STREAMED))
     streamed: int = 0
     _last: tuple[int, float] | None = None
+    #: Steps with all samples and how many, the oldest first; and the sum.
+    _whole: deque[tuple[WatchedStep, int]] = field(default_factory=deque)
+    _held: int = 0
 
     def take(
         self, topic: str, record: Any, count: int, now: float, moment: float | None = None
@@ -243,8 +247,12 @@ class WatchedMachine:
             step.prediction = old.prediction if belongs(old.prediction, record) else None
         self._last, self.fed_at = key, now
         self._drawn(step, count)
-        for older in list(self.steps.values())[:-WHOLE_STEPS]:
-            if older.experiment is not None and older is not step:
+        self._whole.append((step, len(record)))
+        self._held += len(record)
+        while len(self._whole) > WHOLE_STEPS and self._held > MOST_WHOLE:
+            older, samples = self._whole.popleft()
+            self._held -= samples
+            if older.experiment is not None and self.steps.get(older.number) is older is not step:
                 older.settle(MOST_SAMPLES)
 
     def _drawn(self, step: WatchedStep, count: int) -> None:
@@ -257,6 +265,8 @@ class WatchedMachine:
     def _begin_anew(self, number: int, count: int, moment: float | None) -> None:
         """Numbers rise within a run: another one has begun."""
         self.steps.clear()
+        self._whole.clear()
+        self._held = 0
         self.models.clear()
         self.signal = self.adaptation = self.diagnosis = None
         self.began = self.diagnosis_changed = count
