@@ -67,6 +67,10 @@ class NominalCandidate(Candidate):
         """Whether the numbers are known well enough for that."""
         return max(p.scale or 0.0 for p in self.parameters) < WELL_KNOWN
 
+    def at_limit(self, z: Array) -> list[str]:
+        """None: how far the machine's own parameters may go is their prior's to say."""
+        return []
+
     @property
     def differences(self) -> Array:
         """(k,) steps that move a parameter by about `DIFFERENCE`."""
