@@ -198,7 +198,6 @@ class _Work:
         for name in state.seen.names:
             if name not in state.coordinates.names and not self.named:
                 fixed[name] = Reason.SILENT if name in state.seen.silent else Reason.GROUPED
-        order = [p.name for p in self.physics.parameters if p.name in fixed]
         errors: dict[str, tuple[FreeRunError, FreeRunError]] = {}
         numbers: dict[str, list[int]] = {}
         for part, experiments in (("fit", self.experiments), ("held_out", held_out)):
@@ -223,7 +222,7 @@ class _Work:
             nominal=self.machine,
             machine=machine,
             estimates=tuple(estimates),
-            fixed={n: fixed[n] for n in order},
+            fixed={p.name: fixed[p.name] for p in self.physics.parameters if p.name in fixed},
             undetermined=state.seen.clusters + vague,
             noise=noise,
             coloured=coloured(noise, state.runs.residuals(state.values), self.experiments),

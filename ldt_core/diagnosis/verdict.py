@@ -277,11 +277,7 @@ def _growing_sets(found: FittedSets, gap: float) -> list[EffectFit]:
 
 
 def _worth_more(
-    found: FittedSets,
-    smaller: EffectFit,
-    larger: EffectFit,
-    gap: float,
-    departing: bool = False,
+    found: FittedSets, smaller: EffectFit, larger: EffectFit, gap: float, departing: bool = False
 ) -> bool:
     """Whether what a larger set gains over a smaller one earns it its further members.
 

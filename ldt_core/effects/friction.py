@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ldt_core.effects.base import SMALL_VOLTAGE, Effect
-from ldt_core.physics.base import SPEED
 from ldt_core.physics.parameter import Parameter, Values
 
 # Speed over which dry friction turns its sign [rad/s]. A jump at 0 would break the integrator's
@@ -79,10 +78,6 @@ def _elastic_stribeck(t, theta, omega, current, voltage, p, state, rate):
     return -level * state[0] / p[3]
 
 
-def _slipping(state, presliding, **_):
-    return (presliding * math.tanh(state[SPEED] / STICK_SPEED),)
-
-
 def _elastic(effect: Effect, torque: Callable[..., float], level: Callable[..., float]) -> Effect:
     """The law with friction that builds up over a turn, as bristles do that bend before they slip.
 
@@ -113,7 +108,6 @@ def _elastic(effect: Effect, torque: Callable[..., float], level: Callable[..., 
         parameters=(*effect.parameters, presliding),
         torque=torque,
         states=("deflection",),
-        initial=_slipping,
         needs=("J", "K_t", *(n for n in effect.needs if n not in ("J", "K_t"))),
         fastest=fastest,
         reference="Canudas de Wit, Olsson, Åström, Lischinsky, A new model for control of systems "

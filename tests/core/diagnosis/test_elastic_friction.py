@@ -1,0 +1,64 @@
+"""Dry friction that builds up over a turn: found as a detail of its law, and only where it is."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from recorded_machines import MOTOR, record
+
+from ldt_core.base.errors import OptionError
+from ldt_core.checks import check_effect
+from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.diagnosis.diagnosis import read_effects
+from ldt_core.effects import EFFECTS, get_effect, parse_effect
+
+DETAILED = [n for n in EFFECTS.names() if get_effect(n).detailed is not None]
+ELASTIC = "coulomb_friction:torque=0.1,presliding=0.06"
+
+
+@pytest.mark.parametrize("name", DETAILED)
+def test_a_detailed_law_keeps_the_promises_of_an_effect(name):
+    detailed = get_effect(name).detailed
+    assert detailed.name == name
+    assert detailed.family == get_effect(name).family
+    assert check_effect(detailed)
+
+
+@pytest.mark.parametrize("name", DETAILED)
+def test_a_small_turn_makes_it_the_plain_law(name):
+    plain, detailed = get_effect(name), get_effect(name).detailed
+    given = plain.check(plain.typical)
+    (rough,) = record(MOTOR, (plain, given), count=1, noise=0.0)
+    (fine,) = record(MOTOR, (detailed, {**given, "presliding": 1e-3}), count=1, noise=0.0)
+    assert np.abs(rough.speed - fine.speed).max() < 0.02 * np.abs(rough.speed).max()
+
+
+def test_the_detail_acts_where_it_is_given():
+    assert parse_effect("coulomb_friction:torque=0.1")[0] is get_effect("coulomb_friction")
+    effect, given = parse_effect(ELASTIC)
+    assert effect.states
+    assert given == {"torque": 0.1, "presliding": 0.06}
+    with pytest.raises(OptionError, match="presliding"):
+        parse_effect("coulomb_friction:torque=0.1,presliding=-1")
+
+
+def test_a_diagnosis_finds_the_turn_and_its_file_gives_it_back(tmp_path):
+    held = [np.repeat(np.random.default_rng(k).uniform(-3, 3, 25), 20) for k in range(4)]
+    found = diagnose(MOTOR, record(MOTOR, ELASTIC, count=4, noise=0.02, levels=held))
+    assert found.verdict.acting == [["coulomb_friction"]]
+    assert found.gap.after.rmse < 0.022
+    (named,) = found.effects
+    assert named["parameters"]["torque"] == pytest.approx(0.1, rel=0.02)
+    assert named["parameters"]["presliding"] == pytest.approx(0.06, rel=0.1)
+    (tmp_path / "diagnosis.json").write_text(json.dumps(found.as_dict()))
+    ((effect, given),) = read_effects(tmp_path / "diagnosis.json", MOTOR)
+    assert effect.states
+    assert given["presliding"] == pytest.approx(0.06, rel=0.1)
+
+
+def test_plain_friction_gets_no_turn():
+    found = diagnose(MOTOR, record(MOTOR, "coulomb_friction:torque=0.1", noise=0.02))
+    (named,) = found.effects
+    assert named["parameters"].keys() == {"torque"}
