@@ -63,6 +63,8 @@ def ripple_orders(residuals: FreeRunResiduals, rest: Array, starts: StartStates)
             through[k] += turn**2 * float(passed.sum())
         samples += len(e)
     gain[shown < LEAST_SHOWN * samples] = 0.0
+    # A shaft too heavy for any torque to move, as far as floating point goes, has no ripple.
+    gain[through == 0] = 0.0
     loud = [k for k in np.argsort(-gain) if gain[k] > THRESHOLDS.chance_gain]
     # A torque -T sin(n theta + phi) is T cos(n theta + phi + pi / 2).
     return [
