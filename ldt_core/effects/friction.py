@@ -78,18 +78,18 @@ def _elastic_stribeck(t, theta, omega, current, voltage, p, state, rate):
     return -level * state[0] / p[3]
 
 
-def _elastic(effect: Effect, torque: Callable[..., float], level: Callable[..., float]) -> Effect:
-    """The law with friction that builds up over a turn, as bristles do that bend before they slip.
+def _of_bristles(plain: Effect, torque: Callable[..., float]) -> Effect:
+    """The law, and in detail with friction that builds up over a turn.
 
     Args:
-        torque: its function.
-        level: (values, voltage, **p) -> largest torque [N m].
+        plain: the law alone, whose `fastest` is its largest torque over J STICK_SPEED.
+        torque: the function of its bristles.
     """
 
     def fastest(values: Values, voltage: float, presliding: float, **given: float) -> float:
-        stiffness = level(values, voltage, **given) / presliding
+        spring = plain.rate(values, voltage, given) * STICK_SPEED / presliding
         top = voltage / values["K_t"]
-        return max(math.sqrt(stiffness / values["J"]), top / presliding)
+        return max(math.sqrt(spring), top / presliding)
 
     presliding = Parameter(
         "presliding",
@@ -100,19 +100,20 @@ def _elastic(effect: Effect, torque: Callable[..., float], level: Callable[..., 
         "turn over which the friction builds up after a reversal",
         scale=0.02,
     )
-    return replace(
-        effect,
-        description=f"{effect.description}; it builds up over a small turn (presliding)",
-        equation=f"{effect.equation}; with presliding z / presliding in place of sign(omega), "
+    detailed = replace(
+        plain,
+        description=f"{plain.description}; it builds up over a small turn (presliding)",
+        equation=f"{plain.equation}; with presliding z / presliding in place of sign(omega), "
         "z' = omega - |omega| z / presliding",
-        parameters=(*effect.parameters, presliding),
+        parameters=(*plain.parameters, presliding),
         torque=torque,
         states=("deflection",),
-        needs=("J", "K_t", *(n for n in effect.needs if n not in ("J", "K_t"))),
+        needs=("J", "K_t", *(n for n in plain.needs if n not in ("J", "K_t"))),
         fastest=fastest,
         reference="Canudas de Wit, Olsson, Åström, Lischinsky, A new model for control of systems "
         "with friction, IEEE Transactions on Automatic Control 40 (1995) 419; Dahl's, undamped",
     )
+    return replace(plain, detailed=detailed)
 
 
 def _quadratic(t, theta, omega, current, voltage, p):
@@ -123,7 +124,7 @@ def _viscous(values, b):
     return {**values, "b": values["b"] + b}
 
 
-_COULOMB = Effect(
+COULOMB_FRICTION = Effect(
     name="coulomb_friction",
     family="dry friction",
     description="dry friction of the same size at every speed",
@@ -137,12 +138,9 @@ _COULOMB = Effect(
     fastest=lambda values, voltage, torque: _dry_rate(values, torque),
     reference=SURVEY,
 )
-COULOMB_FRICTION = replace(
-    _COULOMB,
-    detailed=_elastic(_COULOMB, _elastic_coulomb, lambda values, voltage, torque: torque),
-)
+COULOMB_FRICTION = _of_bristles(COULOMB_FRICTION, _elastic_coulomb)
 
-_ASYMMETRIC = Effect(
+ASYMMETRIC_FRICTION = Effect(
     name="asymmetric_friction",
     family="dry friction",
     description="dry friction that differs forward and backward (a worn bearing, a worm gear)",
@@ -163,18 +161,9 @@ _ASYMMETRIC = Effect(
     ),
     reference=f"{SURVEY} (levels that depend on the direction)",
 )
-ASYMMETRIC_FRICTION = replace(
-    _ASYMMETRIC,
-    detailed=_elastic(
-        _ASYMMETRIC,
-        _elastic_asymmetric,
-        lambda values, voltage, torque_forward, torque_backward: max(
-            torque_forward, torque_backward
-        ),
-    ),
-)
+ASYMMETRIC_FRICTION = _of_bristles(ASYMMETRIC_FRICTION, _elastic_asymmetric)
 
-_LOAD = Effect(
+LOAD_FRICTION = Effect(
     name="load_friction",
     family="dry friction",
     description="dry friction proportional to the transmitted torque, as in a gear",
@@ -198,16 +187,9 @@ _LOAD = Effect(
     reference="Duclusaud, Passault, Padois, Ly, Extended friction models for the physics "
     "simulation of servo actuators, arXiv 2410.08650 (2024), load-dependent friction",
 )
-LOAD_FRICTION = replace(
-    _LOAD,
-    detailed=_elastic(
-        _LOAD,
-        _elastic_gear,
-        lambda values, voltage, coefficient: coefficient * values["K_t"] * voltage / values["R"],
-    ),
-)
+LOAD_FRICTION = _of_bristles(LOAD_FRICTION, _elastic_gear)
 
-_STRIBECK = Effect(
+STRIBECK_FRICTION = Effect(
     name="stribeck_friction",
     family="dry friction",
     description="dry friction that is larger near standstill",
@@ -231,14 +213,7 @@ _STRIBECK = Effect(
     fastest=lambda values, voltage, torque, static, velocity: _dry_rate(values, torque + static),
     reference=SURVEY,
 )
-STRIBECK_FRICTION = replace(
-    _STRIBECK,
-    detailed=_elastic(
-        _STRIBECK,
-        _elastic_stribeck,
-        lambda values, voltage, torque, static, velocity: torque + static,
-    ),
-)
+STRIBECK_FRICTION = _of_bristles(STRIBECK_FRICTION, _elastic_stribeck)
 
 VISCOUS_FRICTION = Effect(
     name="viscous_friction",
