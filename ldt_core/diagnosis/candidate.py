@@ -71,6 +71,16 @@ class Candidate:
             return None
         return replace(self, effect=more, details=len(more.parameters) - len(self))
 
+    def details_at(self, shape: float) -> Array:
+        """(details,) coordinates of a detailed law's details, so many times their defaults."""
+        begin = len(self) - self.details
+        return np.array(
+            [
+                self.coordinate(j, min(max((p.default or 0.0) * shape, p.low), p.high))
+                for j, p in enumerate(self.parameters[begin:], begin)
+            ]
+        )
+
     @property
     def differences(self) -> Array:
         """(d,) steps of the coordinates for difference quotients."""

@@ -136,18 +136,15 @@ class EffectSetSearch(SetFits):
         best, before = found[0], self.in_detail
         families = {c.effect.family for c in best.effects if c.detailed is not None}
         laws = {
-            c.name: (c, c.detailed)
+            c.name: detailed
             for c in self.candidates
-            if c.detailed is not None and c.effect.family in families
+            if c.effect.family in families and (detailed := c.detailed) is not None
         }
         if not laws:
             return
         whole = TriedSet(best.effects, best.z[:count], best.starts)
-        for k in range(len(START_SHAPES)):
-            begun = {
-                n: _further_starts(plain, detailed)[k] for n, (plain, detailed) in laws.items()
-            }
-            self.in_detail = {**before, **begun}
+        for shape in START_SHAPES:
+            self.in_detail = {**before, **{n: c.details_at(shape) for n, c in laws.items()}}
             self._scout([whole])
         now = self.found.scouted[frozenset(best.names)]
         least = THRESHOLDS.further_effect_of_remainder * self.band.excess(best.residual)
@@ -156,13 +153,12 @@ class EffectSetSearch(SetFits):
             return
         # The other laws of the family begin with what this one has found.
         at = {
-            (c.effect.family, len(z) - len(laws[c.name][0])): z[len(laws[c.name][0]) :]
+            (c.effect.family, c.details): z[len(z) - c.details :]
             for c, z in zip(now.effects, now.z, strict=False)
             if c.name in laws
         }
-        for name, (plain, detailed) in laws.items():
-            key = plain.effect.family, len(detailed) - len(plain)
-            self.in_detail[name] = at.get(key, self.in_detail[name])
+        for name, c in laws.items():
+            self.in_detail[name] = at.get((c.effect.family, c.details), self.in_detail[name])
         plainly = [f for n, f in self.found.scouted.items() if n & laws.keys() and f is not now]
         for f in plainly:
             del self.found.scouted[frozenset(f.names)]
@@ -373,17 +369,3 @@ class EffectSetSearch(SetFits):
         scouted = self.found.scouted.get(frozenset(base.names), base)
         close = [f for f in found if self._near(f, scouted) or self._plainer(f, scouted)]
         return [self.finish(f) for f in sorted(close, key=lambda f: f.loss)[:FINISHED_RIVALS]]
-
-
-def _further_starts(plain: Candidate, detailed: Candidate) -> list[Array]:
-    """Where fits of a detailed law's further parameters begin: their defaults, and about them."""
-    more = detailed.parameters[len(plain) :]
-    return [
-        np.array(
-            [
-                detailed.coordinate(len(plain) + j, min(max((p.default or 0.0) * f, p.low), p.high))
-                for j, p in enumerate(more)
-            ]
-        )
-        for f in START_SHAPES
-    ]

@@ -160,10 +160,9 @@ class LawDepartures:
         found = self.residuals.simulated(runs, SEARCH_STEP)
         if not all(np.abs(s).max() < DIVERGED_SPEED for s, _ in found):  # nan is not below either
             return None
-        speeds = [s for s, _ in found]
-        without = (speeds[k : k + count] for k in range(count, len(found), count))
-        changes = [[a - b for a, b in zip(speeds, w, strict=False)] for w in without]
-        return found[:count], changes
+        motion = found[:count]
+        without = (found[k : k + count] for k in range(count, len(found), count))
+        return motion, [[a - b for (a, _), (b, _) in zip(motion, w, strict=True)] for w in without]
 
 
 def own_laws(residuals: FreeRunResiduals) -> float:

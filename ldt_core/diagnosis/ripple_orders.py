@@ -50,17 +50,19 @@ def ripple_orders(residuals: FreeRunResiduals, rest: Array, starts: StartStates)
         kept = math.exp(-e.period / residuals.memory)
         speed = rest[piece.rows][: len(e)]
         pushed = lfilter([0.0, 1.0], [1.0, -kept], speed[::-1])[::-1]
-        angle = starts.angles[i] + np.concatenate([[0.0], np.cumsum(_between(e.speed))]) * e.period
-        turned = np.abs(np.concatenate([_between(e.speed), e.speed[-1:]])) * e.period
+        between = 0.5 * (e.speed[1:] + e.speed[:-1])
+        angle = starts.angles[i] + np.concatenate([[0.0], np.cumsum(between)]) * e.period
+        turned = np.abs(np.concatenate([between, e.speed[-1:]])) * e.period
+        turn = (1.0 - kept) * residuals.memory / residuals.values["J"] / residuals.noise[0]
         for k, order in enumerate(orders):
             seen = order * turned < math.pi  # quicker than the samples, it cannot be followed
             found = complex(pushed[seen] @ np.exp(-1j * order * angle[seen]))
             passed = 1.0 / np.abs(1.0 - kept * np.exp(-1j * order * turned[seen])) ** 2
             shown[k] += np.count_nonzero(seen)
-            turn = (1.0 - kept) * residuals.memory / residuals.values["J"] / residuals.noise[0]
-            gain[k] += 2.0 * abs(found) ** 2 / max(float(passed.sum()), 1.0)
+            power = float(passed.sum())
+            gain[k] += 2.0 * abs(found) ** 2 / max(power, 1.0)
             wave[k] += turn * found
-            through[k] += turn**2 * float(passed.sum())
+            through[k] += turn**2 * power
         samples += len(e)
     gain[shown < LEAST_SHOWN * samples] = 0.0
     # A shaft too heavy for any torque to move, as far as floating point goes, has no ripple.
@@ -95,8 +97,3 @@ def begun_at(
             }
             found.append(candidate.coordinates(candidate.effect.check(given)))
     return found
-
-
-def _between(x: Array) -> Array:
-    """(L - 1,) between two samples each."""
-    return 0.5 * (x[1:] + x[:-1])

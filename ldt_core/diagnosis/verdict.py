@@ -13,7 +13,6 @@ from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.confidence import decades
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
-from ldt_core.diagnosis.error_band import ErrorBand
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.model_selection import FittedSets, earned, kin, plain_enough
 from ldt_core.diagnosis.thresholds import THRESHOLDS
@@ -200,13 +199,14 @@ def _grounds(
     }
 
 
-def _unexplained(band: ErrorBand, left: Any, gap: Any) -> Any:
+def _unexplained(found: FittedSets, left: Any, gap: Any) -> Any:
     """Whether so much of the gap is left, in one draw or in each of many, that it is no cause.
 
     More than noise alone, and a stated part of the gap: two questions. What noise may be is not
-    taken off what is left, which is free of noise on average.
+    taken off what is left, which is free of noise on average; what the machine file's own laws may
+    be off by is.
     """
-    limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
+    limit, left = found.band.speed_limit(THRESHOLDS.remainder_false_alarm), left - found.own_laws
     return (left > limit) & (left > THRESHOLDS.further_effect_of_gap * gap)
 
 
@@ -220,7 +220,7 @@ def _no_cause(found: FittedSets, fitted: EffectFit, gap: float) -> bool:
     left = band.excess(fitted.residual) - (fitted.loss - found.loss(fitted)) - found.own_laws
     if left <= THRESHOLDS.further_effect_of_gap * found.excess:
         return False
-    return bool(_unexplained(band, found.left(fitted) - found.own_laws, gap))
+    return bool(_unexplained(found, found.left(fitted), gap))
 
 
 def _with_noise(residuals: FreeRunResiduals, level: tuple[float, float]) -> FreeRunResiduals:
@@ -245,10 +245,9 @@ def _agreement(
     left = (power - noise)[pick].sum(axis=1)
     gap = np.maximum(explained, 0.0) + np.maximum(left, 0.0)
     departs = found.departures.taken(best) / max(float(power.sum()), 1e-300)
-    left = left - departs * power[pick].sum(axis=1) - found.own_laws
-    same = _unexplained(band, left, gap) == unknown
+    same = _unexplained(found, left - departs * power[pick].sum(axis=1), gap) == unknown
     whole = band.speed_gap(found.base, best.residual)
-    if not unknown and _unexplained(band, found.left(best) - found.own_laws, whole):
+    if not unknown and _unexplained(found, found.left(best), whole):
         same = np.ones_like(same)  # the current has decided
     own = _losses(found.residuals, best)[pick].sum(axis=1)
     for rival in rivals:
