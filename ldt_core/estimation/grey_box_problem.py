@@ -116,16 +116,16 @@ class GreyBoxProblem:
         self, asked: Sequence[tuple[Array, int]], gain: float, step: float
     ) -> list[Array]:
         """(L,) measured minus simulated speed [rad/s] of each (coordinates, experiment)."""
-        n, cases = self.box.size, []
-        new: list[tuple[bytes, bytes, int, float, float]] = []
+        n = self.box.size
+        new: dict[tuple[bytes, bytes, int, float, float], Case] = {}
         keys = [(x[:n].tobytes(), x[self._places[i]].tobytes(), i, gain, step) for x, i in asked]
         found = {key: self._known[key] for key in keys if key in self._known}
         for key, (x, i) in zip(keys, asked, strict=True):
             if key not in found and key not in new:
                 start = self.start(x, i) if self._own[i] else None
-                cases.append(Case(x[:n], self.experiments[i], self.rest[i], start))
-                new.append(key)
-        for key, speed in zip(new, self.box.speeds(cases, gain, step, self.workers), strict=True):
+                new[key] = Case(x[:n], self.experiments[i], self.rest[i], start)
+        speeds = self.box.speeds(list(new.values()), gain, step, self.workers)
+        for key, speed in zip(new, speeds, strict=True):
             found[key] = self._known[key] = self.experiments[key[2]].speed - speed
         for key in list(self._known)[:-REMEMBERED]:
             del self._known[key]
