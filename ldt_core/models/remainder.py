@@ -12,13 +12,8 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.threads import one_thread
 from ldt_core.estimation.motor_run import MotorRun
-from ldt_core.estimation.remainder import (
-    CurveNodes,
-    LearnedRemainder,
-    RemainderShape,
-    fit_remainder,
-    free_run,
-)
+from ldt_core.estimation.remainder import LearnedRemainder, fit_remainder
+from ldt_core.estimation.remainder_run import CurveNodes, RemainderShape, free_run
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.hybrid import HybridModel
@@ -32,7 +27,7 @@ class RemainderModel(Model):
 
     Effects in the machine file, and those of a grey-box model that it stands `on`, add what they do
     to the free run of the motor alone; the acceleration is learned from what they leave. It depends
-    on speed, current and what they were before, see `estimation.remainder`.
+    on speed, current and what they were before, see `estimation.remainder_run`.
 
     `parameters`: `machine`, the physics parameters; `effects`, name → parameter → value, of those
     found to act beside the file's; `remainder`, None or a mapping of `speed` and `current` (first
