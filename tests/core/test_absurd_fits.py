@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +13,11 @@ import msgs_config
 from ldt_core.advice.run_up import plan_run_up
 from ldt_core.base.errors import ExperimentError, LdtError, MachineFileError, OptionError
 from ldt_core.base.experiment import Experiment, Level
+from ldt_core.base.metrics import FreeRunError
 from ldt_core.base.settings import resolve
 from ldt_core.calibration import calibrate
+from ldt_core.calibration.calibration import refuse_absurd
+from ldt_core.calibration.coordinates import Coordinates
 from ldt_core.calibration.identifiability import Uncertainty, uncertainty
 from ldt_core.calibration.identify import identify_machine
 from ldt_core.calibration.torque_balance import balanced_machine, guidance
@@ -204,6 +208,25 @@ def test_what_no_motor_does_is_no_calibration(name, words):
     change = further[name] if name in further else ABSURD[name][0]
     with pytest.raises(LdtError, match=words):
         calibrate(MOTOR, [change(e) for e in SOUND], holdout=0.0)
+
+
+@pytest.mark.parametrize(("left", "fits"), [(0.49, True), (0.51, False), (0.95, False)])
+def test_a_sensor_turned_round_in_half_of_the_experiments_is_no_calibration(left, fits):
+    """One constant for all leaves nearly all of it, so a fit that left as much was accepted."""
+    given = [replace(e, speed=-e.speed) if e.number > 2 else e for e in made(4)]
+    fitted = FreeRunError()
+    for e in given:
+        fitted.add(left * e.speed)
+    with nullcontext() if fits else pytest.raises(LdtError, match="the fit leaves"):
+        refuse_absurd(Coordinates([], {}), np.zeros(0), fitted, given)
+
+
+@pytest.mark.slow
+def test_so_it_is_refused_where_no_parameter_runs_away():
+    """Two one way and one the other: three per cent of the speed could be fitted to."""
+    given = [replace(e, speed=-e.speed) if e.number > 2 else e for e in made(4)]
+    with pytest.raises(LdtError, match="no calibration of the machine"):
+        calibrate(MOTOR, given, holdout=0.25)
 
 
 def test_a_machine_that_keeps_its_speed_is_calibrated_whatever_the_physics_lacks():

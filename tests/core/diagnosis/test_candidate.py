@@ -109,3 +109,23 @@ def test_a_small_motor_is_searched_with_small_torques():
     stall = MOTOR.parameters["K_t"] * 12.0 / MOTOR.parameters["R"]
     assert c.typical["torque"] == pytest.approx(0.05 * stall / 4.8)
     assert max(c.value(0, float(z[0])) for z in c.starts()) < 0.1 * stall
+
+
+@pytest.mark.parametrize(
+    ("name", "end", "told"),
+    [
+        ("load_friction", 1, ["coefficient"]),  # no gear loses more: it would go on growing
+        ("load_friction", 0, []),
+        ("no_regeneration", 1, []),  # a whole share is a machine
+        ("coulomb_friction", 0, []),
+        ("inertia", 0, ["factor"]),
+        ("inertia", 1, ["factor"]),
+    ],
+)
+def test_a_fit_that_ends_where_the_search_does_is_told_from_one_at_the_end_of_physics(
+    name, end, told
+):
+    """A factor, or a coefficient beyond any machine, has no size there; a friction of 0 has one."""
+    c = candidate(name)
+    assert c.at_limit(c.starts()[0]) == []
+    assert c.at_limit(np.array([c.bounds[end][0]])) == told
