@@ -96,9 +96,9 @@ class Graph:
             if time.monotonic() - began > patience and not all(m.health for m in self.monitors):
                 raise LdtError(f"the nodes did not start within {patience:g} s")
         if stopped():
-            for source in self._sources():
-                if source.running:
-                    source.send(HALT)
+            for child in self.supervisor.children:
+                if child.running:  # a stopped one goes on, and answers what it has missed
+                    child.send(HALT if child.name in SOURCES else signal.SIGCONT)
             if not self._sources():
                 # A fleet's process has all the nodes of its machines, and ends as a whole.
                 self.supervisor.stop(*recorders)

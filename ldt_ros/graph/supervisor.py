@@ -79,9 +79,13 @@ class Child:
         return code is not None and (code < 0 or code == CRASHED)
 
     def send(self, number: signal.Signals) -> None:
-        """Send a signal to the process and those that it has started, if any is left."""
+        """Send a signal to the process and those that it has started, if any is left.
+
+        One that somebody has stopped goes on: it would heed none before.
+        """
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.pid, number)
+            os.killpg(self.pid, signal.SIGCONT)
 
 
 def last_line(log: Path) -> str:

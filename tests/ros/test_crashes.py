@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import signal
+import threading
 from collections import Counter
 from pathlib import Path
 
@@ -115,6 +116,29 @@ def test_a_recorder_killed_at_an_interrupt_loses_nothing(
     found = [a.experiment for a in read_bag(tmp_path / "run").records("adaptation")]
     assert found == list(range(1, max(steps) + 1))
     assert 15 <= max(steps) < 20
+
+
+@pytest.mark.parametrize("role", ["recorder", "detector"])
+def test_a_stopped_node_goes_on_at_an_interrupt_and_loses_nothing(
+    role, domain, monkeypatch, tmp_path
+):
+    """It heeded no signal, was killed after 16 s, and what it had missed was not answered."""
+    monkeypatch.chdir(tmp_path)
+    asked = []
+
+    def on_step(machine, signal, adaptation):
+        if adaptation.experiment == 10:
+            nodes(os.getpid())[role].suspend()
+            threading.Timer(1.0, asked.append, [True]).start()
+
+    given = {"experiments": 4000, "seed": 3, "model": "physics", "start_time": 1e9}
+    (run,) = launch({**given, "rate": "40", "bag": "run"}, on_step, lambda: bool(asked))
+    assert (run.summary.notes, run.summary.failures) == (["interrupted"], [])
+    bag = read_bag(tmp_path / "run")
+    assert not bag.notes
+    sent = [e.number for e in bag.experiments()]
+    assert sent == [a.experiment for a in bag.records("adaptation")]
+    assert len(sent) > 10
 
 
 def test_the_comparison_finds_what_is_lost_doubled_or_other(undisturbed, ldt, tmp_path):
