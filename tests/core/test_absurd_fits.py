@@ -223,7 +223,7 @@ def test_a_sensor_turned_round_in_half_of_the_experiments_is_no_calibration(left
 
 @pytest.mark.slow
 def test_so_it_is_refused_where_no_parameter_runs_away():
-    """Two one way and one the other: three per cent of the speed could be fitted to."""
+    """Two one way and one the other: four per cent of the speed could be fitted to."""
     given = [replace(e, speed=-e.speed) if e.number > 2 else e for e in made(4)]
     with pytest.raises(LdtError, match="no calibration of the machine"):
         calibrate(MOTOR, given, holdout=0.25)
