@@ -87,7 +87,7 @@ class HybridModel(Model):
     def build(self) -> None:
         """Compile the free run from the parameters, checking them."""
         found = self.parameters.get("effects", {})
-        effects = [(e, e.check(found[e.name])) for e in map(self.machine.effect, found)]
+        effects = [self.machine.effect(name).used(given) for name, given in found.items()]
         for effect, _ in effects:
             effect.require(self.machine.model)
         machine = {"machine": self.parameters["machine"]}

@@ -29,7 +29,8 @@ class PhysicsModel(Model):
     def build(self) -> None:
         """Check the parameters against the physics."""
         self.physics = self.machine.model
-        self.effects = list(self.options.get("effects", ()))
+        acting = self.options.get("effects", ())
+        self.effects = [(effect.in_detail(given), given) for effect, given in acting]
         self.values = {n: float(v) for n, v in self.parameters["machine"].items()}
         known = {p.name: p for p in self.physics.parameters}
         for name in self.values:

@@ -13,6 +13,8 @@ from ldt_core.checks import check_effect
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.diagnosis import read_effects
 from ldt_core.effects import EFFECTS, get_effect, parse_effect
+from ldt_core.models.hybrid import HybridModel
+from ldt_core.models.physics import PhysicsModel
 
 DETAILED = [n for n in EFFECTS.names() if get_effect(n).detailed is not None]
 ELASTIC = "coulomb_friction:torque=0.1,presliding=0.06"
@@ -40,6 +42,13 @@ def test_the_detail_acts_where_it_is_given():
     effect, given = parse_effect(ELASTIC)
     assert effect.states
     assert given == {"torque": 0.1, "presliding": 0.06}
+    (driven,) = record(MOTOR, (effect, given), count=1, noise=0.0)
+    plain = get_effect("coulomb_friction"), given
+    models = [PhysicsModel(MOTOR, effects=[use]) for use in (plain, (effect, given))]
+    found = {"machine": dict(MOTOR.parameters), "effects": {effect.name: given}}
+    models.append(HybridModel(MOTOR, {**found, "gaussian_process": None}))
+    for model in models:
+        assert np.abs(model.predict(driven).residual(driven)).max() < 1e-3
     with pytest.raises(OptionError, match="presliding"):
         parse_effect("coulomb_friction:torque=0.1,presliding=-1")
 
