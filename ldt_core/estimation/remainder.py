@@ -12,6 +12,7 @@ what the data do not ask for vanishes.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,10 +34,11 @@ FEWEST_STEPS, STEPS, DAMPINGS = 8, 40, 12
 ROUGH_STEPS = 3
 #: What a step has to raise the logarithm of the posterior by, a row, to be worth another one.
 CONVERGED = 1e-3
-#: Stages of a fit: the part of the measured speed in what the acceleration depends on; the rest is
-#: the predicted one. The second and third way are for where the first stays far from what is led:
-#: of 28 such fits, to a measured motor and a rotor, 11 were likeliest by the first, 9 by the next.
-WAYS = ((1.0, 0.0), (1.0, 0.5, 0.0), (0.0,))
+#: Stages of a fit behind the one that is led: the part of the measured speed in what the
+#: acceleration depends on; the rest is the predicted one. By halves, and from zero, are for where
+#: the first way stays far from what is led: of 28 such fits, to a measured motor and a rotor, 11
+#: were likeliest by the first, 9 by halves.
+AT_ONCE, BY_HALVES = (0.0,), (0.5, 0.0)
 #: Precision of a prior [s^4/rad^2]: of one of which nothing is known, and the limits.
 FIRST, LEAST, MOST = 1e-6, 1e-9, 1e9
 
@@ -122,21 +124,21 @@ def _likeliest(shape: RemainderShape, data: _Data) -> _Search:
     Raises:
         LdtError, LinAlgError: as for `_Search.run`.
     """
+    led, zero = _Search(shape, data), _Search(shape, data)
+    led.run(1.0)
+    reached = data.residual(shape, led.weights, 1.0)
     found = []
-    for way in WAYS:
-        search = _Search(shape, data)
-        for led in way:
-            search.run(led)
-            if led == 1.0:
-                reached = data.residual(shape, search.weights, led)
+    for start, stages in ((led, AT_ONCE), (led, BY_HALVES), (zero, AT_ONCE)):
+        search = copy.copy(start)
+        for part in stages:
+            search.run(part)
         found.append(search)
-        rest = data.residual(shape, search.weights, 0.0)
-        count = rest.size / correlation_time(rest)
+        rest, count = search.left()
         ratio = float(rest @ rest) / max(float(reached @ reached), 1e-300)
         # What is led is the best of this shape: another fit can gain no more likelihood than that.
         if not count / 2 * math.log(max(ratio, 1e-300)) > math.log(EXPLAINED):
             break
-    return max(found, key=_Search.evidence)
+    return max(found, key=_Search.evidence) if len(found) > 1 else found[0]
 
 
 class _Search:
@@ -184,10 +186,14 @@ class _Search:
             if step >= FEWEST_STEPS and gained < CONVERGED * rest.size:
                 return
 
+    def left(self) -> tuple[Array, float]:
+        """What the free run leaves (rows,), and as how many independent rows that counts."""
+        rest = self.data.residual(self.shape, self.weights, 0.0)
+        return rest, rest.size / correlation_time(rest)
+
     def evidence(self) -> float:
         """Logarithm of the likelihood of the free run under these priors, by Laplace's method."""
-        rest, prior = self.data.residual(self.shape, self.weights, False), self._prior()
-        count = rest.size / correlation_time(rest)
+        (rest, count), prior = self.left(), self._prior()
         spread = np.linalg.slogdet(prior)[1] + np.linalg.slogdet(self.covariance)[1]
         fit = -count * math.log(max(float(np.mean(rest**2)), 1e-300))
         found = (fit - self.weights @ prior @ self.weights + spread) / 2

@@ -118,13 +118,12 @@ def free_run(
 
     Args:
         thin: samples over which each row of the derivatives (L / thin, n) is a mean; 0 for none.
-        led: part of the measured speed in what the acceleration depends on, see `WAYS`.
+        led: part of the measured speed in what the acceleration depends on, from 0 to 1.
     """
-    lead = run.speed
     return _run(
         *(run.ad, run.bd, run.gd, run.voltage, run.current, run.speed[0]),
         *(shape.speed, shape.current, shape.plays, 1 - np.exp(-run.period / shape.lags)),
-        *(shape.span, weights, thin, lead, led),
+        *(shape.span, weights, thin, run.speed, led),
     )
 
 
@@ -149,7 +148,7 @@ def _run(
     first_play = speeds.nodes + currents.nodes
     speed, slopes = np.empty(samples), np.zeros((rows, n))
     loose, late, free = np.full(p, w), np.full(q, w), 1.0 - led
-    at_w, at_i, drawn = w, i, i
+    drawn = i
     di, dw, df = np.zeros(n), np.zeros(n), np.zeros(n)
     dloose, dlate = np.zeros((p, n)), np.zeros((q, n))
     for k in range(samples):

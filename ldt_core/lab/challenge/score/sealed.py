@@ -167,7 +167,7 @@ def _diagnosed(case: Sealed, effects: Sequence[Any]) -> CaseAnswer:
         seconds, why = time.process_time() - begin, in_words(error)
         return CaseAnswer(DIAGNOSIS, None, (), seconds, case.seen(), why)
     seconds = time.process_time() - begin
-    use = [get_effect(e["effect"]).used(e["parameters"]) for e in diagnosis.effects]
+    use = [(get_effect(e["effect"]), e["parameters"]) for e in diagnosis.effects]
 
     def predict(e: Experiment) -> Array:
         return free_run(case.machine, e, use)
