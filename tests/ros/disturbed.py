@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import psutil
 
+from ldt_core.base.experiment import Adaptation
 from ldt_core.recording.bag import read_bag
 
 LDT = str(Path(sys.executable).with_name("ldt"))
@@ -82,12 +83,17 @@ def stall(launcher: int, chance: random.Random, longest: float) -> str:
     return ""
 
 
-def recorded(recording: Path) -> int:
-    """Experiments that have gone all the way, in what is still being written."""
+def adaptations(recording: Path) -> list[Adaptation]:
+    """Of the experiments that have gone all the way, in what is still being written."""
     try:
-        return sum(1 for _ in read_bag(recording).records("adaptation"))
+        return list(read_bag(recording).records("adaptation"))
     except Exception:
-        return 0
+        return []
+
+
+def recorded(recording: Path) -> int:
+    """How many experiments have gone all the way."""
+    return len(adaptations(recording))
 
 
 def wait_for(recording: Path, experiments: int) -> None:

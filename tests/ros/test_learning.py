@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
@@ -13,12 +14,12 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
-from disturbed import LDT, MODEL, PATIENCE, nodes, recorded, wait_for  # noqa: E402
+from disturbed import LDT, MODEL, PATIENCE, adaptations, nodes, recorded, wait_for  # noqa: E402
 from lifecycle_msgs.msg import Transition  # noqa: E402
 from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
 from stranger import answer, experiment  # noqa: E402
 
-from ldt_core.base.experiment import PAUSED, Action, Level  # noqa: E402
+from ldt_core.base.experiment import PAUSED, Action, Adaptation, Level  # noqa: E402
 from ldt_core.cli import invoke  # noqa: E402
 from ldt_core.cli import ldt as commands  # noqa: E402
 from ldt_core.recording.bag import read_bag  # noqa: E402
@@ -98,6 +99,12 @@ def test_it_stays_off_over_a_crash_and_the_end_of_the_run(ldt, programs, tmp_pat
         assert code == 0, printed
         return printed.strip()
 
+    def told() -> dict[int, Adaptation]:
+        return {a.experiment: a for a in adaptations(bag)}
+
+    def paused(after: int = 0) -> set[int]:
+        return {n for n, a in told().items() if n > after and PAUSED in a.details}
+
     bag = tmp_path / "run"
     model = (*MODEL, "--degradation", "ramp", "--seed", "3")
     paced = ("--experiments", "100000", "--rate", "100", "--bag", "run")
@@ -105,30 +112,35 @@ def test_it_stays_off_over_a_crash_and_the_end_of_the_run(ldt, programs, tmp_pat
     wait_for(bag, 2)
     assert says() == "learning is on"
     assert says("off") == "learning is off"
-    off = recorded(bag) + 2
+    _until(paused)
     nodes(graph.pid)["adaptor"].kill()
-    wait_for(bag, off + 3)
+    wait_for(bag, recorded(bag) + 3)
     assert json.loads(says("--json")) == {"learning": "off"}
     graph.send_signal(signal.SIGINT)
     graph.communicate(timeout=PATIENCE)
     graph = ldt("up", "--resume", "run")
     ended = recorded(bag)
-    wait_for(bag, ended + 3)
+    _until(lambda: len(paused(ended)) > 2)
     assert says("on") == "learning is on"
-    on = recorded(bag) + 2
-    wait_for(bag, on + 4)
+    _until(lambda: max(told()) > max(paused()) + 3)
     graph.send_signal(signal.SIGINT)
     graph.communicate(timeout=PATIENCE)
-    told = {a.experiment: a for a in read_bag(bag).records("adaptation")}
-    paused = {number for number, a in told.items() if PAUSED in a.details}
-    last = max(paused)
-    assert set(range(off, ended + 1)) <= paused
-    assert not paused & set(range(on, max(told) + 1))
-    assert len({told[n].model_version for n in paused}) == 1
+    answers, off = told(), sorted(paused())
+    assert off == list(range(off[0], off[-1] + 1))
+    assert off[0] < ended < off[-1] < max(answers)
+    assert len({answers[n].model_version for n in off}) == 1
     models = [m for m in read_bag(bag).records("model") if m.version]
-    assert not any(paused & set(m.trained_on) for m in models)
-    assert told[last].model_version <= told[max(told)].model_version
+    assert not any(set(off) & set(m.trained_on) for m in models)
+    assert answers[off[-1]].model_version <= answers[max(answers)].model_version
     assert not (bag / NAME).exists()
+
+
+def _until(holds: Callable[[], object]) -> None:
+    """Wait for what the recording says: it may lie far behind the nodes on a busy machine."""
+    deadline = time.monotonic() + PATIENCE
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
 
 
 # ---- the command
