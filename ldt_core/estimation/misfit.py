@@ -184,7 +184,9 @@ def noise_in(residual: Array, under: Setting | None) -> float:
         return max(roughness(residual), least)
     followed = moves @ np.linalg.lstsq(moves, residual, rcond=None)[0]
     wider = math.sqrt(1 + moves.shape[1] / residual.size)
-    return max(roughness(residual - followed) * wider, least)
+    # The best fit to a slow error may jump where the voltage does, and so be rougher than it.
+    rough = min(roughness(residual - followed) * wider, roughness(residual))
+    return max(rough, least)
 
 
 def misfit(residual: Array, deviation: Array | None = None, under: Setting | None = None) -> Misfit:

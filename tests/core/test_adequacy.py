@@ -12,7 +12,7 @@ from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Level
 from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.detectors.excited_range import AFTER, hull, within
-from ldt_core.estimation.misfit import misfit, setting
+from ldt_core.estimation.misfit import misfit, noise_in, setting
 
 EVERY = 100
 
@@ -107,6 +107,14 @@ def test_a_start_further_off_than_any_noise_is_a_misfit(first):
     random = np.random.default_rng(3)
     about = of_first_order(random, 500, 50, first)
     assert judged(Adequacy(), random.normal(size=500), *about) == "changed"
+
+
+def test_a_slow_error_is_no_noise_where_the_voltage_jumps():
+    """What was fitted to it by the voltage's jumps was rougher than the error itself."""
+    random = np.random.default_rng(4)
+    error = 20 * (1 - np.exp(-np.arange(1000) / 40)) + random.normal(0, 0.1, 1000)
+    held = random.uniform(4, 12, 10).repeat(100)
+    assert noise_in(error, setting(held)) < 0.15
 
 
 def test_a_movement_of_the_smallest_number_is_none():
