@@ -121,7 +121,9 @@ class CauseSearch:
 
     def _go_on(self, until_known: bool) -> None:
         with one_thread():
-            while self._done < self.granted and not (until_known and self.over):
+            while self.models is None and self._done < self.granted:
+                if until_known and self.over:
+                    return
                 try:
                     self._done += next(self._work)
                 except StopIteration as end:
