@@ -77,7 +77,7 @@ class Screening:
         self.experiments, self.noise, self.workers = list(experiments), noise, workers
         self._samples = sum(len(e) for e in experiments)
         # Squared error, values and innovations of what was screened with the machine eliminated.
-        self._known: dict[tuple[float, str, tuple[str, ...]], tuple[float, Array, Array]] = {}
+        self._known: dict[tuple[float, str, tuple[Effect, ...]], tuple[float, Array, Array]] = {}
 
     def problem(self, box: GreyBox, prior: Prior, workers: int | None = None) -> GreyBoxProblem:
         """The least squares of a structure."""
@@ -119,7 +119,7 @@ class Screening:
         box = GreyBox(self.machine, effects, self.tolerances)
         problem = self.problem(box, present.prior, workers=1)
         k = len(box.uncertain)
-        asked = gain, repr(present.given), tuple(e.name for e in effects)
+        asked = gain, repr(present.given), tuple(effects)
         if asked not in self._known:
             self._known[asked] = self._eliminated(present, problem, basis, gain)
         best, q, rows = self._known[asked]
@@ -181,21 +181,31 @@ class Screening:
             columns = np.empty((rows.size, q.size))
             for j, there in enumerate(moved):
                 columns[:, j] = (there - rows) / by[j]
-            step = -np.linalg.lstsq(columns, rows, rcond=1e-9)[0]
-            step /= max(1.0, float(np.abs(step).max(initial=0.0)))
-            there = np.clip(q + step, low, high)
-            expected = rows + columns @ (there - q)
-            if best - float(expected @ expected) < LEAST_GAIN * best:
+            whole = -np.linalg.lstsq(columns, rows, rcond=1e-9)[0]
+            longest = max(1.0, float(np.abs(whole).max(initial=0.0)))
+            # What is linear, as most of an effect is under the observer, is reached in a whole
+            # step, however large; what bends is not overshot by a step of one scale.
+            steps = [whole / longest] if longest == 1.0 else [whole / longest, whole]
+            tried_to = [np.clip(q + step, low, high) for step in steps]
+            expected = min(_squares(rows + columns @ (there - q)) for there in tried_to)
+            if best - expected < LEAST_GAIN * best:
                 break
             # With what the next step needs: it takes lanes that would be left over.
-            better, *moved = rows_at([there, *(beside(there) if left else ())])
-            reached = float(better @ better)
+            near = beside(tried_to[0]) if left else []
+            found_there = rows_at([*tried_to, *near])
+            reached, which = min((_squares(r), i) for i, r in enumerate(found_there[: len(steps)]))
             if not reached < best:
                 break
+            there, better = tried_to[which], found_there[which]
+            moved = found_there[len(steps) :] if which == 0 else []
             gained, best, q, rows = (best - reached) / best, reached, there, better
             if gained < LEAST_GAIN:
                 break
         return best, q, rows
+
+
+def _squares(rows: Array) -> float:
+    return float(rows @ rows)
 
 
 def _differences(q: Array, high: Array) -> Array:
