@@ -6,12 +6,17 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+from ldt_core.base.compiled import njit
 from ldt_core.effects.base import SMALL_VOLTAGE, Effect
 from ldt_core.physics.parameter import Parameter, Values
 
 # Speed over which dry friction turns its sign [rad/s]. A jump at 0 would break the integrator's
 # order. A shaft that sticks creeps at a fraction of this instead, far below any sensor's noise.
 STICK_SPEED = 0.02
+# Fastest rate at which bristles bend [1/s]. A shaft that turns by `presliding` in less than a
+# millisecond bends them faster than a drive samples, and an integrator would follow what nobody
+# sees: at 200 rad/s, steps of a tenth of a millisecond. A start from rest takes many times longer.
+BENDING_RATE = 1000.0
 SURVEY = (
     "Armstrong-Hélouvry, Dupont, Canudas de Wit, A survey of models, analysis tools and "
     "compensation methods for the control of machines with friction, Automatica 30 (1994) 1083"
@@ -54,28 +59,42 @@ def _gear_rate(values, voltage, coefficient):
 # The same laws of bristles, which bend before they slip: p holds `presliding` after the law's own.
 
 
+@njit()
+def _bending(omega, bent, presliding):  # pragma: no cover - compiled
+    """How fast the bristles bend [rad/s]."""
+    over = omega / (presliding * BENDING_RATE)
+    turning = omega / math.sqrt(1.0 + over * over)
+    return turning - math.fabs(turning) * bent / presliding
+
+
 def _elastic_coulomb(t, theta, omega, current, voltage, p, state, rate):
-    rate[0] = omega - math.fabs(omega) * state[0] / p[1]
+    rate[0] = _bending(omega, state[0], p[1])
     return -p[0] * state[0] / p[1]
 
 
 def _elastic_asymmetric(t, theta, omega, current, voltage, p, state, rate):
-    rate[0] = omega - math.fabs(omega) * state[0] / p[2]
+    rate[0] = _bending(omega, state[0], p[2])
     level = 0.5 * (p[0] + p[1] + (p[0] - p[1]) * math.tanh(omega / STICK_SPEED))
     return -level * state[0] / p[2]
 
 
 def _elastic_gear(t, theta, omega, current, voltage, p, state, rate):
-    rate[0] = omega - math.fabs(omega) * state[0] / p[1]
+    rate[0] = _bending(omega, state[0], p[1])
     small = SMALL_VOLTAGE / p[4]
     size = current * current / math.sqrt(current * current + small * small)
     return -p[0] * p[3] * size * state[0] / p[1]
 
 
 def _elastic_stribeck(t, theta, omega, current, voltage, p, state, rate):
-    rate[0] = omega - math.fabs(omega) * state[0] / p[3]
+    rate[0] = _bending(omega, state[0], p[3])
     level = p[0] + p[1] * math.exp(-((omega / p[2]) ** 2))
     return -level * state[0] / p[3]
+
+
+def _changing_coulomb(t, theta, omega, current, voltage, p, state, rate):
+    rate[0] = _bending(omega, state[0], p[1])
+    level = p[0] * (1.0 + p[2] * math.exp(-((omega / p[3]) ** 2)))
+    return -level * state[0] / p[1]
 
 
 def _of_bristles(plain: Effect, torque: Callable[..., float]) -> Effect:
@@ -89,7 +108,7 @@ def _of_bristles(plain: Effect, torque: Callable[..., float]) -> Effect:
     def fastest(values: Values, voltage: float, presliding: float, **given: float) -> float:
         spring = plain.rate(values, voltage, given) * STICK_SPEED / presliding
         top = voltage / values["K_t"]
-        return max(math.sqrt(spring), top / presliding)
+        return max(math.sqrt(spring), min(top / presliding, BENDING_RATE))
 
     presliding = Parameter(
         "presliding",
@@ -104,7 +123,7 @@ def _of_bristles(plain: Effect, torque: Callable[..., float]) -> Effect:
         plain,
         description=f"{plain.description}; it builds up over a small turn (presliding)",
         equation=f"{plain.equation}; with presliding z / presliding in place of sign(omega), "
-        "z' = omega - |omega| z / presliding",
+        "z' = omega - |omega| z / presliding, at most at 1000 / s",
         parameters=(*plain.parameters, presliding),
         torque=torque,
         states=("deflection",),
@@ -114,6 +133,56 @@ def _of_bristles(plain: Effect, torque: Callable[..., float]) -> Effect:
         "with friction, IEEE Transactions on Automatic Control 40 (1995) 419; Dahl's, undamped",
     )
     return replace(plain, detailed=detailed)
+
+
+def _of_changing_level(plain: Effect, torque: Callable[..., float]) -> Effect:
+    """The law of bristles, and in more detail with a level that falls or rises with the speed.
+
+    Args:
+        plain: the law, with bristles in detail.
+        torque: the function of both.
+    """
+    elastic = plain.detailed
+    assert elastic is not None
+
+    def fastest(
+        values: Values, voltage: float, change: float, velocity: float, **given: float
+    ) -> float:
+        return elastic.rate(values, voltage, given) * max(1.0, 1.0 + change)
+
+    change = Parameter(
+        "change",
+        "",
+        -1.0,
+        default=0.0,
+        description="of the torque near standstill, as a part of that at high speed",
+        scale=0.3,
+    )
+    velocity = Parameter(
+        "velocity",
+        "rad/s",
+        0.1,  # as of Stribeck friction
+        default=5.0,
+        description="speed over which the change fades",
+        scale=5.0,
+    )
+    finer = replace(
+        elastic,
+        description=f"{elastic.description}; near standstill it is larger or smaller",
+        equation=f"{elastic.equation}; times 1 + change exp(-(omega / velocity)^2)",
+        parameters=(*elastic.parameters, change, velocity),
+        torque=torque,
+        fastest=fastest,
+        search={
+            "presliding": (0.02, 0.1),
+            "change": (-0.3, 0.3),
+            "velocity": (1.0, 4.0, 15.0),
+        },
+        reference=f"{elastic.reference}. {SURVEY}; rising levels: Bar-Sinai, Spatschek, Brener, "
+        "Bouchbinder, On the velocity-strengthening behavior of dry friction, Journal of "
+        "Geophysical Research: Solid Earth 119 (2014) 1738",
+    )
+    return replace(plain, detailed=replace(elastic, detailed=finer))
 
 
 def _quadratic(t, theta, omega, current, voltage, p):
@@ -139,6 +208,7 @@ COULOMB_FRICTION = Effect(
     reference=SURVEY,
 )
 COULOMB_FRICTION = _of_bristles(COULOMB_FRICTION, _elastic_coulomb)
+COULOMB_FRICTION = _of_changing_level(COULOMB_FRICTION, _changing_coulomb)
 
 ASYMMETRIC_FRICTION = Effect(
     name="asymmetric_friction",

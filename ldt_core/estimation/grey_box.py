@@ -256,12 +256,15 @@ class GreyBox:
             known: values of effects, which are a guess of their own.
             again: whether the known effects are also begun with anew.
         """
-        middle = {e.name: known.get(e.name, e.neutral) for e in self.effects}
+        middle = {e.name: {**e.neutral, **known.get(e.name, {})} for e in self.effects}
         tried = [middle] if any(e.name in known for e in self.effects) else []
         for effect in self.effects:
             if effect.name in known and not again:
                 continue
-            tried += [{**middle, effect.name: values} for values in self._grid(effect)]
+            tried += [
+                {**middle, effect.name: {**middle[effect.name], **values}}
+                for values in self._grid(effect)
+            ]
         k = len(self.uncertain)
         found = [self.coordinates(given, np.zeros(k))[k:] for given in tried or [middle]]
         return [np.clip(q, self.low[k:], self.high[k:]) for q in found]
@@ -269,7 +272,10 @@ class GreyBox:
     def _grid(self, effect: Effect) -> list[dict[str, float]]:
         if effect.search:
             rows = itertools.product(*effect.search.values())
-            return [self._sized(effect, dict(zip(effect.search, row, strict=True))) for row in rows]
+            sized = [
+                self._sized(effect, dict(zip(effect.search, row, strict=True))) for row in rows
+            ]
+            return [{name: values[name] for name in effect.search} for values in sized]
         if len(effect.parameters) == 1 and limits_voltage(effect.parameters[0]):
             return [{effect.parameters[0].name: part * self._most_voltage} for part in LIMITS]
         typical, neutral = self._sized(effect, effect.typical), effect.neutral

@@ -32,6 +32,8 @@ from ldt_core.physics.effect import Effect
 #: fitting finds what first order does not; under the weak observer, whose squared error has more
 #: minima, it is the last resort.
 SCREENINGS = ((1.0, True), (0.1, False), (0.1, True))
+#: Place of the one before which laws are tried in detail.
+LAST_RESORT = 2
 WEAKEST = min(gain for gain, _ in SCREENINGS)
 #: Structures of each screening that are fitted whole, the best and its rival.
 FINALISTS = 2
@@ -159,7 +161,11 @@ class StructureSearch(Screening):
         found: list[FittedStructure] = []
         screened: list[tuple[float, Present]] = []
         best = present
-        for gain, jointly in SCREENINGS:
+        for i, (gain, jointly) in enumerate(SCREENINGS):
+            if i == LAST_RESORT and found:
+                found += yield from self._in_detail(found, library)
+                if found[-1].explains:
+                    break
             begin = present if jointly else best
             silent = jointly and self.machine_slopes(begin, gain)[1].any()
             if (gain, begin) in screened and not silent:
@@ -177,8 +183,54 @@ class StructureSearch(Screening):
                     break
             if any(structure.explains for structure in found):
                 break
+        if not found:
+            return []
         found = sorted(found, key=lambda s: s.score)
-        return [(yield from self.pruned(found[0], found)), *found[1:]] if found else []
+        found[0] = yield from self.pruned(found[0], found)
+        if any(structure.explains for structure in found):
+            found += yield from self._in_detail(found, library)
+        return sorted(found, key=lambda s: s.score)
+
+    def _in_detail(
+        self, found: Sequence[FittedStructure], library: Sequence[Effect]
+    ) -> Pausable[list[FittedStructure]]:
+        """What explains with laws in all detail, where nothing does plainly, or with more
+        parameters.
+
+        The laws of the best plain structure, where it has such. Else one in place of an effect of
+        the simplest: of each family the law of most detail, since a family's laws differ by less.
+        In place of which, is told plainly: an observer hides the details, and a whole fit is long.
+        """
+        best = plain = min(found, key=lambda s: s.score)
+        tried = [plain.box.effects]
+        own = any(e.detailed for e in plain.box.effects)
+        if not own:
+            plain = min(found, key=lambda s: (len(s.names), s.score))
+            tried = [
+                (*(e for e in plain.box.effects if e is not gone), law)
+                for law in _most_detailed(library)
+                for gone in plain.box.effects
+            ]
+        if best.explains:  # there is no need of as many parameters
+            count = [sum(len(e.all_parameters) for e in laws) for laws in tried]
+            less = best.box.size - len(best.box.uncertain)
+            tried = [laws for laws, needed in zip(tried, count, strict=True) if needed < less]
+        if not tried:
+            return []
+        known = {e.name: values for e, values in plain.box.values(plain.fit.q)[1]}
+        laws = tried[0]
+        if not own:
+            begin = Present(plain.box.effects, known, plain.prior)
+            basis, silent = self.machine_slopes(begin, WEAKEST)
+            asked = basis, WEAKEST, np.zeros_like(silent)
+            screened = [self._screen(begin, tried, asked, i) for i in range(len(tried))]
+            yield sum(one.work for one in screened)
+            least = min(range(len(tried)), key=lambda i: screened[i].cost)
+            laws, known = tried[least], screened[least].given
+        laws = tuple(e.finest for e in laws)
+        given = {e.name: {**e.neutral, **known[e.name]} for e in laws}
+        detailed = yield from self.fitted(Present(laws, given, plain.prior), laws, sized=False)
+        return [(yield from self.pruned(detailed))] if detailed.explains else []
 
     def pruned(
         self, found: FittedStructure, others: Sequence[FittedStructure] = ()
@@ -189,7 +241,7 @@ class StructureSearch(Screening):
             found: which explains.
             others: that are fitted already.
         """
-        known = {frozenset(s.names): s for s in others}
+        known = {frozenset(s.box.effects): s for s in others}
         best = found
         while len(best.box.effects) > 1 and best.explains:
             given = {e.name: values for e, values in best.box.values(best.fit.q)[1]}
@@ -198,11 +250,11 @@ class StructureSearch(Screening):
                 if best.needs(gone, SURELY * len(gone.parameters) * math.log(self._samples)):
                     continue
                 rest = tuple(e for e in best.box.effects if e is not gone)
-                names = frozenset(e.name for e in rest)
-                if names not in known:
+                laws = frozenset(rest)
+                if laws not in known:
                     here = Present(rest, given, best.prior)
-                    known[names] = yield from self.fitted(here, rest, sized=False)
-                fewer.append(known[names])
+                    known[laws] = yield from self.fitted(here, rest, sized=False)
+                fewer.append(known[laws])
             least = min(fewer, key=lambda s: s.score, default=best)
             if least is best or least.score > best.score:
                 break
@@ -277,3 +329,12 @@ class StructureSearch(Screening):
         others = ranked[1 : 1 + left] if present.effects else [ranked[0]] * left
         gains = sum(before.cost - other.cost for other in others)
         return ranked[0].cost - HOPED * gains > self._most_noise
+
+
+def _most_detailed(library: Sequence[Effect]) -> list[Effect]:
+    """Of each family that has laws in detail the one of most; the plainer one of several."""
+    found: dict[str, Effect] = {}
+    for law in sorted(library, key=lambda e: len(e.parameters) - len(e.all_parameters)):
+        if law.detailed is not None:
+            found.setdefault(law.family, law)
+    return list(found.values())

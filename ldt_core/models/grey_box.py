@@ -87,7 +87,9 @@ class GreyBoxModel(Model):
         unknown = [n for n in given if n not in EFFECTS.names()]
         if unknown:
             raise ValueError(f"effect {unknown[0]!r}, which is not known")
-        self.effects = tuple(self.machine.effect(name) for name in given)
+        self.effects = tuple(
+            self.machine.effect(n).in_detail(values) for n, values in given.items()
+        )
         for effect in self.effects:
             effect.require(self.machine.model)
         self.given = {e.name: e.check(given[e.name]) for e in self.effects}

@@ -94,7 +94,8 @@ class Effect:
             for those that are not named it takes values about their scale.
         detailed: the same law in more detail, an effect of the same name with further parameters.
             It acts where one of them is given; a diagnosis tries it where the plain law falls
-            short.
+            short. It may have a finer one in turn, which a diagnosis does not name: a twin that
+            predicts by it claims less.
 
     Raises:
         OptionError: not exactly one function, or a parameter without default.
@@ -146,14 +147,21 @@ class Effect:
         return effect, effect.check(given)
 
     def in_detail(self, given: Collection[str]) -> Effect:
-        """The detailed law where one of its own parameters is among these names."""
-        plain = {p.name for p in self.parameters}
-        return self if self.detailed is None or plain.issuperset(given) else self.detailed
+        """The plainest law that has all parameters of these names, else the finest."""
+        own = {p.name for p in self.parameters}
+        if self.detailed is None or own.issuperset(given):
+            return self
+        return self.detailed.in_detail(given)
+
+    @property
+    def finest(self) -> Effect:
+        """The law in all detail."""
+        return self if self.detailed is None else self.detailed.finest
 
     @property
     def all_parameters(self) -> tuple[Parameter, ...]:
-        """Those of the detailed law too."""
-        return (self.detailed or self).parameters
+        """Those of the law in all detail."""
+        return self.finest.parameters
 
     def check(self, given: Mapping[str, Any]) -> dict[str, float]:
         """All parameters: those given, checked, and the defaults of the others.

@@ -17,6 +17,7 @@ from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.hybrid import HybridModel
 from ldt_core.models.remainder import RemainderModel
+from ldt_core.physics.effect import Effect
 from ldt_core.twin.version_errors import errs_less, explains, gains, pays, rms_error, same
 
 #: Experiments learned from at most, the newest included.
@@ -112,10 +113,10 @@ class Candidates:
             experiment: to explain.
             recent: those before it that may show the same machine.
         """
-        tried: dict[tuple[str, ...], GreyBoxModel] = {}
+        tried: dict[frozenset[Effect], GreyBoxModel] = {}
         for model in versions:
             if isinstance(model, GreyBoxModel):
-                tried.setdefault(tuple(sorted(model.given)), model)
+                tried.setdefault(frozenset(model.effects), model)
         found: list[GreyBoxModel] = []
         for model in list(tried.values())[:POOL]:
             with suppress(*UNLEARNABLE):

@@ -11,6 +11,7 @@ import pytest
 import ldt_core as ldt
 from ldt_core.base.pausable import finished, within
 from ldt_core.base.settings import resolve
+from ldt_core.effects import get_effect
 from ldt_core.effects.base import Effect
 from ldt_core.lab.study.robustness.streams import STREAMS
 from ldt_core.machine.plant import Plant
@@ -222,6 +223,43 @@ def test_a_search_ends_where_causes_in_force_explain_what_it_is_about():
         told = twin.step(second if there else third).adaptation
         assert (adaptor.search is not None) is there
         assert ("searched" in told.details) is not there
+
+
+def test_what_a_search_has_found_is_kept_until_it_competes():
+    """One that ends where nothing is wrong waits for the next positive, and loses nothing."""
+    plant = Plant(wearing("unbalance", "e", 0.012), experiments=8, seed=3)
+    twin = ldt.Twin("rotor", model="auto")
+    twin.step(plant.experiment(1))
+    adaptor, other = twin.adaptor, plant.experiment(plant.schedule.changes[0])
+    about = [adaptor.model], (), (), other, False, True, [other]
+    search = CauseSearch(adaptor.candidates, Question(adaptor.model, *about))
+    assert search.go_on(100_000_000)
+    found = search.models
+    assert found
+    assert search.go_on(1)
+    assert search.models is found
+
+
+def test_a_law_in_detail_is_recorded_replayed_and_gone_on_with(tmp_path):
+    """To the last bit."""
+    friction = {"torque": 0.05, "presliding": 0.03, "change": -0.35, "velocity": 40.0}
+    acting = [get_effect("coulomb_friction").used(friction)]
+    motor = ldt.Machine("dc_motor")
+    plant = Plant(motor, experiments=6, seed=3, degradation="none", effects=acting)
+    stream = [plant.experiment(i) for i in range(1, 7)]
+    settings = {**resolve({}), "model": "auto", "detector": "adequacy"}
+    whole = list(Twin.from_settings(plant.machine, settings).steps(stream))
+    assert "presliding" in whole[0].adaptation.reason
+    run(plant.machine, settings, stream[:3], tmp_path / "bag")
+    recorded = RecordedRun(str(tmp_path / "bag"), "", plant.machine)
+    again = Twin.from_settings(plant.machine, settings)
+    assert TwinRestart(again, recorded, print).resume() == 3
+    played = [s.experiment for s in recorded.steps()]
+    replayed = Twin.from_settings(motor, settings).steps(played)
+    for step, other in zip([*replayed, *again.steps(stream[3:])], whole, strict=True):
+        assert step.signal == other.signal
+        assert step.adaptation == other.adaptation
+        assert np.array_equal(step.prediction.speed, other.prediction.speed)
 
 
 def test_work_that_takes_too_much_comes_to_nothing():

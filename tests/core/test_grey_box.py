@@ -31,7 +31,7 @@ ALIKE = ("constant_load", "coulomb_friction")
 
 
 def experiments(machine, count, effects=(), **how):
-    acting = [(get_effect(name), get_effect(name).check(given)) for name, given in effects]
+    acting = [get_effect(name).used(given) for name, given in effects]
     plant = Plant(machine, experiments=count, degradation="none", effects=acting, **how)
     return [plant.experiment(i) for i in range(1, count + 1)]
 
@@ -148,6 +148,41 @@ def test_a_record_makes_the_same_model():
         spoilt = {**record.parameters, key: value}
         with pytest.raises(ModelError):
             GreyBoxModel.from_record(type(record)(1, "grey_box", (1,), spoilt), ROTOR)
+
+
+#: Dry friction that builds up over a turn and is a third lower near standstill.
+RISING = {"torque": 0.05, "presliding": 0.03, "change": -0.35, "velocity": 40.0}
+
+
+def test_a_law_that_falls_short_is_taken_in_detail():
+    """Which predicts others down to the noise, and makes the same model again, to the last bit."""
+    first, *others = experiments(DC, 4, [("coulomb_friction", RISING)], seed=8)
+    (found,) = finished(GreyBoxModel(DC).with_other_causes([first]))
+    assert found.given.keys() == {"coulomb_friction"}
+    assert found.effects == (get_effect("coulomb_friction").finest,)
+    assert max(rms(found.predict(e).residual(e)) for e in others) < 0.12  # of noise 0.1 rad/s
+    again = restore_model(found.record(), DC, {"model": "auto"})
+    for e in others:
+        assert np.array_equal(found.predict(e).speed, again.predict(e).speed)
+        assert np.array_equal(found.predict(e).speed_std, again.predict(e).speed_std)
+    assert "change" in found.change(GreyBoxModel(DC))
+
+
+def test_a_plain_law_that_explains_stays_plain():
+    (first,) = experiments(DC, 1, [("coulomb_friction", {"torque": 0.05})], seed=8)
+    (found,) = finished(GreyBoxModel(DC).with_other_causes([first]))
+    assert not any(effect.states for effect in found.effects)
+
+
+def test_a_screening_reaches_what_is_many_scales_away():
+    """Under the observer an effect is all but linear: friction of eight times its scale."""
+    (first,) = experiments(DC, 1, [("coulomb_friction", {"torque": 0.1})], seed=8)
+    model = GreyBoxModel(DC)
+    search, friction = model.search_on([first]), get_effect("coulomb_friction")
+    basis, silent = search.machine_slopes(model.present, 0.1)
+    screened = search.screened(model.present, (friction,), basis, 0.1, np.zeros_like(silent))
+    assert screened.explains
+    assert screened.given["coulomb_friction"]["torque"] == pytest.approx(0.1, rel=0.05)
 
 
 def test_a_prior_that_the_data_contradict_is_doubted():

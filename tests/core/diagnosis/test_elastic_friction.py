@@ -9,14 +9,18 @@ import pytest
 from recorded_machines import MOTOR, record
 
 from ldt_core.base.errors import OptionError
+from ldt_core.base.experiment import Experiment
 from ldt_core.checks import check_effect
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.diagnosis import read_effects
 from ldt_core.effects import EFFECTS, get_effect, parse_effect
+from ldt_core.estimation.grey_box import COARSE_STEP, FINE_STEP, GreyBox
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.models.hybrid import HybridModel
 from ldt_core.models.physics import PhysicsModel
 
 DETAILED = [n for n in EFFECTS.names() if get_effect(n).detailed is not None]
+FINEST = [n for n in DETAILED if get_effect(n).detailed.detailed is not None]
 ELASTIC = "coulomb_friction:torque=0.1,presliding=0.06"
 
 
@@ -28,6 +32,25 @@ def test_a_detailed_law_keeps_the_promises_of_an_effect(name):
     assert check_effect(detailed)
 
 
+@pytest.mark.parametrize("name", FINEST)
+def test_all_detail_is_that_of_the_law_before_and_more(name):
+    plain, finest = get_effect(name), get_effect(name).finest
+    assert check_effect(finest)
+    given = plain.detailed.check({**plain.typical, "presliding": 0.05})
+    assert plain.in_detail(given) is plain.detailed
+    assert plain.in_detail({*given, "change"}) is finest
+    (one,), (same,), (other,) = (
+        record(MOTOR, use, count=1, noise=0.0)
+        for use in (
+            (plain.detailed, given),
+            (finest, finest.check(given)),
+            (finest, finest.check({**given, "change": -0.5})),
+        )
+    )
+    assert np.abs(one.speed - same.speed).max() < 1e-6
+    assert np.abs(one.speed - other.speed).max() > 0.1
+
+
 @pytest.mark.parametrize("name", DETAILED)
 def test_a_small_turn_makes_it_the_plain_law(name):
     plain, detailed = get_effect(name), get_effect(name).detailed
@@ -35,6 +58,18 @@ def test_a_small_turn_makes_it_the_plain_law(name):
     (rough,) = record(MOTOR, (plain, given), count=1, noise=0.0)
     (fine,) = record(MOTOR, (detailed, {**given, "presliding": 1e-3}), count=1, noise=0.0)
     assert np.abs(rough.speed - fine.speed).max() < 0.02 * np.abs(rough.speed).max()
+
+
+def test_the_steps_of_a_search_follow_bristles_at_any_speed():
+    """A small motor turns by a small turn within a tenth of a millisecond."""
+    machine, law = load_machine("dc_motor"), get_effect("coulomb_friction").detailed
+    driven = Experiment(1, 0.0, 0.01, np.full(200, 12.0), np.zeros(200))
+    box = GreyBox(machine, [law], {})
+    for turn in (0.002, 0.02, 0.2):
+        q = box.coordinates({law.name: {"torque": 0.05, "presliding": turn}}, np.zeros(0))
+        coarse, fine = (box.speed(q, driven, True, step=s) for s in (COARSE_STEP, FINE_STEP))
+        assert coarse[-1] > 150
+        assert np.abs(coarse - fine).max() < 0.1  # the noise of a sensor of 0.1 % class
 
 
 def test_the_detail_acts_where_it_is_given():
