@@ -159,13 +159,23 @@ class Candidates:
             self._searched = asked, (yield from start.with_other_causes(pool, cores()))
         return self._searched[1]
 
-    def learned(self, start: Model, pool: Sequence[Experiment]) -> Pausable[list[Model]]:
-        """New models that have learned from these experiments: causes, and flexible ones."""
-        causes = yield from self.structures(start, pool)
-        found: list[Model] = [*causes]
+    def flexible(
+        self, start: Model, pool: Sequence[Experiment], causes: Sequence[GreyBoxModel] | None = None
+    ) -> list[Model]:
+        """Flexible models that have learned from these experiments.
+
+        Args:
+            start: of the machine.
+            pool: to learn from.
+            causes: that they stand on; None for the machine file's physics alone.
+        """
         smooth = build_model(SMOOTH, start.machine, self._settings)
         assert isinstance(smooth, HybridModel)
-        learners = [*self._flexible(start, causes), smooth, *map(smooth.on, causes)]
+        plain = self._remainder(start)
+        learners: list[Model] = [plain, smooth]
+        if causes is not None:
+            learners = [*map(plain.on, causes), *map(smooth.on, causes)]
+        found: list[Model] = []
         for learner in learners:
             with suppress(*UNLEARNABLE):
                 found.append(learner.fit(pool))
@@ -184,7 +194,8 @@ class Candidates:
         causes = [start] if isinstance(start, GreyBoxModel) and start.given else []
         present = [m for m in rivals[:1] if isinstance(m, RemainderModel)]
         tried: list[RemainderModel] = []  # a fit begins anew, and depends on the physics alone
-        for learner in [*present, *self._flexible(start, causes)]:
+        plain = self._remainder(start)
+        for learner in [*present, plain, *map(plain.on, causes)]:
             if not any(learner.base.parameters == other.base.parameters for other in tried):
                 tried.append(learner)
         least, best = float("inf"), None
@@ -196,11 +207,11 @@ class Candidates:
                     least, best = error, physics.fit(pool)
         return best
 
-    def _flexible(self, start: Model, causes: Sequence[GreyBoxModel]) -> list[RemainderModel]:
-        """Untrained, on the machine file's physics and on what these have found."""
-        flexible = build_model(FLEXIBLE, start.machine, self._settings)
-        assert isinstance(flexible, RemainderModel)
-        return [flexible, *map(flexible.on, causes)]
+    def _remainder(self, start: Model) -> RemainderModel:
+        """Untrained, on the machine file's physics."""
+        found = build_model(FLEXIBLE, start.machine, self._settings)
+        assert isinstance(found, RemainderModel)
+        return found
 
 
 def _held_back(

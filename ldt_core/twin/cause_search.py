@@ -75,8 +75,9 @@ class CauseSearch:
     """Looks for causes that explain an experiment; where there are none, for what comes nearest.
 
     The causes known are re-estimated, then new ones are searched for. Only where that explains
-    nothing do other models learn from the experiments, to compete at later ones. How far it comes
-    at an experiment is a number of integration steps, whatever the computer's speed.
+    nothing do other models learn from the experiments, to compete at later ones: flexible ones at
+    the next one, causes and what stands on them when they are found. How far it comes at an
+    experiment is a number of integration steps, whatever the computer's speed.
 
     Args:
         candidates: makes the models.
@@ -88,7 +89,8 @@ class CauseSearch:
         cause: what explains the experiment, and its origin.
         idle: whether known causes explain the experiment, but hardly err less than the present
             model. Nothing would: what explains it leaves its noise.
-        models: what came of it; None while it goes on.
+        models: that have learned so far.
+        ended: whether none is to come.
     """
 
     def __init__(
@@ -99,7 +101,8 @@ class CauseSearch:
         self.cause: tuple[GreyBoxModel, str] | None = None
         self.idle = False
         self.over = over
-        self.models: list[Model] | None = None
+        self.models: list[Model] = []
+        self.ended = False
         self._done, self._work = 0, self._works()
 
     def explain(self, steps: int) -> bool:
@@ -112,7 +115,7 @@ class CauseSearch:
         """So many more; whether it has ended."""
         self.granted += steps
         self._go_on(until_known=False)
-        return self.models is not None
+        return self.ended
 
     def settled(self, model: Model) -> bool:
         """Whether causes that came into force meanwhile explain all that it is about."""
@@ -121,16 +124,16 @@ class CauseSearch:
 
     def _go_on(self, until_known: bool) -> None:
         with one_thread():
-            while self.models is None and self._done < self.granted:
+            while not self.ended and self._done < self.granted:
                 if until_known and self.over:
                     return
                 try:
                     self._done += next(self._work)
-                except StopIteration as end:
-                    self.models = end.value
+                except StopIteration:
+                    self.ended = True
                     return
 
-    def _works(self) -> Pausable[list[Model]]:
+    def _works(self) -> Pausable[None]:
         asked = self.question
         if self.over:
             if len(asked.pool) == 1:  # it was made, and counted, before that was known
@@ -140,9 +143,12 @@ class CauseSearch:
             self.over = True
             yield 0
             if self.cause is not None:
-                return [self.cause[0]]
-        asked = self.question  # what it is to learn from was not known at the beginning
-        return (yield from self._candidates.learned(asked.start, asked.pool))
+                self.models = [self.cause[0]]
+                return
+        start, pool = self.question.start, self.question.pool  # not known at the beginning
+        self.models = self._candidates.flexible(start, pool)
+        causes = yield from self._candidates.structures(start, pool)
+        self.models += [*causes, *self._candidates.flexible(start, pool, causes)]
 
     def _caused(self) -> Pausable[tuple[GreyBoxModel, str] | None]:
         """A model of causes that explains the experiment, known or searched for, and its origin."""

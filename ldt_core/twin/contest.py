@@ -56,7 +56,7 @@ class ContestAdaptor(Adaptor):
     3. one more effect of the library, or another one, that explains the experiment to the noise;
     4. the flexible model, if it does better in the halves that it has not learned from;
     5. what comes nearest of all these. They compete when they have learned, at an experiment from
-       which none of them has; a search that is long (`cause_search`) ends there, too.
+       which none of them has: those that no search holds up at the next one (`cause_search`).
 
     Over ten experiments the twin's largest errors may sum to 1.1 times the original's; beyond, the
     original comes into force again.
@@ -98,21 +98,20 @@ class ContestAdaptor(Adaptor):
         if self._passed_over(experiment):
             return super()._dealt(experiment, signal)
         search, self.search = self.search, None  # of one that fails nothing is left
-        self._steps, ended = granted(search), False
-        if search is not None and search.settled(self.model):
-            search, ended = None, True
-        elif search is not None:
-            ended = search.go_on(self._steps) and signal.level is not Level.NEGATIVE
-            self.search = None if ended else search
+        self._steps, learned = granted(search), None
+        if search is not None and not search.settled(self.model):
+            ended = search.go_on(self._steps)
+            learned = search if signal.level is not Level.NEGATIVE else None
+            self.search = None if ended and learned else search
         self._explain(experiment)
         self._learning = signal.state == "learning"
         self._elsewhere = signal.state in ELSEWHERE
         before, recent = self.model, self.memory.recent
-        won = self._contested(search if ended else None, experiment, signal)
+        won = self._contested(learned, experiment, signal)
         told, model = won or super()._dealt(experiment, signal)
         self._took(before, [*recent, experiment], signal)
         self._saw(experiment)
-        if ended:
+        if search is not None and self.search is not search:
             told = replace(told, details={**told.details, SEARCHED: 1.0})
         return told, model
 
@@ -318,7 +317,7 @@ class ContestAdaptor(Adaptor):
         def squared(model: Model) -> float:
             return sum(rms_error(model, e) ** 2 for e in judged)
 
-        best = min(search.models or (), key=squared, default=None)
+        best = min(search.models, key=squared, default=None)
         if best is None or not all(pays(best, m, judged) for m in (self.model, self.original)):
             return None
         origin = f"learned from experiment {pool[-1].number} and does best in this one"

@@ -82,8 +82,7 @@ def test_the_rig_s_step_shows_a_lag(measured, tmp_path, capsys):
 def test_the_default_learns_on_a_measured_motor(measured):
     """A speed controller's record in pieces of two seconds, of a motor that no cause explains.
 
-    Whether the sixth or the seventh teaches it, rounding decides: of the original's error in the
-    last four 0.47 to 0.67 is left, under twenty of 1e-4 rad/s and two kernels of linear algebra.
+    The fourth teaches it for the fifth, while causes are still searched for.
     """
 
     def record(name):
@@ -110,4 +109,4 @@ def test_the_default_learns_on_a_measured_motor(measured):
         sum(p.max_error(s.experiment) for s, p in both)
         for both in ([(s, s.prediction) for s in last], [(s, s.original) for s in last])
     )
-    assert mine < 0.75 * original
+    assert mine < 0.5 * original

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -260,6 +261,29 @@ def test_a_law_in_detail_is_recorded_replayed_and_gone_on_with(tmp_path):
         assert step.signal == other.signal
         assert step.adaptation == other.adaptation
         assert np.array_equal(step.prediction.speed, other.prediction.speed)
+
+
+def test_flexible_models_wait_for_no_search():
+    """They compete at the next experiment; a search for the causes that come nearest goes on."""
+    short = dataclasses.replace(wearing("unbalance", "e", 0.012), duration=4.0)  # s
+    plant = Plant(short, experiments=8, seed=3)
+    (change,) = plant.schedule.changes
+    first, second, third = (plant.experiment(change + i) for i in range(3))
+    twin = ldt.Twin(short, model="auto")
+    adaptor = twin.adaptor
+    about = [adaptor.model], (), (), second, False, True, [first, second]
+    asked = Question(adaptor.model, *about)
+    search = adaptor.search = CauseSearch(adaptor.candidates, asked, over=True)
+    assert not search.go_on(1)
+    learned = list(search.models)
+    assert {type(m).__name__ for m in learned} == {"RemainderModel", "HybridModel"}
+    won, origin = adaptor._trained(search, third, SimpleNamespace(level=ldt.Level.WARNING))
+    assert any(won is m for m in learned)
+    assert "does best" in origin
+    assert adaptor.search is search
+    assert search.go_on(10**12)
+    assert search.models[: len(learned)] == learned
+    assert len(search.models) > len(learned)
 
 
 def test_work_that_takes_too_much_comes_to_nothing():
