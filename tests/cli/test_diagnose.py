@@ -158,7 +158,7 @@ NEXT = {"why": str, "voltage": list, "sample_period": NUMBER, "channels": list}
 QUANTITIES = {"speed", "voltage", "acceleration", "time", "frequency", "experiment"}
 #: Keys beyond the contract.
 MORE = {
-    "top": {"machine_file", "notes", "effects"},
+    "top": {"machine_file", "notes", "effects", "alternatives", "seen"},
     "verdict": {"acting", "grounds"},
     "gap": {"regimes"},
     "where": {"share_of_data", "steady"},
