@@ -133,6 +133,9 @@ class Promising:
         self._ends = _numbers(gap.get("closed_fraction_ci95"))
         self._noise = _number(gap.get("noise_std")) or 0.0
         self._seen = _numbers(speed)
+        verdict = self.found.get("verdict")
+        told = verdict.get("effects") if isinstance(verdict, Mapping) else None
+        self._named = told if isinstance(told, list) else []
         self._gaps, self._apart = np.zeros(len(self.others)), np.zeros(len(self.others))
 
     def add(self, experiment: Experiment) -> None:
@@ -160,7 +163,7 @@ class Promising:
             closes = 1 - apart / whole if whole > 0 else 0.0
             closes = closes if math.isfinite(closes) else 0.0
             if closes < part - WITHIN:
-                names = " and ".join(spoken(e.name) for e, _ in use)
+                names = " and ".join(spoken(e.name) for e, _ in use if e.name in self._named)
                 told = (
                     f"if the cause is {names}, which the recording could not tell from it, "
                     f"{max(closes, 0.0):.0%} of the gap closes here"

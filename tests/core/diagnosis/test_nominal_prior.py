@@ -88,3 +88,12 @@ def test_a_file_that_left_as_much_when_it_was_calibrated_is_told_so():
     assert "0.12 rad/s" in as_calibrated(file, 0.13)
     assert as_calibrated(file, 0.2) == ""
     assert as_calibrated(ROTOR, 0.0) == ""
+
+
+def test_what_the_masses_move_can_be_read_back_as_effects():
+    """A heavier rotor has an e below the file's, which no effect can lower."""
+    heavy = replace(ROTOR.with_parameters(e=0.005), deviations={"m": 0.05, "J": 0.01})
+    whole = nominal_prior(heavy).candidate()
+    for sign in (1.0, -1.0):
+        for effect, given in merged(heavy, [(whole.effect, whole.given(np.full(len(whole), sign)))]):
+            assert effect.check(given) == given
