@@ -361,6 +361,19 @@ def test_a_diagnosis_of_another_program_is_read_by_the_contract_alone(friction, 
     assert after == pytest.approx(friction.found["gap"]["after"]["rmse"], rel=1e-9)
 
 
+def test_predict_says_what_it_promises_there(forward, tmp_path, capsys):
+    """More of the same closes; backward, a load and a friction differ."""
+    given = ["--with", str(forward.out / "diagnosis.json"), "--json"]
+    back = record(tmp_path / "back", "coulomb_friction:torque=0.1")
+    for bag, made in ((forward.bag, True), (back, False)):
+        capsys.readouterr()
+        out = str(tmp_path / f"predicted_{made}")
+        assert invoke(predict.command, [bag, "--machine", "rotor", *given, "--out", out]) == 0
+        promise = json.loads(capsys.readouterr().out)["promise"]
+        assert (promise["closed_fraction"] is not None) is made
+        assert bool(promise["refused"]) is not made
+
+
 # ---- effects of one's own
 
 
