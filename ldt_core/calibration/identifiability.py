@@ -12,9 +12,9 @@ Standard errors hold when residuals are not white. With several experiments, eac
 draw: the leave-one-experiment-out (jackknife, CV3) form of the cluster-robust sandwich, with G - 1
 degrees of freedom (MacKinnon, Nielsen, Webb, "Fast and reliable jackknife and bootstrap methods for
 cluster-robust inference", J. Applied Econometrics 38, 2023). With few experiments, or when one of
-them holds nearly all that is known of a direction, the residual is taken as a stationary
-autoregressive process, whose covariance fills the sandwich; the degrees of freedom are the number
-of samples over the correlation time.
+them holds nearly all that is known of a direction, the residual is taken as a stationary process
+(`autocovariance`), whose covariance fills the sandwich; the degrees of freedom are the number of
+samples over the correlation time.
 
 Either way the interval covers what a longer record of the same kind would give. It does not cover
 a physics that lacks something: then the parameters are those that imitate it best.
@@ -33,6 +33,7 @@ from scipy.special import stdtrit
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
+from ldt_core.calibration.autocovariance import autocovariance
 from ldt_core.estimation.noise import white_noise
 
 MOST_ERROR = 0.25  # standard error of a logarithm: 95 % lie within a factor of 1.6 either way
@@ -44,7 +45,6 @@ ONE_PRODUCT = 1.0  # sum of squared exponents that is no worse than one product 
 WHOLE_NUMBER = 0.1  # an exponent this near to a whole number is written as that
 FEWEST_CLUSTERS = 8  # experiments from which their scatter says more than a model of the noise
 LEFT_WITHOUT_ONE = 0.1  # of the information on a direction, at least, when one is left out
-MOST_ORDER = 20  # of the autoregression: its memory in samples
 LEAST_FREEDOM = 3.0  # degrees of freedom: below, Student's t has no variance
 COLOURED = 1.2  # of white noise as rough: what a diagnosis lets noise change beyond what it saw
 RIDGE = 1e-14  # of the information: rounding, so that a direction without any can be inverted
@@ -291,24 +291,25 @@ def _stationary(
 ) -> Uncertainty:
     p = total.shape[0]
     meat = np.zeros((p, p))
-    orders, freedom = [], math.inf
+    methods, freedom = [], math.inf
     for channel in range(2):
         parts = _of_channel(channel, residuals, lengths)
         if not parts:
             continue
         samples = sum(len(r) for r in parts)
         longest = max(len(r) for r in parts)
-        covariance, order = _autocovariance(parts, longest)
+        found = autocovariance(parts, longest)
+        covariance = found.values
         time = max(1.0, 2 * float(covariance.sum() / covariance[0]) - 1) if covariance[0] else 1.0
         effective = samples / time
         left = max(effective - p - (unknowns if channel == 0 else 0), effective / 2)
         covariance *= effective / left  # the fit has taken its share of the slow part of the noise
-        orders.append(order)
+        methods.append(found.method)
         freedom = min(freedom, left)
         for s in _of_channel(channel, sensitivities, lengths):
             meat += s.T @ matmul_toeplitz(covariance[: len(s)], s, check_finite=False)
     inverse = np.linalg.inv(total)
-    words = ", ".join(f"AR({o})" for o in orders)
+    words = ", ".join(methods)
     return Uncertainty(
         inverse @ meat @ inverse, max(freedom, LEAST_FREEDOM), f"stationary residual, {words}"
     )
@@ -339,37 +340,10 @@ def coloured(
     found, lengths = {}, [len(e) for e in experiments]
     for channel, (name, size) in enumerate(noise.items()):
         parts = _of_channel(channel, residuals, lengths)
-        covariance, order = _autocovariance(parts, max(lengths))
+        process = autocovariance(parts, max(lengths))
+        covariance = process.values
         white = size * white_noise(parts)
         slow = size * math.sqrt(max(2 * float(covariance.sum()) - float(covariance[0]), 0.0))
-        if order and slow > COLOURED * white > 0:
+        if not process.white and slow > COLOURED * white > 0:
             found[name] = white, slow
     return found
-
-
-def _autocovariance(residuals: Sequence[Array], longest: int) -> tuple[Array, int]:
-    """(longest,) autocovariance of the autoregression that fits the residuals, and its order."""
-    samples = sum(len(r) for r in residuals)
-    lags = max(1, min(MOST_ORDER, samples // 10, min(len(r) for r in residuals) - 1))
-    found = np.array(
-        [sum(float(r[: len(r) - k] @ r[k:]) for r in residuals) / samples for k in range(lags + 1)]
-    )
-    best, chosen, variance = samples * math.log(max(found[0], 1e-300)), np.zeros(0), found[0]
-    weights = np.zeros(0)
-    for order in range(1, lags + 1):  # Levinson-Durbin, so that each order is stable
-        if variance <= 0:
-            break
-        reflection = (found[order] - weights @ found[order - 1 : 0 : -1]) / variance
-        weights = np.append(weights - reflection * weights[::-1], reflection)
-        variance *= 1 - reflection**2
-        criterion = samples * math.log(max(variance, 1e-300)) + math.log(samples) * order
-        if criterion < best:
-            best, chosen = criterion, weights.copy()
-    full = np.zeros(max(longest, lags + 1))
-    full[: lags + 1] = found
-    if not chosen.size:
-        full[1:] = 0.0
-        return full[:longest], 0
-    for k in range(chosen.size + 1, full.size):
-        full[k] = chosen @ full[k - 1 : k - 1 - chosen.size : -1]
-    return full[:longest], chosen.size

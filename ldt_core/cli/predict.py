@@ -59,12 +59,16 @@ def command(
     from ldt_core.recording.writer import BagWriter
 
     machine = load_machine(settings["machine"])
-    acting = []
+    acting, promising = [], None
     if diagnosis:
-        from ldt_core.diagnosis.diagnosis import read_effects
+        from ldt_core.diagnosis.diagnosis import read_diagnosis, read_effects
+        from ldt_core.diagnosis.promise import Promising
         from ldt_core.effects import get_effect
 
-        acting = read_effects(diagnosis, machine, [get_effect(name) for name in own])
+        known = [get_effect(name) for name in own]
+        acting = read_effects(diagnosis, machine, known)
+        if acting:
+            promising = Promising(machine, read_diagnosis(diagnosis, machine), known, diagnosis)
         for effect, _ in acting:
             effect.require(machine.model)
         warn_of_nothing(diagnosis, acting)
@@ -80,7 +84,8 @@ def command(
             prediction = model.predict(experiment)
             writer.write("prediction", prediction, experiment.end)
             error.add(prediction.residual(experiment))
-            if acting:
+            if promising is not None:
+                promising.add(experiment)
                 without.add(alone.predict(experiment).residual(experiment))
     warn(*played.notes)
     if acting and error.rmse > without.rmse:
@@ -89,10 +94,13 @@ def command(
             f"error is {without.rmse:.4g} rad/s. What a recording cannot tell apart may differ in "
             "another: diagnose this one as well"
         )
+    promise = promising.promise() if promising is not None else None
+    told = {} if promise is None else {"promise": promise.as_dict()}
     echo_result(
         as_json,
-        {**error.as_dict(), "recording": out},
+        {**error.as_dict(), "recording": out, **told},
         f"{counted(error.experiments, 'experiment')}, "
         f"root mean square error {error.rmse:.4g} rad/s, "
         f"mean maximum error {error.mean_max_error:.4g} rad/s: {out}",
+        *([] if promise is None else [promise.sentence]),
     )

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -125,8 +126,9 @@ class Gap:
         noise_std: of the measured speed [rad/s].
         before: by the machine file.
         after: with the verdict's effects.
-        closed_fraction: of the squared rmse beyond noise; None without a gap.
-        closed_fraction_ci95: by bootstrap over the held-out experiments.
+        closed_fraction: of the squared rmse beyond noise; None without a gap, or where it differs
+            from experiment to experiment.
+        closed_fraction_ci95: of as many further experiments of the same kind.
         regimes: closed fraction and errors by regime of the held-out experiments, worst first.
     """
 
@@ -211,6 +213,9 @@ class Diagnosis:
     Attributes:
         experiments: numbers under `fit` and `held_out`.
         effects: the verdict's effects as `ldt predict --with` adds them: name or file, parameters.
+        alternatives: the sets that are as good as the verdict's, which the recording cannot tell
+            from it, in the form of `effects`.
+        seen: voltage and speed to the least and the largest that was recorded.
         machine_file: as it was given, or the name with `.yaml` of a machine that ships with LDT.
     """
 
@@ -227,6 +232,8 @@ class Diagnosis:
     next_experiment: NextExperiment | None
     notes: Sequence[str] = ()
     effects: Sequence[Mapping[str, Any]] = ()
+    alternatives: Sequence[Sequence[Mapping[str, Any]]] = ()
+    seen: Mapping[str, Sequence[float]] = field(default_factory=dict)
     shown: Sequence[DrawnExperiment] = field(default=(), compare=False)
     refit: Sequence[Refit] = ()
     machine_file: str = ""
@@ -271,22 +278,33 @@ def read_effects(
         BadInput: the file cannot be read, is no diagnosis, or one of another machine.
         OptionError: an unknown effect, or a parameter outside its bounds.
     """
-    found = _read(file, machine)
+    found = read_diagnosis(file, machine)
+    return used_effects(str(file), _entries(str(file), found), own)
+
+
+def used_effects(
+    file: str, listed: Any, own: Sequence[Effect] = ()
+) -> list[tuple[Effect, dict[str, float]]]:
+    """Effects with their parameters, of a list like the key `effects`; errors as above."""
+    with _refused(file):
+        entries = [
+            (str(e["effect"]), {str(n): _amount(v) for n, v in e["parameters"].items()})
+            for e in listed
+        ]
     given = {e.name: e for e in own}
     acting: list[tuple[Effect, dict[str, float]]] = []
-    for entry in _entries(str(file), found):
-        name = entry["effect"]
+    for name, parameters in entries:
         known = [*EFFECTS.names(), *given]
         if name not in known:
             raise BadInput(f"{file}, effect", did_you_mean(name, known), repr(name))
         effect = given.get(name) or get_effect(name)
         if name in [e.name for e, _ in acting]:
             raise BadInput(f"{file}, effect {name}", "one entry an effect", "two")
-        if not entry["parameters"]:
+        if not parameters:
             expected = f"a value for {' or '.join(p.name for p in effect.parameters)}"
             raise BadInput(f"{file}, effect {name}", expected, "none")
         try:
-            acting.append(effect.used(entry["parameters"]))
+            acting.append(effect.used(parameters))
         except OptionError as error:
             raise OptionError(f"{file}, {error.where}", error.expected, error.got) from None
     return acting
@@ -304,7 +322,7 @@ def read_next(file: str | Path, machine: Machine) -> tuple[Machine, Array, bool]
             for a channel that no recording has.
         ExperimentError: a voltage outside the machine's limits.
     """
-    asked = _read(file, machine).get("next_experiment")
+    asked = read_diagnosis(file, machine).get("next_experiment")
     if asked is None:
         raise BadInput(file, "a next_experiment", "none: nothing is open, or nothing settles it")
     try:
@@ -325,7 +343,8 @@ def read_next(file: str | Path, machine: Machine) -> tuple[Machine, Array, bool]
     return timed, volts, "current" in channels
 
 
-def _read(file: str | Path, machine: Machine | None) -> Mapping[str, Any]:
+def read_diagnosis(file: str | Path, machine: Machine | None = None) -> Mapping[str, Any]:
+    """The keys of a `diagnosis.json`; arguments and errors as of `read_effects`."""
     try:
         found = json.loads(read_bounded(file, MOST_BYTES))
     except (OSError, ValueError, RecursionError) as error:
@@ -344,28 +363,28 @@ def _read(file: str | Path, machine: Machine | None) -> Mapping[str, Any]:
     return found
 
 
-def _entries(where: str, found: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Name and parameters of each acting effect; from the candidates if there is no `effects`."""
-    listed = found.get("effects")
-    try:
-        if listed is None:
-            names = list(found["verdict"]["effects"])
-            if found["verdict"]["kind"] not in ("effect", "ambiguous"):
-                names = []
-            if found["verdict"]["kind"] == "ambiguous":
-                names = names[:1]
-            ranked = {c["effect"]: c["parameters"] for c in found.get("candidates", [])}
-            listed = [
-                {"effect": n, "parameters": {p: a["value"] for p, a in ranked[n].items()}}
-                for n in names
-            ]
+def _entries(where: str, found: Mapping[str, Any]) -> Any:
+    """Each acting effect, unchecked; from the candidates if there is no `effects`."""
+    if found.get("effects") is not None:
+        return found["effects"]
+    with _refused(where):
+        names = list(found["verdict"]["effects"])
+        if found["verdict"]["kind"] not in ("effect", "ambiguous"):
+            names = []
+        if found["verdict"]["kind"] == "ambiguous":
+            names = names[:1]
+        ranked = {c["effect"]: c["parameters"] for c in found.get("candidates", [])}
         return [
-            {
-                "effect": str(e["effect"]),
-                "parameters": {str(n): _amount(v) for n, v in e["parameters"].items()},
-            }
-            for e in listed
+            {"effect": n, "parameters": {p: a["value"] for p, a in ranked[n].items()}}
+            for n in names
         ]
+
+
+@contextmanager
+def _refused(where: str) -> Iterator[None]:
+    """Turn what reading content of another kind raises into one sentence."""
+    try:
+        yield
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         got = f"something else ({error})"
         raise BadInput(where, "effects with parameters and numbers", got) from error

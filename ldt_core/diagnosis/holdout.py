@@ -126,8 +126,13 @@ def closed(
     after: Sequence[Array],
     noise: float,
     seed: int = 0,
+    count: int | None = None,
 ) -> tuple[float | None, tuple[float, float] | None]:
-    """(closed fraction in 0..1, its 95 % interval): (before^2 - after^2) / (before^2 - noise^2)."""
+    """(closed fraction in 0..1, its 95 % interval): (before^2 - after^2) / (before^2 - noise^2).
+
+    Args:
+        count: experiments of each draw for the interval; None takes as many as there are.
+    """
     size = np.array([len(e) for e in experiments], dtype=np.float64)
     was, now = (
         np.array([float(np.sum((e.speed - p) ** 2)) for e, p in zip(experiments, run, strict=True)])
@@ -143,7 +148,7 @@ def closed(
     part = float(np.clip((was - now).sum() / gap.sum(), 0.0, 1.0))
     if len(experiments) < 2:
         return part, None
-    pick = np.random.default_rng(seed).integers(0, size.size, (RESAMPLES, size.size))
+    pick = np.random.default_rng(seed).integers(0, size.size, (RESAMPLES, count or size.size))
     below = gap[pick].sum(axis=1)
     drawn = (was - now)[pick].sum(axis=1)[below > 0] / below[below > 0]
     low, high = np.clip(np.quantile(drawn, [0.025, 0.975]), 0.0, 1.0)

@@ -347,4 +347,8 @@ def merged(
             else:  # stiffness and damping of a foundation, by their direction
                 now[name[-1]] *= after[name] / values[name]
         values = after
-    return list(found.values())
+    # An e below the file's has no effect that lowers it; none is what comes nearest.
+    return [
+        (effect, {p.name: min(max(given[p.name], p.low), p.high) for p in effect.parameters})
+        for effect, given in found.values()
+    ]

@@ -43,7 +43,10 @@ def sentence(
     that = "it" if len(acting) == 1 else "them"
     what = " and ".join(_one(group, amounts) for group in acting)
     verb, part = "explains" if len(acting) == 1 else "explain", gap.closed_fraction
+    ends = gap.closed_fraction_ci95
     closed = "" if part is None else f" {verb} {part:.0%} of the gap"
+    if part is None and ends is not None:
+        closed = f" {verb} {ends[0]:.0%} to {ends[1]:.0%} of the gap, by the experiment"
     if begun:
         return (
             f"{what[0].upper()}{what[1:]} {verb} the gap{place}: with {that}, and a "

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import repeat
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +29,7 @@ from ldt_core.diagnosis.diagnosis import (
 )
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
+from ldt_core.diagnosis.free_run_residuals import Used
 from ldt_core.diagnosis.gap_location import places, steady_places
 from ldt_core.diagnosis.holdout import (
     FEWEST_EXPERIMENTS,
@@ -48,6 +51,7 @@ from ldt_core.diagnosis.nominal import (
     with_all,
 )
 from ldt_core.diagnosis.nominal_prior import NOMINAL, NominalPrior, merged
+from ldt_core.diagnosis.promise import determined, further_interval
 from ldt_core.diagnosis.recorded_times import wrong_clock
 from ldt_core.diagnosis.residual_torque import (
     TorqueEstimator,
@@ -66,6 +70,20 @@ OWN_SCALE = (
     "the machine file is an equivalent motor (R = 1 Ohm by convention): torques, inertias and "
     "resistances are on its scale, not on the machine's"
 )
+
+
+def _told(machine: Machine, use: Sequence[Used]) -> list[dict[str, Any]]:
+    """A set of effects with its values, the machine's own numbers among them as effects."""
+    return [{"effect": e.name, "parameters": dict(given)} for e, given in merged(machine, use)]
+
+
+def _seen(experiments: Sequence[Experiment]) -> dict[str, tuple[float, float]]:
+    """Least and largest of what was recorded."""
+    found = {}
+    for name in ("voltage", "speed"):
+        rows = [getattr(e, name) for e in experiments]
+        found[name] = min(float(r.min()) for r in rows), max(float(r.max()) for r in rows)
+    return found
 
 
 def _unsimulated(name: str) -> RankedCandidate:
@@ -126,10 +144,16 @@ class VerdictReport:
         strained = d.kind == "none" and bool(moved)
         if blind or off or strained:  # no better than a shaft that stands still, or not everywhere
             d = self.decision = replace(d, kind="unknown")
-        part, interval = closed(self.held, before, after, noise, self.seed)
+        was_fitted, now_fitted = self._of_fitted()
+        part, _ = closed(self.held, before, after, noise)
+        every = [*before, *was_fitted], [*after, *now_fitted], noise
+        interval = further_interval(
+            part, [*self.held, *self.fitted], *every, len(self.held), self.seed
+        )
         angles = begun if self.named and now.rmse >= was.rmse else None
         if d.kind == "none" or angles:  # no gap, or no free run that could promise anything
             part, interval = None, None
+        part = determined(part, interval)
         by = regimes(self.held, before, after, noise) if d.kind != "none" else []
         gap = Gap(noise, was, now, part, interval, by)
         where = self._where()
@@ -180,13 +204,21 @@ class VerdictReport:
             next_experiment=self._next(),
             refit=refit,
             notes=self._notes(clock),
-            effects=[
-                {"effect": effect.name, "parameters": dict(given)}
-                for effect, given in merged(self.machine, self.use)
+            effects=_told(self.machine, self.use),
+            alternatives=[_told(self.machine, f.use) for f in d.alike[1:] if self.named],
+            seen=_seen([*self.fitted, *self.held]),
+            shown=[
+                *map(self._drawn, self.held, repeat(True), before, after),
+                *map(self._drawn, self.fitted, repeat(False), was_fitted, now_fitted),
             ],
-            shown=self._shown(before, after),
             machine_file=self.machine.source,
         )
+
+    def _of_fitted(self) -> tuple[list[Array], list[Array]]:
+        """(L,) free runs of each fitted experiment, without the effects and with them."""
+        was = [free_run(self.machine, e) for e in self.fitted]
+        now = [free_run(self.machine, e, self.use) for e in self.fitted] if self.use else was
+        return was, now
 
     def _refit(self, whole: EffectFit, before: Sequence[Array], noise: float) -> list[Refit]:
         """The machine's own parameters, as the set in force has them; alone without one."""
@@ -346,17 +378,6 @@ class VerdictReport:
             return f"leaves {1 - score:.0%} of the fitted gap"
         best = " and ".join(d.best.names) if d.best else ""
         return f"leaves {1 - score:.1%} of the fitted gap, {best} {share(d.left / d.excess):.1%}"
-
-    def _shown(self, before: Sequence[Array], after: Sequence[Array]) -> list[DrawnExperiment]:
-        """All experiments for the page, from the free runs of those held out."""
-        was = [free_run(self.machine, e) for e in self.fitted]
-        now = [free_run(self.machine, e, self.use) for e in self.fitted] if self.use else was
-        held = zip(self.held, before, after, strict=True)
-        fitted = zip(self.fitted, was, now, strict=True)
-        return [
-            *(self._drawn(e, True, a, b) for e, a, b in held),
-            *(self._drawn(e, False, a, b) for e, a, b in fitted),
-        ]
 
     def _drawn(self, e: Experiment, held_out: bool, before: Array, after: Array) -> DrawnExperiment:
         turn = TorqueEstimator(self.residuals.values["J"], self.residuals.memory, e.period, len(e))

@@ -158,7 +158,7 @@ NEXT = {"why": str, "voltage": list, "sample_period": NUMBER, "channels": list}
 QUANTITIES = {"speed", "voltage", "acceleration", "time", "frequency", "experiment"}
 #: Keys beyond the contract.
 MORE = {
-    "top": {"machine_file", "notes", "effects"},
+    "top": {"machine_file", "notes", "effects", "alternatives", "seen"},
     "verdict": {"acting", "grounds"},
     "gap": {"regimes"},
     "where": {"share_of_data", "steady"},
@@ -359,6 +359,19 @@ def test_a_diagnosis_of_another_program_is_read_by_the_contract_alone(friction, 
     file.write_text(json.dumps(bare))
     after = held_out_rmse(friction, tmp_path, "--with", file)
     assert after == pytest.approx(friction.found["gap"]["after"]["rmse"], rel=1e-9)
+
+
+def test_predict_says_what_it_promises_there(forward, tmp_path, capsys):
+    """More of the same closes; backward, a load and a friction differ."""
+    given = ["--with", str(forward.out / "diagnosis.json"), "--json"]
+    back = record(tmp_path / "back", "coulomb_friction:torque=0.1")
+    for bag, made in ((forward.bag, True), (back, False)):
+        capsys.readouterr()
+        out = str(tmp_path / f"predicted_{made}")
+        assert invoke(predict.command, [bag, "--machine", "rotor", *given, "--out", out]) == 0
+        promise = json.loads(capsys.readouterr().out)["promise"]
+        assert (promise["closed_fraction"] is not None) is made
+        assert bool(promise["refused"]) is not made
 
 
 # ---- effects of one's own

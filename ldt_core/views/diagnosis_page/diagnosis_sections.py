@@ -103,6 +103,8 @@ def gap(diagnosis: Diagnosis, kept: Path) -> Section:
         closed += f" ({percents(found.closed_fraction_ci95)})"
     if not known(found.closed_fraction):
         closed = "undefined: there is no gap beyond the noise to close"
+        if found.closed_fraction_ci95 is not None:
+            closed = f"{percents(found.closed_fraction_ci95)}, by the experiment"
     pairs = [("closed of the gap", closed)]
     pairs += [_added(diagnosis, e) for e in diagnosis.effects]
     groups = [g for g in diagnosis.verdict.acting if len(g) > 1]

@@ -48,9 +48,12 @@ def headline(diagnosis: Diagnosis) -> str:
     open_ones = not alone and any(len(group) > 1 for group in verdict.acting)
     named = "; ".join(groups) if open_ones else listed(groups)
     closed = ""
-    if known(gap.closed_fraction):
+    much = f"{100 * gap.closed_fraction:.0f} %" if known(gap.closed_fraction) else ""
+    if not much and gap.closed_fraction_ci95 is not None:
+        much = " to ".join(f"{100 * end:.0f}" for end in gap.closed_fraction_ci95) + " %"
+    if much:
         verb = "closes" if alone else ": together they close" if open_ones else "close"
-        closed = f"{'' if open_ones else ' '}{verb} {100 * gap.closed_fraction:.0f} % of the gap"
+        closed = f"{'' if open_ones else ' '}{verb} {much} of the gap"
     return f"{named[0].upper()}{named[1:]}{closed} ({before} → {after} rad/s)."
 
 

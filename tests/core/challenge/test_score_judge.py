@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from fake_answers import NOISE, SAMPLES, answer, further, judged, truth
@@ -162,6 +163,8 @@ def test_closure_is_promised_and_realised_by_excitation():
     assert found.closure["same"] == (0.92, pytest.approx(0.9))
     assert found.closure["another"] == (0.92, pytest.approx(0.6))
     assert judged(about, answer("unknown", closed=0.92, more=more)).closure == {}
+    refused = replace(answer("effect", ["inertia"], closed=0.92, more=more), refused="backward")
+    assert set(judged(about, refused).closure) == {"same"}
     assert realised(further(0.9, 0.9, gap=0.001), NOISE) is None
     assert realised((), NOISE) is None
 

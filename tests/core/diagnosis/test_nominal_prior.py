@@ -14,7 +14,13 @@ from ldt_core.calibration.calibrate import calibrate
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.nominal import as_calibrated
 from ldt_core.diagnosis.nominal_prior import MOTOR as NUMBERS
-from ldt_core.diagnosis.nominal_prior import NominalPrior, _coefficients, masses_leave_open
+from ldt_core.diagnosis.nominal_prior import (
+    NominalPrior,
+    _coefficients,
+    masses_leave_open,
+    merged,
+    nominal_prior,
+)
 
 OWN = replace(MOTOR, parameters={"J": 6e-5, "K_t": 0.05, "R": 5.0, "L": 0.002, "b": 3e-5})
 
@@ -88,3 +94,13 @@ def test_a_file_that_left_as_much_when_it_was_calibrated_is_told_so():
     assert "0.12 rad/s" in as_calibrated(file, 0.13)
     assert as_calibrated(file, 0.2) == ""
     assert as_calibrated(ROTOR, 0.0) == ""
+
+
+def test_what_the_masses_move_can_be_read_back_as_effects():
+    """A heavier rotor has an e below the file's, which no effect can lower."""
+    heavy = replace(ROTOR.with_parameters(e=0.005), deviations={"m": 0.05, "J": 0.01})
+    whole = nominal_prior(heavy).candidate()
+    for sign in (1.0, -1.0):
+        moved = whole.given(np.full(len(whole), sign))
+        for effect, values in merged(heavy, [(whole.effect, moved)]):
+            assert effect.check(values) == values

@@ -16,7 +16,7 @@ from typing import Any
 
 from ldt_core.base.result_files import keep, recall
 
-FORMAT = "ldt-score-1"
+FORMAT = "ldt-score-2"
 DIAGNOSIS = "diagnosis"
 LEAST_GAP = 0.005  # of a gap's power to the noise's: below, the part closed is chance
 
@@ -49,6 +49,8 @@ class CaseAnswer:
         seconds: of processor time.
         seen: of the case, see `Sealed.seen`.
         error: why it failed, in words.
+        refused: why it promises nothing of the further experiments with another excitation; ""
+            where it does.
     """
 
     who: str
@@ -57,6 +59,7 @@ class CaseAnswer:
     seconds: float = 0.0
     seen: Mapping[str, Any] = field(default_factory=dict)
     error: str = ""
+    refused: str = ""
 
     @property
     def kind(self) -> str:
@@ -123,7 +126,7 @@ class Answers:
                 Further(**{**f, "after": math.inf if f["after"] is None else f["after"]})
                 for f in kept.about["further"]
             )
-            known = {name: kept.about[name] for name in ("seconds", "seen", "error")}
+            known = {name: kept.about[name] for name in ("seconds", "seen", "error", "refused")}
             return CaseAnswer(who, json.loads(kept.text), further, **known)
         except (ValueError, KeyError, TypeError, RecursionError):
             return None
@@ -139,6 +142,7 @@ class Answers:
             "seconds": answer.seconds,
             "error": answer.error,
             "seen": dict(answer.seen),
+            "refused": answer.refused,
             "further": further,
         }
         keep(run, found, text, FORMAT, origin, about)

@@ -210,11 +210,16 @@ def overlap(a: tuple[float, float], b: tuple[float, float]) -> float:
 def closure(
     truth: Truth, answer: CaseAnswer, noise: float | None
 ) -> dict[str, tuple[float, float]]:
-    """Promised and realised closed fraction, on further experiments of each excitation."""
+    """Promised and realised closed fraction, on further experiments of each excitation.
+
+    Without those of which nothing is promised.
+    """
     if answer.promised is None or noise is None:
         return {}
     if answer.kind not in ("effect", "ambiguous", "unnamed"):
         return {}
-    parts = {"same": answer.further[:ALIKE], "another": answer.further[ALIKE:]}
+    parts = {"same": answer.further[:ALIKE]}
+    if not answer.refused:
+        parts["another"] = answer.further[ALIKE:]
     real = {name: realised(part, noise, truth.further_noise) for name, part in parts.items()}
     return {n: (answer.promised, r) for n, r in real.items() if r is not None}

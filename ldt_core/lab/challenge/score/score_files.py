@@ -153,6 +153,7 @@ def _plain(j: Judged) -> dict[str, Any]:
             name: {"promised": promised, "realised": real if math.isfinite(real) else None}
             for name, (promised, real) in j.closure.items()
         },
+        "refused": answer.refused,
         "seconds": answer.seconds,
         "error": answer.error,
     }

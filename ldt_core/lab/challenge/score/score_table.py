@@ -98,6 +98,8 @@ def _figures(judged: Sequence[Judged]) -> dict[str, Interval]:
     figures["place right"] = _share([j.place for j in judged if j.place is not None])
     for excitation in ("same", "another"):
         figures |= _closure(judged, excitation)
+    able = [j for j in judged if j.answer.promised is not None and j.answer.acting]
+    figures["closure refused, another excitation"] = _share([bool(j.answer.refused) for j in able])
     seconds = [[j.answer.seconds] for j in judged]
     figures["CPU seconds, median"] = resampled(seconds, _median)
     most = max(j.answer.seconds for j in judged)

@@ -20,9 +20,11 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.holdout import free_run
 from ldt_core.diagnosis.library import library
+from ldt_core.diagnosis.promise import promised
 from ldt_core.effects import get_effect
 from ldt_core.lab.challenge.comparators import COMPARATORS, compare
 from ldt_core.lab.challenge.make import FURTHER, MACHINE, SHOWN
+from ldt_core.lab.challenge.rig import ALIKE
 from ldt_core.lab.challenge.score.answer import DIAGNOSIS, CaseAnswer, Further
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.recording.bag import experiments
@@ -173,7 +175,9 @@ def _diagnosed(case: Sealed, effects: Sequence[Any]) -> CaseAnswer:
         return free_run(case.machine, e, use)
 
     further = _errors(case, predict if use else None)
-    return CaseAnswer(DIAGNOSIS, diagnosis.as_dict(), further, seconds, case.seen())
+    found, other = diagnosis.as_dict(), case.further[ALIKE:]
+    refused = promised(case.machine, found, other).refused if use and other else ""
+    return CaseAnswer(DIAGNOSIS, found, further, seconds, case.seen(), refused=refused)
 
 
 def _errors(case: Sealed, predict: Callable[[Experiment], Array] | None) -> tuple[Further, ...]:
