@@ -142,16 +142,22 @@ def message(data: st.DataObject, told: Counter[str]) -> None:
         encode(record)
 
 
+#: Samples, start [s since the epoch] and period [s] of what the machine may have made.
+USUAL = st.floats(-24.0, 24.0), st.floats(0.0, 9e9), st.floats(0.001, 1.0)
+
+
 def turn(data: st.DataObject, told: Counter[str]) -> None:
     """What is let through as an experiment goes through predictor, detector and adaptor."""
     number = data.draw(st.integers(1, 3))
-    rows = st.lists(NUMBER, min_size=1, max_size=12)
+    # By anything alone, it is chance, and what else is loaded, whether one in 150 can be.
+    each, start, length = data.draw(st.sampled_from([(NUMBER, NUMBER, NUMBER), USUAL]))
+    rows = st.lists(each, min_size=1, max_size=12)
     twin = Twin(MACHINE, model=data.draw(st.sampled_from(["linear", "physics"])))
     try:
         voltage = data.draw(rows)
-        speed = data.draw(st.lists(NUMBER, min_size=len(voltage), max_size=len(voltage)))
-        period = data.draw(NUMBER)
-        one = Experiment(number, data.draw(NUMBER), period, np.array(voltage), np.array(speed))
+        speed = data.draw(st.lists(each, min_size=len(voltage), max_size=len(voltage)))
+        period = data.draw(length)
+        one = Experiment(number, data.draw(start), period, np.array(voltage), np.array(speed))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             twin.step(one)

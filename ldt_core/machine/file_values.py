@@ -27,8 +27,12 @@ class Stated(NamedTuple):
 
 def mapping_of(where: str, value: Any) -> dict[str, Any]:
     """A section of a machine file; a MachineFileError where it is no names with values."""
-    if not isinstance(value, Mapping) or not all(isinstance(k, str) for k in value):
+    if not isinstance(value, Mapping):
         raise MachineFileError(where, "names with values (a YAML mapping)", described(value))
+    for key in value:
+        if not isinstance(key, str):
+            expected = "names with values (quote a name that YAML takes for something else)"
+            raise MachineFileError(where, expected, f"the name {described(key)}")
     return dict(value)
 
 

@@ -145,9 +145,10 @@ class CsvTable:
         try:
             return pick(row)
         except IndexError:
-            raise RecordingError(
-                f"{self.path}, line {line}", counted(len(self.names), "cell"), f"{len(row)}"
-            ) from None
+            expected = counted(len(self.names), "cell")
+            if any("\n" in cell for cell in row):
+                expected += ", and each quote closed"
+            raise RecordingError(f"{self.path}, line {line}", expected, f"{len(row)}") from None
 
     @contextmanager
     def _open(self) -> Iterator[IO[bytes]]:
@@ -220,15 +221,17 @@ class CsvTable:
         return next((d for d in DELIMITERS if d in rows[-1]), ",")
 
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
-        """(line, cells) of each row that is not blank."""
+        """(line in which it begins, cells) of each row that is not blank."""
         lines = self._lines()
         if self._delimiter == " ":
             lines = (line.strip() for line in lines)
         reader = csv.reader(lines, delimiter=self._delimiter, skipinitialspace=True)
+        begin = 1  # a quoted cell may go on over many lines
         try:
             for row in reader:
                 if row and any(row):
-                    yield reader.line_num, row
+                    yield begin, row
+                begin = reader.line_num + 1
         except csv.Error as error:
             raise RecordingError(
                 f"{self.path}, line {reader.line_num}", "cells of text", error

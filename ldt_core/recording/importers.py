@@ -13,6 +13,7 @@ from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import counted
 from ldt_core.machine.experiment_limits import LATEST, SHORTEST_PERIOD
+from ldt_core.physics.parameter import LARGEST
 from ldt_core.recording.csv_table import CsvTable
 from ldt_core.recording.message_fields import parse_field_path, read_fields
 from ldt_core.recording.storage import Storage
@@ -81,6 +82,11 @@ def import_file(
     path = Path(path)
     read = _from_bag if is_bag(path) else _from_table
     series, notes = read(path, given, sample_period)
+    for quantity, one in series.items():
+        largest = float(np.nanmax(np.abs(one.values), initial=0.0))
+        if largest > LARGEST:
+            where = f"{path}, {quantity} from {given[quantity]!r}"
+            raise RecordingError(where, f"at most {LARGEST:g} in SI units", f"{largest:g}")
     doubts = _doubts(series, given)
     return _cut(str(path), series, notes + doubts, sample_period, length, cut, doubts)
 

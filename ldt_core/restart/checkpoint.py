@@ -22,6 +22,7 @@ from ldt_core.machine.machine_file import Machine
 from ldt_core.models import restore_model
 from ldt_core.models.base import Model
 from ldt_core.recording.bag import Bag
+from ldt_core.recording.message_subject import agree
 from ldt_core.recording.step_search import ANCHOR, StepSearch
 from ldt_core.twin.stage import WINDOW, RecordedStep
 
@@ -147,6 +148,24 @@ class Lookup:
             found = self._near("experiment", key[0], lambda e: _key(e) == key, WINDOW)
             self._experiments[key] = found
         return self._experiments[key]
+
+    def sent(self, number: int, end: float | None) -> Experiment:
+        """The one with this number and end [s since the epoch], None where that is not known.
+
+        Raises:
+            RecordingError: it is not there.
+        """
+
+        def wanted(one: Experiment) -> bool:
+            return one.number == number and (end is None or agree(one.end, end))
+
+        if self._bag.topic(ANCHOR) is not None:
+            found: Experiment = self._near("experiment", number, wanted, WINDOW)
+            return found
+        for one in self._bag.records("experiment"):  # no step is complete yet
+            if wanted(one):
+                return one
+        raise RecordingError(f"{self._bag.path}, experiment", f"experiment {number}", "none")
 
     def model(self, version: Any) -> Model:
         """The model of a version."""

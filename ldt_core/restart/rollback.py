@@ -17,7 +17,7 @@ from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.recording.health import ANSWERS
 from ldt_core.recording.messages import quoted
 from ldt_core.recording.writer import BagWriter
-from ldt_core.restart.recorded_run import complete_steps, last_said
+from ldt_core.restart.recorded_run import RecordedRun, complete_steps
 from ldt_core.restart.run_key import check_key
 from ldt_core.twin.adaptor import FAULTY, ROLLED_BACK
 from ldt_core.twin.stage import RecordedStep
@@ -125,8 +125,9 @@ def roll_back(found: History, version: int) -> Adaptation:
         raise OptionError("--to", f"a version that was in use before ({choices})", got)
     done = found.last.number
     bag = read_bag(found.path, found.namespace or "/")
+    run = RecordedRun(found.path, found.namespace or "/", found.machine)
     for topic in ANSWERS:
-        if last_said(bag, topic)[0] != done:
+        if run.last_of(topic, done)[0] != done:
             expected = f"a recording that ends with experiment {done}; let --resume complete it"
             raise RecordingError(found.path, expected, f"the {topic} of another one behind it")
     model = replace(found.models[version], version=max(found.models) + 1)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
 from ldt_core.base.bounded import forget_oldest
-from ldt_core.base.errors import ExperimentError
+from ldt_core.base.errors import ExperimentError, RecordingError
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.recording.message_subject import STAMP_END, TIME_TOLERANCE, agree
+from ldt_core.restart.checkpoint import Lookup
+from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.twin.stage import RecordedStep
 from ldt_ros.nodes.interfaces import from_message, stamp_of
 from ldt_ros.nodes.node import LdtNode, NodePart
@@ -67,6 +70,11 @@ class Pairing(Generic[Left, Right]):
         else:
             self._wait(self._right, number, (item, time))
 
+    def overtaken(self) -> list[tuple[int, float | None]]:
+        """Right halves, number and time, of which a later left half has come already."""
+        newest = max(self._left, default=0)
+        return [(number, time) for number, (_, time) in self._right.items() if number < newest]
+
     def met(self, number: int, time: float | None = None) -> None:
         """Take what comes of a number, and has this time, for a repetition from now on."""
         self._met.pop(number, None)
@@ -101,6 +109,7 @@ class ExperimentPairs(NodePart):
     | received | what happens |
     |---|---|
     | `experiment`, and the topic `beside` it | the two of one number are brought together |
+    | a later `experiment` than that of the one beside it | that is read from the recording |
     | one without the other | dropped when 200 newer ones have come, and counted |
     | a number that waits already | dropped and counted: the first one counts |
     | a number that was dealt with | dropped and counted: somebody was started again |
@@ -118,6 +127,9 @@ class ExperimentPairs(NodePart):
     ) -> None:
         self._node, self._beside, self._callback = node, beside, callback
         self.pairing: Pairing[Experiment, tuple[Any, float | None]] = Pairing(self._together)
+        folder = node.settings["resume"] or node.settings["bag"]
+        self._run = RecordedRun(folder, node.get_namespace(), node.machine)
+        self._sought: dict[tuple[int, float | None], None] = {}  # in the recording, the last ones
 
     def listen(self) -> None:
         """Begin, once everything is there that the callback needs."""
@@ -137,6 +149,7 @@ class ExperimentPairs(NodePart):
         # What the twin refuses and tells of must not wait here for its corrected successor.
         if self._node.machine.may_have_made(experiment):
             self.pairing.left(experiment.number, experiment, _sayable(experiment.end))
+        self._find_overtaken()
 
     def _on_beside(self, message: Any) -> None:
         record = from_message(self._beside, message)
@@ -145,6 +158,24 @@ class ExperimentPairs(NodePart):
         if isinstance(record, Prediction):
             end = record.start + len(record) * record.period
         self.pairing.right(record.number, (record, stamp), end)
+        self._find_overtaken()
+
+    def _find_overtaken(self) -> None:
+        """Read from the recording, once each, what can no longer be heard.
+
+        Experiments come in their order, and a topic keeps its last 100: whoever stood still for
+        longer lacks some, for which the twin would wait in vain.
+        """
+        for about in self.pairing.overtaken() if self._run.path else ():
+            if about in self._sought:
+                continue
+            self._sought[about] = None
+            forget_oldest(self._sought, CAPACITY)
+            with contextlib.suppress(RecordingError, OSError):  # the twin goes on without it
+                bag = self._run.bag(listed=True)
+                if bag is not None:
+                    found = Lookup(bag, self._node.machine, self._node.settings, ()).sent(*about)
+                    self.pairing.left(found.number, found, _sayable(found.end))
 
     def _together(self, experiment: Experiment, beside: tuple[Any, float | None]) -> None:
         """Deal with the two, unless they are of two machines that count alike."""

@@ -154,6 +154,7 @@ ROWS: list[tuple[str, int, list[str]]] = [
     ("run --threshold nan", BAD, ["--threshold", "a finite number", "nan"]),
     ("run --threshold -1", BAD, ["--threshold", "0 to 1e+09 rad/s", "got -1"]),
     ("run --holdout 0.9", BAD, ["--holdout", "0.05 to 0.5", "got 0.9"]),
+    ("run --start-time 5e10", BAD, ["--start-time", "-1 to 9.2e+09 s", "got 50000000000.0"]),
     ("run --gate maybe", BAD, ["--gate", "'holdout', 'none'", "'maybe'"]),
     ("run --rate fast", BAD, ["rate", "max or a number above 0", "'fast'"]),
     ("run --rate 0", BAD, ["rate", "max or a number above 0", "'0'"]),

@@ -210,6 +210,8 @@ def test_yaml_nested_without_end_is_refused(text):
         ("  K_t: 0.3\n  K_t: 0.4\n", "the key K_t a second time"),
         ("  K_t: 20:00\n", "got '20:00'"),
         ("  K_t: 0x10\n", "got '0x10'"),
+        ("  K_t: 0.3\n  1: 2\n", "got the name 1"),
+        ("  K_t: 0.3\n  on: 2\n", "got the name True"),
         (f"  K_t: {'9' * 5000}\n", "Exceeds the limit (4300 digits)"),
     ],
 )

@@ -261,6 +261,8 @@ BROKEN = {
     "three empty cells of twenty": (PLAIN.replace(",3.0,", ",,", 3), "line 2"),
     "empty cells alone": ("t,u,n\n1,,2\n2,,3\n", "2 rows of 2"),
     "infinity": (PLAIN.replace("\n0.3,3.0", "\n0.3,1e999"), "line 5, column 'u'"),
+    "beyond floating point": (PLAIN.replace("\n0.3,3.0", "\n0.3,1e308"), "at most 1e+30"),
+    "an open quote": (PLAIN.replace("\n0.3,", '\n"0.3,'), "line 5: expected 3 cells, and each"),
     "a short row": (PLAIN.replace("\n0.2,", "\n0.2\n0.25,"), "line 4"),
     "time repeated": (PLAIN.replace("\n0.2,", "\n0.1,"), "line 4"),
     "time backwards": (PLAIN.replace("\n0.2,", "\n0.05,"), "line 4"),
