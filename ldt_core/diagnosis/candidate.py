@@ -65,9 +65,11 @@ class Candidate:
 
     @property
     def detailed(self) -> Candidate | None:
-        """The same law in more detail, whose first coordinates are this one's."""
+        """The same law in more detail, whose first coordinates are this one's; none of a law that
+        has detail already: a finer one has no name in a diagnosis.
+        """
         more = self.effect.detailed
-        if more is None:
+        if more is None or self.details:
             return None
         return replace(self, effect=more, details=len(more.parameters) - len(self))
 
