@@ -11,6 +11,7 @@ from recorded_machines import MOTOR, record
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.checks import check_effect
+from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.diagnosis import read_effects
 from ldt_core.effects import EFFECTS, get_effect, parse_effect
@@ -106,3 +107,11 @@ def test_plain_friction_gets_no_turn():
     found = diagnose(MOTOR, record(MOTOR, "coulomb_friction:torque=0.1", noise=0.02))
     (named,) = found.effects
     assert named["parameters"].keys() == {"torque"}
+
+
+def test_a_diagnosis_stops_at_the_first_detail():
+    """A finer law would have coordinates that its search does not know."""
+    detailed = Candidate(get_effect("coulomb_friction"), 24.0).detailed
+    assert detailed is not None
+    assert detailed.effect.detailed is not None
+    assert detailed.detailed is None
