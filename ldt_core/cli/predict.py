@@ -85,8 +85,9 @@ def command(
             writer.write("prediction", prediction, experiment.end)
             error.add(prediction.residual(experiment))
             if promising is not None:
-                promising.add(experiment)
-                without.add(alone.predict(experiment).residual(experiment))
+                nominal = alone.predict(experiment)
+                promising.add(experiment, prediction.speed, nominal.speed)
+                without.add(nominal.residual(experiment))
     warn(*played.notes)
     if acting and error.rmse > without.rmse:
         warn(

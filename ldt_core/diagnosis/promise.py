@@ -138,13 +138,15 @@ class Promising:
         self._named = told if isinstance(told, list) else []
         self._gaps, self._apart = np.zeros(len(self.others)), np.zeros(len(self.others))
 
-    def add(self, experiment: Experiment) -> None:
-        """One more; of what was measured in it only the start is used."""
-        run = free_run(self.machine, experiment, self.best)
+    def add(self, experiment: Experiment, run: Array, alone: Array) -> None:
+        """One more; of what was measured in it only the start is used.
+
+        Args:
+            experiment: of which something is to be promised.
+            run: (L,) its free run with the effects found [rad/s].
+            alone: (L,) the same by the machine file alone [rad/s].
+        """
         self._runs.append(run)
-        if not self.others:
-            return
-        alone = free_run(self.machine, experiment)
         for k, use in enumerate(self.others):
             other = free_run(self.machine, experiment, use)
             self._gaps[k] += float(np.sum((other - alone) ** 2))
@@ -199,7 +201,7 @@ def promised(
     """What a diagnosis promises of experiments; arguments and errors as of `Promising`."""
     of = Promising(machine, found)
     for experiment in experiments:
-        of.add(experiment)
+        of.add(experiment, *(free_run(machine, experiment, use) for use in (of.best, ())))
     return of.promise()
 
 

@@ -171,10 +171,9 @@ class Candidates:
         """
         smooth = build_model(SMOOTH, start.machine, self._settings)
         assert isinstance(smooth, HybridModel)
-        plain = self._remainder(start)
-        learners: list[Model] = [plain, smooth]
-        if causes is not None:
-            learners = [*map(plain.on, causes), *map(smooth.on, causes)]
+        learners: list[Model] = []
+        for kind in (self._remainder(start), smooth):
+            learners += [kind] if causes is None else map(kind.on, causes)
         found: list[Model] = []
         for learner in learners:
             with suppress(*UNLEARNABLE):

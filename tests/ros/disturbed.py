@@ -8,7 +8,7 @@ import random
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -96,12 +96,20 @@ def recorded(recording: Path) -> int:
     return len(adaptations(recording))
 
 
+def until(holds: Callable[[], object], says: Callable[[], str] = str) -> None:
+    """Wait for what a recording says: it may lie far behind the nodes on a busy machine."""
+    deadline = time.monotonic() + PATIENCE
+    while not holds():
+        assert time.monotonic() < deadline, says()
+        time.sleep(0.1)  # it is read from its beginning each time
+
+
 def wait_for(recording: Path, experiments: int) -> None:
     """Until so many have gone all the way."""
-    deadline = time.monotonic() + PATIENCE
-    while recorded(recording) < experiments:
-        assert time.monotonic() < deadline, f"{recording} holds {recorded(recording)}"
-        time.sleep(0.1)  # it is read from its beginning each time
+    until(
+        lambda: recorded(recording) >= experiments,
+        lambda: f"{recording} holds {recorded(recording)}",
+    )
 
 
 def finished(process: Any, refused: str = "") -> dict[str, Any]:

@@ -15,7 +15,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from disturbed import differences, nodes, recorded
+from disturbed import differences, nodes, wait_for
 
 from ldt_ros.graph import respawn
 from ldt_ros.nodes.detector_node import DetectorNode
@@ -81,10 +81,7 @@ def test_a_hung_node_is_killed_and_started_again(domain, programs, tmp_path):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )
-    deadline = time.monotonic() + PATIENCE
-    while not recorded(tmp_path / "run"):
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
+    wait_for(tmp_path / "run", 1)
     nodes(process.pid)["adaptor"].send_signal(signal.SIGSTOP)
     output, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, "")

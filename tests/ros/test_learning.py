@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
@@ -14,7 +13,16 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
-from disturbed import LDT, MODEL, PATIENCE, adaptations, nodes, recorded, wait_for  # noqa: E402
+from disturbed import (  # noqa: E402
+    LDT,
+    MODEL,
+    PATIENCE,
+    adaptations,
+    nodes,
+    recorded,
+    until,
+    wait_for,
+)
 from lifecycle_msgs.msg import Transition  # noqa: E402
 from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
 from stranger import answer, experiment  # noqa: E402
@@ -112,7 +120,7 @@ def test_it_stays_off_over_a_crash_and_the_end_of_the_run(ldt, programs, tmp_pat
     wait_for(bag, 2)
     assert says() == "learning is on"
     assert says("off") == "learning is off"
-    _until(paused)
+    until(paused)
     nodes(graph.pid)["adaptor"].kill()
     wait_for(bag, recorded(bag) + 3)
     assert json.loads(says("--json")) == {"learning": "off"}
@@ -120,9 +128,9 @@ def test_it_stays_off_over_a_crash_and_the_end_of_the_run(ldt, programs, tmp_pat
     graph.communicate(timeout=PATIENCE)
     graph = ldt("up", "--resume", "run")
     ended = recorded(bag)
-    _until(lambda: len(paused(ended)) > 2)
+    until(lambda: len(paused(ended)) > 2)
     assert says("on") == "learning is on"
-    _until(lambda: max(told()) > max(paused()) + 3)
+    until(lambda: max(told()) > max(paused()) + 3)
     graph.send_signal(signal.SIGINT)
     graph.communicate(timeout=PATIENCE)
     answers, off = told(), sorted(paused())
@@ -133,14 +141,6 @@ def test_it_stays_off_over_a_crash_and_the_end_of_the_run(ldt, programs, tmp_pat
     assert not any(set(off) & set(m.trained_on) for m in models)
     assert answers[off[-1]].model_version <= answers[max(answers)].model_version
     assert not (bag / NAME).exists()
-
-
-def _until(holds: Callable[[], object]) -> None:
-    """Wait for what the recording says: it may lie far behind the nodes on a busy machine."""
-    deadline = time.monotonic() + PATIENCE
-    while not holds():
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
 
 
 # ---- the command
