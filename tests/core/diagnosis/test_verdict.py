@@ -416,7 +416,7 @@ def test_a_closed_part_is_a_part():
 def test_what_acts_only_together_is_found():
     """A softer foundation shows nothing without unbalance, which alone explains nothing here."""
     effects = ("unbalance:e=0.004", "foundation_stiffness:x=0.5,y=0.6")
-    recording = {"count": 4, "samples": 2000, "volts": (3.0, 14.0), "hold": 100}
+    recording = {"count": 4, "samples": 1200, "volts": (3.0, 14.0), "hold": 100}
     found = diagnose(ROTOR, record(ROTOR, *effects, **recording), workers=1)
     assert set(found.verdict.effects) == {"unbalance", "foundation_stiffness"}
     assert found.gap.after.rmse < 1.1 * NOISE
