@@ -23,7 +23,10 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 MEASURED = REPOSITORY.parent / "shared" / "data"
 DOMAINS = 100  # which domain_coordinator reserves
 #: Files of the most processor time, above 20 s each: begun late, one of them would be last alone.
-LONGEST = {"test_docs.py", "test_crashes.py", "test_up.py", "test_diagnose.py"}
+LONGEST = {
+    *("test_docs.py", "test_crashes.py", "test_up.py", "test_diagnose.py", "test_verdict.py"),
+    *("test_real_machines.py", "test_tuning.py"),
+}
 
 # Compiling takes seconds at the first call and shared machines stall: time is not what is tested.
 settings.register_profile("ldt", deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -89,7 +89,7 @@ def fake_diagnosis(kind: str = "effect", experiments: int = 8, machine: str = "r
         fake_next() if kind in ("ambiguous", "unknown") else None,
         ["The calibrated noise is 0.1 rad/s.", "Experiment 3 starts at a speed other than 0."],
         [{"effect": n, "parameters": p} for n, p in TRUTH[kind][1].items()],
-        tuple(shown),
+        shown=tuple(shown),
     )
 
 
