@@ -1,10 +1,13 @@
 """Fit `ldt_core/diagnosis/confidence.json` to scored challenges.
 
-    python -m tests.confidence_calibration FOLDER.score...
+    python -m tests.confidence_calibration [FOLDER.score...]
 
-Each folder is what `ldt challenge score` left: the answers and `score.json`. A ridge keeps slopes
-near 0 that few cases speak for. No probability is stated beyond what so many cases can show: the
-ends are Laplace's rule, (right + 1) / (cases + 2) of none right and of all.
+Each folder is what `ldt challenge score` left: the answers and `score.json`. What the fit needs of
+them is kept in `bags/confidence_cases.json`; without a folder, it is fitted to these cases. Printed
+is how well cases are foretold that took no part in a fit.
+
+A ridge keeps slopes near 0 that few cases speak for. No probability is stated beyond what so many
+cases can show: the ends are Laplace's rule, (right + 1) / (cases + 2) of none right and of all.
 """
 
 from __future__ import annotations
@@ -19,18 +22,26 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.result_files import write
-from ldt_core.diagnosis.confidence import GROUNDS, LEAST, MOST, TABLE, regression
+from ldt_core.diagnosis.confidence import GROUNDS, LEAST, MOST, TABLE, probability, regression
 
-#: Grounds of each kind of verdict; `none` has no search behind it that could speak for it. On 60
-#: earlier cases with each left out in turn, the log loss of names falls from 0.40 of the rate alone
-#: to 0.38, of unknowns from 0.69 to 0.46; with all grounds it rises to 0.57: few were wrong.
-TAKEN = {"named": ("effects",), "unknown": ("left",), "none": ()}
+KEPT = Path(__file__).parents[1] / "bags" / "confidence_cases.json"
+#: Grounds of each kind of verdict; `none` has no search behind it that could speak for it. Of all
+#: sets of up to three, these foretell the cases that are left out of a fit best.
+TAKEN = {
+    "named": ("effects", "margin"),
+    "unknown": ("agreement", "over_noise", "strength"),
+    "none": (),
+}
 RIDGE = 1.0  # of squared slopes, of grounds in their own deviations: a case's worth of doubt
 FEWEST = 12  # cases of a kind, below which only their rate is taken
+FOLDS = 10
+BINS = ((0.0, 0.5), (0.5, 0.7), (0.7, 0.85), (0.85, 0.95), (0.95, 1.0))
+Known = tuple[str, dict[str, float], bool]
 
 
-def cases(folders: Sequence[Path]) -> list[tuple[str, dict[str, float], bool]]:
+def cases(folders: Sequence[Path]) -> list[Known]:
     """(regression, grounds, whether it was right) of every scored answer."""
     found = []
     for folder in folders:
@@ -44,7 +55,7 @@ def cases(folders: Sequence[Path]) -> list[tuple[str, dict[str, float], bool]]:
     return found
 
 
-def fitted(known: Sequence[tuple[str, dict[str, float], bool]], kind: str) -> dict[str, Any]:
+def fitted(known: Sequence[Known], kind: str) -> dict[str, Any]:
     """The regression of one kind of verdict."""
     own = [(g, right) for k, g, right in known if k == kind]
     right = np.array([r for _, r in own], dtype=float)
@@ -73,16 +84,44 @@ def fitted(known: Sequence[tuple[str, dict[str, float], bool]], kind: str) -> di
     }
 
 
+def foretold(known: Sequence[Known], kind: str) -> tuple[Array, Array]:
+    """(probability of each case by a fit to the other nine tenths, whether it was right)."""
+    own = [c for c in known if c[0] == kind]
+    found = np.zeros(len(own))
+    for fold in np.array_split(np.random.default_rng(0).permutation(len(own)), FOLDS):
+        made = fitted([c for i, c in enumerate(own) if i not in set(fold.tolist())], kind)
+        found[fold] = [probability(made, own[i][1]) for i in fold]
+    return found, np.array([right for *_, right in own])
+
+
+def report(known: Sequence[Known], kind: str) -> str:
+    """Mean log loss by the rate alone and by the regression, and the share right by confidence."""
+    p, right = foretold(known, kind)
+    rate = (right.sum() + 1) / (right.size + 2)
+    losses = (-np.log(np.where(right, q, 1 - q)).mean() for q in (np.full(right.size, rate), p))
+    lines = ["{}: log loss {:.3f} by the rate, {:.3f} foretold".format(kind, *losses)]
+    for low, high in BINS:
+        inside = (p > low) & (p <= high)
+        if inside.any():
+            count = int(inside.sum())
+            shares = f"{p[inside].mean():.2f} stated, {right[inside].mean():.2f} right"
+            lines.append(f"  above {low}: {shares} of {count}")
+    return "\n".join(lines)
+
+
 def main() -> None:
     """Write the table."""
     parser = argparse.ArgumentParser(description="Fit how sure verdicts are.")
-    parser.add_argument("folders", nargs="+", type=Path, help="scores to fit it to")
+    parser.add_argument("folders", nargs="*", type=Path, help="scores to fit it to")
     given = parser.parse_args()
-    known = cases(given.folders)
+    if given.folders:
+        write(KEPT, "[\n" + ",\n".join(map(json.dumps, cases(given.folders))) + "\n]\n")
+    known = [(kind, grounds, right) for kind, grounds, right in json.loads(KEPT.read_text("utf-8"))]
     made = {kind: fitted(known, kind) for kind in TAKEN}
     about = {n: GROUNDS[n] for kind in TAKEN for n in made[kind]["slopes"]}
     write(TABLE, json.dumps({**made, "grounds": about}, indent=1) + "\n")
-    print({kind: (m["right"], m["cases"]) for kind, m in made.items()})
+    for kind, m in made.items():
+        print(f"{m['right']} of {m['cases']} right, " + report(known, kind))
 
 
 if __name__ == "__main__":

@@ -80,7 +80,11 @@ def confidence(kind: str, grounds: Mapping[str, float]) -> float:
         kind: none, effect, ambiguous or unknown.
         grounds: by the names of `GROUNDS`; one that is missing counts as 0.
     """
-    fitted = table()[regression(kind)]
+    return probability(table()[regression(kind)], grounds)
+
+
+def probability(fitted: Mapping[str, Any], grounds: Mapping[str, float]) -> float:
+    """The same by one regression of the table."""
     total = float(fitted["constant"])
     for name, slope in fitted["slopes"].items():
         total += slope * min(max(grounds.get(name, 0.0), LEAST), MOST)

@@ -16,7 +16,7 @@ from ldt_core.diagnosis.confidence import GROUNDS, confidence, decades, table
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.effects import get_effect
-from tests.confidence_calibration import TAKEN, cases, fitted
+from tests.confidence_calibration import KEPT, TAKEN, cases, fitted, foretold
 
 
 @pytest.mark.parametrize("kind", ["none", "effect", "ambiguous", "unknown"])
@@ -48,21 +48,36 @@ def test_the_table_knows_its_grounds():
 
 
 def test_a_regression_finds_what_speaks_against_a_verdict(tmp_path):
-    """Of verdicts that leave much, few are right: the fitted table is less sure of them."""
+    """Of verdicts that leave a large error, few are right: the fitted table is less sure of them."""
     found = []
     for number in range(40):
-        left = -3.0 + 0.1 * number
-        right = number % 5 != 0 if left < -1 else number % 5 == 0
+        error = 0.1 * number
+        right = number % 5 != 0 if error < 2 else number % 5 == 0
         name = f"case_{number:04d}"
         found.append({"who": "diagnosis", "case": name, "verdict": "unknown", "right": right})
-        verdict = {"kind": "unknown", "grounds": {"left": left, "effects": 1.0}}
+        verdict = {"kind": "unknown", "grounds": {"over_noise": error, "strength": 1.0}}
         (tmp_path / name).mkdir()
         write(tmp_path / name / "diagnosis.json", json.dumps({"verdict": verdict}))
     write(tmp_path / "score.json", json.dumps({"cases": found}))
     made = fitted(cases([tmp_path]), "unknown")
-    assert made["slopes"]["left"] < 0
+    assert made["slopes"]["over_noise"] < 0
     assert made["cases"] == 40
     assert fitted(cases([tmp_path]), "none")["range"] == [0.5, 0.5]  # of none, nothing is known
+
+
+def test_the_table_is_fitted_to_the_cases_that_are_kept():
+    """Anyone can make it again, and see how it foretells cases that it was not fitted to."""
+    known = [tuple(c) for c in json.loads(KEPT.read_text(encoding="utf-8"))]
+    for kind, names in TAKEN.items():
+        made = fitted(known, kind)
+        assert made["cases"] == table()[kind]["cases"]
+        assert made["constant"] == pytest.approx(table()[kind]["constant"], abs=1e-3)
+        assert made["slopes"] == pytest.approx(table()[kind]["slopes"], abs=1e-3)
+        p, right = foretold(known, kind)
+        if names:
+            rate = right.mean()
+            without = -np.log(np.where(right, rate, 1 - rate)).mean()
+            assert -np.log(np.where(right, p, 1 - p)).mean() < without
 
 
 @pytest.mark.slow
