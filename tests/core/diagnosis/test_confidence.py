@@ -48,7 +48,7 @@ def test_the_table_knows_its_grounds():
 
 
 def test_a_regression_finds_what_speaks_against_a_verdict(tmp_path):
-    """Of verdicts that leave a large error, few are right: the fitted table is less sure of them."""
+    """Of verdicts that leave a large error few are right, and the table is less sure of them."""
     found = []
     for number in range(40):
         error = 0.1 * number
