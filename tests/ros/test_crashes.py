@@ -212,7 +212,7 @@ def test_a_fleet_s_process_goes_on_with_all_its_machines(ldt, tmp_path):
     fleet = ("--experiments", "16", "--machines", "3", *RUN[2:])
     finished(ldt("run", *fleet, "--bag", "undisturbed", "--json"))
     # Paced, since a run at full speed can end before the second kill.
-    paced = ("--rate", "150", "--processes", "2")
+    paced = ("--rate", "60", "--processes", "2")
     process = ldt("up", *fleet, *paced, "--bag", "run", "--json")
     recording = tmp_path / "run" / "machine_1"
     so_far = 0
