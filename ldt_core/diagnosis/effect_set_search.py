@@ -71,24 +71,20 @@ class EffectSetSearch(SetFits):
     def _grow(self) -> FittedSets:
         """Fit sets of one effect, then of two and three as long as something is left.
 
-        Larger sets are built only on a triple that a pair could not replace. Where what is left is
-        a departure of the laws, one more effect is tried in its place, and no more.
+        Larger sets are built only on a triple that a pair could not replace.
         """
         enough = self.band.limit_of(THRESHOLDS.remainder_false_alarm)
         self._alone()
-        bases, departs, stands = BASES, False, False
+        bases = BASES
         for count in range(1, THRESHOLDS.largest_set + 1):
-            if count == 2 and not departs:
+            if count == 2:
                 self._pairs()
             if count > 1:
-                self._build_on(count - 1, 1 if departs else bases)
+                self._build_on(count - 1, bases)
                 if not self._best(count):  # no candidate is left that shows
                     break
-                # A departure that a further effect does not clearly beat stands.
-                stands = departs and not self._clearly_better(count)
                 before = self._best(count - 1)[0]
-                if not stands:
-                    self._exchange(count, enough)
+                self._exchange(count, enough)
                 now = self._best(count - 1)[0]
                 # Out of a poor minimum, other effects may be missing beside it.
                 if before.loss - now.loss > THRESHOLDS.further_effect_of_remainder * before.loss:
@@ -99,9 +95,6 @@ class EffectSetSearch(SetFits):
             best = self._best(count)
             if self.spent or not best or self.band.excess(best[0].residual) < enough:
                 break
-            if stands:
-                break
-            departs = self._departs(best[0], enough)
             if count > 1 and not self._gained(count):
                 bases = 1
             tried = SIZE_TRIED_ANYWAY if self._room_for_more(best[0]) else 2
@@ -167,14 +160,6 @@ class EffectSetSearch(SetFits):
             self._scout(
                 [TriedSet(f.effects, f.z[:size], f.starts) for f in again[:COMPARED]], whatever=True
             )
-
-    def _clearly_better(self, count: int) -> bool:
-        """Whether a further effect explains more than the departure of a smaller set's laws."""
-        now, before = (
-            min(f.loss - self.departures.taken(f) for f in self._best(k)[:COMPARED])
-            for k in (count, count - 1)
-        )
-        return before - now > THRESHOLDS.chance_gain
 
     def _room_for_more(self, best: EffectFit) -> bool:
         """Whether a set leaves so much that a further effect could be named by its own part."""

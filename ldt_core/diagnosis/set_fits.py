@@ -146,11 +146,6 @@ class SetFits:
         """Whether the search has done all the work that it may do."""
         return self.residuals.work.steps > MOST_WORK
 
-    def _departs(self, fitted: EffectFit, enough: float) -> bool:
-        """Whether what a set leaves may be a departure of its laws alone, nearly all of it."""
-        left, taken = self.band.excess(fitted.residual), self.departures.taken(fitted)
-        return left - taken < enough or taken > THRESHOLDS.whole_remainder * left
-
     def _scout(self, tries: Sequence[TriedSet], whatever: bool = False) -> list[EffectFit]:
         """Fit sets on a few experiments, side by side; the best of each set so far.
 

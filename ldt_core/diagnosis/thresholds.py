@@ -88,6 +88,9 @@ class Thresholds:
     whole_remainder: float = _limit(
         0.75, OF_REMAINDER, CASES, "What takes away less mends another law, if by chance."
     )
+    nearly_all_of_remainder: float = _limit(
+        0.95, OF_REMAINDER, CASES, "What takes away so much mends no law, however small it is."
+    )
     relative: float = _limit(
         0.9, OF_REMAINDER, CASES, "What a relative takes beside a law that departs: nearly all."
     )
