@@ -295,9 +295,9 @@ def _worth_more(
         smaller.residual
     )
     whole = found.left(larger) <= limit and not departs
-    # Nor does what leaves next to nothing of it, whether the smaller set's laws depart or not.
-    structured = band.speed_excess(smaller.residual)
-    whole |= min(gain - THRESHOLDS.nearly_all_of_remainder * left, exact - THRESHOLDS.nearly_all_of_remainder * structured) > 0.0
+    # Nor has it mended a law if next to nothing is left, whether the smaller set's depart or not.
+    nearly, structured = THRESHOLDS.nearly_all_of_remainder, band.speed_excess(smaller.residual)
+    whole |= gain > nearly * left and exact > nearly * structured
     if not gain > THRESHOLDS.least_gap * band.samples:
         return False  # what matters to no prediction
     if earned(smaller.effects, larger.effects, gain, left, gap, whole):
