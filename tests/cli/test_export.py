@@ -6,9 +6,11 @@ import asyncio
 import csv
 import json
 import signal
+import socket
 import struct
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -141,15 +143,15 @@ def test_a_recording_is_served_with_its_samples(bag, programs):
         protocols = ("foxglove.sdk.v1", "foxglove.websocket.v1")
         async with (
             aiohttp.ClientSession() as session,
-            session.ws_connect(address, protocols=protocols) as socket,
+            session.ws_connect(address, protocols=protocols) as served,
         ):
-            async for message in socket:
+            async for message in served:
                 if message.type is aiohttp.WSMsgType.TEXT:
                     told = json.loads(message.data)
                     new = told.get("channels", []) if told["op"] == "advertise" else []
                     channels |= {c["id"]: c for c in new}
                     wanted = [{"id": c["id"], "channelId": c["id"]} for c in new]
-                    await socket.send_json({"op": "subscribe", "subscriptions": wanted})
+                    await served.send_json({"op": "subscribe", "subscriptions": wanted})
                 elif message.data[0] == 1:
                     number, _ = struct.unpack_from("<IQ", message.data, 1)
                     got[channels[number]["topic"]] = message.data[13:]
@@ -162,6 +164,8 @@ def test_a_recording_is_served_with_its_samples(bag, programs):
     assert channels["/joint_states"]["schemaEncoding"] == "ros2msg"
     assert len(deserialize(got["/joint_states"], KIND, "served").velocity) >= 1
     assert deserialize(got["/experiment"], "std_msgs/msg/Float64MultiArray", "served").data[0] >= 1
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=PATIENCE)
+    host, _, port = address.removeprefix("ws://").rpartition(":")
+    with closing(socket.create_connection((host, int(port)))):  # and says nothing: it held the end
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, "")

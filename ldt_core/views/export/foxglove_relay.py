@@ -42,6 +42,7 @@ SAMPLED = ("joint_states", "voltage")
 #: as a message, and its curve is lacking.
 PATIENCE = 5.0
 MOST_WAITING = 16  # experiments of a machine; a twin that is busy is so far behind for a while
+CLOSING = 1.0  # s that the end waits for connections that are still being opened
 STEP = 0.05  # s between two sends of samples, faster than a screen shows
 
 
@@ -86,8 +87,10 @@ class FoxgloveRelay(Fleet):
         return int(self._server.port)
 
     def stop(self) -> None:
-        """End the server."""
-        self._server.stop()
+        """End the server; whoever has connected and says nothing is not waited for."""
+        end = threading.Thread(target=self._server.stop, daemon=True)
+        end.start()
+        end.join(CLOSING)
 
     def reset(self) -> None:
         """As `Fleet.reset`; clients forget what they were sent."""
