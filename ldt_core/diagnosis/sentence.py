@@ -20,6 +20,7 @@ def sentence(
     where: Sequence[GapLocation],
     left: float | None,
     begun: tuple[HeldOutErrors, HeldOutErrors] | None = None,
+    spent: bool = False,
 ) -> str:
     """One or two sentences for a person.
 
@@ -27,6 +28,7 @@ def sentence(
         left: part of the gap that the best set leaves.
         begun: errors without the effects and with them from start angles that were fitted, where
             a free run from angle 0 is no better with them.
+        spent: whether the search ended at its limit of work.
     """
     if kind == "none":
         return (
@@ -36,8 +38,11 @@ def sentence(
     place = f", {_lies(where)}" if where and where[0].share_of_data < 1 else ""
     if kind == "unknown":
         much = "" if left is None else f" The best set of them leaves {left:.0%} of it."
+        none = "none of the known effects explains"
+        if spent:
+            none = "no set of effects that was tried before the limit of work explains"
         return (
-            f"Unknown: none of the known effects explains the gap{place}.{much} "
+            f"Unknown: {none} the gap{place}.{much} "
             f"On held-out experiments the error is {gap.before.rmse:.3g} rad/s."
         )
     that = "it" if len(acting) == 1 else "them"

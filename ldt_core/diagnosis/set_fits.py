@@ -39,7 +39,7 @@ BEHIND = 1.5  # times the power that the best of a size leaves: a set further be
 MANY_PARAMETERS = 3  # with which a fit may end before its best
 UNFINISHED = 0.005  # of the gap: a fit with many parameters that leaves more goes on
 UNFINISHED_STEPS = 30  # least-squares steps for which it goes on
-MOST_WORK = 2_000_000_000  # integration steps, up to two minutes: then no further set is sought
+MOST_WORK = 6_000_000_000  # integration steps, some minutes: then no further set is sought
 FAR_OFF = 0.3  # of the loss: with more left, a set is far from any answer
 
 

@@ -162,7 +162,8 @@ class VerdictReport:
         left = share(d.left / d.excess) if d.kind != "none" and d.excess > 0 else None
         acting = d.acting if self.named else []
         effects = list(dict.fromkeys(n for group in acting for n in group))
-        words = sentence(self.machine.name, d.kind, acting, found, gap, where, left, angles)
+        spent = self.search.spent
+        words = sentence(self.machine.name, d.kind, acting, found, gap, where, left, angles, spent)
         if self.objection and d.best:
             words = not_standing(d.best.names, gap, where, self.objection)
         words = not_seen(gap, still) if blind else off or words
@@ -256,7 +257,9 @@ class VerdictReport:
         scale = OWN_SCALE if self.machine.calibration.get("equivalent") else ""
         ends = last if ended else ""
         more = self._may_act_too()
-        told = (f"{few} {same}" if cut else "", self.beside, clock, first, ends, scale, more)
+        spent = "the search ended at its limit of work: other sets of effects were not tried"
+        early = spent if self.search.spent and self.decision.kind != "none" else ""
+        told = (f"{few} {same}" if cut else "", self.beside, clock, first, ends, scale, more, early)
         return [note for note in told if note]
 
     def _may_act_too(self) -> str:

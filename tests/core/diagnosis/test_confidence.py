@@ -14,7 +14,9 @@ from ldt_core.diagnosis.attribution import covariance
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.confidence import GROUNDS, confidence, decades, table
 from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.diagnosis.diagnosis import Gap, HeldOutErrors
 from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.sentence import sentence
 from ldt_core.effects import get_effect
 from tests.confidence_calibration import KEPT, TAKEN, cases, fitted, foretold
 
@@ -89,3 +91,18 @@ def test_a_search_ends_at_its_limit_of_work_and_answers(monkeypatch):
     assert found.verdict.grounds["spent"] == 1.0
     assert found.verdict.kind in ("effect", "ambiguous", "unknown")
     assert len(found.verdict.acting) <= 1  # nothing was tried beside another effect
+    assert any("limit of work" in note for note in found.notes)
+
+
+def test_an_unknown_whose_search_ended_early_is_doubted_and_says_so():
+    """A pair that was not tried explained what "none of the known effects" did, at 0.94."""
+    grounds = {"agreement": 3.0, "over_noise": 1.0, "strength": 1.5}
+    assert confidence("unknown", {**grounds, "spent": 1.0}) < confidence("unknown", grounds) - 0.1
+    errors = HeldOutErrors(1.0, 2.0)
+    gap = Gap(0.1, errors, errors, None, None, [])
+    early, whole = (
+        sentence("rotor", "unknown", [], {}, gap, [], 0.4, spent=spent) for spent in (True, False)
+    )
+    assert "before the limit of work" in early
+    assert "none of the known" not in early
+    assert "none of the known effects explains the gap." in whole
