@@ -296,8 +296,11 @@ def _worth_more(
     )
     whole = found.left(larger) <= limit and not departs
     # Nor has it mended a law if next to nothing is left, whether the smaller set's depart or not.
-    nearly, structured = THRESHOLDS.nearly_all_of_remainder, band.speed_excess(smaller.residual)
-    whole |= gain > nearly * left and exact > nearly * structured
+    structured = band.speed_excess(smaller.residual)
+    whole |= (
+        gain > THRESHOLDS.relative * left
+        and exact > THRESHOLDS.nearly_all_of_remainder * structured
+    )
     if not gain > THRESHOLDS.least_gap * band.samples:
         return False  # what matters to no prediction
     if earned(smaller.effects, larger.effects, gain, left, gap, whole):
